@@ -1,0 +1,250 @@
+"""Declaring a parameter: name, type, default, unit, range and meaning in one place.
+
+A node's parameters are the fields of a frozen dataclass derived from :class:`Configuration`.
+YAML files, rclpy declarations and the documentation are all derived from those fields, so there
+is nothing to keep in step by hand. Validation happens on construction and repairs nothing: an
+integer given for a real number is the only conversion made.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
+
+_METADATA_KEY = "quad_mpc_ros.parameter"
+
+
+class ConfigurationError(ValueError):
+    """A parameter that cannot be used.
+
+    The message is one line and names the parameter, the value given and what is allowed.
+    """
+
+    def __init__(self, name: str, given: object, expected: str) -> None:
+        super().__init__(f"{name}: given {_shown(given)}, expected {expected}")
+        self.name = name
+        self.given = given
+        self.expected = expected
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterSpec:
+    """What is known of one parameter.
+
+    ``above`` and ``below`` are exclusive bounds, ``minimum`` and ``maximum`` inclusive ones;
+    for arrays they hold for every element. ``length`` is the required number of elements.
+    ``live`` tells whether the value may change in flight.
+    """
+
+    name: str = ""
+    kind: str = ""
+    default: Any = None
+    doc: str = ""
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    above: float | None = None
+    below: float | None = None
+    length: int | None = None
+    choices: tuple[str, ...] | None = None
+    live: bool = False
+
+    def allowed(self) -> str:
+        """Return the allowed values as a phrase: ``'9 numbers >= 0'``."""
+        if self.choices is not None:
+            return "one of " + ", ".join(self.choices)
+        singular, plural = _NOUNS[self.kind.removesuffix("_array")]
+        if self.kind.endswith("_array"):
+            noun = f"{self.length or 'a list of'} {plural}"
+        else:
+            noun = singular
+        bounds = [
+            f"{symbol} {bound:g}"
+            for symbol, bound in (
+                (">=", self.minimum),
+                (">", self.above),
+                ("<=", self.maximum),
+                ("<", self.below),
+            )
+            if bound is not None
+        ]
+        return " ".join([noun, " and ".join(bounds)]).strip()
+
+    def validated(self, value: object, *, owner: str = "") -> Any:
+        """Return ``value`` in its canonical type, or raise :class:`ConfigurationError`."""
+        name = f"{owner}.{self.name}" if owner else self.name
+        error = ConfigurationError(name, value, self.allowed())
+        if self.kind.endswith("_array"):
+            if isinstance(value, str | bytes) or not isinstance(value, Sequence):
+                raise error
+            if self.length is not None and len(value) != self.length:
+                raise error
+            return tuple(self._validated_scalar(element, error) for element in value)
+        return self._validated_scalar(value, error)
+
+    def _validated_scalar(self, value: object, error: ConfigurationError) -> Any:
+        kind = self.kind.removesuffix("_array")
+        if kind == "string":
+            if not isinstance(value, str):
+                raise error
+            if self.choices is not None and value not in self.choices:
+                raise error
+            return value
+        if kind == "bool":
+            if not isinstance(value, bool):
+                raise error
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise error
+        if kind == "integer" and not isinstance(value, int):
+            raise error
+        if not math.isfinite(value) or not self._inside(value):
+            raise error
+        return float(value) if kind == "double" else value
+
+    def _inside(self, value: float) -> bool:
+        return not (
+            (self.minimum is not None and value < self.minimum)
+            or (self.maximum is not None and value > self.maximum)
+            or (self.above is not None and value <= self.above)
+            or (self.below is not None and value >= self.below)
+        )
+
+
+def parameter(default: Any, *, doc: str, **constraints: Any) -> Any:
+    """Declare a parameter as a dataclass field.
+
+    ``constraints`` are the fields of :class:`ParameterSpec`: unit, minimum, maximum, above,
+    below, length, choices, live. The name comes from the field and the type from its annotation.
+    """
+    spec = ParameterSpec(default=default, doc=doc, **constraints)
+    return dataclasses.field(default=default, metadata={_METADATA_KEY: spec})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Configuration:
+    """Base of every parameter set: validates on construction, flattens to dotted names.
+
+    A field whose type is itself a :class:`Configuration` is a group; its parameters are named
+    ``group.parameter``. Subclasses override :meth:`check` for rules that couple parameters.
+    """
+
+    owner: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            spec = _spec_of(type(self), field)
+            if spec is not None:
+                value = spec.validated(getattr(self, field.name), owner=self.owner)
+                object.__setattr__(self, field.name, value)
+        self.check()
+
+    def check(self) -> None:
+        """Raise :class:`ConfigurationError` when parameters contradict each other."""
+
+    @classmethod
+    def specs(cls) -> tuple[ParameterSpec, ...]:
+        """Return the specification of every parameter, groups flattened, in order."""
+        found: list[ParameterSpec] = []
+        for field in dataclasses.fields(cls):
+            spec = _spec_of(cls, field)
+            if spec is not None:
+                found.append(spec)
+            else:
+                group = _group_of(cls, field)
+                found.extend(
+                    dataclasses.replace(inner, name=f"{field.name}.{inner.name}")
+                    for inner in group.specs()
+                )
+        return tuple(found)
+
+    @classmethod
+    def build(cls, values: Mapping[str, object]) -> Self:
+        """Return the parameter set with ``values`` (dotted names) over the defaults.
+
+        Raises :class:`ConfigurationError` for an unknown name or an unusable value.
+        """
+        known = {spec.name for spec in cls.specs()}
+        for name, value in values.items():
+            if name not in known:
+                raise ConfigurationError(
+                    f"{cls.owner}.{name}", value, f"a known parameter{_suggestion(name, known)}"
+                )
+        arguments: dict[str, Any] = {}
+        for field in dataclasses.fields(cls):
+            if _spec_of(cls, field) is not None:
+                if field.name in values:
+                    arguments[field.name] = values[field.name]
+                continue
+            prefix = f"{field.name}."
+            inner = {
+                name.removeprefix(prefix): value
+                for name, value in values.items()
+                if name.startswith(prefix)
+            }
+            arguments[field.name] = _group_of(cls, field).build(inner)
+        return cls(**arguments)
+
+    def flattened(self) -> dict[str, Any]:
+        """Return every parameter by its dotted name; arrays as tuples."""
+        flat: dict[str, Any] = {}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, Configuration):
+                flat.update({f"{field.name}.{k}": v for k, v in value.flattened().items()})
+            else:
+                flat[field.name] = value
+        return flat
+
+    def updated(self, changes: Mapping[str, object]) -> Self:
+        """Return a copy with ``changes`` (dotted names) applied, validated as a whole."""
+        return self.build({**self.flattened(), **changes})
+
+
+_NOUNS = {
+    "double": ("a number", "numbers"),
+    "integer": ("a whole number", "whole numbers"),
+    "bool": ("true or false", "times true or false"),
+    "string": ("text", "texts"),
+}
+
+_KINDS: dict[Any, str] = {float: "double", int: "integer", bool: "bool", str: "string"}
+
+
+def _kind_of(annotation: Any) -> str:
+    if get_origin(annotation) is tuple:
+        return f"{_KINDS[get_args(annotation)[0]]}_array"
+    return _KINDS[annotation]
+
+
+def _spec_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> ParameterSpec | None:
+    declared = field.metadata.get(_METADATA_KEY)
+    if declared is None:
+        return None
+    kind = _kind_of(get_type_hints(cls)[field.name])
+    return dataclasses.replace(declared, name=field.name, kind=kind)
+
+
+def _group_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> type[Configuration]:
+    group = get_type_hints(cls)[field.name]
+    if not (isinstance(group, type) and issubclass(group, Configuration)):
+        raise TypeError(f"{cls.__name__}.{field.name} is neither a parameter nor a group")
+    return group
+
+
+def _suggestion(name: str, known: set[str]) -> str:
+    import difflib
+
+    close = difflib.get_close_matches(name, known, n=1)
+    return f" (did you mean {close[0]}?)" if close else f" (one of {', '.join(sorted(known))})"
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, str):
+        return repr(value)
+    if isinstance(value, Sequence) and not isinstance(value, bytes):
+        return f"[{', '.join(_shown(element) for element in value)}]"
+    return f"{value!r}"
