@@ -1,10 +1,6 @@
 """Parameters: declared once as frozen dataclasses, validated everywhere the same way."""
 
-from quad_mpc_ros.configuration.fields import (
-    Configuration,
-    ConfigurationError,
-    ParameterSpec,
-    parameter,
-)
+from quad_mpc_ros.configuration.errors import ConfigurationError, UserError
+from quad_mpc_ros.configuration.fields import Configuration, ParameterSpec, parameter
 
-__all__ = ["Configuration", "ConfigurationError", "ParameterSpec", "parameter"]
+__all__ = ["Configuration", "ConfigurationError", "ParameterSpec", "UserError", "parameter"]

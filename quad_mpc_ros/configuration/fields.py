@@ -9,25 +9,15 @@ integer given for a real number is the only conversion made.
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
+from quad_mpc_ros.configuration.errors import ConfigurationError
+
 _METADATA_KEY = "quad_mpc_ros.parameter"
-
-
-class ConfigurationError(ValueError):
-    """A parameter that cannot be used.
-
-    The message is one line and names the parameter, the value given and what is allowed.
-    """
-
-    def __init__(self, name: str, given: object, expected: str) -> None:
-        super().__init__(f"{name}: given {_shown(given)}, expected {expected}")
-        self.name = name
-        self.given = given
-        self.expected = expected
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,15 +226,6 @@ def _group_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> type[C
 
 
 def _suggestion(name: str, known: set[str]) -> str:
-    import difflib
-
     close = difflib.get_close_matches(name, known, n=1)
     return f" (did you mean {close[0]}?)" if close else f" (one of {', '.join(sorted(known))})"
 
-
-def _shown(value: object) -> str:
-    if isinstance(value, str):
-        return repr(value)
-    if isinstance(value, Sequence) and not isinstance(value, bytes):
-        return f"[{', '.join(_shown(element) for element in value)}]"
-    return f"{value!r}"

@@ -1,0 +1,90 @@
+"""Quality of service as rosbag2 records it, without rclpy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from quad_mpc_ros.bags.errors import BagError
+from quad_mpc_ros.bags.rosbag2_yaml import dump_yaml
+
+History = Literal["system_default", "keep_last", "keep_all", "unknown"]
+Reliability = Literal["system_default", "reliable", "best_effort", "unknown", "best_available"]
+Durability = Literal["system_default", "transient_local", "volatile", "unknown", "best_available"]
+Liveliness = Literal["system_default", "automatic", "manual_by_topic", "unknown", "best_available"]
+
+INFINITE_NS = 2**63 - 1
+"""``RMW_DURATION_INFINITE`` [ns]."""
+
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class QosProfile:
+    """The quality of service one publisher offers.
+
+    The words are those of ``rmw/qos_string_conversions.h`` and the durations are in nanoseconds.
+    The defaults are those of ``rmw_qos_profile_default`` as a publisher on Fast DDS reports them.
+    Raises :class:`BagError` for a word or a number that rosbag2 would not read back.
+    """
+
+    history: History = "keep_last"
+    depth: int = 10
+    reliability: Reliability = "reliable"
+    durability: Durability = "volatile"
+    deadline: int = INFINITE_NS
+    lifespan: int = INFINITE_NS
+    liveliness: Liveliness = "automatic"
+    liveliness_lease_duration: int = INFINITE_NS
+    avoid_ros_namespace_conventions: bool = False
+
+    def __post_init__(self) -> None:
+        for name, words in _WORDS.items():
+            if getattr(self, name) not in words:
+                raise BagError(
+                    f"QoS {name}: given {getattr(self, name)!r}, expected one of "
+                    + ", ".join(words)
+                )
+        for name in _COUNTS:
+            if not 0 <= getattr(self, name) <= INFINITE_NS:
+                raise BagError(
+                    f"QoS {name}: given {getattr(self, name)}, expected 0 to {INFINITE_NS}"
+                )
+
+    def as_mapping(self) -> dict[str, object]:
+        """Return the profile as metadata version 9 spells it, keys in rosbag2's order."""
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": _rmw_time(self.deadline),
+            "lifespan": _rmw_time(self.lifespan),
+            "liveliness": self.liveliness,
+            "liveliness_lease_duration": _rmw_time(self.liveliness_lease_duration),
+            "avoid_ros_namespace_conventions": self.avoid_ros_namespace_conventions,
+        }
+
+
+def qos_profiles_text(profiles: Sequence[QosProfile]) -> str:
+    """Return the YAML of the channel metadata ``offered_qos_profiles``.
+
+    Source: ``serialize_rclcpp_qos_vector`` in rosbag2_storage/qos.cpp (Jazzy), which writes
+    version 9 and therefore words where older bags have numbers.
+    """
+    return dump_yaml([profile.as_mapping() for profile in profiles])
+
+
+_WORDS: dict[str, tuple[str, ...]] = {
+    "history": get_args(History),
+    "reliability": get_args(Reliability),
+    "durability": get_args(Durability),
+    "liveliness": get_args(Liveliness),
+}
+_COUNTS = ("depth", "deadline", "lifespan", "liveliness_lease_duration")
+
+
+def _rmw_time(duration_ns: int) -> dict[str, int]:
+    seconds, nanoseconds = divmod(duration_ns, _NS_PER_S)
+    return {"sec": seconds, "nsec": nanoseconds}

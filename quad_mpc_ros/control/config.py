@@ -1,0 +1,118 @@
+"""Parameters of the MPC node."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
+from quad_mpc_ros.core.vehicle import VehicleParameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdometryParameters(Configuration):
+    """How to read the odometry."""
+
+    owner = "mpc.odometry"
+
+    frame_id: str = parameter("odom", doc="World frame that the odometry's header must name.")
+    twist_frame: str = parameter(
+        "child",
+        doc="Frame of the odometry's twist: child (REP-103, body) or world.",
+        choices=("child", "world"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverParameters(Configuration):
+    """How hard OSQP works. Tolerances are on the scaled problem, whose variables are about 1."""
+
+    owner = "mpc.solver"
+
+    tolerance: float = parameter(
+        1e-4, doc="Absolute and relative tolerance of the scaled problem.", above=0.0, below=0.1
+    )
+    max_iterations: int = parameter(400, doc="Iterations until a solve counts as failed.", minimum=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MpcConfig(VehicleParameters):
+    """Parameters of the MPC; those marked live may change in flight."""
+
+    owner = "mpc"
+
+    control_rate: float = parameter(
+        50.0, doc="Commands per second; odometry is decimated to it.", unit="Hz", above=0.0
+    )
+    formulation: str = parameter(
+        "paper", doc="Model in the horizon: paper (its Eq. 4).", choices=("paper",)
+    )
+    horizon_steps: int = parameter(10, doc="Steps N of the horizon.", minimum=1, maximum=200)
+    horizon_step: float = parameter(
+        0.05, doc="Time between two stages of the horizon.", unit="s", above=0.0
+    )
+    Q: tuple[float, ...] = parameter(
+        (10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.01, 0.01, 0.01),
+        doc="Diagonal weight on the error of position, velocity, attitude.",
+        length=9,
+        minimum=0.0,
+        live=True,
+    )
+    R: tuple[float, ...] = parameter(
+        (0.0, 0.001, 0.001, 0.001),
+        doc="Diagonal weight on the error of throttle and body rates.",
+        length=4,
+        minimum=0.0,
+        live=True,
+    )
+    terminal_weight: float = parameter(
+        1.0, doc="Factor on Q at the last stage.", minimum=0.0, live=True
+    )
+    omega_max: tuple[float, ...] = parameter(
+        (6.0 * math.pi, 6.0 * math.pi, 3.0 * math.pi),
+        doc="Bound on the body rates (roll, pitch, yaw).",
+        unit="rad/s",
+        length=3,
+        above=0.0,
+        live=True,
+    )
+    throttle_min: float = parameter(
+        0.0, doc="Lower bound on the throttle.", minimum=0.0, maximum=1.0, live=True
+    )
+    throttle_max: float = parameter(
+        1.0, doc="Upper bound on the throttle.", minimum=0.0, maximum=1.0, live=True
+    )
+    lockstep: bool = parameter(
+        False, doc="Answer each odometry with the reference of the same stamp, in simulated time."
+    )
+    odom_timeout: float = parameter(
+        0.1, doc="Odometry older than this is unusable.", unit="s", above=0.0
+    )
+    reference_timeout: float = parameter(
+        0.5, doc="A reference older than this is unusable.", unit="s", above=0.0
+    )
+    plan_hold_time: float = parameter(
+        0.2, doc="How long the last plan is flown on when no new one comes.", unit="s", minimum=0.0
+    )
+    blind_time: float = parameter(
+        1.0,
+        doc="How long to level and descend without odometry before falling silent.",
+        unit="s",
+        minimum=0.0,
+    )
+    odometry: OdometryParameters = dataclasses.field(default_factory=OdometryParameters)
+    solver: SolverParameters = dataclasses.field(default_factory=SolverParameters)
+
+    def check(self) -> None:
+        """Refuse bounds that leave no throttle, and bounds that forbid hovering."""
+        super().check()
+        hover = self.vehicle().hover_throttle
+        if not self.throttle_min < hover < self.throttle_max:
+            name = "throttle_min" if self.throttle_min >= hover else "throttle_max"
+            side = "below" if name == "throttle_min" else "above"
+            raise ConfigurationError(
+                f"{self.owner}.{name}",
+                getattr(self, name),
+                f"a number {side} the hover throttle {hover:.4f}",
+            )

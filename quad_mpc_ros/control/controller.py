@@ -1,0 +1,269 @@
+"""The controller as the node and the simulation use it: inputs in, at most one command out.
+
+It validates what comes in, decimates odometry to the control rate, runs the MPC and, through the
+safety ladder, always knows who commands. It reads no ROS and no wall clock: ``now_ns`` is given.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.fallback import BlindFallback, HoverFallback, dead_reckoned
+from quad_mpc_ros.control.formulation import Plan
+from quad_mpc_ros.control.ladder import Decision, SafetyLadder, Source
+from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.control.twist_check import TwistFrameCheck
+from quad_mpc_ros.control.validation import odometry_fault, reference_fault
+from quad_mpc_ros.core import so3
+from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.core.state import Input, State, state_from_odometry
+
+_SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tick:
+    """Outcome of one tick; ``command`` is None when the ladder says to publish nothing."""
+
+    command: CommandSample | None
+    decision: Decision
+    stats: TickStats
+    plan: Plan | None = None
+
+
+class Controller:
+    """MPC with input validation and safety ladder.
+
+    Odometry triggers the ticks. In lockstep an odometry waits for the reference of its own stamp
+    and a repeated odometry gets the same answer again, so that lost messages can be sent again.
+    """
+
+    def __init__(self, config: MpcConfig) -> None:
+        self._config = config
+        self._mpc = Mpc(config)
+        self._ladder = SafetyLadder(config)
+        self._hover = HoverFallback(config)
+        self._blind = BlindFallback(config)
+        self._twist_check = TwistFrameCheck(twist_frame=config.odometry.twist_frame)
+        self._period_ns = round(_SECOND / config.control_rate)
+
+        self._odometry: OdometrySample | None = None
+        self._odometry_received_ns = 0
+        self._window: ReferenceWindow | None = None
+        self._window_received_ns = 0
+        self._due_ns: int | None = None
+
+        self._plan: Plan | None = None
+        self._planned_ns = 0
+        self._blind_since_ns: int | None = None
+        self._R_WB = np.eye(3)  # last known attitude, dead reckoned between odometries
+        self._input = Input(throttle=0.0, w_WB_B=np.zeros(3))
+        self._sent_ns: int | None = None
+        self._last_tick: Tick | None = None
+
+        self._commands = self._fallbacks = self._solver_failures = self._rejected = 0
+        self._warnings: list[str] = []
+
+    @property
+    def config(self) -> MpcConfig:
+        """The configuration in force."""
+        return self._config
+
+    def take_warnings(self) -> list[str]:
+        """Return what there is to tell the log since the last call."""
+        warnings, self._warnings = self._warnings, []
+        return warnings
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed live parameters between two ticks; the warm start stays."""
+        self._config = config
+        self._mpc.reconfigure(config)
+        self._hover = HoverFallback(config)
+        self._blind = BlindFallback(config)
+
+    def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> Tick | None:
+        """Take a reference window; in lockstep it may answer the odometry that waits for it."""
+        fault = reference_fault(window, frame_id=self._config.odometry.frame_id)
+        if fault is not None:
+            self._reject(fault)
+            return None
+        self._window, self._window_received_ns = window, now_ns
+        if self._config.lockstep and self._odometry is not None and not self._is_answered():
+            return self._answer_in_lockstep(self._odometry)
+        return None
+
+    def receive_odometry(self, odometry: OdometrySample, *, now_ns: int) -> Tick | None:
+        """Take an odometry and return the tick it triggers, if it is usable and one is due."""
+        if self._config.lockstep:
+            now_ns = odometry.stamp_ns
+        fault = odometry_fault(
+            odometry,
+            frame_id=self._config.odometry.frame_id,
+            newest_stamp_ns=self._newest_stamp(now_ns),
+        )
+        if fault is not None:
+            self._reject(fault)
+            return None
+        odometry = self._with_body_twist(odometry)
+        self._odometry, self._odometry_received_ns = odometry, now_ns
+        if self._config.lockstep:
+            return self._answer_in_lockstep(odometry)
+        return self._tick(odometry, now_ns) if self._is_due(odometry.stamp_ns) else None
+
+    def watch(self, *, now_ns: int) -> Tick | None:
+        """Act when no odometry does: to be called every control period by a timer."""
+        if self._config.lockstep or self._odometry is None or self._sent_ns is None:
+            return None
+        if now_ns - self._odometry_received_ns <= round(self._config.odom_timeout * _SECOND):
+            return None
+        elapsed = (now_ns - self._sent_ns) * 1e-9
+        self._R_WB = dead_reckoned(self._R_WB, self._input.w_WB_B, duration=elapsed)
+        decision = self._decide(now_ns, solver_fault="not run without odometry")
+        x = dataclasses.replace(state_from_odometry(self._odometry), R_WB=self._R_WB)
+        return self._finish(decision, x, stamp_ns=now_ns, now_ns=now_ns, step=None)
+
+    def _is_answered(self) -> bool:
+        """Whether the last tick belongs to the newest odometry."""
+        if self._last_tick is None or self._odometry is None:
+            return False
+        return self._last_tick.stats.stamp_ns == self._odometry.stamp_ns
+
+    def _answer_in_lockstep(self, odometry: OdometrySample) -> Tick | None:
+        if self._is_answered():
+            return self._last_tick
+        if self._window is None or self._window.stamp_ns != odometry.stamp_ns:
+            return None
+        self._window_received_ns = odometry.stamp_ns
+        return self._tick(odometry, odometry.stamp_ns)
+
+    def _tick(self, odometry: OdometrySample, now_ns: int) -> Tick:
+        window = self._fresh_window(now_ns)
+        step = self._mpc.step(odometry, window) if window is not None else None
+        solver_fault = "no usable reference"
+        if step is not None:
+            solver_fault = "" if step.plan is not None else f"solver: {step.solution.status}"
+            self._solver_failures += step.plan is None
+        decision = self._decide(now_ns, solver_fault=solver_fault or None)
+        if step is not None and step.plan is not None:
+            self._plan, self._planned_ns = step.plan, now_ns
+        x = state_from_odometry(odometry)
+        self._R_WB = x.R_WB
+        return self._finish(
+            decision, x, stamp_ns=odometry.stamp_ns, now_ns=now_ns, step=step
+        )
+
+    def _decide(self, now_ns: int, *, solver_fault: str | None) -> Decision:
+        return self._ladder.decide(
+            now_ns=now_ns,
+            odometry_ns=self._odometry_received_ns if self._odometry is not None else None,
+            reference_ns=self._window_received_ns if self._window is not None else None,
+            solver_fault=solver_fault,
+        )
+
+    def _finish(
+        self, decision: Decision, x: State, *, stamp_ns: int, now_ns: int, step: MpcStep | None
+    ) -> Tick:
+        u = self._input_of(decision.source, x, now_ns)
+        command = None
+        if u is not None:
+            self._mpc.sent(u)
+            self._input, self._sent_ns = u, now_ns
+            self._commands += 1
+            self._fallbacks += decision.source is not Source.MPC
+            command = CommandSample(stamp_ns=stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
+        self._last_tick = Tick(
+            command=command,
+            decision=decision,
+            stats=self._stats(decision, stamp_ns=stamp_ns, now_ns=now_ns, step=step),
+            plan=step.plan if step is not None else None,
+        )
+        return self._last_tick
+
+    def _input_of(self, source: Source, x: State, now_ns: int) -> Input | None:
+        """Return the command of a rung of the ladder."""
+        if source is not Source.HOVER:
+            self._hover.release()
+        if source is not Source.BLIND:
+            self._blind_since_ns = None
+        match source:
+            case Source.MPC | Source.PLAN if self._plan is not None:
+                elapsed = (now_ns - self._planned_ns) * 1e-9
+                return Input.from_vector(self._plan.input_after(elapsed))
+            case Source.HOVER:
+                return self._hover.command(x)
+            case Source.BLIND:
+                self._blind_since_ns = self._blind_since_ns or now_ns
+                elapsed = (now_ns - self._blind_since_ns) * 1e-9
+                return self._blind.command(x.R_WB, elapsed=elapsed)
+            case _:
+                return None
+
+    def _stats(
+        self, decision: Decision, *, stamp_ns: int, now_ns: int, step: MpcStep | None
+    ) -> TickStats:
+        solution = step.solution if step is not None else None
+        odometry_stamp = self._odometry.stamp_ns if self._odometry is not None else now_ns
+        return TickStats(
+            stamp_ns=stamp_ns,
+            source=decision.source.name.lower(),
+            reason=decision.reason,
+            solver_status=solution.status if solution else "not run",
+            iterations=solution.iterations if solution else 0,
+            primal_residual=solution.primal_residual if solution else 0.0,
+            dual_residual=solution.dual_residual if solution else 0.0,
+            solve_time_us=1e6 * solution.solve_time if solution else 0.0,
+            step_time_us=1e6 * step.step_time if step else 0.0,
+            odom_age_ms=1e-6 * (now_ns - odometry_stamp),
+            reference_age_ms=1e-6 * (now_ns - self._window_received_ns),
+            commands=self._commands,
+            fallbacks=self._fallbacks,
+            solver_failures=self._solver_failures,
+            rejected_inputs=self._rejected,
+        )
+
+    def _fresh_window(self, now_ns: int) -> ReferenceWindow | None:
+        fresh = now_ns - self._window_received_ns <= self._config.reference_timeout * _SECOND
+        return self._window if fresh else None
+
+    def _newest_stamp(self, now_ns: int) -> int | None:
+        """Return the stamp that the next odometry must not precede.
+
+        A source that has been silent, or whose clock was set, may start again from any time.
+        """
+        if self._odometry is None:
+            return None
+        silent = abs(now_ns - self._odometry_received_ns) > self._config.odom_timeout * _SECOND
+        if silent:
+            self._due_ns = None
+        return None if silent else self._odometry.stamp_ns
+
+    def _is_due(self, stamp_ns: int) -> bool:
+        """Decimate: keep to the grid of control periods, forgiving a quarter period of jitter."""
+        if self._due_ns is not None and stamp_ns < self._due_ns - self._period_ns // 4:
+            return False
+        late = self._due_ns is None or stamp_ns > self._due_ns + self._period_ns
+        self._due_ns = (stamp_ns if late else self._due_ns or stamp_ns) + self._period_ns
+        return True
+
+    def _with_body_twist(self, odometry: OdometrySample) -> OdometrySample:
+        suspected = self._twist_check.suspect(odometry)
+        if suspected is not None:
+            self._warnings.append(
+                f"the odometry's twist does not match its positions; it seems to be in the "
+                f"{suspected} frame: set odometry.twist_frame to {suspected}"
+            )
+        if self._config.odometry.twist_frame == "child":
+            return odometry
+        R_BW = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw).T
+        return dataclasses.replace(
+            odometry, v_WB_B=R_BW @ odometry.v_WB_B, w_WB_B=R_BW @ odometry.w_WB_B
+        )
+
+    def _reject(self, fault: str) -> None:
+        self._rejected += 1
+        self._warnings.append(fault)

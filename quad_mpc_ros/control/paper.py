@@ -1,0 +1,121 @@
+"""The paper's formulation, exactly: 9 errors, 4 inputs, A and B frozen over the horizon.
+
+Section 2.3: x̃[i+1] = x̃[i] + dt (A x̃[i] + B ũ[i]) with x̃ = x_r ⊟ x and ũ = u_r - u. The reference
+is constant over the horizon.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.formulation import Horizon, Plan
+from quad_mpc_ros.control.horizon_qp import HorizonPattern, HorizonStages
+from quad_mpc_ros.core import so3
+from quad_mpc_ros.core.linearise import error_dynamics
+from quad_mpc_ros.core.messages import Array, ReferenceWindow
+from quad_mpc_ros.core.reference import ReferencePoints, sample
+from quad_mpc_ros.core.state import (
+    ATTITUDE,
+    INPUT_SIZE,
+    POSITION,
+    TANGENT_SIZE,
+    Input,
+    State,
+    boxminus,
+)
+from quad_mpc_ros.core.vehicle import Vehicle
+
+# What a position, velocity, attitude, throttle and rate error of this vehicle typically is.
+_STATE_SIZE = np.repeat([1.0, 3.0, 0.5], 3)
+_INPUT_SIZE = np.array([0.3, 5.0, 5.0, 5.0])
+
+_EYE = np.eye(TANGENT_SIZE)
+
+
+class PaperFormulation:
+    """Error-state linear MPC as printed; see the module for its one equation."""
+
+    def __init__(self, config: MpcConfig) -> None:
+        self._config = config
+        self._vehicle = config.vehicle()
+        self._u_min = np.array([config.throttle_min, *(-w for w in config.omega_max)])
+        self._u_max = np.array([config.throttle_max, *config.omega_max])
+        self._H = _stage_weights(config)
+        self._R = np.array(config.R)
+
+    def pattern(self) -> HorizonPattern:
+        """Return the sparsity of I + dt A, dt B and the weights."""
+        block = np.ones((3, 3), dtype=bool)
+        eye, none = np.eye(3, dtype=bool), np.zeros((3, 3), dtype=bool)
+        return HorizonPattern(
+            steps=self._config.horizon_steps,
+            A=np.block([[eye, block, block], [none, eye, block], [none, none, eye]]),
+            B=np.vstack((np.zeros((5, 4), dtype=bool), np.eye(4, dtype=bool))),
+            H=np.eye(TANGENT_SIZE, dtype=bool),
+            state_size=_STATE_SIZE,
+            input_size=_INPUT_SIZE,
+        )
+
+    def linearise(
+        self, x: State, *, stamp_ns: int, window: ReferenceWindow, throttle: float
+    ) -> Horizon:
+        """Return the paper's problem at ``x`` for the reference at ``stamp_ns``."""
+        reference = sample(window, stamp_ns)
+        u_reference = reference_input(reference, self._vehicle).vector()
+        A, B = error_dynamics(
+            x, self._vehicle, throttle=throttle, throttle_error=u_reference[0] - throttle
+        )
+        steps, dt = self._config.horizon_steps, self._config.horizon_step
+        stages = HorizonStages(
+            x0=boxminus(_state_of(reference), x),
+            A=np.broadcast_to(_EYE + dt * A, (steps, TANGENT_SIZE, TANGENT_SIZE)),
+            B=np.broadcast_to(dt * B, (steps, TANGENT_SIZE, INPUT_SIZE)),
+            c=np.zeros((steps, TANGENT_SIZE)),
+            H=self._H,
+            g=np.zeros((steps, TANGENT_SIZE)),
+            R=self._R,
+            r=np.zeros((steps, INPUT_SIZE)),
+            # The bounds hold on u = u_r - ũ; the paper prints them on ũ, which cannot climb.
+            lower=u_reference - self._u_max,
+            upper=u_reference - self._u_min,
+        )
+
+
+        def plan(inputs: Array, states: Array) -> Plan:
+            """Take the errors off the reference."""
+            errors = np.vstack((stages.x0, states))
+            return Plan(
+                stamp_ns=stamp_ns,
+                step=dt,
+                inputs=np.clip(u_reference - inputs, self._u_min, self._u_max),
+                p_WB=reference.p_WB - errors[:, POSITION],
+                R_WB=reference.R_WB @ so3.exp(-errors[:, ATTITUDE]),
+            )
+
+        return Horizon(stages=stages, plan=plan)
+
+
+def reference_input(reference: ReferencePoints, vehicle: Vehicle) -> Input:
+    """Return the input that holds the reference (paper, u_r), from its acceleration and drag.
+
+    The throttle carries the part of m (a + mu v + g) along the reference's thrust axis, as far as
+    the motors can.
+    """
+    specific_force = reference.a_WB_W + vehicle.drag * reference.v_WB_W
+    specific_force[2] += vehicle.gravity
+    thrust = vehicle.mass * float(reference.R_WB[:, 2] @ specific_force)
+    reachable = min(max(thrust, vehicle.thrust(0.0)), vehicle.thrust(1.0))
+    return Input(throttle=vehicle.throttle_for(reachable), w_WB_B=reference.w_WB_B)
+
+
+def _state_of(reference: ReferencePoints) -> State:
+    return State(p_WB=reference.p_WB, v_WB_B=reference.v_WB_B, R_WB=reference.R_WB)
+
+
+def _stage_weights(config: MpcConfig) -> Array:
+    """Return Q for the states 1 to N, (N, 9, 9), the last one times the terminal weight."""
+    weights = np.repeat(np.diag(config.Q)[None], config.horizon_steps, axis=0)
+    weights[-1] *= config.terminal_weight
+    return weights
+

@@ -1,0 +1,90 @@
+"""OSQP with one persistent problem: set up once, values updated in place, warm started."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import osqp
+
+from quad_mpc_ros.control.config import SolverParameters
+from quad_mpc_ros.control.horizon_qp import HorizonQP
+from quad_mpc_ros.core.messages import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class QpSolution:
+    """What the solver returned; ``z`` is to be used only when ``solved``.
+
+    Residuals are of the scaled problem, ``solve_time`` is OSQP's own in seconds.
+    """
+
+    solved: bool
+    status: str
+    z: Array
+    iterations: int
+    primal_residual: float
+    dual_residual: float
+    solve_time: float
+
+
+class QpSolver:
+    """Solves a :class:`HorizonQP` again and again, each time from the previous solution."""
+
+    def __init__(self, qp: HorizonQP, parameters: SolverParameters) -> None:
+        self._qp = qp
+        self._parameters = parameters
+        self._osqp: osqp.OSQP | None = None
+        self._z = np.zeros(qp.A.shape[1])
+        self._y = np.zeros(qp.A.shape[0])
+
+    def solve(self) -> QpSolution:
+        """Solve the problem as it stands in the QP, warm started in primal and dual."""
+        solver = self._updated()
+        solver.warm_start(x=self._z, y=self._y)
+        result = solver.solve(raise_error=False)
+        # A solver may say "solved" and return NaN; the plan is what flies, so look at the plan.
+        finite = bool(np.isfinite(result.x).all() and np.isfinite(result.y).all())
+        solved = result.info.status_val == osqp.SolverStatus.OSQP_SOLVED and finite
+        if solved:
+            self._z, self._y = result.x, result.y
+        else:
+            self.forget()
+        return QpSolution(
+            solved=solved,
+            status=result.info.status if finite else "not finite",
+            z=self._z,
+            iterations=int(result.info.iter),
+            primal_residual=float(result.info.prim_res),
+            dual_residual=float(result.info.dual_res),
+            solve_time=float(result.info.run_time),
+        )
+
+    def forget(self) -> None:
+        """Start the next solve from zero: after a failure the old iterate is no help."""
+        self._z = np.zeros_like(self._z)
+        self._y = np.zeros_like(self._y)
+
+    def _updated(self) -> osqp.OSQP:
+        qp = self._qp
+        if self._osqp is None:
+            self._osqp = osqp.OSQP()
+            self._osqp.setup(
+                P=qp.P,
+                q=qp.q,
+                A=qp.A,
+                l=qp.lower,
+                u=qp.upper,
+                verbose=False,
+                warm_starting=True,
+                polishing=False,
+                eps_abs=self._parameters.tolerance,
+                eps_rel=self._parameters.tolerance,
+                max_iter=self._parameters.max_iterations,
+                # Adapt the step size by iterations, never by the clock: two runs must agree.
+                adaptive_rho=1,
+                adaptive_rho_interval=25,
+            )
+        else:
+            self._osqp.update(q=qp.q, l=qp.lower, u=qp.upper, Px=qp.P.data, Ax=qp.A.data)
+        return self._osqp

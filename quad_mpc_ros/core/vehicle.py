@@ -1,0 +1,112 @@
+"""The vehicle: mass, drag and the throttle curve of the paper (Eq. 2, Table 1)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VehicleParameters(Configuration):
+    """What a node must know of the vehicle; the defaults are the paper's quadrotor."""
+
+    mass: float = parameter(
+        0.396893, doc="Mass M, the paper's 14 oz with battery.", unit="kg", above=0.0
+    )
+    gravity: float = parameter(9.81, doc="Gravity g.", unit="m/s^2", above=0.0)
+    drag: float = parameter(
+        0.2, doc="Linear drag mu: acceleration per velocity.", unit="1/s", minimum=0.0
+    )
+    motor_count: int = parameter(4, doc="Number of motors.", minimum=1)
+    thrust_curve: tuple[float, ...] = parameter(
+        (1.87953563, 2.79829004, -0.00514948),
+        doc="Thrust of one motor a s^2 + b s + c at throttle s (Eq. 2, Table 1).",
+        unit="N",
+        length=3,
+    )
+    torque_curve: tuple[float, ...] = parameter(
+        (0.0010008, 0.00533861, 0.00074126),
+        doc="Drag torque of one motor a s^2 + b s + c at throttle s (Table 1).",
+        unit="N m",
+        length=3,
+    )
+
+    def check(self) -> None:
+        """Refuse a thrust curve that throttle cannot be computed from."""
+        a, b, _ = self.thrust_curve
+        if a < 0.0 or b < 0.0 or a + b <= 0.0:
+            raise ConfigurationError(
+                f"{self.owner}.thrust_curve",
+                self.thrust_curve,
+                "a >= 0 and b >= 0, not both 0: thrust rises with throttle",
+            )
+
+    def vehicle(self) -> Vehicle:
+        """Return the vehicle that these parameters describe.
+
+        Raises :class:`ConfigurationError` when it cannot hover.
+        """
+        fields = dataclasses.fields(VehicleParameters)
+        return Vehicle(**{field.name: getattr(self, field.name) for field in fields})
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Vehicle(VehicleParameters):
+    """Throttle and thrust of the vehicle. Thrust is the sum over the motors, along body z, in N."""
+
+    owner = "vehicle"
+
+    def check(self) -> None:
+        """Refuse a vehicle too heavy for its motors."""
+        super().check()
+        weight = self.mass * self.gravity
+        if not self.thrust(0.0) < weight < self.thrust(1.0):
+            raise ConfigurationError(
+                f"{self.owner}.mass",
+                self.mass,
+                f"a weight between the thrust at throttle 0 and at 1, "
+                f"{self.thrust(0.0):.4g} N to {self.thrust(1.0):.4g} N",
+            )
+
+    def thrust(self, throttle: float) -> float:
+        """Return the total thrust [N] at a throttle (Eq. 2 times the number of motors)."""
+        a, b, c = self.thrust_curve
+        return self.motor_count * ((a * throttle + b) * throttle + c)
+
+    def thrust_slope(self, throttle: float) -> float:
+        """Return d thrust / d throttle [N]."""
+        a, b, _ = self.thrust_curve
+        return self.motor_count * (2.0 * a * throttle + b)
+
+    def throttle_for(self, thrust: float) -> float:
+        """Return the throttle that gives a total thrust [N] (paper, section 2.1).
+
+        Raises ``ValueError`` when no throttle in [0, 1] does.
+        """
+        lowest, highest = self.thrust(0.0), self.thrust(1.0)
+        if not lowest <= thrust <= highest:
+            raise ValueError(
+                f"thrust {thrust:.6g} N needs a throttle outside [0, 1], "
+                f"which gives {lowest:.6g} N to {highest:.6g} N"
+            )
+        a, b, c = self.thrust_curve
+        remainder = c - thrust / self.motor_count
+        # The paper's root, multiplied out so that it neither cancels nor divides by a = 0.
+        root = math.sqrt(max(b * b - 4.0 * a * remainder, 0.0))
+        return min(max(-2.0 * remainder / (b + root), 0.0), 1.0)
+
+    @property
+    def hover_throttle(self) -> float:
+        """Throttle that carries the weight."""
+        return self.throttle_for(self.mass * self.gravity)
+
+    @property
+    def thrust_bound(self) -> float:
+        """Lower bound on the thrust for which the inverse is real [N]: n (c - b^2 / 4a).
+
+        The paper's bound, -b^2/a + 4c for its four motors; -inf for a linear curve.
+        """
+        a, b, c = self.thrust_curve
+        return self.motor_count * (c - b * b / (4.0 * a)) if a > 0.0 else -math.inf

@@ -1,0 +1,126 @@
+"""The MPC node: odometry and reference in, throttle and body rates out."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.controller import Controller, Tick
+from quad_mpc_ros.control.ladder import Source
+from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.ros.health import ERROR, OK, WARN, Health, HealthReporter
+from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.ros.parameters import declare, follow_changes
+from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.ros.topics import COMMAND, ODOMETRY, PREDICTED_PATH, REFERENCE, STATS
+
+_WARNING_PERIOD = 5.0
+
+
+class MpcNode(Node):
+    """Wires the controller to its topics; odometry triggers it, a timer watches."""
+
+    def __init__(self) -> None:
+        super().__init__("mpc", automatically_declare_parameters_from_overrides=True)
+        self._config = declare(self, MpcConfig)
+        self._controller = Controller(self._config)
+        follow_changes(self, self._config, self._controller.reconfigure)
+
+        self._tick: Tick | None = None
+        self._health = HealthReporter(self, self._probe)
+        self._command = self._health.publisher(COMMAND)
+        self._stats = self._health.publisher(STATS)
+        self._predicted_path = self._health.publisher(PREDICTED_PATH)
+        self._command_message = new_message(COMMAND.type_name)
+
+        self._health.subscription(ODOMETRY, self._on_odometry)
+        self._health.subscription(REFERENCE, self._on_reference)
+        self.create_timer(
+            1.0 / self._config.control_rate,
+            self._on_watch,
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
+
+    def _on_odometry(self, message: Any) -> None:
+        odometry = conversions.odometry_from_message(message)
+        self._finish(self._controller.receive_odometry(odometry, now_ns=self._now_ns()))
+
+    def _on_reference(self, message: Any) -> None:
+        try:
+            window = conversions.reference_from_message(message)
+        except ValueError as error:
+            self._warn(str(error))
+            return
+        self._finish(self._controller.receive_reference(window, now_ns=self._now_ns()))
+
+    def _on_watch(self) -> None:
+        self._finish(self._controller.watch(now_ns=self._now_ns()))
+
+    def _finish(self, tick: Tick | None) -> None:
+        """Publish the command first, then what is only to be looked at."""
+        if tick is not None:
+            if tick.command is not None:
+                conversions.fill_command(self._command_message, tick.command)
+                self._command.publish(self._command_message)
+            self._log_change(tick)
+            self._publish_insight(tick)
+            self._tick = tick
+        for warning in self._controller.take_warnings():
+            self._warn(warning)
+
+    def _publish_insight(self, tick: Tick) -> None:
+        stats = new_message(STATS.type_name)
+        conversions.fill_stats(stats, tick.stats, new=new_message)
+        self._stats.publish(stats)
+        if tick.plan is not None:
+            path = new_message(PREDICTED_PATH.type_name)
+            conversions.fill_plan(
+                path,
+                stamp_ns=tick.plan.stamp_ns,
+                frame_id=self._config.odometry.frame_id,
+                step_ns=round(tick.plan.step * 1e9),
+                p_WB=tick.plan.p_WB,
+                R_WB=tick.plan.R_WB,
+                new=new_message,
+            )
+            self._predicted_path.publish(path)
+
+    def _log_change(self, tick: Tick) -> None:
+        """Tell once when another rung of the ladder takes over."""
+        before = self._tick.decision.source if self._tick is not None else Source.WAITING
+        now = tick.decision.source
+        if now is before:
+            return
+        if now is Source.MPC:
+            self.get_logger().info("the MPC flies")
+        else:
+            self.get_logger().warning(f"{now.name.lower()} takes over: {tick.decision.reason}")
+
+    def _probe(self) -> Health:
+        tick = self._tick
+        if tick is None:
+            return Health(level=WARN, text="waiting for odometry and reference")
+        source = tick.decision.source
+        level = {Source.MPC: OK, Source.PLAN: WARN, Source.WAITING: WARN}.get(source, ERROR)
+        return Health(
+            level=level, text=tick.decision.reason or "flying", values=tick.stats.items()
+        )
+
+    def _warn(self, text: str) -> None:
+        self.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
+
+    def _now_ns(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node: ``ros2 run quad_mpc_ros mpc_node``."""
+    sys.exit(run(MpcNode, args))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,201 @@
+"""The simulator node: flies the plant on the wall clock, or in lockstep with the commands."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from quad_mpc_ros.core.messages import CommandSample
+from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.ros.health import ERROR, OK, Health, HealthReporter
+from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.ros.parameters import declare
+from quad_mpc_ros.ros.spin import run, stop
+from quad_mpc_ros.ros.topics import CLOCK, COMMAND, ODOMETRY
+from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, odometry_stamps
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.plant import Plant
+
+_RESEND_PERIOD = 0.2  # s: in lockstep an odometry without an answer is sent again
+
+
+class Clockwork(Protocol):
+    """A way of keeping time."""
+
+    def start(self) -> None:
+        """Let the time run."""
+        ...
+
+    def take(self, command: CommandSample) -> None:
+        """Take a command that has arrived."""
+        ...
+
+
+class RealTime:
+    """The plant follows the wall clock, whatever the controller does."""
+
+    def __init__(self, node: SimulatorNode, plant: Plant) -> None:
+        self._node, self._plant = node, plant
+        self._ticks = odometry_stamps(node.config)
+        self._started_ns = self._start_stamp_ns = 0
+
+    def start(self) -> None:
+        """Start the wall clock of the flight; its stamps are those of the node's clock."""
+        self._start_stamp_ns = int(self._node.get_clock().now().nanoseconds)
+        self._started_ns = time.monotonic_ns()
+        self._node.every(1.0 / self._node.config.odom_rate, self._tick)
+        self._tick()
+
+    def take(self, command: CommandSample) -> None:
+        """Fly up to now with the command before, from now on with this one."""
+        self._plant.advance_to(self._elapsed_ns())
+        self._plant.apply(command)
+
+    def _tick(self) -> None:
+        if next(self._ticks, None) is None:
+            self._node.finish()
+            return
+        elapsed_ns = self._elapsed_ns()
+        self._plant.advance_to(elapsed_ns)
+        self._node.publish_odometry(self._start_stamp_ns + elapsed_ns)
+
+    def _elapsed_ns(self) -> int:
+        return time.monotonic_ns() - self._started_ns
+
+
+class Lockstep:
+    """Simulated time, which stands still until the command for the last odometry has come."""
+
+    def __init__(self, node: SimulatorNode, plant: Plant) -> None:
+        self._node, self._plant = node, plant
+        self._times = odometry_stamps(node.config)
+        self._clock = node.health.publisher(CLOCK)
+        self._awaited_ns: int | None = None
+        self._waiting_since = 0.0
+
+    def start(self) -> None:
+        """Send the first odometry."""
+        self._node.every(_RESEND_PERIOD, self._resend)
+        self._step()
+
+    def take(self, command: CommandSample) -> None:
+        """Step when this is the answer waited for; an answer to a repetition is not."""
+        if command.stamp_ns == self._awaited_ns:
+            self._plant.apply(command)
+            self._step()
+
+    def _step(self) -> None:
+        time_ns = next(self._times, None)
+        if time_ns is None:
+            self._awaited_ns = None
+            self._node.finish()
+            return
+        self._plant.advance_to(time_ns)
+        self._awaited_ns = SIMULATION_START_NS + time_ns
+        self._waiting_since = time.monotonic()
+        self._send()
+
+    def _resend(self) -> None:
+        """Send again what may have been lost, and give up loudly in the end."""
+        waited = time.monotonic() - self._waiting_since
+        if self._awaited_ns is None or waited < _RESEND_PERIOD:
+            return
+        if waited > self._node.config.lockstep_timeout:
+            self._node.fail(
+                f"no command for the odometry of {self._awaited_ns * 1e-9:.3f} s within "
+                f"{self._node.config.lockstep_timeout:g} s (lockstep_timeout): are mpc and "
+                f"reference running, both with lockstep: true?"
+            )
+            return
+        self._send()
+
+    def _send(self) -> None:
+        assert self._awaited_ns is not None
+        clock = new_message(CLOCK.type_name)
+        conversions.fill_time(clock.clock, self._awaited_ns)
+        self._clock.publish(clock)
+        self._node.publish_odometry(self._awaited_ns)
+
+
+class SimulatorNode(Node):
+    """Wires the plant to its topics under one of the two clockworks."""
+
+    def __init__(self) -> None:
+        super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
+        self.exit_code = 0
+        self.config = declare(self, SimulatorConfig)
+        self.health = HealthReporter(self, self._probe)
+        self._plant = Plant(self.config)
+        self._odometry = self.health.publisher(ODOMETRY)
+        self._odometry_message = new_message(ODOMETRY.type_name)
+        self._odometries = self._commands = 0
+        self._fault: str | None = None
+        self._running = False
+
+        way = Lockstep if self.config.lockstep else RealTime
+        self._clockwork: Clockwork = way(self, self._plant)
+        self.health.subscription(COMMAND, self._on_command)
+        self.create_service(Trigger, "~/start", self._on_start)
+        if self.config.autostart:
+            self._start()
+
+    def publish_odometry(self, stamp_ns: int) -> None:
+        """Publish where the plant is, under a stamp."""
+        conversions.fill_odometry(self._odometry_message, self._plant.odometry(stamp_ns))
+        self._odometry.publish(self._odometry_message)
+        self._odometries += 1
+
+    def every(self, period: float, callback: Callable[[], None]) -> None:
+        """Call back periodically on the wall clock, never on the simulated one."""
+        self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def finish(self) -> None:
+        """End the flight as planned."""
+        self.get_logger().info(f"flight ended: {self._commands} commands received")
+        stop()
+
+    def fail(self, fault: str) -> None:
+        """End the flight with an error."""
+        self._fault, self.exit_code = fault, 1
+        self.get_logger().fatal(fault)
+        self.health.report()
+        stop()
+
+    def _start(self) -> None:
+        self._running = True
+        self._clockwork.start()
+
+    def _on_start(self, _: Any, response: Any) -> Any:
+        response.success = not self._running
+        response.message = "already running" if self._running else "running"
+        if not self._running:
+            self._start()
+        return response
+
+    def _on_command(self, message: Any) -> None:
+        if self._running:
+            self._commands += 1
+            self._clockwork.take(conversions.command_from_message(message))
+
+    def _probe(self) -> Health:
+        text = self._fault or ("running" if self._running else "waiting for ~/start")
+        return Health(
+            level=ERROR if self._fault else OK,
+            text=text,
+            values=[("odometries", str(self._odometries)), ("commands", str(self._commands))],
+        )
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node: ``ros2 run quad_mpc_ros simulator_node``."""
+    sys.exit(run(SimulatorNode, args))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,234 @@
+"""Between ROS messages and the values the package computes with.
+
+Duck-typed: a function reads attributes of a message, or fills one that is passed in, and imports
+no message package. The same code therefore serves rclpy's messages and those of a bag read
+without ROS. ``new`` makes an empty message of a type, for the elements of sequences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.core import so3
+from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
+
+NewMessage = Callable[[str], Any]
+"""Makes an empty message of a type named like ``geometry_msgs/msg/Pose``."""
+
+_SECOND = 1_000_000_000
+
+STATS_NAME = "quad_mpc_ros: mpc tick"
+_STATS_OK, _STATS_WARN, _STATS_ERROR = b"\x00", b"\x01", b"\x02"
+
+
+def nanoseconds(time: Any) -> int:
+    """Return a ``builtin_interfaces`` Time or Duration in nanoseconds."""
+    return int(time.sec) * _SECOND + int(time.nanosec)
+
+
+def fill_time(time: Any, stamp_ns: int) -> None:
+    """Write nanoseconds into a ``builtin_interfaces`` Time or Duration."""
+    time.sec, time.nanosec = divmod(stamp_ns, _SECOND)
+
+
+def odometry_from_message(message: Any) -> OdometrySample:
+    """Return the values of a ``nav_msgs/Odometry``; whether they are fit for use is not asked."""
+    pose, twist = message.pose.pose, message.twist.twist
+    return OdometrySample(
+        stamp_ns=nanoseconds(message.header.stamp),
+        frame_id=message.header.frame_id,
+        child_frame_id=message.child_frame_id,
+        p_WB=_vector(pose.position),
+        q_WB_xyzw=_quaternion(pose.orientation),
+        v_WB_B=_vector(twist.linear),
+        w_WB_B=_vector(twist.angular),
+    )
+
+
+def fill_odometry(message: Any, odometry: OdometrySample) -> None:
+    """Write an odometry into a ``nav_msgs/Odometry``."""
+    _fill_header(message.header, odometry.stamp_ns, odometry.frame_id)
+    message.child_frame_id = odometry.child_frame_id
+    _fill_vector(message.pose.pose.position, odometry.p_WB)
+    _fill_quaternion(message.pose.pose.orientation, odometry.q_WB_xyzw)
+    _fill_vector(message.twist.twist.linear, odometry.v_WB_B)
+    _fill_vector(message.twist.twist.angular, odometry.w_WB_B)
+
+
+def command_from_message(message: Any) -> CommandSample:
+    """Return the values of a ``geometry_msgs/TwistStamped`` command."""
+    return CommandSample(
+        stamp_ns=nanoseconds(message.header.stamp),
+        frame_id=message.header.frame_id,
+        throttle=float(message.twist.linear.z),
+        w_WB_B=_vector(message.twist.angular),
+    )
+
+
+def fill_command(message: Any, command: CommandSample) -> None:
+    """Write a command into a ``geometry_msgs/TwistStamped``: throttle in linear.z."""
+    _fill_header(message.header, command.stamp_ns, command.frame_id)
+    message.twist.linear.z = command.throttle
+    _fill_vector(message.twist.angular, command.w_WB_B)
+
+
+def reference_from_message(message: Any) -> ReferenceWindow:
+    """Return the values of a ``trajectory_msgs/MultiDOFJointTrajectory``.
+
+    Velocities and accelerations may be left out of a point and are then zero. Raises
+    ``ValueError`` for a point without a transform.
+    """
+    points = message.points
+    count = len(points)
+    p_WB, v_WB_W, a_WB_W, w_WB_W = (np.zeros((count, 3)) for _ in range(4))
+    q_WB_xyzw = np.zeros((count, 4))
+    offset_ns = np.zeros(count, dtype=np.int64)
+    for i, point in enumerate(points):
+        if len(point.transforms) == 0:
+            raise ValueError(f"point {i} of the reference has no transform")
+        offset_ns[i] = nanoseconds(point.time_from_start)
+        p_WB[i] = _vector(point.transforms[0].translation)
+        q_WB_xyzw[i] = _quaternion(point.transforms[0].rotation)
+        if len(point.velocities) > 0:
+            v_WB_W[i] = _vector(point.velocities[0].linear)
+            w_WB_W[i] = _vector(point.velocities[0].angular)
+        if len(point.accelerations) > 0:
+            a_WB_W[i] = _vector(point.accelerations[0].linear)
+    return ReferenceWindow(
+        stamp_ns=nanoseconds(message.header.stamp),
+        frame_id=message.header.frame_id,
+        offset_ns=offset_ns,
+        p_WB=p_WB,
+        q_WB_xyzw=q_WB_xyzw,
+        v_WB_W=v_WB_W,
+        a_WB_W=a_WB_W,
+        w_WB_W=w_WB_W,
+    )
+
+
+def fill_reference(
+    message: Any, window: ReferenceWindow, *, child_frame_id: str, new: NewMessage
+) -> None:
+    """Write a window into a ``trajectory_msgs/MultiDOFJointTrajectory``."""
+    _fill_header(message.header, window.stamp_ns, window.frame_id)
+    message.joint_names = [child_frame_id]
+    points = []
+    for i, offset_ns in enumerate(window.offset_ns.tolist()):
+        point = new("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint")
+        transform = new("geometry_msgs/msg/Transform")
+        velocity, acceleration = new("geometry_msgs/msg/Twist"), new("geometry_msgs/msg/Twist")
+        _fill_vector(transform.translation, window.p_WB[i])
+        _fill_quaternion(transform.rotation, window.q_WB_xyzw[i])
+        _fill_vector(velocity.linear, window.v_WB_W[i])
+        _fill_vector(velocity.angular, window.w_WB_W[i])
+        _fill_vector(acceleration.linear, window.a_WB_W[i])
+        point.transforms, point.velocities = [transform], [velocity]
+        point.accelerations = [acceleration]
+        fill_time(point.time_from_start, offset_ns)
+        points.append(point)
+    message.points = points
+
+
+def fill_path(
+    message: Any,
+    *,
+    stamp_ns: int,
+    frame_id: str,
+    pose_stamps_ns: Sequence[int],
+    p_WB: NDArray[np.float64],
+    q_WB_xyzw: NDArray[np.float64],
+    new: NewMessage,
+) -> None:
+    """Write n poses, positions (n, 3) and quaternions (n, 4), into a ``nav_msgs/Path``."""
+    _fill_header(message.header, stamp_ns, frame_id)
+    poses = []
+    for pose_stamp_ns, p, q in zip(pose_stamps_ns, p_WB, q_WB_xyzw, strict=True):
+        pose = new("geometry_msgs/msg/PoseStamped")
+        _fill_header(pose.header, pose_stamp_ns, frame_id)
+        _fill_vector(pose.pose.position, p)
+        _fill_quaternion(pose.pose.orientation, q)
+        poses.append(pose)
+    message.poses = poses
+
+
+def fill_plan(
+    message: Any,
+    *,
+    stamp_ns: int,
+    frame_id: str,
+    step_ns: int,
+    p_WB: NDArray[np.float64],
+    R_WB: NDArray[np.float64],
+    new: NewMessage,
+) -> None:
+    """Write the poses of a plan, (n, 3) and (n, 3, 3), a step apart into a ``nav_msgs/Path``."""
+    fill_path(
+        message,
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        pose_stamps_ns=[stamp_ns + i * step_ns for i in range(len(p_WB))],
+        p_WB=p_WB,
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+        new=new,
+    )
+
+
+def fill_stats(message: Any, stats: TickStats, *, new: NewMessage) -> None:
+    """Write the figures of a tick into a ``diagnostic_msgs/DiagnosticArray`` of one status."""
+    fill_time(message.header.stamp, stats.stamp_ns)
+    level = {"mpc": _STATS_OK, "plan": _STATS_WARN}.get(stats.source, _STATS_ERROR)
+    message.status = [
+        diagnostic_status(
+            name=STATS_NAME,
+            level=level,
+            text=stats.reason or "ok",
+            values=stats.items(),
+            new=new,
+        )
+    ]
+
+
+def diagnostic_status(
+    *, name: str, level: bytes, text: str, values: Sequence[tuple[str, str]], new: NewMessage
+) -> Any:
+    """Return a ``diagnostic_msgs/DiagnosticStatus``; ``level`` is one byte."""
+    status = new("diagnostic_msgs/msg/DiagnosticStatus")
+    status.level, status.name, status.message = level, name, text
+    pairs = []
+    for key, value in values:
+        pair = new("diagnostic_msgs/msg/KeyValue")
+        pair.key, pair.value = key, value
+        pairs.append(pair)
+    status.values = pairs
+    return status
+
+
+def stats_from_message(message: Any) -> dict[str, str]:
+    """Return the figures of an ``mpc/stats`` message as they were written."""
+    return {pair.key: pair.value for status in message.status for pair in status.values}
+
+
+def _fill_header(header: Any, stamp_ns: int, frame_id: str) -> None:
+    fill_time(header.stamp, stamp_ns)
+    header.frame_id = frame_id
+
+
+def _vector(v: Any) -> NDArray[np.float64]:
+    return np.array((v.x, v.y, v.z))
+
+
+def _quaternion(q: Any) -> NDArray[np.float64]:
+    return np.array((q.x, q.y, q.z, q.w))
+
+
+def _fill_vector(target: Any, values: NDArray[np.float64]) -> None:
+    target.x, target.y, target.z = values.tolist()
+
+
+def _fill_quaternion(target: Any, q_xyzw: NDArray[np.float64]) -> None:
+    target.x, target.y, target.z, target.w = q_xyzw.tolist()

@@ -1,0 +1,23 @@
+"""rclpy's message classes by type name, imported when first asked for."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from typing import Any
+
+
+@functools.cache
+def message_class(type_name: str) -> type[Any]:
+    """Return the class of a type named like ``nav_msgs/msg/Odometry``.
+
+    Raises ``ModuleNotFoundError`` or ``AttributeError`` when it is not installed.
+    """
+    package, kind, name = type_name.split("/")
+    found: type[Any] = getattr(importlib.import_module(f"{package}.{kind}"), name)
+    return found
+
+
+def new_message(type_name: str) -> Any:
+    """Return an empty message."""
+    return message_class(type_name)()

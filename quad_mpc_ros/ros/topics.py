@@ -1,0 +1,54 @@
+"""The topics of the package: name, type and quality of service, once for nodes and bags.
+
+Names are relative, so a namespace makes a second vehicle and remaps work.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """A topic and how it is offered. ``latched`` keeps the last message for late joiners."""
+
+    name: str
+    type_name: str
+    reliable: bool
+    depth: int = 1
+    latched: bool = False
+
+
+# Sensor-data style: the newest value counts, a lost one is not worth waiting for.
+ODOMETRY = Topic(name="odom", type_name="nav_msgs/msg/Odometry", reliable=False)
+COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", reliable=False)
+
+REFERENCE = Topic(
+    name="reference", type_name="trajectory_msgs/msg/MultiDOFJointTrajectory", reliable=True
+)
+REFERENCE_PATH = Topic(
+    name="reference/path", type_name="nav_msgs/msg/Path", reliable=True, latched=True
+)
+PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path", reliable=False)
+STATS = Topic(
+    name="mpc/stats", type_name="diagnostic_msgs/msg/DiagnosticArray", reliable=True, depth=10
+)
+DIAGNOSTICS = Topic(
+    name="/diagnostics",
+    type_name="diagnostic_msgs/msg/DiagnosticArray",
+    reliable=True,
+    depth=10,
+)
+CLOCK = Topic(name="/clock", type_name="rosgraph_msgs/msg/Clock", reliable=False)
+
+RECORDED = (
+    ODOMETRY,
+    REFERENCE,
+    COMMAND,
+    PREDICTED_PATH,
+    REFERENCE_PATH,
+    STATS,
+    DIAGNOSTICS,
+    CLOCK,
+)
+"""What a recorder takes when nothing else is asked of it."""
