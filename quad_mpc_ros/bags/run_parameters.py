@@ -9,6 +9,7 @@ import yaml
 
 from quad_mpc_ros.bags.reader import BagReader
 from quad_mpc_ros.bags.writer import BagWriter
+from quad_mpc_ros.configuration import files
 
 _PREFIX = "parameters:"
 _KEY = "yaml"
@@ -16,11 +17,7 @@ _KEY = "yaml"
 
 def write_parameters(writer: BagWriter, node: str, values: Mapping[str, Any]) -> None:
     """Store the parameters of a node, by dotted name, as a ROS parameter file."""
-    listed = {
-        name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
-    }
-    text = yaml.safe_dump({node: {"ros__parameters": listed}}, default_flow_style=None)
-    writer.write_metadata(f"{_PREFIX}{node}", {_KEY: text})
+    writer.write_metadata(f"{_PREFIX}{node}", {_KEY: files.dump(node, values)})
 
 
 def read_parameters(reader: BagReader) -> dict[str, dict[str, Any]]:

@@ -243,11 +243,16 @@ class Controller:
         return None if silent else self._odometry.stamp_ns
 
     def _is_due(self, stamp_ns: int) -> bool:
-        """Decimate: keep to the grid of control periods, forgiving a quarter period of jitter."""
-        if self._due_ns is not None and stamp_ns < self._due_ns - self._period_ns // 4:
+        """Decimate to a grid of control periods, which follows the earliest odometries.
+
+        Four tenths of a period are forgiven, so that jitter costs no tick at the control rate
+        and an odometry between two ticks is still told apart at twice that rate.
+        """
+        due_ns = stamp_ns if self._due_ns is None else self._due_ns
+        if stamp_ns < due_ns - 4 * self._period_ns // 10:
             return False
-        late = self._due_ns is None or stamp_ns > self._due_ns + self._period_ns
-        self._due_ns = (stamp_ns if late else self._due_ns or stamp_ns) + self._period_ns
+        overdue = stamp_ns > due_ns + self._period_ns
+        self._due_ns = (stamp_ns if overdue else min(due_ns, stamp_ns)) + self._period_ns
         return True
 
     def _with_body_twist(self, odometry: OdometrySample) -> OdometrySample:

@@ -43,7 +43,10 @@ class HealthReporter:
         self._probe = probe
         self._endpoints: dict[str, Publisher | Subscription] = {}
         self._publisher = node.create_publisher(
-            message_class(DIAGNOSTICS.type_name), DIAGNOSTICS.name, qos_of(DIAGNOSTICS)
+            message_class(DIAGNOSTICS.type_name),
+            DIAGNOSTICS.name,
+            qos_of(DIAGNOSTICS),
+            event_callbacks=PublisherEventCallbacks(matched=self._on_match),
         )
         # A steady clock: in simulated time the health of a node that waits matters most.
         self._timer = node.create_timer(

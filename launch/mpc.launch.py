@@ -1,0 +1,57 @@
+"""The controller alone, to be put into a drone stack: mpc, and the reference unless told not to.
+
+ros2 launch quad_mpc_ros mpc.launch.py config:=my_vehicle.yaml odom:=/uav1/odometry/filtered
+"""
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+PACKAGE = "quad_mpc_ros"
+TOPICS = ("odom", "reference", "command")
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return mpc and reference with their topics open to remapping."""
+    default_config = Path(get_package_share_directory(PACKAGE), "config", "default.yaml")
+    remappings = [(topic, LaunchConfiguration(topic)) for topic in TOPICS]
+    common = {
+        "package": PACKAGE,
+        "namespace": LaunchConfiguration("namespace"),
+        "parameters": [LaunchConfiguration("config")],
+        "remappings": remappings,
+        "output": "screen",
+    }
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                "config",
+                default_value=str(default_config),
+                description="ROS parameter file for both nodes",
+            ),
+            DeclareLaunchArgument(
+                "namespace", default_value="", description="namespace of the vehicle"
+            ),
+            DeclareLaunchArgument(
+                "with_reference", default_value="true", description="start the reference node"
+            ),
+            *(
+                DeclareLaunchArgument(
+                    topic, default_value=topic, description=f"topic used for {topic}"
+                )
+                for topic in TOPICS
+            ),
+            Node(executable="mpc_node", name="mpc", **common),
+            Node(
+                executable="reference_node",
+                name="reference",
+                condition=IfCondition(LaunchConfiguration("with_reference")),
+                **common,
+            ),
+        ]
+    )

@@ -1,0 +1,80 @@
+"""The command line ``quad_mpc``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from quad_mpc_ros import __version__
+from quad_mpc_ros.configuration import UserError
+
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code: 0 done, 1 failsafe or failure, 2 bad input."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("\ninterrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+
+
+def _parser() -> argparse.ArgumentParser:
+    # Options first: importing the commands brings in what they need, which takes a moment.
+    from quad_mpc_ros.commands.run_options import add_run_options
+
+    parser = argparse.ArgumentParser(
+        prog="quad_mpc",
+        description="Model predictive control of a quadrotor on SO(3).",
+        epilog="Every command explains itself: quad_mpc COMMAND --help.",
+    )
+    parser.add_argument("--version", action="version", version=f"quad_mpc {__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+
+    fly = commands.add_parser(
+        "fly",
+        help="fly over DDS: simulator, reference, mpc and recorder as processes of their own",
+        description="Start simulator, reference, mpc and recorder as separate ROS 2 processes, "
+        "fly, stop them, and write DIR/bag (rosbag2, MCAP), DIR/summary.json, DIR/figures/*.png "
+        "and DIR/log. Exit code 0 only for a flight without failsafe, 2 for bad input.",
+    )
+    add_run_options(fly)
+    fly.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="simulated time that waits for every command: repeatable bit for bit",
+    )
+    fly.set_defaults(run=_fly)
+
+    simulate = commands.add_parser(
+        "simulate",
+        help="fly the same in one process without ROS, faster than real time",
+        description="Fly the closed loop in one process, without ROS. Writes the same files as "
+        "'fly'; the commands are those of 'fly --lockstep', bit for bit.",
+    )
+    add_run_options(simulate)
+    simulate.set_defaults(run=_simulate)
+    return parser
+
+
+def _fly(options: argparse.Namespace) -> int:
+    from quad_mpc_ros.commands.fly import fly
+
+    return fly(options)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from quad_mpc_ros.commands.simulate import simulate
+
+    return simulate(options)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,101 @@
+"""The nodes of a flight as child processes: started, watched, ended in order."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import quad_mpc_ros
+from quad_mpc_ros.commands.run_options import SCHEMA, RunConfig
+from quad_mpc_ros.configuration import files
+
+_STOP_TIMEOUT = 10.0
+_LOG_TAIL = 8
+_PR_SET_PDEATHSIG = 1
+
+
+class NodeProcess:
+    """One node, with its parameter file and its log in the folder of the run."""
+
+    def __init__(self, node: str, *, run: RunConfig, use_sim_time: bool) -> None:
+        self.node = node
+        self._log = run.out / "log" / f"{node}.log"
+        self._log.parent.mkdir(exist_ok=True)
+        parameters = self._log.with_suffix(".yaml")
+        values = {**getattr(run, node).flattened(), **_overrides(node, use_sim_time=use_sim_time)}
+        parameters.write_text(files.dump(node, values), encoding="utf-8")
+        with self._log.open("wb") as log:
+            self._process = subprocess.Popen(
+                _command_line(node, parameters),
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=_environment(),
+                # Ctrl-C is for the parent, which ends the nodes in order.
+                start_new_session=True,
+                preexec_fn=_die_with_parent,
+            )
+
+    @property
+    def exit_code(self) -> int | None:
+        """Exit code, or None while it runs."""
+        return self._process.poll()
+
+    def stop(self) -> int:
+        """End the node as Ctrl-C would, by force when it does not listen; return the exit code."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+        try:
+            return self._process.wait(_STOP_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.wait()
+
+    def last_words(self) -> str:
+        """Return the end of the log."""
+        lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
+        return "\n".join(f"  {self.node}: {line}" for line in lines[-_LOG_TAIL:])
+
+
+def start_all(run: RunConfig, *, lockstep: bool) -> dict[str, NodeProcess]:
+    """Start every node of a flight; in lockstep all but the simulator follow its clock."""
+    return {
+        node: NodeProcess(node, run=run, use_sim_time=lockstep and node != "simulator")
+        for node in SCHEMA
+    }
+
+
+def stop_all(processes: dict[str, NodeProcess]) -> None:
+    """End the nodes, the recorder last, so that it records the end of the others."""
+    for node in sorted(processes, key=lambda name: name == "recorder"):
+        processes[node].stop()
+
+
+def _overrides(node: str, *, use_sim_time: bool) -> dict[str, bool]:
+    """Return the parameters that the flight sets, not the user."""
+    overrides = {"use_sim_time": use_sim_time}
+    if node == "simulator":
+        overrides["autostart"] = False
+    return overrides
+
+
+def _command_line(node: str, parameters: Path) -> Sequence[str]:
+    module = f"quad_mpc_ros.nodes.{node}_node"
+    return (sys.executable, "-P", "-m", module, "--ros-args", "--params-file", str(parameters))
+
+
+def _environment() -> dict[str, str]:
+    """Return an environment in which the children import the same package as this process."""
+    root = str(Path(quad_mpc_ros.__file__).resolve().parents[1])
+    path = os.environ.get("PYTHONPATH")
+    return {**os.environ, "PYTHONPATH": f"{root}{os.pathsep}{path}" if path else root}
+
+
+def _die_with_parent() -> None:
+    """Ask Linux for SIGINT when the parent dies: a killed flight leaves no node behind."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)

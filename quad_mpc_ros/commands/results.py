@@ -1,0 +1,38 @@
+"""What a run leaves behind: summary, figures, the table on the screen, the exit code."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from quad_mpc_ros.analysis.figures import write_figures
+from quad_mpc_ros.analysis.flight import read_flight
+from quad_mpc_ros.analysis.metrics import summarise
+from quad_mpc_ros.analysis.table import summary_table
+from quad_mpc_ros.configuration import UserError
+
+EXIT_FAILSAFE = 1
+
+
+def finish(out: Path, *, wall_seconds: float) -> int:
+    """Evaluate the bag in ``out``, write and show the results, and return the exit code.
+
+    It is 0 only when the MPC itself gave every command.
+    """
+    print("  evaluating the recording", file=sys.stderr, flush=True)
+    flight = read_flight(out / "bag")
+    summary = summarise(flight, wall_seconds=wall_seconds)
+    try:
+        text = json.dumps(summary, indent=2, allow_nan=False)
+        (out / "summary.json").write_text(text + "\n", encoding="utf-8")
+        figures = write_figures(flight, out / "figures")
+    except OSError as error:
+        raise UserError(f"{out}: results cannot be written: {error.strerror}") from error
+    print(summary_table(summary))
+    print(f"\nbag      {out / 'bag'}\nsummary  {out / 'summary.json'}")
+    print(f"figures  {', '.join(str(path) for path in figures)}")
+    if summary["fallbacks"]:
+        print(f"\nThe failsafe commanded {summary['fallbacks']} times.", file=sys.stderr)
+        return EXIT_FAILSAFE
+    return 0

@@ -1,0 +1,128 @@
+"""What ``fly`` and ``simulate`` have in common: options, configuration, the folder of a run."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import datetime
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from quad_mpc_ros.bags.config import RecorderConfig
+from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+SCHEMA: files.Schema = {
+    "mpc": MpcConfig,
+    "simulator": SimulatorConfig,
+    "reference": ReferenceConfig,
+    "recorder": RecorderConfig,
+}
+_DEFAULT_DURATION = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """The resolved configuration of every node of a run, and where its results go."""
+
+    mpc: MpcConfig
+    simulator: SimulatorConfig
+    reference: ReferenceConfig
+    recorder: RecorderConfig
+    out: Path
+
+    @property
+    def bag(self) -> Path:
+        """Folder of the recorded bag."""
+        return self.out / "bag"
+
+
+def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a run to a command."""
+    parser.add_argument(
+        "--config",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="ROS parameter file or preset (default, paper, paper_rigid_body); may be repeated, "
+        "later ones win",
+    )
+    parser.add_argument("--reference", metavar="NAME", help="trajectory to fly (default: square)")
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help=f"length of the flight in seconds (default: {_DEFAULT_DURATION:g})",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for bag, summary.json and figures; must not hold any "
+        "(default: runs/<date-time>_<reference>)",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NODE.PARAM=VALUE",
+        dest="assignments",
+        help="set one parameter, for example mpc.horizon_steps=20; may be repeated",
+    )
+
+
+def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
+    """Return the configuration of a run, its folder made and empty.
+
+    Raises :class:`UserError` for anything that cannot be used.
+    """
+    loaded = files.load(
+        options.config or ["default"], _assignments(options, lockstep=lockstep), schema=SCHEMA
+    )
+    reference = cast(ReferenceConfig, loaded["reference"])
+    out = options.out or _default_out(reference.trajectory)
+    return RunConfig(
+        mpc=cast(MpcConfig, loaded["mpc"]),
+        simulator=cast(SimulatorConfig, loaded["simulator"]),
+        reference=reference,
+        recorder=dataclasses.replace(
+            cast(RecorderConfig, loaded["recorder"]), directory=str(_prepared(out) / "bag")
+        ),
+        out=out,
+    )
+
+
+def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
+    """Return the options as assignments, before the explicit ones, which win."""
+    duration = _DEFAULT_DURATION if options.duration is None else options.duration
+    if not (math.isfinite(duration) and duration > 0.0):
+        raise UserError(f"--duration: given {duration}, expected a number > 0")
+    made = [f"simulator.duration={duration}"]
+    made += [f"{node}.lockstep={str(lockstep).lower()}" for node in ("mpc", "simulator", "reference")]
+    if options.reference is not None:
+        made.append(f"reference.trajectory={options.reference}")
+    return [*made, *options.assignments]
+
+
+def _default_out(trajectory: str) -> Path:
+    now = datetime.datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
+    return Path("runs") / f"{now}_{trajectory}"
+
+
+def _prepared(out: Path) -> Path:
+    """Make the folder of a run; refuse one that holds results already."""
+    for name in ("bag", "summary.json", "figures"):
+        if (out / name).exists():
+            raise UserError(f"--out: {out / name} exists and is not overwritten; give a new folder")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        probe = out / ".writable"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise UserError(f"--out: {out} cannot be written: {error.strerror}") from error
+    return out

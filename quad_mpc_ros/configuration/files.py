@@ -1,0 +1,146 @@
+"""Reading parameters: ROS parameter files, shipped presets, and ``node.parameter=value``.
+
+The files are standard (``node: ros__parameters:``, with ``/**`` for every node), so that the same
+file serves ``ros2 run … --params-file`` and the command line of this package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from quad_mpc_ros.configuration.errors import ConfigurationError, UserError
+from quad_mpc_ros.configuration.fields import Configuration
+
+Schema = Mapping[str, type[Configuration]]
+"""The nodes that a file may speak of, and what each of them knows."""
+
+_EVERY_NODE = "/**"
+# Set by ROS or by whoever starts the nodes, and no business of the configuration.
+_FOREIGN = ("use_sim_time",)
+
+
+def load(
+    sources: Sequence[str], assignments: Sequence[str], *, schema: Schema
+) -> dict[str, Configuration]:
+    """Return the configuration of every node of the schema, later sources over earlier ones.
+
+    ``sources`` are paths or names of presets, ``assignments`` are ``node.parameter=value`` and
+    win. Raises :class:`UserError` for a file that cannot be read and
+    :class:`ConfigurationError` for what it says.
+    """
+    values: dict[str, dict[str, Any]] = {node: {} for node in schema}
+    for source in sources:
+        for node, parameters in _read(_resolve(source), schema).items():
+            values[node].update(parameters)
+    for assignment in assignments:
+        node, name, value = _parsed(assignment, schema)
+        values[node][name] = value
+    return {node: kind.build(values[node]) for node, kind in schema.items()}
+
+
+def dump(node: str, values: Mapping[str, Any]) -> str:
+    """Return a ROS parameter file of one node's parameters by dotted name."""
+    listed = {
+        name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
+    }
+    return yaml.safe_dump({node: {"ros__parameters": listed}}, default_flow_style=None)
+
+
+def presets() -> dict[str, Path]:
+    """Return the shipped parameter files by name."""
+    return {path.stem: path for path in sorted(_config_directory().glob("*.yaml"))}
+
+
+def _config_directory() -> Path:
+    """Return ``config`` of a source tree, or ``share/quad_mpc_ros/config`` of an installation.
+
+    pip and colcon put ``share`` at different distances above the package, so look upwards.
+    """
+    for parent in Path(__file__).resolve().parents:
+        if (parent / "package.xml").is_file() and (parent / "config").is_dir():
+            return parent / "config"
+        if (parent / "share" / "quad_mpc_ros" / "config").is_dir():
+            return parent / "share" / "quad_mpc_ros" / "config"
+    raise UserError("the presets of quad_mpc_ros are not installed: install the package again")
+
+
+def _resolve(source: str) -> Path:
+    path = Path(source)
+    if path.is_file():
+        return path
+    shipped = presets()
+    if source in shipped:
+        return shipped[source]
+    raise UserError(
+        f"--config: given {source!r}, expected a parameter file or a preset "
+        f"({', '.join(shipped)})"
+    )
+
+
+def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        raise UserError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise UserError(f"{path}: expected 'node: ros__parameters: …', given {content!r:.60}")
+    found: dict[str, dict[str, Any]] = {}
+    for key, section in content.items():
+        if not isinstance(section, dict) or not isinstance(section.get("ros__parameters"), dict):
+            raise UserError(f"{path}: {key}: expected 'ros__parameters:' below it")
+        for name, value in _flattened(section["ros__parameters"]):
+            for node in _nodes_meant(str(key), name, value, schema, path):
+                found.setdefault(node, {})[name] = value
+    return found
+
+
+def _nodes_meant(
+    key: str, name: str, value: Any, schema: Schema, path: Path
+) -> Iterable[str]:
+    """Return the nodes that a parameter under a key of the file is for."""
+    if name in _FOREIGN:
+        return []
+    if key == _EVERY_NODE:
+        knowing = [
+            node
+            for node, kind in schema.items()
+            if name in (spec.name for spec in kind.specs())
+        ]
+        if not knowing:
+            raise ConfigurationError(f"{path}: {key}: {name}", value, "a parameter of some node")
+        return knowing
+    node = key.rsplit("/", 1)[-1]
+    if node not in schema:
+        raise UserError(f"{path}: given node {key!r}, expected one of {', '.join(schema)}")
+    return [node]
+
+
+def _flattened(parameters: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    flat: list[tuple[str, Any]] = []
+    for name, value in parameters.items():
+        if isinstance(value, dict):
+            flat += _flattened(value, f"{prefix}{name}.")
+        else:
+            flat.append((f"{prefix}{name}", value))
+    return flat
+
+
+def _parsed(assignment: str, schema: Schema) -> tuple[str, str, Any]:
+    target, equals, text = assignment.partition("=")
+    node, dot, name = target.strip().partition(".")
+    if not equals or not dot or not name:
+        raise UserError(f"--set: given {assignment!r}, expected node.parameter=value")
+    if node not in schema:
+        raise UserError(f"--set: given node {node!r}, expected one of {', '.join(schema)}")
+    try:
+        return node, name, yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise UserError(f"--set: {target}: given {text!r}, expected a YAML value") from error

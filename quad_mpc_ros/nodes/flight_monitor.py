@@ -1,0 +1,149 @@
+"""Watching a flight from the process that started it: are the nodes ready, how far are they."""
+
+from __future__ import annotations
+
+import math
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import Trigger
+
+from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.ros.health import PEERS_KEY
+from quad_mpc_ros.ros.messages import message_class
+from quad_mpc_ros.ros.qos import qos_of
+from quad_mpc_ros.ros.topics import (
+    CLOCK,
+    COMMAND,
+    DIAGNOSTICS,
+    ODOMETRY,
+    PREDICTED_PATH,
+    REFERENCE,
+    REFERENCE_PATH,
+    STATS,
+)
+
+# Who must hear whom before the clock starts, by node and topic: the number of peers of the
+# node's endpoint. Publishers count subscribers: the odometry's are mpc, reference, recorder and
+# this monitor. Subscribers count publishers, of which there must be exactly one.
+_PEERS: dict[str, dict[str, int]] = {
+    "simulator": {ODOMETRY.name: 4, COMMAND.name: 1},
+    "reference": {REFERENCE.name: 3, REFERENCE_PATH.name: 1, ODOMETRY.name: 1},
+    "mpc": {
+        COMMAND.name: 2,
+        STATS.name: 1,
+        PREDICTED_PATH.name: 1,
+        ODOMETRY.name: 1,
+        REFERENCE.name: 1,
+    },
+    "recorder": {
+        f"/{topic.name}": 1
+        for topic in (ODOMETRY, REFERENCE, COMMAND, PREDICTED_PATH, REFERENCE_PATH, STATS)
+    },
+}
+_ONLY_ONE = {
+    "simulator": (COMMAND.name,),
+    "mpc": (ODOMETRY.name, REFERENCE.name),
+    "reference": (ODOMETRY.name,),
+}
+# In lockstep mpc, reference and recorder follow the clock, and the recorder records it.
+_CLOCK_PEERS = 4
+
+
+class FlightMonitor:
+    """A small node of its own, spun from the main thread of ``quad_mpc fly``."""
+
+    def __init__(self, *, lockstep: bool) -> None:
+        self._peers = {node: dict(topics) for node, topics in _PEERS.items()}
+        if lockstep:
+            self._peers["simulator"][CLOCK.name] = _CLOCK_PEERS
+            self._peers["recorder"][CLOCK.name] = 1
+        self._health: dict[str, dict[str, str]] = {}
+        self._first_ns: int | None = None
+        self._p_reference = np.full(3, math.nan)
+        self.flown = 0.0
+        self.position_error: float | None = None
+
+    def __enter__(self) -> Self:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("quad_mpc_flight")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._subscriptions = [
+            self._node.create_subscription(
+                message_class(topic.type_name), topic.name, callback, qos_of(topic)
+            )
+            for topic, callback in (
+                (DIAGNOSTICS, self._on_diagnostics),
+                (ODOMETRY, self._on_odometry),
+                (REFERENCE, self._on_reference),
+            )
+        ]
+        self._start = self._node.create_client(Trigger, "simulator/start")
+        return self
+
+    def __exit__(
+        self,
+        _: type[BaseException] | None,
+        __: BaseException | None,
+        ___: TracebackType | None,
+    ) -> None:
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def spin(self, seconds: float) -> None:
+        """Handle what has arrived, waiting at most so long for the first of it."""
+        self._executor.spin_once(timeout_sec=seconds)
+
+    def ready(self) -> bool:
+        """Whether every node hears the others and the recorder has everybody's parameters."""
+        return not self.missing() and bool(self._start.service_is_ready())
+
+    def missing(self) -> list[str]:
+        """Return what is still to come, as ``node: topic``."""
+        missing = []
+        for node, topics in self._peers.items():
+            health = self._health.get(node, {})
+            missing += [
+                f"{node}: {topic}"
+                for topic, peers in topics.items()
+                if int(health.get(f"{PEERS_KEY}{topic}", 0)) < peers
+            ]
+        if self._health.get("recorder", {}).get("parameters_missing", "all"):
+            missing.append("recorder: parameters")
+        return missing
+
+    def intruders(self) -> str:
+        """Return a topic that somebody else publishes as well, or nothing."""
+        for node, topics in _ONLY_ONE.items():
+            for topic in topics:
+                count = int(self._health.get(node, {}).get(f"{PEERS_KEY}{topic}", 0))
+                if count > 1:
+                    return f"{count} publishers on {topic}"
+        return ""
+
+    def start_simulator(self) -> None:
+        """Start the clock of the simulator."""
+        self._executor.spin_until_future_complete(
+            self._start.call_async(Trigger.Request()), timeout_sec=5.0
+        )
+
+    def _on_diagnostics(self, message: Any) -> None:
+        for status in message.status:
+            values = {pair.key: pair.value for pair in status.values}
+            self._health[status.name.removeprefix("/")] = values
+
+    def _on_reference(self, message: Any) -> None:
+        self._p_reference = conversions.reference_from_message(message).p_WB[0]
+
+    def _on_odometry(self, message: Any) -> None:
+        odometry = conversions.odometry_from_message(message)
+        if self._first_ns is None:
+            self._first_ns = odometry.stamp_ns
+        self.flown = (odometry.stamp_ns - self._first_ns) * 1e-9
+        error = float(np.linalg.norm(self._p_reference - odometry.p_WB))
+        self.position_error = error if math.isfinite(error) else None

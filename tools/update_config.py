@@ -1,0 +1,82 @@
+"""Write config/<node>.yaml and docs/parameters.md from the configuration dataclasses.
+
+Run it after changing a parameter; a test fails while the files are not what it would write.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+from typing import Any
+
+from quad_mpc_ros.commands.run_options import SCHEMA
+from quad_mpc_ros.configuration import Configuration, ParameterSpec
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def files() -> dict[Path, str]:
+    """Return the text of every generated file."""
+    texts = {Path("config", f"{node}.yaml"): _yaml(node, kind) for node, kind in SCHEMA.items()}
+    texts[Path("docs", "parameters.md")] = _markdown()
+    return texts
+
+
+def _yaml(node: str, kind: type[Configuration]) -> str:
+    lines = [f"# Every parameter of the {node} node with its default value.", f"{node}:"]
+    lines.append("  ros__parameters:")
+    group = ""
+    for spec in kind.specs():
+        *groups, name = spec.name.split(".")
+        if groups and groups[0] != group:
+            group = groups[0]
+            lines.append(f"    {group}:")
+        indent = "      " if groups else "    "
+        lines += textwrap.wrap(
+            f"{spec.doc} {_rule(spec)}", width=99, initial_indent=f"{indent}# ",
+            subsequent_indent=f"{indent}# ",
+        )
+        lines.append(f"{indent}{name}: {_value(spec.default)}")
+    return "\n".join(lines) + "\n"
+
+
+def _markdown() -> str:
+    lines = [
+        "# Parameters",
+        "",
+        "What can be set, node by node. Written by `tools/update_config.py` from the dataclasses",
+        "that declare the parameters; edit those. *Live* parameters may change in flight",
+        "(`ros2 param set`), the others only at the start.",
+    ]
+    for node, kind in SCHEMA.items():
+        lines += ["", f"## `{node}`", "", "| name | default | allowed | live | meaning |"]
+        lines.append("|---|---|---|---|---|")
+        for spec in kind.specs():
+            unit = f" [{spec.unit}]" if spec.unit else ""
+            live = "yes" if spec.live else ""
+            allowed = spec.allowed().replace("|", "\\|")
+            lines.append(
+                f"| `{spec.name}` | `{_value(spec.default)}` | {allowed}{unit} | {live} | {spec.doc} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _rule(spec: ParameterSpec) -> str:
+    unit = f" [{spec.unit}]" if spec.unit else ""
+    live = ", live" if spec.live else ""
+    return f"({spec.allowed()}{unit}{live})"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"' if not value or value.startswith("/") else value
+    if isinstance(value, tuple):
+        return f"[{', '.join(_value(element) for element in value)}]"
+    return repr(value)
+
+
+if __name__ == "__main__":
+    for path, text in files().items():
+        (ROOT / path).write_text(text, encoding="utf-8")
