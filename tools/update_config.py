@@ -33,7 +33,9 @@ def _yaml(node: str, kind: type[Configuration]) -> str:
             lines.append(f"    {group}:")
         indent = "      " if groups else "    "
         lines += textwrap.wrap(
-            f"{spec.doc} {_rule(spec)}", width=99, initial_indent=f"{indent}# ",
+            f"{spec.doc} {_rule(spec)}",
+            width=99,
+            initial_indent=f"{indent}# ",
             subsequent_indent=f"{indent}# ",
         )
         lines.append(f"{indent}{name}: {_value(spec.default)}")
@@ -55,8 +57,9 @@ def _markdown() -> str:
             unit = f" [{spec.unit}]" if spec.unit else ""
             live = "yes" if spec.live else ""
             allowed = spec.allowed().replace("|", "\\|")
+            default = _value(spec.default)
             lines.append(
-                f"| `{spec.name}` | `{_value(spec.default)}` | {allowed}{unit} | {live} | {spec.doc} |"
+                f"| `{spec.name}` | `{default}` | {allowed}{unit} | {live} | {spec.doc} |"
             )
     return "\n".join(lines) + "\n"
 

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import yaml  # type: ignore[import-untyped]
+import yaml
 
 from quad_mpc_ros.bags.bag_metadata import METADATA_FILE, METADATA_ROOT
 from quad_mpc_ros.bags.codec import RosbagsMessages

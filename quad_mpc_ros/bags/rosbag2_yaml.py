@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import yaml  # type: ignore[import-untyped]
+import yaml
 
 
 def dump_yaml(value: object) -> str:
@@ -19,7 +19,7 @@ def dump_yaml(value: object) -> str:
     return text.removesuffix("\n")
 
 
-class _Rosbag2Dumper(yaml.SafeDumper):  # type: ignore[misc]
+class _Rosbag2Dumper(yaml.SafeDumper):
     def increase_indent(self, flow: bool = False, indentless: bool = False) -> Any:
         return super().increase_indent(flow, False)
 

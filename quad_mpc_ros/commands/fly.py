@@ -20,7 +20,7 @@ _READY_TIMEOUT = 60.0
 _NEEDED = ("rclpy", "nav_msgs", "trajectory_msgs", "diagnostic_msgs", "std_srvs")
 
 
-class FlightFailed(Exception):
+class FlightError(Exception):
     """The flight could not start or came to an early end; the message says why."""
 
 
@@ -34,7 +34,7 @@ def fly(options: argparse.Namespace) -> int:
     processes = start_all(config, lockstep=options.lockstep)
     try:
         wall_seconds = _flight(config, processes, lockstep=options.lockstep)
-    except FlightFailed as failure:
+    except FlightError as failure:
         stop_all(processes)
         print(f"error: {failure}", file=sys.stderr)
         return EXIT_FAILED
@@ -46,9 +46,9 @@ def fly(options: argparse.Namespace) -> int:
 def _flight(config: RunConfig, processes: dict[str, NodeProcess], *, lockstep: bool) -> float:
     """Wait until the nodes hear each other, start the clock, wait for the end.
 
-    Returns the seconds flown on the wall clock. Raises :class:`FlightFailed`.
+    Returns the seconds flown on the wall clock. Raises :class:`FlightError`.
     """
-    from quad_mpc_ros.nodes.flight_monitor import FlightMonitor
+    from quad_mpc_ros.commands.flight_monitor import FlightMonitor
 
     with FlightMonitor(lockstep=lockstep) as monitor:
         _await_readiness(monitor, processes)
@@ -69,12 +69,12 @@ def _await_readiness(monitor: Any, processes: dict[str, NodeProcess]) -> None:
     while not monitor.ready():
         _check_alive(processes)
         if monitor.intruders():
-            raise FlightFailed(
+            raise FlightError(
                 f"{monitor.intruders()}: another flight on this ROS domain; "
                 "end it or set ROS_DOMAIN_ID to another number"
             )
         if time.monotonic() > deadline:
-            raise FlightFailed(
+            raise FlightError(
                 f"the nodes did not find each other within {_READY_TIMEOUT:g} s, "
                 f"missing: {', '.join(monitor.missing())}"
             )
@@ -84,14 +84,14 @@ def _await_readiness(monitor: Any, processes: dict[str, NodeProcess]) -> None:
 def _check_alive(processes: dict[str, NodeProcess], *, but: str | None = None) -> None:
     for node, process in processes.items():
         if node != but and process.exit_code is not None:
-            raise FlightFailed(
+            raise FlightError(
                 f"{node} ended by itself (exit code {process.exit_code})\n{process.last_words()}"
             )
 
 
 def _check_end(simulator: NodeProcess) -> None:
     if simulator.exit_code != 0:
-        raise FlightFailed(
+        raise FlightError(
             f"the simulator failed (exit code {simulator.exit_code})\n{simulator.last_words()}"
         )
 

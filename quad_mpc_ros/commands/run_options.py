@@ -102,7 +102,9 @@ def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
     if not (math.isfinite(duration) and duration > 0.0):
         raise UserError(f"--duration: given {duration}, expected a number > 0")
     made = [f"simulator.duration={duration}"]
-    made += [f"{node}.lockstep={str(lockstep).lower()}" for node in ("mpc", "simulator", "reference")]
+    made += [
+        f"{node}.lockstep={str(lockstep).lower()}" for node in ("mpc", "simulator", "reference")
+    ]
     if options.reference is not None:
         made.append(f"reference.trajectory={options.reference}")
     return [*made, *options.assignments]
@@ -117,7 +119,9 @@ def _prepared(out: Path) -> Path:
     """Make the folder of a run; refuse one that holds results already."""
     for name in ("bag", "summary.json", "figures"):
         if (out / name).exists():
-            raise UserError(f"--out: {out / name} exists and is not overwritten; give a new folder")
+            raise UserError(
+                f"--out: {out / name} exists and is not overwritten; give a new folder"
+            )
     try:
         out.mkdir(parents=True, exist_ok=True)
         probe = out / ".writable"

@@ -40,9 +40,7 @@ def simulate(options: argparse.Namespace) -> int:
     started = time.monotonic()
     with RunRecorder(config) as recorder:
         recorder.reference_path()
-        for step in fly(
-            mpc=config.mpc, simulator=config.simulator, reference=config.reference
-        ):
+        for step in fly(mpc=config.mpc, simulator=config.simulator, reference=config.reference):
             recorder.step(step)
             progress.show(
                 (step.odometry.stamp_ns - SIMULATION_START_NS) * 1e-9,

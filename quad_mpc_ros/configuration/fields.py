@@ -211,7 +211,7 @@ def _kind_of(annotation: Any) -> str:
 
 
 def _spec_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> ParameterSpec | None:
-    declared = field.metadata.get(_METADATA_KEY)
+    declared: ParameterSpec | None = field.metadata.get(_METADATA_KEY)
     if declared is None:
         return None
     kind = _kind_of(get_type_hints(cls)[field.name])
@@ -228,4 +228,3 @@ def _group_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> type[C
 def _suggestion(name: str, known: set[str]) -> str:
     close = difflib.get_close_matches(name, known, n=1)
     return f" (did you mean {close[0]}?)" if close else f" (one of {', '.join(sorted(known))})"
-

@@ -76,8 +76,7 @@ def _resolve(source: str) -> Path:
     if source in shipped:
         return shipped[source]
     raise UserError(
-        f"--config: given {source!r}, expected a parameter file or a preset "
-        f"({', '.join(shipped)})"
+        f"--config: given {source!r}, expected a parameter file or a preset ({', '.join(shipped)})"
     )
 
 
@@ -102,17 +101,13 @@ def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _nodes_meant(
-    key: str, name: str, value: Any, schema: Schema, path: Path
-) -> Iterable[str]:
+def _nodes_meant(key: str, name: str, value: Any, schema: Schema, path: Path) -> Iterable[str]:
     """Return the nodes that a parameter under a key of the file is for."""
     if name in _FOREIGN:
         return []
     if key == _EVERY_NODE:
         knowing = [
-            node
-            for node, kind in schema.items()
-            if name in (spec.name for spec in kind.specs())
+            node for node, kind in schema.items() if name in (spec.name for spec in kind.specs())
         ]
         if not knowing:
             raise ConfigurationError(f"{path}: {key}: {name}", value, "a parameter of some node")

@@ -33,7 +33,9 @@ class SolverParameters(Configuration):
     tolerance: float = parameter(
         1e-4, doc="Absolute and relative tolerance of the scaled problem.", above=0.0, below=0.1
     )
-    max_iterations: int = parameter(400, doc="Iterations until a solve counts as failed.", minimum=1)
+    max_iterations: int = parameter(
+        400, doc="Iterations until a solve counts as failed.", minimum=1
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

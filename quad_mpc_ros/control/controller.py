@@ -153,9 +153,7 @@ class Controller:
             self._plan, self._planned_ns = step.plan, now_ns
         x = state_from_odometry(odometry)
         self._R_WB = x.R_WB
-        return self._finish(
-            decision, x, stamp_ns=odometry.stamp_ns, now_ns=now_ns, step=step
-        )
+        return self._finish(decision, x, stamp_ns=odometry.stamp_ns, now_ns=now_ns, step=step)
 
     def _decide(self, now_ns: int, *, solver_fault: str | None) -> Decision:
         return self._ladder.decide(

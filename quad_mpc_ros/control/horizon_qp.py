@@ -1,6 +1,7 @@
 """The horizon as a sparse quadratic program with a fixed pattern.
 
-    minimise    sum_{i=1..N} 1/2 x_i' H_i x_i + g_i' x_i + sum_{i=0..N-1} 1/2 u_i' R_i u_i + r_i' u_i
+    minimise    sum_{i=1..N}   1/2 x_i' H_i x_i + g_i' x_i
+              + sum_{i=0..N-1} 1/2 u_i' R_i u_i + r_i' u_i
     subject to  x_{i+1} = A_i x_i + B_i u_i + c_i,   lower_i <= u_i <= upper_i,   x_0 given
 
 x_0 is a constant and is not a variable. The variables are interleaved, (u_0, x_1, u_1, x_2, ...),

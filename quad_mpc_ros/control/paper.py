@@ -81,7 +81,6 @@ class PaperFormulation:
             upper=u_reference - self._u_min,
         )
 
-
         def plan(inputs: Array, states: Array) -> Plan:
             """Take the errors off the reference."""
             errors = np.vstack((stages.x0, states))
@@ -118,4 +117,3 @@ def _stage_weights(config: MpcConfig) -> Array:
     weights = np.repeat(np.diag(config.Q)[None], config.horizon_steps, axis=0)
     weights[-1] *= config.terminal_weight
     return weights
-

@@ -28,6 +28,4 @@ class TickStats:
 
     def items(self) -> list[tuple[str, str]]:
         """Return the figures as text, numbers with every digit."""
-        return [
-            (field.name, str(getattr(self, field.name))) for field in dataclasses.fields(self)
-        ]
+        return [(field.name, str(getattr(self, field.name))) for field in dataclasses.fields(self)]

@@ -71,8 +71,9 @@ def _intervals(
     upper = np.minimum(lower + 1, last)
     width = offsets[upper] - offsets[lower]
     elapsed = np.clip(times - offsets[lower], 0, width)
-    fraction = elapsed / np.maximum(width, 1)
-    return lower, upper, fraction[..., None], (width * _NANOSECOND)[..., None]
+    fraction = np.asarray(elapsed / np.maximum(width, 1), dtype=np.float64)
+    seconds = np.asarray(width * _NANOSECOND, dtype=np.float64)
+    return lower, upper, fraction[..., None], seconds[..., None]
 
 
 def _linear(values: Array, lower: _Index, upper: _Index, fraction: Array) -> Array:

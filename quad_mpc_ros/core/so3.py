@@ -124,7 +124,7 @@ def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
     best = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(products, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
-    return np.where(q[..., 3:] < 0.0, -q, q)
+    return np.asarray(np.where(q[..., 3:] < 0.0, -q, q))
 
 
 _EYE = np.eye(3)

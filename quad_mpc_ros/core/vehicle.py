@@ -54,7 +54,7 @@ class VehicleParameters(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Vehicle(VehicleParameters):
-    """Throttle and thrust of the vehicle. Thrust is the sum over the motors, along body z, in N."""
+    """Throttle and thrust of the vehicle; thrust is the sum over the motors, along body z."""
 
     owner = "vehicle"
 
@@ -93,9 +93,11 @@ class Vehicle(VehicleParameters):
             )
         a, b, c = self.thrust_curve
         remainder = c - thrust / self.motor_count
+        if remainder >= 0.0:  # no thrust wanted above that of throttle 0
+            return 0.0
         # The paper's root, multiplied out so that it neither cancels nor divides by a = 0.
-        root = math.sqrt(max(b * b - 4.0 * a * remainder, 0.0))
-        return min(max(-2.0 * remainder / (b + root), 0.0), 1.0)
+        root = math.sqrt(b * b - 4.0 * a * remainder)
+        return min(-2.0 * remainder / (b + root), 1.0)
 
     @property
     def hover_throttle(self) -> float:

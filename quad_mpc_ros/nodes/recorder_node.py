@@ -37,7 +37,8 @@ class RecorderNode(Node):
         self.exit_code = 0
         config = declare(self, RecorderConfig)
         self._writer = BagWriter(
-            _directory(config), compression=config.compression  # type: ignore[arg-type]
+            _directory(config),
+            compression=config.compression,  # type: ignore[arg-type]
         )
         self._wanted = [self.resolve_topic_name(name) for name in config.topics]
         self._recorded: dict[str, Subscription] = {}

@@ -64,9 +64,7 @@ class HealthReporter:
         self._endpoints[topic.name] = endpoint
         return endpoint
 
-    def subscription(
-        self, topic: Topic, callback: Callable[[Any], None]
-    ) -> Subscription:
+    def subscription(self, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
         """Create a subscription whose matched publishers are reported."""
         endpoint = self._node.create_subscription(
             message_class(topic.type_name),

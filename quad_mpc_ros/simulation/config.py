@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
+from quad_mpc_ros.configuration import ConfigurationError, parameter
 from quad_mpc_ros.core.vehicle import Vehicle, VehicleParameters
 
 

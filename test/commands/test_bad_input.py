@@ -1,0 +1,132 @@
+"""A user's mistake: one line that names it, exit code 2, nothing written over."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from quad_mpc_ros.cli import main
+
+COMMANDS = ["simulate", "fly"]
+
+MISTAKES = {
+    "unknown parameter": (
+        ["--set", "mpc.horizon_stepz=3"],
+        ["mpc.horizon_stepz", "horizon_steps"],
+    ),
+    "unknown node": (["--set", "mpcc.mass=1"], ["mpcc", "mpc, simulator, reference, recorder"]),
+    "length of Q": (["--set", "mpc.Q=[1, 2]"], ["mpc.Q", "[1, 2]", "9 numbers >= 0"]),
+    "negative weight": (
+        ["--set", "mpc.R=[0, 1, 1, -1]"],
+        ["mpc.R", "[0, 1, 1, -1]", "4 numbers >= 0"],
+    ),
+    "omega_max": (["--set", "mpc.omega_max=[0, 1, 1]"], ["mpc.omega_max", "3 numbers > 0"]),
+    "not a number": (["--set", "simulator.mass=.nan"], ["simulator.mass", "nan", "> 0"]),
+    "infinite": (["--set", "mpc.horizon_step=.inf"], ["mpc.horizon_step", "inf"]),
+    "text for a number": (["--set", "mpc.mass=heavy"], ["mpc.mass", "'heavy'", "a number > 0"]),
+    "no value": (["--set", "mpc.mass"], ["mpc.mass", "node.parameter=value"]),
+    "unknown preset": (["--config", "papper"], ["papper", "paper", "default"]),
+    "unknown trajectory": (["--reference", "circus"], ["circus", "square"]),
+    "duration": (["--duration", "-3"], ["--duration", "-3", "> 0"]),
+    "too heavy": (["--set", "mpc.mass=5"], ["mass", "5", "weight"]),
+    "throttle bounds": (["--set", "mpc.throttle_max=0.2"], ["throttle_max", "0.2", "0.2923"]),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistake_is_one_line_and_exit_code_2(
+    command: str, mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments, told = MISTAKES[mistake]
+    out = tmp_path / "run"
+
+    assert main([command, *arguments, "--out", str(out)]) == 2
+
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.strip().splitlines()) == 1
+    for word in told:
+        assert word in printed.err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("name", ["bag", "summary.json", "figures"])
+def test_existing_results_are_left_alone(
+    command: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    precious = tmp_path / name
+    precious.write_text("do not touch")
+
+    assert main([command, "--duration", "0.1", "--out", str(tmp_path)]) == 2
+
+    assert str(precious) in capsys.readouterr().err
+    assert precious.read_text() == "do not touch"
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_folder_that_cannot_be_written(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    blocker = tmp_path / "file"
+    blocker.touch()
+
+    assert main([command, "--out", str(blocker / "run")]) == 2
+
+    error = capsys.readouterr().err
+    assert str(blocker / "run") in error
+    assert len(error.strip().splitlines()) == 1
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_read_only_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tmp_path.chmod(0o500)
+
+    assert main(["simulate", "--out", str(tmp_path / "run")]) == 2
+
+    assert "cannot be written" in capsys.readouterr().err
+
+
+BAD_FILES = {
+    "not yaml": ("mpc: [", "not YAML"),
+    "a list": ("- 1\n", "ros__parameters"),
+    "no ros__parameters": ("mpc: {mass: 1.0}\n", "ros__parameters"),
+    "unknown node": ("pilot: {ros__parameters: {mass: 1.0}}\n", "pilot"),
+    "unknown everywhere": ("/**: {ros__parameters: {colour: red}}\n", "colour"),
+    "unknown in a group": ("mpc: {ros__parameters: {solver: {speed: 1}}}\n", "mpc.solver.speed"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_FILES)
+def test_bad_parameter_file(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text, told = BAD_FILES[kind]
+    file = tmp_path / "parameters.yaml"
+    file.write_text(text)
+
+    assert main(["simulate", "--config", str(file), "--out", str(tmp_path / "run")]) == 2
+
+    error = capsys.readouterr().err
+    assert told in error
+    assert len(error.strip().splitlines()) == 1
+
+
+def test_wildcard_reaches_every_node_that_knows_the_name(tmp_path: Path) -> None:
+    from quad_mpc_ros.commands.run_options import SCHEMA
+    from quad_mpc_ros.configuration import files
+
+    file = tmp_path / "parameters.yaml"
+    file.write_text(
+        "/**: {ros__parameters: {mass: 0.5, use_sim_time: true}}\n"
+        "/uav1/mpc: {ros__parameters: {mass: 1, solver: {max_iterations: 50}}}\n"
+    )
+
+    loaded = files.load([str(file)], ["simulator.drag=0.3"], schema=SCHEMA)
+
+    assert loaded["mpc"].flattened()["mass"] == 1.0
+    assert loaded["mpc"].flattened()["solver.max_iterations"] == 50
+    assert loaded["simulator"].flattened()["mass"] == 0.5
+    assert loaded["simulator"].flattened()["drag"] == 0.3

@@ -1,0 +1,47 @@
+"""The shipped parameter files and their documentation say what the code says."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from quad_mpc_ros.commands.run_options import SCHEMA
+from quad_mpc_ros.configuration import files
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def _generator() -> object:
+    spec = importlib.util.spec_from_file_location("update_config", ROOT / "tools/update_config.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("path", list(_generator().files()))  # type: ignore[attr-defined]
+def test_generated_file_is_current(path: Path) -> None:
+    generated = _generator().files()[path]  # type: ignore[attr-defined]
+    assert (ROOT / path).read_text(encoding="utf-8") == generated, "run tools/update_config.py"
+
+
+@pytest.mark.parametrize("node", list(SCHEMA))
+def test_node_file_holds_exactly_the_defaults(node: str) -> None:
+    loaded = files.load([str(ROOT / "config" / f"{node}.yaml")], [], schema=SCHEMA)
+    assert loaded[node] == SCHEMA[node]()
+
+
+def test_presets_differ_only_as_they_say() -> None:
+    paper = files.load(["paper"], [], schema=SCHEMA)
+    rigid = files.load(["paper_rigid_body"], [], schema=SCHEMA)
+    differences = {
+        f"{node}.{name}"
+        for node in SCHEMA
+        for name, value in paper[node].flattened().items()
+        if rigid[node].flattened()[name] != value
+    }
+    assert differences == {"simulator.dynamics"}
+    assert paper["simulator"].flattened()["dynamics"] == "paper"

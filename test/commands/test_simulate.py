@@ -1,0 +1,74 @@
+"""``quad_mpc simulate`` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rosbags.highlevel import AnyReader
+
+from quad_mpc_ros.cli import main
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("simulate") / "run"
+    assert main(["simulate", "--config", "paper", "--out", str(out)]) == 0
+    return out
+
+
+def test_the_papers_square(run: Path) -> None:
+    summary = json.loads((run / "summary.json").read_text())
+    assert summary["position_rmse_m"] == pytest.approx(0.788, abs=0.01)
+    assert len(summary["waypoint_error_m"]) >= 4
+    assert max(summary["waypoint_error_m"]) <= 0.03
+    assert summary["iterations"]["p99"] <= 75
+    assert summary["iterations"]["max"] <= 100
+    assert summary["solver_failures"] == summary["fallbacks"] == 0
+    assert summary["commands"] == 500
+
+
+def test_resolved_configuration_is_kept(run: Path) -> None:
+    config = json.loads((run / "summary.json").read_text())["config"]
+    assert set(config) == {"mpc", "simulator", "reference", "recorder"}
+    assert config["simulator"]["dynamics"] == "paper"
+    assert config["mpc"]["Q"] == [10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.01, 0.01, 0.01]
+
+
+def test_figures_are_pictures(run: Path) -> None:
+    names = {"position.png", "attitude.png", "velocity.png", "inputs.png"}
+    found = {path.name: path for path in (run / "figures").iterdir()}
+    assert names <= set(found)
+    for path in found.values():
+        assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_bag_opens_elsewhere_and_is_complete(run: Path) -> None:
+    with AnyReader([run / "bag"]) as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
+    for topic in ("/odom", "/reference", "/command", "/mpc/stats", "/mpc/predicted_path"):
+        assert counts[topic] == 500
+    assert counts["/reference/path"] == 1
+
+
+def test_simulate_imports_no_ros(tmp_path: Path) -> None:
+    code = (
+        "import sys\n"
+        "from quad_mpc_ros.cli import main\n"
+        f"code = main(['simulate', '--duration', '0.2', '--out', {str(tmp_path / 'run')!r}])\n"
+        "ros = [name for name in sys.modules if name.split('.')[0] in\n"
+        "       ('rclpy', 'nav_msgs', 'geometry_msgs', 'trajectory_msgs', 'std_msgs')]\n"
+        "sys.exit(repr(ros) if ros else code)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_failsafe_flight_is_not_a_success(tmp_path: Path) -> None:
+    arguments = ["--set", "mpc.solver.max_iterations=1", "--duration", "1"]
+    assert main(["simulate", *arguments, "--out", str(tmp_path / "run")]) == 1

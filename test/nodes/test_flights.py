@@ -1,0 +1,151 @@
+"""Whole flights over DDS with the four nodes as processes."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+from quad_mpc_ros.cli import main
+
+CONTROL_TOPICS = ("/odom", "/reference", "/command", "/mpc/stats", "/mpc/predicted_path")
+
+
+def _fly(out: Path, *arguments: str) -> Path:
+    assert main(["fly", "--config", "paper", *arguments, "--out", str(out)]) == 0
+    return out
+
+
+def _commands(run: Path) -> list[bytes]:
+    with AnyReader([run / "bag"]) as reader:
+        connections = [c for c in reader.connections if c.topic == "/command"]
+        return [bytes(data) for _, _, data in reader.messages(connections)]
+
+
+@pytest.fixture(scope="module")
+def lockstep(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _fly(tmp_path_factory.mktemp("lockstep") / "run", "--lockstep")
+
+
+@pytest.fixture(scope="module")
+def real_time(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _fly(tmp_path_factory.mktemp("real_time") / "run", "--duration", "8")
+
+
+def test_lockstep_flights_are_repeatable_bit_for_bit(lockstep: Path, tmp_path: Path) -> None:
+    again = _fly(tmp_path / "again", "--lockstep")
+    assert len(_commands(lockstep)) == 500
+    assert _commands(lockstep) == _commands(again)
+
+
+def test_simulate_commands_what_the_lockstep_flight_does(lockstep: Path, tmp_path: Path) -> None:
+    out = tmp_path / "simulated"
+    assert main(["simulate", "--config", "paper", "--out", str(out)]) == 0
+    assert _commands(out) == _commands(lockstep)
+
+
+def test_lockstep_flight_is_the_papers_square(lockstep: Path) -> None:
+    summary = json.loads((lockstep / "summary.json").read_text())
+    assert summary["position_rmse_m"] == pytest.approx(0.788, abs=0.01)
+    assert max(summary["waypoint_error_m"]) <= 0.03
+    assert summary["iterations"]["max"] <= 100
+    assert summary["solver_failures"] == 0
+
+
+def test_bag_holds_every_message_of_the_flight(lockstep: Path) -> None:
+    with AnyReader([lockstep / "bag"]) as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
+    assert {counts[topic] for topic in CONTROL_TOPICS} == {500}
+    assert counts["/clock"] == 500
+    assert counts["/reference/path"] == 1
+
+
+def test_bag_decodes_with_another_reader(lockstep: Path) -> None:
+    (mcap,) = (lockstep / "bag").glob("*.mcap")
+    with mcap.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        height = [
+            message.pose.pose.position.z
+            for _, _, _, message in reader.iter_decoded_messages(topics=["/odom"])
+        ]
+    assert len(height) == 500
+    assert height[0] == 0.0
+    assert height[-1] == pytest.approx(2.0, abs=0.03)
+
+
+def test_bag_carries_the_type_hashes_of_the_message_packages(lockstep: Path) -> None:
+    metadata = yaml.safe_load((lockstep / "bag" / "metadata.yaml").read_text())
+    for entry in metadata["rosbag2_bagfile_information"]["topics_with_message_count"]:
+        topic = entry["topic_metadata"]
+        assert topic["type_description_hash"] == _installed_hash(topic["type"]), topic["name"]
+
+
+def test_bag_carries_the_parameters_of_every_node(lockstep: Path) -> None:
+    (mcap,) = (lockstep / "bag").glob("*.mcap")
+    with mcap.open("rb") as stream:
+        records = {r.name: r.metadata for r in make_reader(stream).iter_metadata()}
+    mpc = yaml.safe_load(records["parameters:mpc"]["yaml"])["mpc"]["ros__parameters"]
+    simulator = yaml.safe_load(records["parameters:simulator"]["yaml"])["simulator"]
+    assert mpc["Q"] == [10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.01, 0.01, 0.01]
+    assert mpc["use_sim_time"] is True
+    assert simulator["ros__parameters"]["dynamics"] == "paper"
+    assert {"parameters:reference", "parameters:recorder"} <= set(records)
+
+
+def test_real_time_flight_answers_the_odometry(real_time: Path) -> None:
+    """A machine that stalls may lose a tick in a hundred; a wiring fault loses them all."""
+    summary = json.loads((real_time / "summary.json").read_text())
+    assert summary["odometries"] == 400
+    assert summary["unanswered_odometries"] <= 4
+    assert summary["fallbacks"] == 0
+    assert max(summary["waypoint_error_m"]) <= 0.1
+
+
+def test_real_time_commands_answer_the_stamps_of_the_odometry(real_time: Path) -> None:
+    with AnyReader([real_time / "bag"]) as reader:
+        stamps: dict[str, list[int]] = {"/odom": [], "/command": []}
+        for connection, _, data in reader.messages(
+            [c for c in reader.connections if c.topic in stamps]
+        ):
+            stamp = reader.deserialize(data, connection.msgtype).header.stamp
+            stamps[connection.topic].append(stamp.sec * 10**9 + stamp.nanosec)
+    last = stamps["/odom"][-1]
+    answers = [stamp for stamp in stamps["/command"] if stamp <= last]
+    assert set(answers) <= set(stamps["/odom"])
+    assert len(set(answers)) == len(answers)
+    assert np.all(np.diff(stamps["/odom"]) > 0)
+
+
+def test_flight_without_ros_says_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def find_spec(name: str) -> None:
+        return None
+
+    monkeypatch.setattr("importlib.util.find_spec", find_spec)
+    assert main(["fly", "--out", str(tmp_path / "run")]) == 2
+    error = capsys.readouterr().err
+    assert "quad_mpc simulate" in error
+    assert len(error.strip().splitlines()) == 1
+
+
+def _installed_hash(type_name: str) -> str:
+    package, kind, name = type_name.split("/")
+    files = importlib.metadata.files(f"ros-{package.replace('_', '-')}")
+    if files is not None:
+        (path,) = (f for f in files if str(f).endswith(f"share/{package}/{kind}/{name}.json"))
+        description = json.loads(Path(str(path.locate())).read_text())
+    else:
+        share = Path(sys.prefix) / "share" / package / kind / f"{name}.json"
+        description = json.loads(share.read_text())
+    return next(
+        h["hash_string"] for h in description["type_hashes"] if h["type_name"] == type_name
+    )

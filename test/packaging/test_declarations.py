@@ -1,0 +1,132 @@
+"""What setup.py, package.xml and the code say of the package must agree."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from catkin_pkg.package import Package, parse_package
+
+import quad_mpc_ros
+
+ROOT = Path(__file__).parents[2]
+
+# Python packages that are imported by another name than they are installed by.
+IMPORT_NAMES = {"PyYAML": "yaml", "python3-yaml": "yaml"}
+
+
+@pytest.fixture(scope="module")
+def package_xml() -> Package:
+    return parse_package(str(ROOT))
+
+
+@pytest.fixture(scope="module")
+def setup_arguments() -> dict[str, ast.expr]:
+    """Return the arguments of the call of ``setup``, by name."""
+    for node in ast.walk(ast.parse((ROOT / "setup.py").read_text())):
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup":
+            return {keyword.arg: keyword.value for keyword in node.keywords if keyword.arg}
+    raise AssertionError("setup.py does not call setup()")
+
+
+def imports_of(folder: Path) -> dict[str, str]:
+    """Return every imported top-level package outside the standard library, and one user."""
+    found = {}
+    for path in sorted(folder.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            for name in imported_names(node):
+                top = name.partition(".")[0]
+                if top not in sys.stdlib_module_names and top != "quad_mpc_ros":
+                    found[top] = str(path.relative_to(ROOT))
+    return found
+
+
+def imported_names(node: ast.AST) -> Iterator[str]:
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+    elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
+        yield node.module
+
+
+def import_name(requirement: str) -> str:
+    distribution = re.match(r"[\w-]+", requirement)
+    assert distribution, requirement
+    return IMPORT_NAMES.get(distribution[0], distribution[0].removeprefix("python3-"))
+
+
+def ros_dependencies(package_xml: Package) -> set[str]:
+    return {import_name(dependency.name) for dependency in package_xml.exec_depends}
+
+
+def python_dependencies(setup_arguments: dict[str, ast.expr]) -> set[str]:
+    return {import_name(each) for each in ast.literal_eval(setup_arguments["install_requires"])}
+
+
+def test_package_xml_is_valid_and_of_ament_python(package_xml: Package) -> None:
+    # colcon does not report an invalid one: it installs a plain Python package instead.
+    package_xml.validate()
+    assert package_xml.package_format == 3
+    assert package_xml.get_build_type() == "ament_python"
+
+
+def test_version_is_the_same_everywhere(package_xml: Package) -> None:
+    assert package_xml.version == quad_mpc_ros.__version__
+
+
+def test_setup_and_package_xml_describe_the_same_package(
+    package_xml: Package, setup_arguments: dict[str, ast.expr]
+) -> None:
+    def declared(name: str) -> Any:
+        return ast.literal_eval(setup_arguments[name])
+
+    (maintainer,) = package_xml.maintainers
+    assert declared("maintainer") == maintainer.name
+    assert declared("maintainer_email") == maintainer.email
+    assert [declared("license")] == package_xml.licenses
+
+
+def test_changelog_has_the_version_or_its_draft(package_xml: Package) -> None:
+    headings = re.findall(r"^(.+)\n-+$", (ROOT / "CHANGELOG.rst").read_text(), re.MULTILINE)
+    assert headings[0] == "Forthcoming" or headings[0].startswith(package_xml.version)
+
+
+def test_every_executable_has_its_main_function(setup_arguments: dict[str, ast.expr]) -> None:
+    for script in ast.literal_eval(setup_arguments["entry_points"])["console_scripts"]:
+        name, module, function = re.split(r" = |:", script)
+        assert name == "quad_mpc" or module == f"quad_mpc_ros.nodes.{name}"
+        tree = ast.parse((ROOT / module.replace(".", "/")).with_suffix(".py").read_text())
+        functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+        assert function in functions, script
+
+
+def test_every_import_of_the_package_is_declared(
+    package_xml: Package, setup_arguments: dict[str, ast.expr]
+) -> None:
+    declared = ros_dependencies(package_xml) | python_dependencies(setup_arguments)
+    undeclared = {
+        name: user
+        for name, user in imports_of(ROOT / "quad_mpc_ros").items()
+        if name not in declared
+    }
+    assert undeclared == {}
+
+
+def test_every_message_type_is_of_a_declared_package(package_xml: Package) -> None:
+    # ROS imports them by name; bags only knows the names.
+    for folder in ("ros", "nodes", "bridges"):
+        for path in (ROOT / "quad_mpc_ros" / folder).rglob("*.py"):
+            packages = set(re.findall(r'"(\w+)/(?:msg|srv)/\w+"', path.read_text()))
+            assert packages <= ros_dependencies(package_xml), path
+
+
+def test_every_import_of_the_launch_files_is_declared(package_xml: Package) -> None:
+    assert imports_of(ROOT / "launch").keys() <= ros_dependencies(package_xml)
+
+
+def test_every_python_dependency_is_used(setup_arguments: dict[str, ast.expr]) -> None:
+    assert python_dependencies(setup_arguments) <= imports_of(ROOT / "quad_mpc_ros").keys()
