@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 
 from quad_mpc_ros.ros import conversions
 from quad_mpc_ros.ros.health import PEERS_KEY
-from quad_mpc_ros.ros.messages import message_class
+from quad_mpc_ros.ros.messages import decoded, message_class
 from quad_mpc_ros.ros.qos import qos_of
 from quad_mpc_ros.ros.topics import (
     CLOCK,
@@ -25,6 +25,7 @@ from quad_mpc_ros.ros.topics import (
     REFERENCE,
     REFERENCE_PATH,
     STATS,
+    Topic,
 )
 
 # Who must hear whom before the clock starts, by node and topic: the number of peers of the
@@ -63,26 +64,19 @@ class FlightMonitor:
             self._peers["simulator"][CLOCK.name] = _CLOCK_PEERS
             self._peers["recorder"][CLOCK.name] = 1
         self._health: dict[str, dict[str, str]] = {}
+        self._odometry: bytes | None = None
+        self._reference: bytes | None = None
         self._first_ns: int | None = None
-        self._p_reference = np.full(3, math.nan)
-        self.flown = 0.0
-        self.position_error: float | None = None
 
     def __enter__(self) -> Self:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("quad_mpc_flight")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
-        self._subscriptions = [
-            self._node.create_subscription(
-                message_class(topic.type_name), topic.name, callback, qos_of(topic)
-            )
-            for topic, callback in (
-                (DIAGNOSTICS, self._on_diagnostics),
-                (ODOMETRY, self._on_odometry),
-                (REFERENCE, self._on_reference),
-            )
-        ]
+        self._subscribe(DIAGNOSTICS, self._on_diagnostics)
+        # Raw: they are decoded only when somebody looks, not fifty times a second.
+        self._subscribe(ODOMETRY, self._on_odometry, raw=True)
+        self._subscribe(REFERENCE, self._on_reference, raw=True)
         self._start = self._node.create_client(Trigger, "simulator/start")
         return self
 
@@ -126,6 +120,19 @@ class FlightMonitor:
                     return f"{count} publishers on {topic}"
         return ""
 
+    def progress(self) -> tuple[float, float | None]:
+        """Return the time flown [s] and the position error [m] of what has last arrived."""
+        if self._odometry is None:
+            return 0.0, None
+        odometry = conversions.odometry_from_message(decoded(ODOMETRY, self._odometry))
+        if self._first_ns is None:
+            self._first_ns = odometry.stamp_ns
+        flown = (odometry.stamp_ns - self._first_ns) * 1e-9
+        if self._reference is None:
+            return flown, None
+        window = conversions.reference_from_message(decoded(REFERENCE, self._reference))
+        return flown, float(np.linalg.norm(window.p_WB[0] - odometry.p_WB))
+
     def start_simulator(self) -> None:
         """Start the clock of the simulator."""
         self._executor.spin_until_future_complete(
@@ -137,13 +144,15 @@ class FlightMonitor:
             values = {pair.key: pair.value for pair in status.values}
             self._health[status.name.removeprefix("/")] = values
 
-    def _on_reference(self, message: Any) -> None:
-        self._p_reference = conversions.reference_from_message(message).p_WB[0]
+    def _on_reference(self, data: bytes) -> None:
+        self._reference = data
 
-    def _on_odometry(self, message: Any) -> None:
-        odometry = conversions.odometry_from_message(message)
-        if self._first_ns is None:
-            self._first_ns = odometry.stamp_ns
-        self.flown = (odometry.stamp_ns - self._first_ns) * 1e-9
-        error = float(np.linalg.norm(self._p_reference - odometry.p_WB))
-        self.position_error = error if math.isfinite(error) else None
+    def _on_odometry(self, data: bytes) -> None:
+        self._odometry = data
+
+    def _subscribe(
+        self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
+    ) -> None:
+        self._node.create_subscription(
+            message_class(topic.type_name), topic.name, callback, qos_of(topic), raw=raw
+        )

@@ -56,7 +56,8 @@ def _flight(config: RunConfig, processes: dict[str, NodeProcess], *, lockstep: b
         started, progress = time.monotonic(), Progress(config.simulator.duration)
         while processes["simulator"].exit_code is None:
             monitor.spin(0.05)
-            progress.show(monitor.flown, monitor.position_error)
+            if progress.due:
+                progress.show(*monitor.progress())
             _check_alive(processes, but="simulator")
         progress.close()
         _check_end(processes["simulator"])

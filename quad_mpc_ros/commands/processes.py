@@ -17,6 +17,7 @@ from quad_mpc_ros.configuration import files
 _STOP_TIMEOUT = 10.0
 _LOG_TAIL = 8
 _PR_SET_PDEATHSIG = 1
+_RECORDER_NICENESS = 5
 
 
 class NodeProcess:
@@ -38,7 +39,7 @@ class NodeProcess:
                 env=_environment(),
                 # Ctrl-C is for the parent, which ends the nodes in order.
                 start_new_session=True,
-                preexec_fn=_die_with_parent,
+                preexec_fn=_prepare_recorder if node == "recorder" else _die_with_parent,
             )
 
     @property
@@ -99,3 +100,9 @@ def _environment() -> dict[str, str]:
 def _die_with_parent() -> None:
     """Ask Linux for SIGINT when the parent dies: a killed flight leaves no node behind."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+
+
+def _prepare_recorder() -> None:
+    """Let recording wait for control where both want the processor; its queue is long."""
+    _die_with_parent()
+    os.nice(_RECORDER_NICENESS)

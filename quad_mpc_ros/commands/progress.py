@@ -19,18 +19,22 @@ class Progress:
         self._started = time.monotonic()
         self._due = self._started
 
+    @property
+    def due(self) -> bool:
+        """Whether it is time to show something."""
+        return time.monotonic() >= self._due
+
     def show(self, flown: float, position_error: float | None) -> None:
-        """Show ``flown`` seconds of flight and the position error [m], if it is time to."""
+        """Show ``flown`` seconds of flight and the position error [m]."""
         now = time.monotonic()
-        if now < self._due:
-            return
         self._due = now + self._period
         error = "" if position_error is None else f"   position error {position_error:6.3f} m"
         speed = flown / max(now - self._started, 1e-6)
         line = f"  {flown:6.1f} s of {self._duration:g} s   {speed:5.2f} x real time{error}"
-        end = "" if self._terminal else "\n"
-        start = "\r" if self._terminal else ""
-        print(f"{start}{line:<78}", end=end, file=sys.stderr, flush=True)
+        if self._terminal:
+            print(f"\r{line:<78}", end="", file=sys.stderr, flush=True)
+        else:
+            print(line, file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """End the line."""

@@ -42,10 +42,11 @@ def simulate(options: argparse.Namespace) -> int:
         recorder.reference_path()
         for step in fly(mpc=config.mpc, simulator=config.simulator, reference=config.reference):
             recorder.step(step)
-            progress.show(
-                (step.odometry.stamp_ns - SIMULATION_START_NS) * 1e-9,
-                float(np.linalg.norm(step.window.p_WB[0] - step.odometry.p_WB)),
-            )
+            if progress.due:
+                progress.show(
+                    (step.odometry.stamp_ns - SIMULATION_START_NS) * 1e-9,
+                    float(np.linalg.norm(step.window.p_WB[0] - step.odometry.p_WB)),
+                )
     wall_seconds = time.monotonic() - started
     progress.close()
     return finish(config.out, wall_seconds=wall_seconds)

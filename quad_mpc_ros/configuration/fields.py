@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
@@ -91,7 +91,7 @@ class ParameterSpec:
             raise error
         if kind == "integer" and not isinstance(value, int):
             raise error
-        if not math.isfinite(value) or not self._inside(value):
+        if not abs(value) <= sys.float_info.max or not self._inside(value):  # nan and inf too
             raise error
         return float(value) if kind == "double" else value
 

@@ -44,10 +44,7 @@ def sample(window: ReferenceWindow, stamps_ns: ArrayLike) -> ReferencePoints:
     lower, upper, fraction, width = _intervals(window.offset_ns, times)
     moving = (times < window.offset_ns[-1])[..., None].astype(np.float64)
 
-    R_lower = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw[lower])
-    R_upper = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw[upper])
-    turn = so3.log(np.swapaxes(R_lower, -1, -2) @ R_upper)
-    R_WB = R_lower @ so3.exp(fraction * turn)
+    R_WB = _geodesic(window.q_WB_xyzw[lower], window.q_WB_xyzw[upper], fraction)
     w_WB_W = _linear(window.w_WB_W, lower, upper, fraction)
     return ReferencePoints(
         p_WB=_cubic(window.p_WB, window.v_WB_W, lower, upper, fraction, width),
@@ -74,6 +71,15 @@ def _intervals(
     fraction = np.asarray(elapsed / np.maximum(width, 1), dtype=np.float64)
     seconds = np.asarray(width * _NANOSECOND, dtype=np.float64)
     return lower, upper, fraction[..., None], seconds[..., None]
+
+
+def _geodesic(q_lower_xyzw: Array, q_upper_xyzw: Array, fraction: Array) -> Array:
+    R_lower = so3.rotation_from_quaternion_xyzw(q_lower_xyzw)
+    if np.array_equal(q_lower_xyzw, q_upper_xyzw):
+        return R_lower  # a held attitude, and exactly so
+    R_upper = so3.rotation_from_quaternion_xyzw(q_upper_xyzw)
+    turn = so3.log(np.swapaxes(R_lower, -1, -2) @ R_upper)
+    return np.asarray(R_lower @ so3.exp(fraction * turn))
 
 
 def _linear(values: Array, lower: _Index, upper: _Index, fraction: Array) -> Array:

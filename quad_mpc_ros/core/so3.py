@@ -4,9 +4,14 @@ A rotation is a 3x3 matrix, a tangent vector is a rotation vector ``phi`` (axis 
 Every function accepts leading batch dimensions: (..., 3) and (..., 3, 3). Conventions follow
 Solà, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), with right
 (body-frame) Jacobians.
+
+A single rotation goes through Python floats, batches through NumPy, which takes ten times as long
+for three numbers; the controller needs the one, the horizon the other.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,6 +44,8 @@ def vee(skew: Array) -> Array:
 def exp(phi: ArrayLike) -> Array:
     """Return the rotation by the rotation vector ``phi`` (Rodrigues); (..., 3) → (..., 3, 3)."""
     phi = np.asarray(phi, dtype=np.float64)
+    if phi.ndim == 1:
+        return _single_exp(*phi.tolist())
     angle = _norm(phi)
     skew = hat(phi)
     return _EYE + _sinc(angle) * skew + _versine(angle) * (skew @ skew)
@@ -50,14 +57,16 @@ def log(rotation: Array) -> Array:
     It goes through the unit quaternion, whose vector part is well conditioned near pi, where the
     trace formula divides by zero. At exactly pi either of the two axes is right; one is returned.
     """
+    if rotation.ndim == 2:
+        return _single_log(*_single_quaternion(rotation))
     q = quaternion_xyzw_from_rotation(rotation)
     vector, w = q[..., :3], q[..., 3:]  # w >= 0: the shorter way round
     sine = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
     small = sine < _SMALL_ANGLE
+    t = sine / np.where(small, w, 1.0)
     ratio = np.where(
         small,
-        # 2 atan(t) / (w t), t = sine / w, to the sixth order in t.
-        2.0 * (1.0 - sine**2 / (3.0 * np.where(small, w, 1.0) ** 2)) / np.where(small, w, 1.0),
+        2.0 * (1.0 - t**2 / 3.0 + t**4 / 5.0) / np.where(small, w, 1.0),  # 2 atan(t) / (w t)
         2.0 * np.arctan2(sine, w) / np.where(small, 1.0, sine),
     )
     return np.asarray(ratio * vector)
@@ -85,6 +94,8 @@ def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
     Raises ``ValueError`` when a quaternion is zero or not finite.
     """
     q = np.asarray(q_xyzw, dtype=np.float64)
+    if q.ndim == 1:
+        return _single_rotation(*q.tolist())
     norm = np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
     if not np.all(np.isfinite(norm) & (norm > 0.0)):
         raise ValueError(f"no rotation in the quaternion {q.tolist()}")
@@ -109,6 +120,8 @@ def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
     is the best conditioned everywhere, pi included (Shepperd 1978).
     """
     r = np.asarray(rotation, dtype=np.float64)
+    if r.ndim == 2:
+        return np.array(_single_quaternion(r))
     xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
     products = np.empty((*r.shape[:-2], 4, 4))
     products[..., 0, 0] = 1.0 + xx - yy - zz
@@ -125,6 +138,63 @@ def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
     q = np.take_along_axis(products, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
     return np.asarray(np.where(q[..., 3:] < 0.0, -q, q))
+
+
+def _single_exp(x: float, y: float, z: float) -> Array:
+    square = x * x + y * y + z * z
+    angle = math.sqrt(square)
+    if angle < _SMALL_ANGLE:
+        a = 1.0 - square / 6.0 + square * square / 120.0
+        b = 0.5 - square / 24.0 + square * square / 720.0
+    else:
+        a = math.sin(angle) / angle
+        b = 2.0 * math.sin(0.5 * angle) ** 2 / square
+    return np.array(
+        (
+            (1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y),
+            (b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x),
+            (b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)),
+        )
+    )
+
+
+def _single_log(x: float, y: float, z: float, w: float) -> Array:
+    sine = math.sqrt(x * x + y * y + z * z)
+    t = sine / w if sine < _SMALL_ANGLE else math.inf
+    ratio = (
+        2.0 * (1.0 - t**2 / 3.0 + t**4 / 5.0) / w
+        if sine < _SMALL_ANGLE
+        else 2.0 * math.atan2(sine, w) / sine
+    )
+    return np.array((ratio * x, ratio * y, ratio * z))
+
+
+def _single_rotation(x: float, y: float, z: float, w: float) -> Array:
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if not 0.0 < norm < math.inf:
+        raise ValueError(f"no rotation in the quaternion {[x, y, z, w]}")
+    x, y, z, w = x / norm, y / norm, z / norm, w / norm
+    return np.array(
+        (
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
+            (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
+            (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
+        )
+    )
+
+
+def _single_quaternion(rotation: Array) -> tuple[float, float, float, float]:
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    products = (
+        (1.0 + xx - yy - zz, yx + xy, xz + zx, zy - yz),
+        (yx + xy, 1.0 - xx + yy - zz, zy + yz, xz - zx),
+        (xz + zx, zy + yz, 1.0 - xx - yy + zz, yx - xy),
+        (zy - yz, xz - zx, yx - xy, 1.0 + xx + yy + zz),
+    )
+    diagonal = [products[i][i] for i in range(4)]
+    x, y, z, w = products[diagonal.index(max(diagonal))]
+    norm = math.copysign(math.sqrt(x * x + y * y + z * z + w * w), w)
+    return x / norm, y / norm, z / norm, w / norm
 
 
 _EYE = np.eye(3)

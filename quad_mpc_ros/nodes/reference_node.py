@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 from rclpy.node import Node
 
@@ -11,7 +10,7 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.ros import conversions
 from quad_mpc_ros.ros.health import OK, Health, HealthReporter
-from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.ros.messages import decoded, new_message
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.topics import ODOMETRY, REFERENCE, REFERENCE_PATH
@@ -32,18 +31,19 @@ class ReferenceNode(Node):
         self._health = HealthReporter(self, self._probe)
         self._reference = self._health.publisher(REFERENCE)
         self._path = self._health.publisher(REFERENCE_PATH)
-        self._health.subscription(ODOMETRY, self._on_odometry)
+        self._health.subscription(ODOMETRY, self._on_odometry, raw=True)
         if not self._config.lockstep:
             self.create_timer(1.0 / self._config.publish_rate, self._on_timer)
         self._publish_whole()
 
-    def _on_odometry(self, message: Any) -> None:
-        stamp_ns = conversions.nanoseconds(message.header.stamp)
+    def _on_odometry(self, data: bytes) -> None:
+        if self._server.started and not self._config.lockstep:
+            return  # not decoded: in real time only the first one matters
+        odometry = decoded(ODOMETRY, data)
+        stamp_ns = conversions.nanoseconds(odometry.header.stamp)
         if not self._server.started:
             self._server.start(stamp_ns)
-            self._publish(stamp_ns)
-        elif self._config.lockstep:
-            self._publish(stamp_ns)
+        self._publish(stamp_ns)
 
     def _on_timer(self) -> None:
         self._publish(int(self.get_clock().now().nanoseconds))

@@ -52,11 +52,13 @@ class ReferenceServer:
     def whole(self) -> TrajectorySamples:
         """Return the whole trajectory once, to be drawn: every step and both sides of jumps."""
         period = self._trajectory.period_ns
-        parts = [self._trajectory.at(list(range(0, period, self._step_ns)))]
-        times = list(range(0, period, self._step_ns))
+        times, parts = [], []
         for jump_ns in self._trajectory.jumps(0, period):
             times += [jump_ns, jump_ns]
             parts += [self._trajectory.before(jump_ns), self._trajectory.at([jump_ns])]
+        # Last, so that a step at the time of a jump comes after both of its sides.
+        times += range(0, period, self._step_ns)
+        parts.append(self._trajectory.at(list(range(0, period, self._step_ns))))
         order = np.argsort(times, kind="stable")
         return _concatenated(parts, order)
 

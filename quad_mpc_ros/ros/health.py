@@ -64,17 +64,18 @@ class HealthReporter:
         self._endpoints[topic.name] = endpoint
         return endpoint
 
-    def subscription(self, topic: Topic, callback: Callable[[Any], None]) -> Subscription:
-        """Create a subscription whose matched publishers are reported."""
-        endpoint = self._node.create_subscription(
+    def subscription(
+        self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
+    ) -> None:
+        """Create a subscription whose matched publishers are reported; ``raw`` gives bytes."""
+        self._endpoints[topic.name] = self._node.create_subscription(
             message_class(topic.type_name),
             topic.name,
             callback,
             qos_of(topic),
             event_callbacks=SubscriptionEventCallbacks(matched=self._on_match),
+            raw=raw,
         )
-        self._endpoints[topic.name] = endpoint
-        return endpoint
 
     def report(self) -> None:
         """Publish the health now."""

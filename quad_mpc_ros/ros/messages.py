@@ -6,6 +6,10 @@ import functools
 import importlib
 from typing import Any
 
+from rclpy.serialization import deserialize_message
+
+from quad_mpc_ros.ros.topics import Topic
+
 
 @functools.cache
 def message_class(type_name: str) -> type[Any]:
@@ -21,3 +25,8 @@ def message_class(type_name: str) -> type[Any]:
 def new_message(type_name: str) -> Any:
     """Return an empty message."""
     return message_class(type_name)()
+
+
+def decoded(topic: Topic, data: bytes) -> Any:
+    """Return the message of a topic that was received raw."""
+    return deserialize_message(data, message_class(topic.type_name))

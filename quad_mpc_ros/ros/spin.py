@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -31,6 +32,10 @@ def run(
     node: Node | None = None
     try:
         node = create()
+        # What exists now lives as long as the node: a full collection in flight need not look
+        # at it, which would take milliseconds.
+        gc.collect()
+        gc.freeze()
         _spin(node, _executor(message_info=message_info))
         return int(getattr(node, "exit_code", 0))
     except UserError as error:

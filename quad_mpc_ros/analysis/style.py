@@ -1,0 +1,82 @@
+"""How every figure looks: size, palette (Okabe and Ito's, safe for colour-blind eyes), axes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FLOWN = "#0072B2"
+REFERENCE = "#E69F00"
+BOUND = "#D55E00"
+INK = "#333333"
+FAINT = "#B8B8B8"
+GRID = "#E4E4E4"
+
+FLOWN_LINE: dict[str, Any] = {"color": FLOWN, "linewidth": 1.3, "zorder": 3}
+# Broad and below, so that it is seen where the flight lies on it.
+REFERENCE_LINE: dict[str, Any] = {"color": REFERENCE, "linewidth": 2.2, "zorder": 2}
+BOUND_LINE: dict[str, Any] = {
+    "color": BOUND,
+    "linewidth": 0.9,
+    "linestyle": (0, (5, 3)),
+    "zorder": 1,
+}
+
+_DPI = 200
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return a figure of a size [inch] that touches no global state of matplotlib."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=_DPI, layout="constrained", facecolor="white")
+
+
+def tidy(axes: Axes) -> None:
+    """Give axes a light grid and only the spines that carry ticks."""
+    axes.grid(True, color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.margins(x=0.01)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(FAINT)
+    axes.tick_params(color=FAINT, labelcolor=INK, labelsize=8)
+
+
+def title(axes: Axes, text: str) -> None:
+    """Write a title above axes, on the left."""
+    axes.set_title(text, loc="left", fontsize=11, color=INK, fontweight="bold")
+
+
+def legend(axes: Axes) -> None:
+    """Put the legend above axes, on the right: it never hides a curve."""
+    handles, labels = axes.get_legend_handles_labels()
+    axes.legend(
+        handles,
+        labels,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=max(len(labels), 1),
+        frameon=False,
+        fontsize=8,
+        borderaxespad=0.2,
+        labelcolor=INK,
+    )
+
+
+def rgb(colour: str) -> tuple[float, float, float]:
+    """Return the parts, 0 to 1, of a colour ``#RRGGBB``."""
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
+    return red / 255, green / 255, blue / 255
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG and return its path; the folder is made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, format="png")
+    return path
