@@ -57,6 +57,7 @@ class Controller:
         self._window: ReferenceWindow | None = None
         self._window_received_ns = 0
         self._due_ns: int | None = None
+        self._spacing = _Spacing(self._period_ns)
 
         self._plan: Plan | None = None
         self._planned_ns = 0
@@ -241,16 +242,16 @@ class Controller:
         return None if silent else self._odometry.stamp_ns
 
     def _is_due(self, stamp_ns: int) -> bool:
-        """Decimate to a grid of control periods, which follows the earliest odometries.
+        """Decimate: of the odometries around each tick of the control rate take the nearest.
 
-        Four tenths of a period are forgiven, so that jitter costs no tick at the control rate
-        and an odometry between two ticks is still told apart at twice that rate.
+        Half the distance between odometries is forgiven, so jitter costs no tick when they come
+        at the control rate, and faster ones are still told apart.
         """
         due_ns = stamp_ns if self._due_ns is None else self._due_ns
-        if stamp_ns < due_ns - 4 * self._period_ns // 10:
+        if stamp_ns < due_ns - self._spacing.half_ns(stamp_ns):
             return False
         overdue = stamp_ns > due_ns + self._period_ns
-        self._due_ns = (stamp_ns if overdue else min(due_ns, stamp_ns)) + self._period_ns
+        self._due_ns = (stamp_ns if overdue else due_ns) + self._period_ns
         return True
 
     def _with_body_twist(self, odometry: OdometrySample) -> OdometrySample:
@@ -270,3 +271,19 @@ class Controller:
     def _reject(self, fault: str) -> None:
         self._rejected += 1
         self._warnings.append(fault)
+
+
+class _Spacing:
+    """The distance between odometries, smoothed, starting from and never above the control's."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._longest_ns = self._mean_ns = period_ns
+        self._previous_ns: int | None = None
+
+    def half_ns(self, stamp_ns: int) -> int:
+        """Take the next stamp and return half the distance."""
+        if self._previous_ns is not None and stamp_ns > self._previous_ns:
+            distance_ns = min(stamp_ns - self._previous_ns, self._longest_ns)
+            self._mean_ns += (distance_ns - self._mean_ns) // 4
+        self._previous_ns = stamp_ns
+        return self._mean_ns // 2
