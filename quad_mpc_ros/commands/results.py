@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from quad_mpc_ros.analysis.figures import write_figures
 from quad_mpc_ros.analysis.flight import read_flight
@@ -32,7 +33,19 @@ def finish(out: Path, *, wall_seconds: float) -> int:
     print(summary_table(summary))
     print(f"\nbag      {out / 'bag'}\nsummary  {out / 'summary.json'}")
     print(f"figures  {', '.join(str(path) for path in figures)}")
-    if summary["fallbacks"]:
-        print(f"\nThe failsafe commanded {summary['fallbacks']} times.", file=sys.stderr)
+    failure = _failure(summary)
+    if failure:
+        print(f"\n{failure}", file=sys.stderr)
         return EXIT_FAILSAFE
     return 0
+
+
+def _failure(summary: dict[str, Any]) -> str:
+    """Return why a flight was not one of the MPC's alone, or nothing."""
+    if not summary["commands"]:
+        return "No command was given: see the solver status in mpc/stats."
+    if summary["fallbacks"]:
+        return f"The failsafe commanded {summary['fallbacks']} times: see reason in mpc/stats."
+    if summary["solver_failures"]:
+        return f"{summary['solver_failures']} solves failed: see the solver status in mpc/stats."
+    return ""
