@@ -13,8 +13,8 @@ COMMANDS = ["simulate", "fly"]
 
 MISTAKES = {
     "unknown parameter": (
-        ["--set", "mpc.horizon_stepz=3"],
-        ["mpc.horizon_stepz", "horizon_steps"],
+        ["--set", "mpc.horizn_steps=3"],
+        ["mpc.horizn_steps", "horizon_steps"],
     ),
     "unknown node": (["--set", "mpcc.mass=1"], ["mpcc", "mpc, simulator, reference, recorder"]),
     "length of Q": (["--set", "mpc.Q=[1, 2]"], ["mpc.Q", "[1, 2]", "9 numbers >= 0"]),
