@@ -126,7 +126,7 @@ class HorizonQP:
 
         count_A = (n - 1) * int(self.pattern.A.sum())
         count_B = n * int(self.pattern.B.sum())
-        self._entries_A = self._A_entries[:count_A].reshape(n - 1, -1)
+        self._entries_A = self._A_entries[:count_A].reshape(n - 1, int(self.pattern.A.sum()))
         self._entries_B = self._A_entries[count_A : count_A + count_B].reshape(n, -1)
         self._A_entries[count_A + count_B :] = 1.0  # next states and bounded inputs
 

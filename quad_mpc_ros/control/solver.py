@@ -28,6 +28,18 @@ class QpSolution:
     solve_time: float
 
 
+_LARGEST = 1e15
+_REFUSED = QpSolution(
+    solved=False,
+    status="not finite",
+    z=np.zeros(0),
+    iterations=0,
+    primal_residual=0.0,
+    dual_residual=0.0,
+    solve_time=0.0,
+)
+
+
 class QpSolver:
     """Solves a :class:`HorizonQP` again and again, each time from the previous solution."""
 
@@ -35,13 +47,19 @@ class QpSolver:
         self._qp = qp
         self._parameters = parameters
         self._osqp: osqp.OSQP | None = None
-        self._z = np.zeros(qp.A.shape[1])
+        self._z = self._zero = np.zeros(qp.A.shape[1])
         self._y = np.zeros(qp.A.shape[0])
 
-    def solve(self) -> QpSolution:
-        """Solve the problem as it stands in the QP, warm started in primal and dual."""
+    def solve(self, *, from_zero: bool = False) -> QpSolution:
+        """Solve the problem as it stands in the QP, warm started in primal and dual.
+
+        ``from_zero`` starts the primal at zero, for problems in deviations from a known plan.
+        """
+        if not self._is_solvable():
+            self.forget()
+            return _REFUSED
         solver = self._updated()
-        solver.warm_start(x=self._z, y=self._y)
+        solver.warm_start(x=self._zero if from_zero else self._z, y=self._y)
         result = solver.solve(raise_error=False)
         # A solver may say "solved" and return NaN; the plan is what flies, so look at the plan.
         finite = bool(np.isfinite(result.x).all() and np.isfinite(result.y).all())
@@ -64,6 +82,16 @@ class QpSolver:
         """Start the next solve from zero: after a failure the old iterate is no help."""
         self._z = np.zeros_like(self._z)
         self._y = np.zeros_like(self._y)
+
+    def _is_solvable(self) -> bool:
+        """Whether every number is finite and of a size that OSQP does not take for infinite.
+
+        Given NaN, OSQP keeps its old data or says "solved"; it must not come to that.
+        """
+        qp = self._qp
+        data = (qp.q, qp.lower, qp.upper, qp.P.data, qp.A.data)
+        # Written so that NaN, which compares with nothing, is refused.
+        return all(float(np.abs(values).max()) < _LARGEST for values in data)
 
     def _updated(self) -> osqp.OSQP:
         qp = self._qp

@@ -22,6 +22,7 @@ class TwistFrameCheck:
         self._twist_frame = twist_frame
         self._previous: OdometrySample | None = None
         self._evidence = 0
+        self._told = False
 
     def suspect(self, odometry: OdometrySample) -> str | None:
         """Return the frame the twist really seems to be in, once, when the evidence is enough."""
@@ -41,9 +42,9 @@ class TwistFrameCheck:
         )
         if abs(configured - other) > 0.5 * _SPEED_ENOUGH:
             self._evidence = max(self._evidence + (1 if configured > other else -1), 0)
-        if self._evidence != _EVIDENCE_NEEDED:
+        if self._told or self._evidence < _EVIDENCE_NEEDED:
             return None
-        self._evidence += 1  # so that it is told once
+        self._told = True
         return "world" if self._twist_frame == "child" else "child"
 
 

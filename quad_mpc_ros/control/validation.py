@@ -7,6 +7,7 @@ import numpy as np
 from quad_mpc_ros.core.messages import Array, OdometrySample, ReferenceWindow
 
 _QUATERNION_TOLERANCE = 1e-3
+_LARGEST = 1e8  # room for map coordinates in metres, none for what would overflow when squared
 
 
 def odometry_fault(
@@ -14,8 +15,8 @@ def odometry_fault(
 ) -> str | None:
     """Return why an odometry cannot be used, given the stamp of the last one that could."""
     vectors = (odometry.p_WB, odometry.q_WB_xyzw, odometry.v_WB_B, odometry.w_WB_B)
-    if not all(np.isfinite(vector).all() for vector in vectors):
-        return "odometry holds a number that is not finite"
+    if not _are_usable(*vectors):
+        return "odometry holds a number that is not finite or beyond 1e8"
     if not _is_unit(odometry.q_WB_xyzw):
         return "odometry quaternion is not of unit length"
     if odometry.frame_id.removeprefix("/") != frame_id.removeprefix("/"):
@@ -32,13 +33,18 @@ def reference_fault(window: ReferenceWindow, *, frame_id: str) -> str | None:
     if np.any(np.diff(window.offset_ns) < 0):
         return "reference times run backwards"
     vectors = (window.p_WB, window.q_WB_xyzw, window.v_WB_W, window.a_WB_W, window.w_WB_W)
-    if not all(np.isfinite(vector).all() for vector in vectors):
-        return "reference holds a number that is not finite"
+    if not _are_usable(*vectors):
+        return "reference holds a number that is not finite or beyond 1e8"
     if not _is_unit(window.q_WB_xyzw):
         return "reference quaternion is not of unit length"
     if window.frame_id.removeprefix("/") != frame_id.removeprefix("/"):
         return f"reference is in frame '{window.frame_id}', expected '{frame_id}'"
     return None
+
+
+def _are_usable(*vectors: Array) -> bool:
+    # NaN compares with nothing, and so is not within the limit.
+    return all(float(np.abs(vector).max()) <= _LARGEST for vector in vectors)
 
 
 def _is_unit(q_xyzw: Array) -> bool:

@@ -34,7 +34,7 @@ class VehicleParameters(Configuration):
     )
 
     def check(self) -> None:
-        """Refuse a thrust curve that throttle cannot be computed from."""
+        """Refuse a thrust curve without an inverse, and a vehicle that cannot hover."""
         a, b, _ = self.thrust_curve
         if a < 0.0 or b < 0.0 or a + b <= 0.0:
             raise ConfigurationError(
@@ -42,38 +42,35 @@ class VehicleParameters(Configuration):
                 self.thrust_curve,
                 "a >= 0 and b >= 0, not both 0: thrust rises with throttle",
             )
+        self.check_hover("mass", self.mass, self.mass)
 
-    def vehicle(self) -> Vehicle:
-        """Return the vehicle that these parameters describe.
-
-        Raises :class:`ConfigurationError` when it cannot hover.
-        """
-        fields = dataclasses.fields(VehicleParameters)
-        return Vehicle(**{field.name: getattr(self, field.name) for field in fields})
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Vehicle(VehicleParameters):
-    """Throttle and thrust of the vehicle; thrust is the sum over the motors, along body z."""
-
-    owner = "vehicle"
-
-    def check(self) -> None:
-        """Refuse a vehicle too heavy for its motors."""
-        super().check()
-        weight = self.mass * self.gravity
-        if not self.thrust(0.0) < weight < self.thrust(1.0):
+    def check_hover(self, name: str, given: float, mass: float) -> None:
+        """Refuse a mass [kg], the doing of parameter ``name``, that the motors cannot carry."""
+        lowest, highest = self.thrust(0.0), self.thrust(1.0)
+        if not lowest < mass * self.gravity < highest:
             raise ConfigurationError(
-                f"{self.owner}.mass",
-                self.mass,
+                f"{self.owner}.{name}",
+                given,
                 f"a weight between the thrust at throttle 0 and at 1, "
-                f"{self.thrust(0.0):.4g} N to {self.thrust(1.0):.4g} N",
+                f"{lowest:.4g} N to {highest:.4g} N",
             )
 
     def thrust(self, throttle: float) -> float:
         """Return the total thrust [N] at a throttle (Eq. 2 times the number of motors)."""
         a, b, c = self.thrust_curve
         return self.motor_count * ((a * throttle + b) * throttle + c)
+
+    def vehicle(self) -> Vehicle:
+        """Return the vehicle that these parameters describe."""
+        fields = dataclasses.fields(VehicleParameters)
+        return Vehicle(**{field.name: getattr(self, field.name) for field in fields})
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Vehicle(VehicleParameters):
+    """The inverse of the throttle curve; thrust is the sum over the motors, along body z."""
+
+    owner = "vehicle"
 
     def thrust_slope(self, throttle: float) -> float:
         """Return d thrust / d throttle [N]."""

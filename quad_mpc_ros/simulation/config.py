@@ -47,6 +47,7 @@ class SimulatorConfig(VehicleParameters):
     def check(self) -> None:
         """Refuse a start below the ground."""
         super().check()
+        self.check_hover("mass_scale", self.mass_scale, self.mass * self.mass_scale)
         if self.initial_position[2] < 0.0:
             raise ConfigurationError(
                 f"{self.owner}.initial_position",

@@ -1,0 +1,241 @@
+"""Declaring, validating, grouping and changing parameters."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quad_mpc_ros.configuration import (
+    Configuration,
+    ConfigurationError,
+    ParameterSpec,
+    UserError,
+    parameter,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lamp(Configuration):
+    owner = "room.lamp"
+
+    colour: str = parameter("white", doc="Colour.", choices=("white", "red"))
+    brightness: float = parameter(0.5, doc="Brightness.", minimum=0.0, maximum=1.0, live=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Room(Configuration):
+    owner = "room"
+
+    name: str = parameter("hall", doc="What it is called.")
+    length: float = parameter(4.0, doc="Length.", unit="m", above=0.0, below=100.0)
+    doors: int = parameter(1, doc="Number of doors.", minimum=1, maximum=9)
+    heated: bool = parameter(True, doc="Whether it is heated.")
+    corner: tuple[float, ...] = parameter((0.0, 0.0), doc="A corner.", length=2, minimum=-5.0)
+    numbers: tuple[int, ...] = parameter((1,), doc="Some numbers.")
+    names: tuple[str, ...] = parameter((), doc="Names of the windows.")
+    lamp: Lamp = dataclasses.field(default_factory=Lamp)
+
+    def check(self) -> None:
+        if self.corner[0] > self.length:
+            raise ConfigurationError("room.corner", self.corner, "a corner inside the room")
+
+
+def refused(name: str, value: object) -> str:
+    """Return the message with which a value is refused, one line that says what and why."""
+    with pytest.raises(ConfigurationError) as caught:
+        Room.build({name: value})
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith(f"room.{name}: given ")
+    return message
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("length", 0.0, "given 0.0, expected a number > 0 and < 100"),
+        ("length", -1, "given -1, expected a number > 0 and < 100"),
+        ("length", 100.0, "given 100.0, expected a number > 0 and < 100"),
+        ("length", math.nan, "given nan, expected a number > 0 and < 100"),
+        ("length", math.inf, "given inf, expected a number > 0 and < 100"),
+        ("length", "4", "given '4', expected a number > 0 and < 100"),
+        ("length", True, "given True, expected a number > 0 and < 100"),
+        ("length", None, "given None, expected a number > 0 and < 100"),
+        ("length", [4.0], "given [4.0], expected a number > 0 and < 100"),
+        ("doors", 0, "given 0, expected a whole number >= 1 and <= 9"),
+        ("doors", 10, "given 10, expected a whole number >= 1 and <= 9"),
+        ("doors", 2.0, "given 2.0, expected a whole number >= 1 and <= 9"),
+        ("doors", True, "given True, expected a whole number >= 1 and <= 9"),
+        ("heated", 1, "given 1, expected true or false"),
+        ("heated", "yes", "given 'yes', expected true or false"),
+        ("name", 3, "given 3, expected text"),
+        ("corner", (1.0,), "given [1.0], expected 2 numbers >= -5"),
+        ("corner", (1.0, 2.0, 3.0), "given [1.0, 2.0, 3.0], expected 2 numbers >= -5"),
+        ("corner", (1.0, -5.1), "given [1.0, -5.1], expected 2 numbers >= -5"),
+        ("corner", (1.0, math.nan), "given [1.0, nan], expected 2 numbers >= -5"),
+        ("corner", (1.0, "2"), "given [1.0, '2'], expected 2 numbers >= -5"),
+        ("corner", "12", "given '12', expected 2 numbers >= -5"),
+        ("corner", 1.0, "given 1.0, expected 2 numbers >= -5"),
+        ("numbers", (1, 2.5), "given [1, 2.5], expected a list of whole numbers"),
+        ("names", "abc", "given 'abc', expected a list of texts"),
+        ("lamp.colour", "green", "given 'green', expected one of white, red"),
+        ("lamp.colour", 3, "given 3, expected one of white, red"),
+        ("lamp.brightness", 1.01, "given 1.01, expected a number >= 0 and <= 1"),
+    ],
+)
+def test_a_wrong_value_is_refused_with_name_value_and_range(
+    name: str, value: object, expected: str
+) -> None:
+    assert refused(name, value) == f"room.{name}: {expected}"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("length", 99.999),
+        ("length", 1e-300),
+        ("doors", 1),
+        ("doors", 9),
+        ("heated", False),
+        ("name", ""),
+        ("corner", (-5.0, 3.0)),
+        ("numbers", ()),
+        ("lamp.brightness", 0.0),
+        ("lamp.brightness", 1.0),
+        ("lamp.colour", "red"),
+    ],
+)
+def test_a_value_inside_its_range_is_taken_as_it_is(name: str, value: object) -> None:
+    assert Room.build({name: value}).flattened()[name] == value
+
+
+def test_a_whole_number_serves_for_a_real_one() -> None:
+    room = Room.build({"length": 5, "corner": [1, 2]})
+    assert (room.length, type(room.length)) == (5.0, float)
+    assert room.corner == (1.0, 2.0)
+    assert [type(each) for each in room.corner] == [float, float]
+
+
+def test_a_number_too_large_for_a_float_is_refused() -> None:
+    assert "expected a number > 0" in refused("length", 10**400)
+
+
+def test_lists_become_tuples() -> None:
+    assert Room.build({"numbers": [1, 2], "names": ["a"]}) == Room(numbers=(1, 2), names=("a",))
+
+
+@pytest.mark.parametrize(
+    ("name", "suggested"),
+    [
+        ("lenght", "did you mean length?"),
+        ("lamp.color", "did you mean lamp.colour?"),
+        ("brightness", "did you mean lamp.brightness?"),
+        ("zzz", "one of corner, doors, heated, lamp.brightness, lamp.colour"),
+    ],
+)
+def test_an_unknown_name_is_refused_with_a_suggestion(name: str, suggested: str) -> None:
+    message = refused(name, 1)
+    assert "given 1, expected a known parameter" in message
+    assert suggested in message
+
+
+def test_parameters_that_contradict_each_other_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"room\.corner: .* a corner inside the room"):
+        Room(length=2.0, corner=(3.0, 0.0))
+    # Neither change is possible alone, both together are.
+    room = Room(length=5.0, corner=(4.0, 0.0))
+    with pytest.raises(ConfigurationError):
+        room.updated({"length": 1.0})
+    assert room.updated({"length": 1.0, "corner": (0.5, 0.0)}).length == 1.0
+
+
+def test_an_error_is_a_user_error_and_knows_its_parts() -> None:
+    with pytest.raises(UserError) as caught:
+        Room(doors=0)
+    assert isinstance(caught.value, ConfigurationError)
+    assert isinstance(caught.value, ValueError)
+    assert (caught.value.name, caught.value.given) == ("room.doors", 0)
+
+
+def test_direct_construction_validates_as_well() -> None:
+    with pytest.raises(ConfigurationError, match=r"room\.lamp\.brightness: given 2\.0"):
+        Lamp(brightness=2.0)
+    with pytest.raises(ConfigurationError):
+        dataclasses.replace(Room(), doors=0)
+
+
+def test_nothing_can_be_changed_in_place() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Room().doors = 2  # type: ignore[misc]
+
+
+rooms = st.fixed_dictionaries(
+    {},
+    optional={
+        "name": st.text(),
+        "length": st.floats(10.0, 99.0),
+        "doors": st.integers(1, 9),
+        "heated": st.booleans(),
+        "corner": st.tuples(st.floats(-5.0, 9.0), st.floats(-5.0, 1e9)),
+        "numbers": st.lists(st.integers()).map(tuple),
+        "names": st.lists(st.text()).map(tuple),
+        "lamp.colour": st.sampled_from(["white", "red"]),
+        "lamp.brightness": st.floats(0.0, 1.0),
+    },
+).map(lambda values: {"length": 50.0, **values})
+
+
+@settings(deadline=None, max_examples=40)
+@given(rooms)
+def test_flattened_and_built_again_is_the_same(values: dict[str, Any]) -> None:
+    room = Room.build(values)
+    flat = room.flattened()
+    assert Room.build(flat) == room
+    assert flat == {**Room().flattened(), **values}
+
+
+@settings(deadline=None, max_examples=40)
+@given(rooms, rooms)
+def test_an_update_changes_what_is_named_and_nothing_else(
+    values: dict[str, Any], changes: dict[str, Any]
+) -> None:
+    room = Room.build(values)
+    before = room.flattened()
+    assert room.updated(changes).flattened() == {**before, **changes}
+    assert room.flattened() == before
+
+
+def test_specs_tell_everything_in_order() -> None:
+    specs = {spec.name: spec for spec in Room.specs()}
+    assert list(specs) == list(Room().flattened())
+    assert specs["length"] == ParameterSpec(
+        name="length", kind="double", default=4.0, doc="Length.", unit="m", above=0.0, below=100.0
+    )
+    kinds = {name: spec.kind for name, spec in specs.items()}
+    assert kinds == {
+        "name": "string",
+        "length": "double",
+        "doors": "integer",
+        "heated": "bool",
+        "corner": "double_array",
+        "numbers": "integer_array",
+        "names": "string_array",
+        "lamp.colour": "string",
+        "lamp.brightness": "double",
+    }
+    assert [name for name, spec in specs.items() if spec.live] == ["lamp.brightness"]
+
+
+def test_a_field_that_is_no_parameter_is_a_mistake_of_the_programmer() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Wrong(Configuration):
+        number: int = 3
+
+    with pytest.raises(TypeError, match=r"Wrong\.number is neither a parameter nor a group"):
+        Wrong.specs()

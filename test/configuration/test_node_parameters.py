@@ -1,0 +1,124 @@
+"""The parameters of the nodes: names people rely on, and what each refuses."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from quad_mpc_ros.configuration import Configuration, ConfigurationError
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+NODES: dict[str, type[Configuration]] = {
+    "mpc": MpcConfig,
+    "simulator": SimulatorConfig,
+    "reference": ReferenceConfig,
+}
+
+RELIED_ON = {
+    "mpc": "control_rate formulation horizon_steps horizon_step Q R terminal_weight omega_max "
+    "throttle_min throttle_max mass gravity drag motor_count thrust_curve odom_timeout "
+    "reference_timeout plan_hold_time blind_time odometry.twist_frame",
+    "simulator": "dynamics odom_rate lockstep mass_scale initial_position mass gravity drag "
+    "motor_count thrust_curve",
+    "reference": "trajectory side height dwell_time preview",
+}
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_the_names_that_scripts_rely_on_exist(node: str) -> None:
+    assert set(RELIED_ON[node].split()) <= {spec.name for spec in NODES[node].specs()}
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_every_parameter_is_documented_and_its_default_allowed(node: str) -> None:
+    for spec in NODES[node].specs():
+        assert spec.doc.endswith("."), spec.name
+        assert spec.validated(spec.default) == spec.default, spec.name
+    NODES[node]()
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_errors_name_the_node(node: str) -> None:
+    with pytest.raises(ConfigurationError, match=rf"^{node}\.no_such_parameter: given 1, "):
+        NODES[node].build({"no_such_parameter": 1})
+
+
+PI_6, PI_3 = 6.0 * math.pi, 3.0 * math.pi
+
+REFUSED = [
+    ("mpc", "Q", (1.0,) * 8, "9 numbers >= 0"),
+    ("mpc", "Q", (1.0,) * 10, "9 numbers >= 0"),
+    ("mpc", "Q", (*(1.0,) * 8, -1e-9), "9 numbers >= 0"),
+    ("mpc", "Q", (*(1.0,) * 8, math.nan), "9 numbers >= 0"),
+    ("mpc", "R", (0.0, 0.0, 0.0, -0.001), "4 numbers >= 0"),
+    ("mpc", "R", 0.001, "4 numbers >= 0"),
+    ("mpc", "omega_max", (0.0, PI_6, PI_3), "3 numbers > 0"),
+    ("mpc", "omega_max", (PI_6, -PI_6, PI_3), "3 numbers > 0"),
+    ("mpc", "omega_max", (PI_6, PI_6, math.inf), "3 numbers > 0"),
+    ("mpc", "control_rate", 0.0, "a number > 0"),
+    ("mpc", "control_rate", math.nan, "a number > 0"),
+    ("mpc", "horizon_steps", 0, "a whole number >= 1 and <= 200"),
+    ("mpc", "horizon_steps", 10.0, "a whole number >= 1 and <= 200"),
+    ("mpc", "horizon_step", -0.05, "a number > 0"),
+    ("mpc", "formulation", "magic", "one of "),
+    ("mpc", "throttle_max", 1.1, "a number >= 0 and <= 1"),
+    ("mpc", "lockstep", "true", "true or false"),
+    ("mpc", "mass", "0.4", "a number > 0"),
+    ("mpc", "motor_count", True, "a whole number >= 1"),
+    ("mpc", "odometry.twist_frame", "body", "one of child, world"),
+    ("mpc", "solver.max_iterations", 0, "a whole number >= 1"),
+    ("mpc", "solver.tolerance", 0.0, "a number > 0 and < 0.1"),
+    ("simulator", "dynamics", "newton", "one of rigid_body, paper"),
+    ("simulator", "mass_scale", 0.0, "a number > 0"),
+    ("simulator", "initial_position", (0.0, 0.0), "3 numbers"),
+    ("simulator", "integration_step", 0.0, "a number >= 1e-05 and <= 0.05"),
+    ("reference", "trajectory", "triangle", "one of square"),
+    ("reference", "side", 0.0, "a number > 0"),
+    ("reference", "dwell_time", -2.0, "a number > 0"),
+    ("reference", "preview", 1, "true or false"),
+]
+
+
+@pytest.mark.parametrize(("node", "name", "value", "allowed"), REFUSED)
+def test_a_wrong_value_is_refused_in_one_line(
+    node: str, name: str, value: object, allowed: str
+) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        NODES[node].build({name: value})
+    message = str(caught.value)
+    shown = str(list(value)) if isinstance(value, tuple) else repr(value)
+    assert message.startswith(f"{node}.{name}: given {shown}, expected {allowed}")
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("node", "values", "message"),
+    [
+        ("mpc", {"throttle_min": 0.3}, r"mpc\.throttle_min: given 0\.3, .* below the hover"),
+        ("mpc", {"throttle_max": 0.29}, r"mpc\.throttle_max: given 0\.29, .* above the hover"),
+        ("mpc", {"mass": 2.0}, r"mpc\.mass: given 2\.0, expected .* 18\.69 N"),
+        ("mpc", {"thrust_curve": (-1.0, 3.0, 0.0)}, r"mpc\.thrust_curve: given \[-1\.0, 3\.0"),
+        ("simulator", {"mass": 2.0}, r"simulator\.mass: given 2\.0, expected .* 18\.69 N"),
+        ("simulator", {"mass_scale": 9.0}, r"simulator\.mass_scale: given 9\.0, expected "),
+        (
+            "simulator",
+            {"initial_position": (0.0, 0.0, -0.1)},
+            r"simulator\.initial_position: given \[0\.0, 0\.0, -0\.1\], .*height",
+        ),
+        ("reference", {"window_step": 3.0}, r"reference\.window_step: given 3\.0, .*and 2"),
+        ("reference", {"window_step": 0.001}, r"reference\.window_step: given 0\.001"),
+    ],
+)
+def test_values_that_do_not_go_together_are_refused(
+    node: str, values: dict[str, object], message: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=rf"^{message}"):
+        NODES[node].build(values)
+
+
+def test_live_parameters_are_weights_and_bounds() -> None:
+    live = {spec.name for spec in MpcConfig.specs() if spec.live}
+    assert live == {"Q", "R", "terminal_weight", "omega_max", "throttle_min", "throttle_max"}
