@@ -48,7 +48,9 @@ class MpcConfig(VehicleParameters):
         50.0, doc="Commands per second; odometry is decimated to it.", unit="Hz", above=0.0
     )
     formulation: str = parameter(
-        "paper", doc="Model in the horizon: paper (its Eq. 4).", choices=("paper",)
+        "paper",
+        doc="Model in the horizon: manifold, or paper (its Eq. 4).",
+        choices=("manifold", "paper"),
     )
     horizon_steps: int = parameter(10, doc="Steps N of the horizon.", minimum=1, maximum=200)
     horizon_step: float = parameter(
@@ -84,6 +86,30 @@ class MpcConfig(VehicleParameters):
     )
     throttle_max: float = parameter(
         1.0, doc="Upper bound on the throttle.", minimum=0.0, maximum=1.0, live=True
+    )
+    rate_time_constant: float = parameter(
+        0.0,
+        doc="manifold: first-order lag of the body rates behind their command.",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    thrust_time_constant: float = parameter(
+        0.0,
+        doc="manifold: first-order lag of the throttle behind its command.",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    input_delay: float = parameter(
+        0.0,
+        doc="Time from a command being sent to its acting; the state is predicted across it.",
+        unit="s",
+        minimum=0.0,
+        maximum=0.5,
+    )
+    estimate_disturbance: bool = parameter(
+        False, doc="manifold: estimate an acceleration and the thrust's scale, and allow for them."
     )
     lockstep: bool = parameter(
         False, doc="Answer each odometry with the reference of the same stamp, in simulated time."

@@ -16,6 +16,7 @@ from quad_mpc_ros.control.fallback import BlindFallback, HoverFallback, dead_rec
 from quad_mpc_ros.control.formulation import Plan
 from quad_mpc_ros.control.ladder import Decision, SafetyLadder, Source
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.prediction import NO_DISTURBANCE
 from quad_mpc_ros.control.stats import TickStats
 from quad_mpc_ros.control.twist_check import TwistFrameCheck
 from quad_mpc_ros.control.validation import odometry_fault, reference_fault
@@ -170,7 +171,7 @@ class Controller:
         u = self._input_of(decision.source, x, now_ns)
         command = None
         if u is not None:
-            self._mpc.sent(u)
+            self._mpc.sent(u, sent_ns=now_ns)
             self._input, self._sent_ns = u, now_ns
             self._commands += 1
             self._fallbacks += decision.source is not Source.MPC
@@ -206,17 +207,22 @@ class Controller:
         self, decision: Decision, *, stamp_ns: int, now_ns: int, step: MpcStep | None
     ) -> TickStats:
         solution = step.solution if step is not None else None
+        d = step.disturbance if step is not None else NO_DISTURBANCE
         odometry_stamp = self._odometry.stamp_ns if self._odometry is not None else now_ns
         return TickStats(
             stamp_ns=stamp_ns,
             source=decision.source.name.lower(),
             reason=decision.reason,
             solver_status=solution.status if solution else "not run",
-            iterations=solution.iterations if solution else 0,
+            iterations=step.iterations if step else 0,
             primal_residual=solution.primal_residual if solution else 0.0,
             dual_residual=solution.dual_residual if solution else 0.0,
-            solve_time_us=1e6 * solution.solve_time if solution else 0.0,
+            solve_time_us=1e6 * step.solve_time if step else 0.0,
             step_time_us=1e6 * step.step_time if step else 0.0,
+            disturbance_x=float(d.a_W[0]),
+            disturbance_y=float(d.a_W[1]),
+            disturbance_z=float(d.a_W[2]),
+            thrust_scale=d.thrust_scale,
             odom_age_ms=1e-6 * (now_ns - odometry_stamp),
             reference_age_ms=1e-6 * (now_ns - self._window_received_ns),
             commands=self._commands,

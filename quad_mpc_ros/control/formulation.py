@@ -8,9 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.horizon_qp import HorizonPattern, HorizonStages
+from quad_mpc_ros.control.situation import Situation
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
-from quad_mpc_ros.core.state import State
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,11 +38,14 @@ class Plan:
 class Horizon:
     """A linearised horizon: the numbers of its QP, and how its solution becomes a plan.
 
-    ``plan`` takes the inputs (N, nu) and the states 1 to N (N, nx) that solve the QP.
+    ``advance`` takes the inputs (N, nu) and the states 1 to N (N, nx) that solve the QP and
+    returns the plan, and the horizon to solve next where another iteration is worth it.
+    ``is_deviation`` says that the variables are deviations from a plan: zero is where to start.
     """
 
     stages: HorizonStages
-    plan: Callable[[Array, Array], Plan]
+    advance: Callable[[Array, Array], tuple[Plan, Horizon | None]]
+    is_deviation: bool = False
 
 
 class Formulation(Protocol):
@@ -51,8 +55,10 @@ class Formulation(Protocol):
         """Return the sparsity and the natural sizes of the variables."""
         ...
 
-    def linearise(
-        self, x: State, *, stamp_ns: int, window: ReferenceWindow, throttle: float
-    ) -> Horizon:
-        """Return the horizon from the state ``x`` at ``stamp_ns``, throttle in force given."""
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed weights and bounds."""
+        ...
+
+    def linearise(self, situation: Situation, window: ReferenceWindow) -> Horizon:
+        """Return the horizon that begins with a situation."""
         ...

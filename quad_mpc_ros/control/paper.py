@@ -11,6 +11,7 @@ import numpy as np
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.formulation import Horizon, Plan
 from quad_mpc_ros.control.horizon_qp import HorizonPattern, HorizonStages
+from quad_mpc_ros.control.situation import Situation
 from quad_mpc_ros.core import so3
 from quad_mpc_ros.core.linearise import error_dynamics
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
@@ -37,8 +38,12 @@ class PaperFormulation:
     """Error-state linear MPC as printed; see the module for its one equation."""
 
     def __init__(self, config: MpcConfig) -> None:
-        self._config = config
         self._vehicle = config.vehicle()
+        self._steps, self._step = config.horizon_steps, config.horizon_step
+        self.reconfigure(config)
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over weights and bounds."""
         self._u_min = np.array([config.throttle_min, *(-w for w in config.omega_max)])
         self._u_max = np.array([config.throttle_max, *config.omega_max])
         self._H = _stage_weights(config)
@@ -49,7 +54,7 @@ class PaperFormulation:
         block = np.ones((3, 3), dtype=bool)
         eye, none = np.eye(3, dtype=bool), np.zeros((3, 3), dtype=bool)
         return HorizonPattern(
-            steps=self._config.horizon_steps,
+            steps=self._steps,
             A=np.block([[eye, block, block], [none, eye, block], [none, none, eye]]),
             B=np.vstack((np.zeros((5, 4), dtype=bool), np.eye(4, dtype=bool))),
             H=np.eye(TANGENT_SIZE, dtype=bool),
@@ -57,16 +62,15 @@ class PaperFormulation:
             input_size=_INPUT_SIZE,
         )
 
-    def linearise(
-        self, x: State, *, stamp_ns: int, window: ReferenceWindow, throttle: float
-    ) -> Horizon:
-        """Return the paper's problem at ``x`` for the reference at ``stamp_ns``."""
-        reference = sample(window, stamp_ns)
+    def linearise(self, situation: Situation, window: ReferenceWindow) -> Horizon:
+        """Return the paper's problem for the reference of now, held over the horizon."""
+        x, throttle = situation.x, situation.throttle_sent
+        reference = sample(window, situation.stamp_ns)
         u_reference = reference_input(reference, self._vehicle).vector()
         A, B = error_dynamics(
             x, self._vehicle, throttle=throttle, throttle_error=u_reference[0] - throttle
         )
-        steps, dt = self._config.horizon_steps, self._config.horizon_step
+        steps, dt = self._steps, self._step
         stages = HorizonStages(
             x0=boxminus(_state_of(reference), x),
             A=np.broadcast_to(_EYE + dt * A, (steps, TANGENT_SIZE, TANGENT_SIZE)),
@@ -81,18 +85,19 @@ class PaperFormulation:
             upper=u_reference - self._u_min,
         )
 
-        def plan(inputs: Array, states: Array) -> Plan:
-            """Take the errors off the reference."""
+        def advance(inputs: Array, states: Array) -> tuple[Plan, None]:
+            """Take the errors off the reference; the paper solves once."""
             errors = np.vstack((stages.x0, states))
-            return Plan(
-                stamp_ns=stamp_ns,
+            plan = Plan(
+                stamp_ns=situation.stamp_ns,
                 step=dt,
                 inputs=np.clip(u_reference - inputs, self._u_min, self._u_max),
                 p_WB=reference.p_WB - errors[:, POSITION],
                 R_WB=reference.R_WB @ so3.exp(-errors[:, ATTITUDE]),
             )
+            return plan, None
 
-        return Horizon(stages=stages, plan=plan)
+        return Horizon(stages=stages, advance=advance)
 
 
 def reference_input(reference: ReferencePoints, vehicle: Vehicle) -> Input:

@@ -1,0 +1,688 @@
+"""The controller as a node drives it: what comes in, what goes out, and when."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from quad_mpc_ros.control import paper
+from quad_mpc_ros.control.config import MpcConfig, OdometryParameters, SolverParameters
+from quad_mpc_ros.control.controller import Controller, Tick
+from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.core.linearise import error_dynamics
+from quad_mpc_ros.core.messages import Array, OdometrySample, ReferenceWindow
+from quad_mpc_ros.core.state import State
+from quad_mpc_ros.core.vehicle import Vehicle
+from quad_mpc_ros.simulation.closed_loop import LoopStep
+
+MakeOdometry = Callable[..., OdometrySample]
+MakeWindow = Callable[..., ReferenceWindow]
+
+MS = 1_000_000
+SECOND = 1_000 * MS
+START = 1_700_000_000 * SECOND
+PERIOD = 20 * MS
+
+
+class SolverSpy:
+    """Sees every call of the MPC, and lets it fail on demand."""
+
+    def __init__(self) -> None:
+        self.odometries: list[OdometrySample] = []
+        self.failing = False
+
+    def install(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        original = Mpc.step
+
+        def step(mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
+            self.odometries.append(odometry)
+            outcome = original(mpc, odometry, window)
+            if not self.failing:
+                return outcome
+            failed = dataclasses.replace(outcome.solution, solved=False, status="made to fail")
+            return dataclasses.replace(outcome, plan=None, solution=failed)
+
+        monkeypatch.setattr(Mpc, "step", step)
+
+
+@pytest.fixture
+def spy(monkeypatch: pytest.MonkeyPatch) -> SolverSpy:
+    spy = SolverSpy()
+    spy.install(monkeypatch)
+    return spy
+
+
+class Hovering:
+    """A controller fed with hovering odometry and its reference, 50 times a second."""
+
+    def __init__(
+        self, config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow
+    ) -> None:
+        self.controller = Controller(config)
+        self.now = START
+        self._make_odometry, self._make_window = make_odometry, make_window
+
+    def odometry(self, **changes: Any) -> Tick | None:
+        """Give odometry of this moment."""
+        odometry = self._make_odometry(changes.pop("stamp_ns", self.now), **changes)
+        return self.controller.receive_odometry(odometry, now_ns=self.now)
+
+    def reference(self, **changes: Any) -> Tick | None:
+        """Give the reference of this moment."""
+        window = self._make_window(changes.pop("stamp_ns", self.now), **changes)
+        return self.controller.receive_reference(window, now_ns=self.now)
+
+    def watch(self) -> Tick | None:
+        return self.controller.watch(now_ns=self.now)
+
+    def sleep(self, duration: int = PERIOD) -> None:
+        self.now += duration
+
+    def tick(self, **changes: Any) -> Tick:
+        """Give reference and odometry, then let a period pass."""
+        self.reference()
+        tick = self.odometry(**changes)
+        self.sleep()
+        assert tick is not None
+        return tick
+
+
+@pytest.fixture
+def hovering(
+    paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow
+) -> Hovering:
+    return Hovering(paper_config, make_odometry, make_window)
+
+
+def assert_sound(tick: Tick, config: MpcConfig) -> None:
+    command = tick.command
+    assert command is not None
+    assert config.throttle_min <= command.throttle <= config.throttle_max
+    assert np.isfinite(command.w_WB_B).all()
+    assert (np.abs(command.w_WB_B) <= config.omega_max).all()
+
+
+# --- what is answered
+
+
+def test_hovering_at_the_reference_is_answered_with_hover(hovering: Hovering) -> None:
+    tick = hovering.tick()
+    assert tick.command is not None
+    assert tick.command.stamp_ns == START
+    assert tick.command.throttle == pytest.approx(0.2923008, abs=2e-3)
+    assert_allclose(tick.command.w_WB_B, np.zeros(3), atol=0.02)
+
+
+def test_below_the_reference_it_climbs_and_west_of_it_it_leans_east(hovering: Hovering) -> None:
+    climb = hovering.tick(p_WB=np.array([0.0, 0.0, 1.0]))
+    assert climb.command is not None
+    assert climb.command.throttle > 0.5
+    lean = hovering.tick(p_WB=np.array([-1.0, 0.0, 2.0]))
+    assert lean.command is not None
+    assert lean.command.w_WB_B[1] > 1.0
+
+
+def test_nothing_is_published_before_odometry_and_reference_have_come(
+    hovering: Hovering, spy: SolverSpy
+) -> None:
+    assert hovering.watch() is None
+    tick = hovering.odometry()
+    assert tick is not None
+    assert tick.command is None
+    assert tick.stats.source == "waiting"
+    assert spy.odometries == []
+    assert hovering.watch() is None
+    hovering.sleep()
+    assert hovering.reference() is None
+    assert hovering.tick().command is not None
+
+
+def test_a_solver_that_never_solves_never_commands(
+    paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow
+) -> None:
+    config = dataclasses.replace(paper_config, solver=SolverParameters(max_iterations=1))
+    flight = Hovering(config, make_odometry, make_window)
+    for count in range(1, 20):
+        tick = flight.tick(p_WB=np.array([0.5, 0.0, 1.0]))
+        assert tick.command is None
+        assert tick.stats.source == "waiting"
+        assert "maximum iterations" in tick.stats.reason
+        assert tick.stats.solver_failures == count
+
+
+def test_the_throttle_in_force_is_the_one_last_sent_by_whatever_rung(
+    hovering: Hovering, spy: SolverSpy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    in_force = []
+
+    def linearised(x: State, vehicle: Vehicle, **given: float) -> tuple[Array, Array]:
+        in_force.append(given["throttle"])
+        return error_dynamics(x, vehicle, **given)
+
+    monkeypatch.setattr(paper, "error_dynamics", linearised)
+    sent = [hovering.controller.config.vehicle().hover_throttle]
+    for k in range(30):
+        spy.failing = 5 <= k < 25
+        tick = hovering.tick(p_WB=np.array([0.0, 0.0, 2.0 - 0.02 * k]))
+        assert tick.command is not None
+        sent.append(tick.command.throttle)
+    assert in_force == sent[:-1]
+    assert len({round(throttle, 6) for throttle in sent}) > 10
+
+
+# --- what never reaches the solver
+
+
+BAD_ODOMETRY: dict[str, dict[str, Any]] = {
+    **{
+        f"{name}[{index}]={value}": {name: (index, value)}
+        for name, size in (("p_WB", 3), ("q_WB_xyzw", 4), ("v_WB_B", 3), ("w_WB_B", 3))
+        for index in range(size)
+        for value in (math.nan, math.inf)
+    },
+    "long quaternion": {"q_WB_xyzw": np.array([0.0, 0.0, 0.0, 1.002])},
+    "no quaternion": {"q_WB_xyzw": np.zeros(4)},
+    "frame": {"frame_id": "map"},
+    "stamp": {"stamp_ns": START},
+}
+
+
+@pytest.mark.parametrize("case", BAD_ODOMETRY)
+def test_bad_odometry_is_ignored_and_the_last_good_one_kept(
+    hovering: Hovering, spy: SolverSpy, make_odometry: MakeOdometry, case: str
+) -> None:
+    for _ in range(3):
+        hovering.tick()
+    solved = len(spy.odometries)
+    changes = dict(BAD_ODOMETRY[case])
+    for name, value in changes.items():
+        if isinstance(value, tuple):
+            numbers = np.array(getattr(make_odometry(0), name))
+            numbers[value[0]] = value[1]
+            changes[name] = numbers
+    hovering.controller.take_warnings()
+
+    hovering.reference()
+    assert hovering.odometry(**changes) is None
+    assert len(spy.odometries) == solved
+    (warning,) = hovering.controller.take_warnings()
+    assert warning
+    assert hovering.controller.take_warnings() == []
+
+    # A good one of the same moment is welcome, and nothing was spoilt.
+    tick = hovering.tick()
+    assert tick.stats.source == "mpc"
+    assert tick.stats.rejected_inputs == 1
+    assert_allclose(spy.odometries[-1].p_WB, [0.0, 0.0, 2.0])
+
+
+def test_bad_odometry_does_not_count_as_a_sign_of_life(hovering: Hovering) -> None:
+    hovering.tick()
+    sources = []
+    for _ in range(30):
+        hovering.reference()
+        assert hovering.odometry(p_WB=np.full(3, math.nan)) is None
+        tick = hovering.watch()
+        sources.append(tick.stats.source if tick else "")
+        hovering.sleep()
+    assert sources[0] == ""
+    assert "plan" in sources
+    assert sources[-1] == "blind"
+
+
+@pytest.mark.parametrize("name", ["p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W"])
+def test_a_bad_reference_is_ignored_and_the_last_good_one_kept(
+    hovering: Hovering, spy: SolverSpy, make_window: MakeWindow, name: str
+) -> None:
+    hovering.tick()
+    numbers = np.array(getattr(make_window(0), name))
+    numbers[0, 0] = math.nan
+    assert hovering.reference(**{name: numbers}) is None
+    tick = hovering.odometry()
+    assert tick is not None
+    assert_sound(tick, hovering.controller.config)
+    assert tick.stats.source == "mpc"
+    assert tick.stats.rejected_inputs == 1
+
+
+def test_a_position_as_large_as_numbers_go_cannot_command(hovering: Hovering) -> None:
+    """Finite, so not refused as odometry; but no answer computed from it can be right."""
+    good = hovering.tick(p_WB=np.array([0.5, 0.0, 1.5]))
+    assert good.stats.source == "mpc"
+    for size in (1e31, 1e300):
+        tick = hovering.odometry(p_WB=np.array([size, 0.0, 2.0]))
+        hovering.sleep()
+        assert tick is None or tick.stats.source != "mpc"
+    assert hovering.tick().stats.source == "mpc"
+
+
+def test_a_position_as_large_as_numbers_go_may_come_first(hovering: Hovering) -> None:
+    hovering.reference()
+    tick = hovering.odometry(p_WB=np.array([1e31, 0.0, 2.0]))
+    hovering.sleep()
+    assert tick is None or tick.command is None
+    assert hovering.tick().stats.source == "mpc"
+
+
+def test_a_source_that_starts_again_after_silence_is_accepted(hovering: Hovering) -> None:
+    for _ in range(5):
+        hovering.tick()
+    stamp = START - 1000 * SECOND
+    hovering.reference()
+    assert hovering.odometry(stamp_ns=stamp) is None  # no silence yet
+    hovering.sleep(2 * PERIOD)
+    assert hovering.odometry(stamp_ns=stamp) is None
+    hovering.sleep(200 * MS)
+    sources = []
+    for k in range(5):
+        hovering.reference()
+        tick = hovering.odometry(stamp_ns=stamp + k * PERIOD)
+        hovering.sleep()
+        assert tick is not None
+        sources.append(tick.stats.source)
+    assert sources == ["mpc"] * 5
+
+
+# --- how often
+
+
+def commands_of(
+    controller: Controller,
+    stamps: list[int],
+    make_odometry: MakeOdometry,
+    make_window: MakeWindow,
+) -> list[int]:
+    """Return the stamps that were answered with a command."""
+    answered = []
+    for stamp in stamps:
+        controller.receive_reference(make_window(stamp), now_ns=stamp)
+        tick = controller.receive_odometry(make_odometry(stamp), now_ns=stamp)
+        if tick is not None and tick.command is not None:
+            answered.append(stamp)
+    return answered
+
+
+@pytest.mark.parametrize("rate", [50, 60, 100, 200, 250, 333, 1000])
+def test_faster_odometry_is_decimated_to_the_control_rate(
+    paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow, rate: int
+) -> None:
+    stamps = [START + round(k * SECOND / rate) for k in range(4 * rate)]
+    answered = commands_of(Controller(paper_config), stamps, make_odometry, make_window)
+    assert len(answered) == pytest.approx(200, abs=1)
+    for second in range(4):
+        inside = [s for s in answered if 0 <= s - START - second * SECOND < SECOND]
+        assert len(inside) == pytest.approx(50, abs=1)
+    gaps = np.diff(answered)
+    assert gaps.max() <= 2 * SECOND / max(rate, 100) + PERIOD
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_every_odometry_at_the_control_rate_is_answered_despite_jitter(
+    paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow, seed: int
+) -> None:
+    jitter = np.random.default_rng(seed).integers(-2 * MS, 2 * MS, size=200)
+    stamps = [START + k * PERIOD + int(jitter[k]) for k in range(200)]
+    answered = commands_of(Controller(paper_config), stamps, make_odometry, make_window)
+    assert answered == stamps
+
+
+def test_slower_odometry_is_answered_every_time(
+    paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow
+) -> None:
+    stamps = [START + k * 50 * MS for k in range(40)]
+    answered = commands_of(Controller(paper_config), stamps, make_odometry, make_window)
+    assert answered == stamps
+
+
+def test_odometry_that_comes_twice_is_answered_once(hovering: Hovering, spy: SolverSpy) -> None:
+    hovering.reference()
+    assert hovering.odometry() is not None
+    assert hovering.odometry() is None
+    assert len(spy.odometries) == 1
+
+
+# --- the safety ladder, driven as the node drives it
+
+
+def test_a_failing_solver_flies_the_last_plan_then_hovers_then_recovers(
+    hovering: Hovering, spy: SolverSpy
+) -> None:
+    good = hovering.tick(p_WB=np.array([0.3, -0.2, 1.5]))
+    assert good.plan is not None
+    inputs = good.plan.inputs
+    assert not np.allclose(inputs[1], inputs[2], atol=0.05)
+    spy.failing = True
+    sources = []
+    for count in range(1, 16):
+        tick = hovering.tick(p_WB=np.array([0.3, -0.2, 1.5]))
+        sources.append(tick.stats.source)
+        assert_sound(tick, hovering.controller.config)
+        assert tick.plan is None
+        assert tick.stats.reason == "solver: made to fail"
+        assert tick.stats.solver_failures == tick.stats.fallbacks == count
+        if tick.stats.source == "plan" and count % 5:
+            # Shifted: the input planned for now, in steps of 50 ms.
+            assert tick.command is not None
+            planned = inputs[count * 20 // 50]
+            assert tick.command.throttle == planned[0]
+            assert_array_equal(tick.command.w_WB_B, planned[1:])
+    assert sources == ["plan"] * 10 + ["hover"] * 5
+    spy.failing = False
+    assert [hovering.tick().stats.source for _ in range(3)] == ["mpc"] * 3
+
+
+def test_lost_odometry_levels_then_falls_silent_then_recovers(hovering: Hovering) -> None:
+    tilted = Rotation.from_euler("x", 0.5).as_quat()
+    for _ in range(3):
+        hovering.tick(q_WB_xyzw=tilted)
+    last = hovering.now - PERIOD
+    ticks: dict[int, Tick] = {}
+    for _ in range(100):
+        hovering.reference()
+        tick = hovering.watch()
+        if tick is not None:
+            ticks[(hovering.now - last) // MS] = tick
+        hovering.sleep()
+    sources = {at: tick.stats.source for at, tick in ticks.items()}
+    assert sources == {
+        **dict.fromkeys(range(120, 201, 20), "plan"),
+        **dict.fromkeys(range(220, 1221, 20), "blind"),
+        **dict.fromkeys(range(1240, 2001, 20), "silent"),
+    }
+    for at, tick in ticks.items():
+        if sources[at] == "silent":
+            assert tick.command is None
+            assert "old" in tick.stats.reason
+        else:
+            assert_sound(tick, hovering.controller.config)
+    throttles = [ticks[at].command.throttle for at in sources if sources[at] == "blind"]  # type: ignore[union-attr]
+    assert (np.diff(throttles) < 0.0).all()
+    settled = ticks[1200].command
+    assert settled is not None
+    assert_allclose(settled.w_WB_B, np.zeros(3), atol=1e-2)
+
+    assert hovering.tick().stats.source == "mpc"
+    assert hovering.watch() is None
+
+
+def test_blind_levels_the_attitude_it_last_saw(hovering: Hovering) -> None:
+    """Flown on by dead reckoning: what the blind commands add up to is level again."""
+    seen = Rotation.from_euler("zxy", [0.4, 1.2, -0.3])
+    tick = hovering.tick(q_WB_xyzw=seen.as_quat())
+    assert tick.command is not None
+    hovering.sleep(280 * MS)
+    # What the vehicle did meanwhile, then and after: the last command, held.
+    attitude = seen * Rotation.from_rotvec(0.3 * tick.command.w_WB_B)
+    for _ in range(50):
+        blind = hovering.watch()
+        assert blind is not None
+        assert blind.stats.source == "blind"
+        assert blind.command is not None
+        hovering.sleep()
+        attitude = attitude * Rotation.from_rotvec(0.02 * blind.command.w_WB_B)
+    assert attitude.as_matrix()[2, 2] > np.cos(0.01)
+
+
+def test_a_lost_reference_holds_the_plan_then_the_place(
+    hovering: Hovering, spy: SolverSpy
+) -> None:
+    hovering.reference()
+    sources = []
+    for _ in range(50):
+        tick = hovering.odometry()
+        assert tick is not None
+        sources.append(tick.stats.source)
+        hovering.sleep()
+    assert sources == ["mpc"] * 26 + ["plan"] * 10 + ["hover"] * 14
+    assert len(spy.odometries) == 26
+    tick = hovering.odometry()
+    assert tick is not None
+    assert "reference is 1.00 s old" in tick.stats.reason
+    hovering.reference()
+    hovering.sleep()
+    assert hovering.tick().stats.source == "mpc"
+
+
+def test_hover_is_engaged_where_the_vehicle_is_each_time(
+    hovering: Hovering, spy: SolverSpy
+) -> None:
+    for place in (np.array([0.0, 0.0, 2.0]), np.array([5.0, 0.0, 2.0])):
+        spy.failing = False
+        hovering.tick(p_WB=place)
+        spy.failing = True
+        ticks = [hovering.tick(p_WB=place) for _ in range(15)]
+        assert ticks[-1].stats.source == "hover"
+        assert ticks[-1].command is not None
+        assert_allclose(ticks[-1].command.w_WB_B, np.zeros(3), atol=1e-9)
+
+
+# --- lockstep
+
+
+@pytest.fixture
+def lockstep(
+    paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow
+) -> Hovering:
+    config = dataclasses.replace(paper_config, lockstep=True)
+    return Hovering(config, make_odometry, make_window)
+
+
+def test_lockstep_waits_for_the_reference_of_the_same_stamp(
+    lockstep: Hovering, spy: SolverSpy
+) -> None:
+    assert lockstep.odometry() is None
+    assert lockstep.reference(stamp_ns=START - PERIOD) is None
+    assert spy.odometries == []
+    tick = lockstep.reference()
+    assert tick is not None
+    assert tick.command is not None
+    assert tick.command.stamp_ns == START
+
+
+def test_lockstep_takes_the_reference_first_as_well(lockstep: Hovering) -> None:
+    assert lockstep.reference() is None
+    tick = lockstep.odometry()
+    assert tick is not None
+    assert tick.stats.source == "mpc"
+
+
+def test_lockstep_answers_a_repetition_identically_without_solving_again(
+    lockstep: Hovering, spy: SolverSpy
+) -> None:
+    first = lockstep.tick(p_WB=np.array([0.2, 0.0, 1.0]))
+    lockstep.now = START
+    for _ in range(3):
+        assert lockstep.odometry(p_WB=np.array([0.2, 0.0, 1.0])) is first
+        assert lockstep.reference() is None
+    assert len(spy.odometries) == 1
+    assert first.stats.commands == 1
+
+
+def test_lockstep_answers_every_odometry_whatever_the_wall_clock_does(
+    paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow
+) -> None:
+    controller = Controller(dataclasses.replace(paper_config, lockstep=True))
+    for k in range(50):
+        stamp, wall = START + k * 5 * MS, k * 3600 * SECOND
+        controller.receive_reference(make_window(stamp), now_ns=wall)
+        tick = controller.receive_odometry(make_odometry(stamp), now_ns=wall)
+        assert tick is not None
+        assert tick.stats.source == "mpc"
+        assert controller.watch(now_ns=wall + 1800 * SECOND) is None
+
+
+def test_lockstep_uses_the_reference_of_the_same_tick(
+    lockstep: Hovering, make_window: MakeWindow
+) -> None:
+    lockstep.tick()
+    stale = lockstep.odometry()
+    assert stale is None
+    higher = make_window(0).p_WB + np.array([0.0, 0.0, 1.0])
+    tick = lockstep.reference(p_WB=higher)
+    assert tick is not None
+    assert tick.command is not None
+    assert tick.command.throttle > 0.5
+
+
+# --- twist frames
+
+
+def replayed(
+    flight: list[LoopStep], config: MpcConfig, *, in_world: bool
+) -> tuple[list[Tick], list[str]]:
+    controller, ticks, warnings = Controller(config), [], []
+    for step in flight:
+        odometry = step.odometry
+        if in_world:
+            rotation = Rotation.from_quat(odometry.q_WB_xyzw)
+            odometry = dataclasses.replace(
+                odometry,
+                v_WB_B=rotation.apply(odometry.v_WB_B),
+                w_WB_B=rotation.apply(odometry.w_WB_B),
+            )
+        now = odometry.stamp_ns
+        controller.receive_reference(step.window, now_ns=now)
+        tick = controller.receive_odometry(odometry, now_ns=now)
+        assert tick is not None
+        ticks.append(tick)
+        warnings += controller.take_warnings()
+    return ticks, warnings
+
+
+def world_twist(config: MpcConfig) -> MpcConfig:
+    return dataclasses.replace(config, odometry=OdometryParameters(twist_frame="world"))
+
+
+def test_a_world_frame_twist_flies_identically(
+    paper_flight: list[LoopStep], paper_config: MpcConfig
+) -> None:
+    ticks, warnings = replayed(paper_flight, world_twist(paper_config), in_world=True)
+    assert warnings == []
+    for step, tick in zip(paper_flight, ticks, strict=True):
+        assert step.tick is not None
+        assert step.tick.command is not None
+        assert tick.command is not None
+        assert tick.command.throttle == pytest.approx(step.tick.command.throttle, abs=1e-6)
+        assert_allclose(tick.command.w_WB_B, step.tick.command.w_WB_B, rtol=0.0, atol=1e-5)
+
+
+def test_the_solver_sees_body_rates_and_velocity(
+    paper_config: MpcConfig,
+    make_odometry: MakeOdometry,
+    make_window: MakeWindow,
+    spy: SolverSpy,
+) -> None:
+    flight = Hovering(world_twist(paper_config), make_odometry, make_window)
+    flight.tick(
+        q_WB_xyzw=Rotation.from_euler("z", 90, degrees=True).as_quat(),
+        v_WB_B=np.array([0.0, 2.0, 1.0]),
+        w_WB_B=np.array([0.0, 3.0, 0.0]),
+    )
+    assert_allclose(spy.odometries[-1].v_WB_B, [2.0, 0.0, 1.0], atol=1e-12)
+    assert_allclose(spy.odometries[-1].w_WB_B, [3.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_the_wrong_twist_frame_is_warned_of_and_named(
+    paper_config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow
+) -> None:
+    flight = Hovering(paper_config, make_odometry, make_window)
+    warnings = []
+    for k in range(200):  # west at 2 m/s with the nose to the north
+        flight.tick(
+            p_WB=np.array([-0.04 * k, 0.0, 2.0]),
+            q_WB_xyzw=Rotation.from_euler("z", 90, degrees=True).as_quat(),
+            v_WB_B=np.array([-2.0, 0.0, 0.0]),
+        )
+        warnings += flight.controller.take_warnings()
+    (warning,) = warnings
+    assert "set odometry.twist_frame to world" in warning
+
+
+# --- live parameters and bounds
+
+
+def test_live_parameters_take_effect_at_the_next_tick(
+    hovering: Hovering, paper_config: MpcConfig
+) -> None:
+    away = np.array([-3.0, 2.0, 0.5])
+    free = hovering.tick(p_WB=away)
+    assert free.command is not None
+    assert abs(free.command.w_WB_B[1]) > 1.0
+    narrow = dataclasses.replace(paper_config, omega_max=(0.5, 0.4, 0.3), throttle_max=0.35)
+    hovering.controller.reconfigure(narrow)
+    tick = hovering.tick(p_WB=away)
+    assert tick.stats.source == "mpc"
+    assert_sound(tick, narrow)
+    hovering.controller.reconfigure(paper_config)
+    again = hovering.tick(p_WB=away)
+    assert again.command is not None
+    assert abs(again.command.w_WB_B[1]) > 1.0
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    distance=st.floats(0.0, 1e3),
+    speed=st.floats(0.0, 1e2),
+    fast=st.booleans(),
+)
+def test_commands_are_finite_and_inside_the_bounds_from_any_state(
+    paper_config: MpcConfig,
+    make_odometry: MakeOdometry,
+    make_window: MakeWindow,
+    seed: int,
+    distance: float,
+    speed: float,
+    fast: bool,
+) -> None:
+    rng = np.random.default_rng(seed)
+    config = dataclasses.replace(
+        paper_config, throttle_min=0.05, throttle_max=0.9, omega_max=(8.0, 6.0, 2.0)
+    )
+    flight = Hovering(config, make_odometry, make_window)
+    flight.tick()
+    for _ in range(4):
+        if fast:
+            flight.reference(
+                v_WB_W=rng.normal(scale=20.0, size=(2, 3)),
+                a_WB_W=rng.normal(scale=20.0, size=(2, 3)),
+                w_WB_W=rng.normal(scale=10.0, size=(2, 3)),
+            )
+        else:
+            flight.reference()
+        q = rng.normal(size=4)
+        tick = flight.odometry(
+            p_WB=distance * rng.normal(size=3),
+            q_WB_xyzw=q / np.linalg.norm(q),
+            v_WB_B=speed * rng.normal(size=3),
+            w_WB_B=rng.normal(scale=10.0, size=3),
+        )
+        flight.sleep()
+        assert tick is not None
+        assert_sound(tick, config)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.floats(-1e7, 1e7), min_size=9, max_size=9))
+def test_absurd_states_never_lead_outside_the_bounds(
+    paper_config: MpcConfig,
+    make_odometry: MakeOdometry,
+    make_window: MakeWindow,
+    numbers: list[float],
+) -> None:
+    flight = Hovering(paper_config, make_odometry, make_window)
+    flight.tick()
+    p, v, w = np.array(numbers).reshape(3, 3)
+    for _ in range(14):  # through plan and hover
+        tick = flight.tick(p_WB=p, v_WB_B=v, w_WB_B=w)
+        assert_sound(tick, paper_config)
+    assert flight.tick().command is not None
