@@ -58,6 +58,8 @@ class Plant:
         steps = -(-remaining // self._longest_step_ns)
         duration = remaining * 1e-9 / steps
         for _ in range(steps):
+            if self._rests():
+                break  # nor will it move while this command is in force
             self._x = self._held_by_ground(
                 integrate(
                     self._x, self._u, self._vehicle, dynamics=self._dynamics, duration=duration
@@ -85,6 +87,11 @@ class Plant:
             v_WB_B=np.zeros(3),
             R_WB=so3.exp([0.0, 0.0, yaw]),
         )
+
+    def _rests(self) -> bool:
+        """Whether the ground carries what the thrust does not: no command turns it there."""
+        weight = self._vehicle.mass * self._vehicle.gravity
+        return self._on_ground(self._x) and self._vehicle.thrust(self._u.throttle) <= weight
 
     def _on_ground(self, x: State) -> bool:
         return bool(x.p_WB[2] <= 0.0 and not x.v_WB_B.any())

@@ -1,0 +1,111 @@
+"""The loop without ROS: repeatable, on time, and flying."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.core.messages import Array
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.simulation.closed_loop import (
+    SIMULATION_START_NS,
+    LoopStep,
+    fly,
+    odometry_stamps,
+)
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+
+@pytest.fixture(scope="module")
+def mpc() -> MpcConfig:
+    return MpcConfig(formulation="paper", horizon_steps=10, horizon_step=0.05)
+
+
+@pytest.fixture(scope="module")
+def flight(mpc: MpcConfig) -> list[LoopStep]:
+    """Return ten seconds of the paper's controller on a true rigid body."""
+    return list(fly(mpc=mpc, simulator=rigid_body(10.0), reference=ReferenceConfig()))
+
+
+def rigid_body(duration: float, odom_rate: float = 50.0) -> SimulatorConfig:
+    return SimulatorConfig(dynamics="rigid_body", duration=duration, odom_rate=odom_rate)
+
+
+def commands(flight: list[LoopStep]) -> Array:
+    return np.array(
+        [
+            [step.tick.command.throttle, *step.tick.command.w_WB_B]
+            for step in flight
+            if step.tick is not None and step.tick.command is not None
+        ]
+    )
+
+
+def test_the_papers_controller_flies_a_true_rigid_body_late(flight: list[LoopStep]) -> None:
+    errors = [np.linalg.norm(step.window.p_WB[0] - step.odometry.p_WB) for step in flight]
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(0.811, abs=0.01)
+    assert max(errors[99::100]) < 0.15
+
+
+def test_two_flights_give_the_same_bytes(flight: list[LoopStep], mpc: MpcConfig) -> None:
+    again = list(fly(mpc=mpc, simulator=rigid_body(10.0), reference=ReferenceConfig()))
+    assert commands(flight).shape == (500, 4)
+    assert commands(again).tobytes() == commands(flight).tobytes()
+    for one, other in zip(flight, again, strict=True):
+        for name in ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B"):
+            assert_array_equal(getattr(one.odometry, name), getattr(other.odometry, name))
+
+
+def test_lockstep_gives_the_same_bytes(flight: list[LoopStep], mpc: MpcConfig) -> None:
+    lockstep = fly(
+        mpc=dataclasses.replace(mpc, lockstep=True),
+        simulator=dataclasses.replace(rigid_body(10.0), lockstep=True),
+        reference=ReferenceConfig(lockstep=True),
+    )
+    assert commands(list(lockstep)).tobytes() == commands(flight).tobytes()
+
+
+def test_odometry_and_reference_of_a_step_have_one_stamp(flight: list[LoopStep]) -> None:
+    assert flight[0].odometry.stamp_ns == SIMULATION_START_NS > 0
+    for step in flight:
+        assert step.window.stamp_ns == step.odometry.stamp_ns
+        assert step.tick is not None
+        assert step.tick.command is not None
+        assert step.tick.command.stamp_ns == step.odometry.stamp_ns
+    stamps = [step.odometry.stamp_ns for step in flight]
+    assert {b - a for a, b in itertools.pairwise(stamps)} == {20_000_000}
+
+
+def test_the_first_odometry_is_on_the_ground_and_the_first_command_lifts(
+    flight: list[LoopStep],
+) -> None:
+    assert_array_equal(flight[0].odometry.p_WB, np.zeros(3))
+    assert commands(flight)[0, 0] > 0.9
+    assert flight[1].odometry.p_WB[2] > 0.0
+
+
+def test_the_control_rate_holds_for_faster_odometry(mpc: MpcConfig) -> None:
+    steps = list(fly(mpc=mpc, simulator=rigid_body(2.0, 200.0), reference=ReferenceConfig()))
+    assert len(steps) == 400
+    assert len(commands(steps)) == pytest.approx(100, abs=1)
+    assert steps[1].tick is None
+
+
+@pytest.mark.parametrize("rate", [30.0, 50.0, 333.0])
+def test_stamps_do_not_accumulate_rounding(rate: float) -> None:
+    stamps = list(odometry_stamps(rigid_body(100.0, rate)))
+    assert len(stamps) == 100 * rate
+    assert stamps[0] == 0
+    for number, stamp in enumerate(stamps):
+        assert abs(stamp - number * 1e9 / rate) <= 0.5
+
+
+def test_without_a_duration_it_flies_on() -> None:
+    stamps = odometry_stamps(rigid_body(0.0))
+    assert list(itertools.islice(stamps, 3)) == [0, 20_000_000, 40_000_000]
+    assert next(itertools.islice(stamps, 10_000, None)) == 10_003 * 20_000_000

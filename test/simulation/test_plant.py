@@ -1,0 +1,223 @@
+"""The simulated vehicle: time, command, ground."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from quad_mpc_ros.core.messages import CommandSample
+from quad_mpc_ros.core.vehicle import Vehicle
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.plant import Plant
+
+SECOND = 1_000_000_000
+HOVER = Vehicle().hover_throttle
+
+
+def command(throttle: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> CommandSample:
+    return CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.array(rates))
+
+
+def plant(**changes: Any) -> Plant:
+    return Plant(SimulatorConfig.build({"initial_position": (0.0, 0.0, 10.0), **changes}))
+
+
+def assert_same_state(one: Plant, other: Plant, *, atol: float) -> None:
+    for name in ("p_WB", "v_WB_B", "R_WB"):
+        assert_allclose(
+            getattr(one.state, name), getattr(other.state, name), rtol=0.0, atol=atol, err_msg=name
+        )
+
+
+@pytest.mark.parametrize("dynamics", ["rigid_body", "paper"])
+@settings(deadline=None, max_examples=30)
+@given(split_ns=st.integers(1, 20_000_000 - 1), throttle=st.floats(0.0, 1.0))
+def test_how_the_time_is_divided_does_not_matter(
+    dynamics: str, split_ns: int, throttle: float
+) -> None:
+    whole, halved = plant(dynamics=dynamics), plant(dynamics=dynamics)
+    for each in (whole, halved):
+        each.apply(command(throttle, (3.0, -2.0, 1.0)))
+        each.advance_to(200_000_000)
+    whole.advance_to(220_000_000)
+    halved.advance_to(200_000_000 + split_ns)
+    halved.advance_to(220_000_000)
+    assert whole.time_ns == halved.time_ns == 220_000_000
+    assert_same_state(whole, halved, atol=1e-9)
+
+
+def test_longer_steps_agree_with_shorter_ones() -> None:
+    coarse, fine = plant(integration_step=0.005), plant(integration_step=0.0001)
+    for each in (coarse, fine):
+        each.apply(command(0.5, (6.0, -4.0, 2.0)))
+        each.advance_to(SECOND)
+    assert_same_state(coarse, fine, atol=1e-6)
+
+
+def test_a_time_already_past_changes_nothing() -> None:
+    body = plant()
+    body.advance_to(SECOND)
+    before = body.state
+    body.advance_to(SECOND)
+    body.advance_to(SECOND // 2)
+    assert body.state is before
+    assert body.time_ns == SECOND
+
+
+@pytest.mark.parametrize("throttle", [0.0, 0.1, HOVER - 1e-6])
+def test_the_ground_holds_what_does_not_fly(throttle: float) -> None:
+    body = plant(initial_position=(1.0, 2.0, 0.0), initial_yaw=0.7)
+    body.apply(command(throttle, (2.0, -3.0, 0.0)))
+    body.advance_to(3 * SECOND)
+    assert_array_equal(body.state.p_WB, [1.0, 2.0, 0.0])
+    assert_array_equal(body.state.v_WB_B, np.zeros(3))
+    heading = Rotation.from_euler("z", 0.7).as_matrix()
+    assert_allclose(body.state.R_WB, heading, atol=1e-2)
+    assert_allclose(body.state.R_WB[2], [0.0, 0.0, 1.0], atol=0.0)
+    assert_array_equal(body.odometry(0).w_WB_B, np.zeros(3))
+
+
+def test_the_ground_keeps_the_heading() -> None:
+    body = plant(initial_position=(0.0, 0.0, 0.0))
+    body.apply(command(0.1, (0.0, 0.0, 3.0)))
+    body.advance_to(SECOND)
+    assert_array_equal(body.odometry(0).w_WB_B, np.zeros(3))
+    assert_allclose(body.state.R_WB, np.eye(3), atol=1e-12)
+
+
+@settings(deadline=None, max_examples=20)
+@given(
+    st.floats(0.0, HOVER),
+    st.tuples(*[st.floats(-10.0, 10.0)] * 3),
+    st.floats(0.0, 3.0),
+)
+def test_nothing_falls_through_the_ground(
+    throttle: float, rates: tuple[float, float, float], height: float
+) -> None:
+    body = plant(initial_position=(0.0, 0.0, height))
+    body.apply(command(throttle, rates))
+    for tick in range(1, 60):
+        body.advance_to(tick * 50_000_000)
+        assert body.state.p_WB[2] >= 0.0
+        assert np.isfinite(body.state.p_WB).all()
+
+
+def test_what_has_fallen_rests_level_and_can_take_off_again() -> None:
+    body = plant(initial_position=(0.0, 0.0, 1.0))
+    body.apply(command(0.0, (1.0, 0.5, 0.0)))
+    body.advance_to(SECOND)
+    assert_array_equal(body.state.v_WB_B, np.zeros(3))
+    assert body.state.p_WB[2] == 0.0
+    assert_allclose(body.state.R_WB[:, 2], [0.0, 0.0, 1.0], atol=1e-15)
+    body.apply(command(0.5))
+    body.advance_to(2 * SECOND)
+    assert body.state.p_WB[2] > 1.0
+    assert body.state.v_WB_W[2] > 1.0
+
+
+def test_landing_keeps_the_heading() -> None:
+    body = plant(initial_position=(0.0, 0.0, 1.0), initial_yaw=0.7)
+    body.apply(command(0.0))
+    body.advance_to(SECOND)
+    assert body.state.p_WB[2] == 0.0
+    assert_allclose(body.state.R_WB, Rotation.from_euler("z", 0.7).as_matrix(), atol=1e-12)
+
+
+def test_taking_off_rises_as_free_flight_does() -> None:
+    body = plant(initial_position=(0.0, 0.0, 0.0), drag=0.0)
+    body.apply(command(1.0))
+    body.advance_to(SECOND // 2)
+    lift = Vehicle().thrust(1.0) / 0.396893 - 9.81
+    assert body.state.p_WB[2] == pytest.approx(0.5 * lift * 0.25, rel=1e-9)
+
+
+def test_it_starts_at_rest_where_it_is_told() -> None:
+    body = plant(initial_position=(1.0, -2.0, 3.0), initial_yaw=math.pi / 2.0)
+    assert body.time_ns == 0
+    odometry = body.odometry(123)
+    assert odometry.stamp_ns == 123
+    assert_array_equal(odometry.p_WB, [1.0, -2.0, 3.0])
+    assert_allclose(odometry.q_WB_xyzw, [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)], atol=1e-15)
+    assert_array_equal(odometry.v_WB_B, np.zeros(3))
+    assert (odometry.frame_id, odometry.child_frame_id) == ("odom", "base_link")
+
+
+def test_it_starts_on_the_ground_at_the_origin_by_default() -> None:
+    body = Plant(SimulatorConfig())
+    assert_array_equal(body.state.p_WB, np.zeros(3))
+    assert_array_equal(body.state.R_WB, np.eye(3))
+
+
+def test_odometry_reports_velocity_in_the_body_and_the_rates_in_force() -> None:
+    body = plant(initial_yaw=math.pi / 2.0)
+    body.apply(command(HOVER, (0.0, 0.5, 0.0)))
+    body.advance_to(SECOND // 2)
+    body.apply(command(HOVER))
+    body.advance_to(SECOND)
+    odometry = body.odometry(0)
+    # Nose down while heading north: forwards in the body, north in the world.
+    assert odometry.v_WB_B[0] > 0.5
+    assert odometry.p_WB[1] > 0.1
+    assert abs(odometry.p_WB[0]) < 1e-9
+    assert_array_equal(odometry.w_WB_B, np.zeros(3))
+    body.apply(command(HOVER, (1.0, 2.0, 3.0)))
+    assert_array_equal(body.odometry(0).w_WB_B, [1.0, 2.0, 3.0])
+
+
+def test_a_heavier_vehicle_sinks_at_the_throttle_that_carries_the_lighter_one() -> None:
+    sinking = {}
+    for mass_scale in (1.0, 1.2):
+        body = plant(mass_scale=mass_scale, drag=0.0)
+        body.apply(command(HOVER))
+        body.advance_to(SECOND)
+        sinking[mass_scale] = 10.0 - body.state.p_WB[2]
+    assert sinking[1.0] == pytest.approx(0.0, abs=1e-9)
+    assert sinking[1.2] == pytest.approx(0.5 * 9.81 * (1.0 - 1.0 / 1.2), rel=1e-9)
+
+
+@pytest.mark.parametrize(("asked", "given_throttle"), [(1.7, 1.0), (-0.5, 0.0)])
+def test_throttle_saturates(asked: float, given_throttle: float) -> None:
+    one, other = plant(), plant()
+    one.apply(command(asked))
+    other.apply(command(given_throttle))
+    for each in (one, other):
+        each.advance_to(SECOND // 10)
+    assert_same_state(one, other, atol=0.0)
+
+
+@pytest.mark.parametrize(
+    "nonsense", [command(math.nan), command(math.inf), command(0.5, (0.0, math.nan, 0.0))]
+)
+def test_a_command_that_is_not_finite_is_ignored(nonsense: CommandSample) -> None:
+    one, other = plant(), plant()
+    for each in (one, other):
+        each.apply(command(0.4, (0.1, 0.0, 0.0)))
+    one.apply(nonsense)
+    for each in (one, other):
+        each.advance_to(SECOND // 10)
+    assert_same_state(one, other, atol=0.0)
+
+
+def test_a_command_is_a_copy() -> None:
+    body, sent = plant(), command(HOVER)
+    body.apply(sent)
+    sent.w_WB_B[0] = 5.0
+    body.advance_to(SECOND)
+    assert_array_equal(body.state.R_WB, np.eye(3))
+
+
+def test_two_dynamics_differ_when_the_body_turns() -> None:
+    ends = []
+    for dynamics in ("rigid_body", "paper"):
+        body = plant(dynamics=dynamics)
+        body.apply(command(0.6, (3.0, 0.0, 2.0)))
+        body.advance_to(SECOND)
+        ends.append(body.state.p_WB)
+    assert np.linalg.norm(ends[0] - ends[1]) > 0.1
