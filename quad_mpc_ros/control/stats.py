@@ -19,10 +19,10 @@ class TickStats:
     dual_residual: float  # of the scaled problem
     solve_time_us: float  # OSQP's own run time [us]
     step_time_us: float  # state in to plan out [us]
-    disturbance_x: float  # estimated acceleration of the disturbance, world [m/s^2]
-    disturbance_y: float  # the same
-    disturbance_z: float  # the same
-    thrust_scale: float  # estimated true thrust over the modelled
+    disturbance_x: float = 0.0  # estimated acceleration of the disturbance, world [m/s^2]
+    disturbance_y: float = 0.0  # the same
+    disturbance_z: float = 0.0  # the same
+    thrust_scale: float = 1.0  # estimated true thrust over the modelled
     odom_age_ms: float  # age of the odometry by its stamp when the tick began [ms]
     reference_age_ms: float  # age of the reference since it arrived [ms]
     commands: int  # commands sent so far

@@ -18,6 +18,8 @@ ROOT = Path(__file__).parents[2]
 
 # Python packages that are imported by another name than they are installed by.
 IMPORT_NAMES = {"PyYAML": "yaml", "python3-yaml": "yaml"}
+# Packages that come inside another one.
+COMES_WITH = {"mpl_toolkits": "matplotlib"}
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +43,7 @@ def imports_of(folder: Path) -> dict[str, str]:
         for node in ast.walk(ast.parse(path.read_text())):
             for name in imported_names(node):
                 top = name.partition(".")[0]
+                top = COMES_WITH.get(top, top)
                 if top not in sys.stdlib_module_names and top != "quad_mpc_ros":
                     found[top] = str(path.relative_to(ROOT))
     return found
