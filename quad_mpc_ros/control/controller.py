@@ -85,7 +85,7 @@ class Controller:
         """Take over changed live parameters between two ticks; the warm start stays."""
         self._config = config
         self._mpc.reconfigure(config)
-        self._hover = HoverFallback(config)
+        self._hover.reconfigure(config)
         self._blind = BlindFallback(config)
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> Tick | None:

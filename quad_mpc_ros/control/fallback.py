@@ -32,6 +32,10 @@ class HoverFallback:
         self._vehicle = config.vehicle()
         self._p_hold: Array | None = None
 
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed bounds; the held position stays."""
+        self._config = config
+
     def release(self) -> None:
         """Forget the held position; the next call holds where the vehicle is then."""
         self._p_hold = None

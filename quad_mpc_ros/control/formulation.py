@@ -30,7 +30,7 @@ class Plan:
 
     def input_after(self, elapsed: float) -> Array:
         """Return the input (4,) planned for ``elapsed`` seconds on; beyond the end the last."""
-        stage = int(elapsed / self.step)
+        stage = int(elapsed / self.step + 1e-9)  # 0.15 / 0.05 is a little less than 3
         return np.asarray(self.inputs[min(max(stage, 0), len(self.inputs) - 1)])
 
 

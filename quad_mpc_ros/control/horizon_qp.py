@@ -41,8 +41,9 @@ class HorizonPattern:
 
 @dataclass(kw_only=True, eq=False)
 class HorizonStages:
-    """The numbers of one horizon in physical units; every field may be broadcast over stages.
+    """The numbers of one horizon in physical units; what is alike may be one stage's, broadcast.
 
+    ``A`` has every stage (``np.broadcast_to`` will do), the others broadcast by themselves.
     Shapes: ``x0`` (nx,), ``A`` (N, nx, nx), ``B`` (N, nx, nu), ``c`` (N, nx), ``H`` (N, nx, nx)
     and ``g`` (N, nx) for the states 1 to N, ``R`` (N, nu) diagonal, ``r``, ``lower``, ``upper``
     (N, nu).

@@ -31,7 +31,7 @@ class QpSolution:
 _LARGEST = 1e15
 _REFUSED = QpSolution(
     solved=False,
-    status="not finite",
+    status="not finite or too large",
     z=np.zeros(0),
     iterations=0,
     primal_residual=0.0,
@@ -96,8 +96,8 @@ class QpSolver:
     def _updated(self) -> osqp.OSQP:
         qp = self._qp
         if self._osqp is None:
-            self._osqp = osqp.OSQP()
-            self._osqp.setup(
+            solver = osqp.OSQP()
+            solver.setup(
                 P=qp.P,
                 q=qp.q,
                 A=qp.A,
@@ -113,6 +113,7 @@ class QpSolver:
                 adaptive_rho=1,
                 adaptive_rho_interval=25,
             )
+            self._osqp = solver  # only now: a setup that raises leaves none behind
         else:
             self._osqp.update(q=qp.q, l=qp.lower, u=qp.upper, Px=qp.P.data, Ax=qp.A.data)
         return self._osqp
