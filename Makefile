@@ -2,7 +2,7 @@
 export VENV PYTHON
 IN_VENV = @tools/in_venv.sh
 
-.PHONY: help run test lint bench clean
+.PHONY: help run test lint clean
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -20,9 +20,6 @@ lint:  ## check style, types and layers
 	$(IN_VENV) dev mypy
 	$(IN_VENV) dev lint-imports
 	$(IN_VENV) dev shellcheck tools/*.sh .ci/run
-
-bench:  ## measure the speed of this machine
-	$(IN_VENV) ros quad_mpc bench $(ARGS)
 
 clean:  ## remove everything that was built; recorded runs stay
 	rm -rf .venv build install log dist *.egg-info .*_cache .hypothesis
