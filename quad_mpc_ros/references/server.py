@@ -8,21 +8,40 @@ import numpy as np
 
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
 from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.hover import Hover
+from quad_mpc_ros.references.lemniscate import Lemniscate
 from quad_mpc_ros.references.square import Square
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 
-TRAJECTORIES: dict[str, Callable[[ReferenceConfig], Trajectory]] = {"square": Square}
+TRAJECTORIES: dict[str, Callable[[ReferenceConfig], Trajectory]] = {
+    "square": Square,
+    "hover": Hover,
+    "lemniscate": Lemniscate,
+}
+
+_BEFORE_START_NS = -1
+_MOST_DRAWN = 10_000
+
+
+def configured_trajectory(config: ReferenceConfig) -> Trajectory:
+    """Return the trajectory that a configuration asks for.
+
+    Raises :class:`ConfigurationError` when no vehicle can fly it.
+    """
+    return TRAJECTORIES[config.trajectory](config)
 
 
 class ReferenceServer:
     """Cuts windows out of the configured trajectory.
 
-    Until :meth:`start` the trajectory is held at its beginning.
+    Until :meth:`start` the trajectory is held at its beginning, at rest. What is smooth is always
+    previewed.
     """
 
     def __init__(self, config: ReferenceConfig) -> None:
         self._config = config
-        self._trajectory = TRAJECTORIES[config.trajectory](config)
+        self._trajectory = configured_trajectory(config)
+        self._preview = config.preview or self._trajectory.smooth
         self._duration_ns = round(config.window_duration * 1e9)
         self._step_ns = round(config.window_step * 1e9)
         self._started_ns: int | None = None
@@ -38,8 +57,8 @@ class ReferenceServer:
 
     def window(self, stamp_ns: int) -> ReferenceWindow:
         """Return the reference from ``stamp_ns`` on."""
-        now_ns = 0 if self._started_ns is None else stamp_ns - self._started_ns
-        if not self._config.preview or not self.started:
+        now_ns = _BEFORE_START_NS if self._started_ns is None else stamp_ns - self._started_ns
+        if not self._preview or not self.started:
             held = self._trajectory.at([now_ns, now_ns])
             return self._at_rest(stamp_ns, [0, self._duration_ns], held)
         offsets = list(range(0, self._duration_ns + 1, self._step_ns))
@@ -50,15 +69,19 @@ class ReferenceServer:
         return window
 
     def whole(self) -> TrajectorySamples:
-        """Return the whole trajectory once, to be drawn: every step and both sides of jumps."""
+        """Return the whole trajectory once, to be drawn: every step and both sides of jumps.
+
+        A long one is drawn in longer steps.
+        """
         period = self._trajectory.period_ns
+        grid = [*range(0, period, max(self._step_ns, period // _MOST_DRAWN)), period]
         times, parts = [], []
         for jump_ns in self._trajectory.jumps(0, period):
             times += [jump_ns, jump_ns]
             parts += [self._trajectory.before(jump_ns), self._trajectory.at([jump_ns])]
         # Last, so that a step at the time of a jump comes after both of its sides.
-        times += range(0, period, self._step_ns)
-        parts.append(self._trajectory.at(list(range(0, period, self._step_ns))))
+        times += grid
+        parts.append(self._trajectory.at(grid))
         order = np.argsort(times, kind="stable")
         return _concatenated(parts, order)
 

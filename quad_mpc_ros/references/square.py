@@ -1,7 +1,8 @@
 """The paper's reference (section 2.2): a square of waypoints, each held for a while.
 
 Not feasible, as it jumps between the corners, and so a test of the controller rather than of the
-reference. The corners in order, from (0, 0): east, north, west, and back; heading east throughout.
+reference. The corners in order, from the origin: east, north, west, and back; heading east
+throughout.
 """
 
 from __future__ import annotations
@@ -9,17 +10,18 @@ from __future__ import annotations
 import numpy as np
 
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.trajectory import TrajectorySamples
-
-_LEVEL_EAST_XYZW = (0.0, 0.0, 0.0, 1.0)
+from quad_mpc_ros.references.trajectory import TrajectorySamples, at_rest
 
 
 class Square:
     """Piecewise constant waypoints, round and round."""
 
+    smooth = False
+
     def __init__(self, config: ReferenceConfig) -> None:
         s, h = config.side, config.height
-        self._corners = np.array([[0.0, 0.0, h], [s, 0.0, h], [s, s, h], [0.0, s, h]])
+        corners = np.array([[0.0, 0.0, h], [s, 0.0, h], [s, s, h], [0.0, s, h]])
+        self._corners = corners + np.array([*config.origin, 0.0])
         self._dwell_ns = round(config.dwell_time * 1e9)
 
     @property
@@ -30,14 +32,7 @@ class Square:
     def at(self, times_ns: list[int]) -> TrajectorySamples:
         """Return the corners held at these times; the first one before the start."""
         legs = [max(time // self._dwell_ns, 0) % len(self._corners) for time in times_ns]
-        rest = np.zeros((len(legs), 3))
-        return TrajectorySamples(
-            p_WB=self._corners[legs],
-            q_WB_xyzw=np.tile(_LEVEL_EAST_XYZW, (len(legs), 1)),
-            v_WB_W=rest,
-            a_WB_W=rest,
-            w_WB_W=rest,
-        )
+        return at_rest(self._corners[legs])
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the switches between corners in (start, end]."""

@@ -5,7 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from quad_mpc_ros.core.messages import Array
+
+_LEVEL_EAST_XYZW = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,5 +45,34 @@ class Trajectory(Protocol):
 
     @property
     def period_ns(self) -> int:
-        """Time after which the whole trajectory has been seen."""
+        """Time after which the whole trajectory has been seen; 0 when it never moves."""
         ...
+
+    @property
+    def smooth(self) -> bool:
+        """Whether a vehicle can follow it: it is previewed, and flights begin on it."""
+        ...
+
+
+def at_rest(p_WB: Array) -> TrajectorySamples:
+    """Return samples that rest at positions (n, 3), level and heading east."""
+    rest = np.zeros_like(p_WB)
+    return TrajectorySamples(
+        p_WB=p_WB,
+        q_WB_xyzw=np.tile(_LEVEL_EAST_XYZW, (len(p_WB), 1)),
+        v_WB_W=rest,
+        a_WB_W=rest,
+        w_WB_W=rest,
+    )
+
+
+def held(samples: TrajectorySamples, where: NDArray[np.bool_]) -> TrajectorySamples:
+    """Return the samples, at rest in their positions at the times ``where`` (n,) is true."""
+    resting, choice = at_rest(samples.p_WB), where[:, None]
+    return TrajectorySamples(
+        p_WB=samples.p_WB,
+        q_WB_xyzw=np.where(choice, resting.q_WB_xyzw, samples.q_WB_xyzw),
+        v_WB_W=np.where(choice, resting.v_WB_W, samples.v_WB_W),
+        a_WB_W=np.where(choice, resting.a_WB_W, samples.a_WB_W),
+        w_WB_W=np.where(choice, resting.w_WB_W, samples.w_WB_W),
+    )

@@ -37,6 +37,13 @@ def test_side_height_and_dwell_time_are_parameters() -> None:
     assert square.period_ns == 2 * SECOND
 
 
+def test_it_begins_at_its_origin() -> None:
+    square = Square(ReferenceConfig(origin=(-1.0, 4.0)))
+    assert_array_equal(
+        square.at([0, 2 * SECOND, 4 * SECOND]).p_WB, [[-1, 4, 2], [1, 4, 2], [1, 6, 2]]
+    )
+
+
 def test_it_rests_level_and_heads_east_throughout(square: Square) -> None:
     samples = square.at(list(range(0, 8 * SECOND, SECOND // 4)))
     assert_array_equal(samples.q_WB_xyzw, np.tile([0.0, 0.0, 0.0, 1.0], (32, 1)))
