@@ -10,10 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
+import yaml
+
 from quad_mpc_ros.bags.config import RecorderConfig
 from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.core import so3
 from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.server import configured_trajectory
+from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 SCHEMA: files.Schema = {
@@ -51,7 +56,18 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         help="ROS parameter file or preset (default, paper, paper_rigid_body); may be repeated, "
         "later ones win",
     )
-    parser.add_argument("--reference", metavar="NAME", help="trajectory to fly (default: square)")
+    parser.add_argument(
+        "--reference",
+        metavar="NAME",
+        help="trajectory to fly: square, hover, lemniscate (default: square)",
+    )
+    parser.add_argument(
+        "--start",
+        choices=("ground", "reference"),
+        help="where the flight begins: as simulator.initial_* say, which is on the ground, or in "
+        "motion on the reference (default: reference if that is smooth, else ground); --set "
+        "simulator.initial_*=VALUE wins",
+    )
     parser.add_argument(
         "--duration",
         type=float,
@@ -80,10 +96,13 @@ def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
 
     Raises :class:`UserError` for anything that cannot be used.
     """
-    loaded = files.load(
-        options.config or ["default"], _assignments(options, lockstep=lockstep), schema=SCHEMA
-    )
+    sources, made = options.config or ["default"], _assignments(options, lockstep=lockstep)
+    loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
     reference = cast(ReferenceConfig, loaded["reference"])
+    trajectory = configured_trajectory(reference)
+    if (options.start or ("reference" if trajectory.smooth else "ground")) == "reference":
+        made += _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
+        loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
     out = options.out or _default_out(reference.trajectory)
     return RunConfig(
         mpc=cast(MpcConfig, loaded["mpc"]),
@@ -97,7 +116,7 @@ def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
 
 
 def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
-    """Return the options as assignments, before the explicit ones, which win."""
+    """Return the options as assignments, to come before the explicit ones, which win."""
     duration = _DEFAULT_DURATION if options.duration is None else options.duration
     if not (math.isfinite(duration) and duration > 0.0):
         raise UserError(f"--duration: given {duration}, expected a number > 0")
@@ -107,7 +126,35 @@ def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
     ]
     if options.reference is not None:
         made.append(f"reference.trajectory={options.reference}")
-    return [*made, *options.assignments]
+    return made
+
+
+def _start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> list[str]:
+    """Return the assignments that start the simulator in motion on a trajectory.
+
+    Raises :class:`UserError` when the simulator's vehicle has no throttle for it.
+    """
+    start = trajectory.at([0])
+    R_WB = so3.rotation_from_quaternion_xyzw(start.q_WB_xyzw[0])
+    vehicle = simulator.vehicle()
+    force = start.a_WB_W[0] + vehicle.drag * start.v_WB_W[0] + [0.0, 0.0, vehicle.gravity]
+    try:
+        throttle = vehicle.throttle_for(vehicle.mass * float(R_WB[:, 2] @ force))
+    except ValueError as error:
+        raise UserError(f"--start reference: {error}; --start ground needs none") from error
+    values = {
+        "initial_position": start.p_WB[0].tolist(),
+        "initial_velocity": start.v_WB_W[0].tolist(),
+        "initial_attitude": start.q_WB_xyzw[0].tolist(),
+        "initial_body_rates": (R_WB.T @ start.w_WB_W[0]).tolist(),
+        "initial_throttle": throttle,
+    }
+    return [f"simulator.{name}={_yaml(value)}" for name, value in values.items()]
+
+
+def _yaml(value: float | list[float]) -> str:
+    """Return a value as YAML reads it back exactly, which it does not with every ``repr``."""
+    return yaml.safe_dump([value], default_flow_style=True, width=math.inf).strip()[1:-1]
 
 
 def _default_out(trajectory: str) -> Path:
