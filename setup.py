@@ -86,6 +86,7 @@ setup(
             f"ros-jazzy-{name}; {ROS_WHEELS_EXIST}"
             for name in ("rclpy", "common-interfaces", "rmw-fastrtps-cpp")
         ],
+        "rotorpy": ["rotorpy"],  # quad_mpc simulate --set simulator.plant=rotorpy
         "test": [
             "pytest<9",  # what launch_testing of Jazzy can use
             "pytest-timeout",

@@ -7,6 +7,7 @@ writes NED/FRD, where both signs flip.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,24 @@ def rigid_body_dynamics(x: State, u: Input, vehicle: Vehicle) -> Array:
 DYNAMICS: dict[str, Dynamics] = {"rigid_body": rigid_body_dynamics, "paper": paper_dynamics}
 
 
+class InputCourse(NamedTuple):
+    """An input that changes in the course of one step, and the turns (3, 3) that it makes."""
+
+    start: Input
+    middle: Input
+    end: Input
+    first_turn: Array
+    """Rotation over the first half of the step."""
+    second_turn: Array
+    """Rotation over the second half."""
+
+
+def held(u: Input, *, duration: float) -> InputCourse:
+    """Return the course of an input that does not change over ``duration`` [s]."""
+    half_turn = so3.exp(0.5 * duration * u.w_WB_B)
+    return InputCourse(u, u, u, half_turn, half_turn)
+
+
 def integrate(
     x: State, u: Input, vehicle: Vehicle, *, dynamics: Dynamics, duration: float
 ) -> State:
@@ -47,9 +66,19 @@ def integrate(
     With the body rate held the attitude R exp(omega t) is exact; position and velocity are
     integrated along it.
     """
-    half_turn = so3.exp(0.5 * duration * u.w_WB_B)
-    R_half = x.R_WB @ half_turn
-    R_full = R_half @ half_turn
+    course = held(u, duration=duration)
+    return integrate_along(x, course, vehicle, dynamics=dynamics, duration=duration)
+
+
+def integrate_along(
+    x: State, course: InputCourse, vehicle: Vehicle, *, dynamics: Dynamics, duration: float
+) -> State:
+    """Return the state after ``duration`` [s] of a changing input: one Runge-Kutta step, order 4.
+
+    The attitude is turned as the course says.
+    """
+    R_half = x.R_WB @ course.first_turn
+    R_full = R_half @ course.second_turn
 
     def moved(rate: Array, step: float, R_WB: Array) -> State:
         return State(
@@ -58,8 +87,8 @@ def integrate(
             R_WB=R_WB,
         )
 
-    k1 = dynamics(x, u, vehicle)
-    k2 = dynamics(moved(k1, 0.5 * duration, R_half), u, vehicle)
-    k3 = dynamics(moved(k2, 0.5 * duration, R_half), u, vehicle)
-    k4 = dynamics(moved(k3, duration, R_full), u, vehicle)
+    k1 = dynamics(x, course.start, vehicle)
+    k2 = dynamics(moved(k1, 0.5 * duration, R_half), course.middle, vehicle)
+    k3 = dynamics(moved(k2, 0.5 * duration, R_half), course.middle, vehicle)
+    k4 = dynamics(moved(k3, duration, R_full), course.end, vehicle)
     return moved((k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0, duration, R_full)

@@ -11,18 +11,21 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.core.messages import CommandSample
+from quad_mpc_ros.core.messages import CommandSample, OdometrySample
 from quad_mpc_ros.ros import conversions
 from quad_mpc_ros.ros.health import ERROR, OK, Health, HealthReporter
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run, stop
 from quad_mpc_ros.ros.topics import CLOCK, COMMAND, ODOMETRY
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, odometry_stamps
+from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.simulation.odometry_stream import OdometryStream, SentOdometry
+from quad_mpc_ros.simulation.plants import AnyPlant, make_plant
 
 _RESEND_PERIOD = 0.2  # s: in lockstep an odometry without an answer is sent again
+# s: how often real time is looked at when odometries are sent between their regular times
+_POLL_PERIOD = 1e-3
 
 
 class Clockwork(Protocol):
@@ -40,30 +43,37 @@ class Clockwork(Protocol):
 class RealTime:
     """The plant follows the wall clock, whatever the controller does."""
 
-    def __init__(self, node: SimulatorNode, plant: Plant) -> None:
+    def __init__(self, node: SimulatorNode, plant: AnyPlant) -> None:
         self._node, self._plant = node, plant
-        self._ticks = odometry_stamps(node.config)
-        self._started_ns = self._start_stamp_ns = 0
+        self._started_ns = 0
+        self._stream: OdometryStream | None = None
 
     def start(self) -> None:
         """Start the wall clock of the flight; its stamps are those of the node's clock."""
-        self._start_stamp_ns = int(self._node.get_clock().now().nanoseconds)
+        config = self._node.config
+        start_stamp_ns = int(self._node.get_clock().now().nanoseconds)
         self._started_ns = time.monotonic_ns()
-        self._node.every(1.0 / self._node.config.odom_rate, self._tick)
+        self._stream = OdometryStream(self._plant, config, start_stamp_ns=start_stamp_ns)
+        regular = config.odom_delay == config.odom_jitter == 0.0
+        period = 1.0 / config.odom_rate
+        self._node.every(period if regular else min(period, _POLL_PERIOD), self._tick)
         self._tick()
 
     def take(self, command: CommandSample) -> None:
         """Fly up to now with the command before, from now on with this one."""
-        self._plant.advance_to(self._elapsed_ns())
+        self._fly_to(self._elapsed_ns())
         self._plant.apply(command)
 
     def _tick(self) -> None:
-        if next(self._ticks, None) is None:
-            self._node.finish()
-            return
         elapsed_ns = self._elapsed_ns()
-        self._plant.advance_to(elapsed_ns)
-        self._node.publish_odometry(self._start_stamp_ns + elapsed_ns)
+        self._fly_to(elapsed_ns)
+        if self._stream is not None and self._stream.ended(elapsed_ns):
+            self._node.finish()
+
+    def _fly_to(self, time_ns: int) -> None:
+        if self._stream is not None:
+            for sent in self._stream.advance_to(time_ns):
+                self._node.publish_odometry(sent.odometry)
 
     def _elapsed_ns(self) -> int:
         return time.monotonic_ns() - self._started_ns
@@ -72,11 +82,11 @@ class RealTime:
 class Lockstep:
     """Simulated time, which stands still until the command for the last odometry has come."""
 
-    def __init__(self, node: SimulatorNode, plant: Plant) -> None:
+    def __init__(self, node: SimulatorNode, plant: AnyPlant) -> None:
         self._node, self._plant = node, plant
-        self._times = odometry_stamps(node.config)
+        self._stream = OdometryStream(plant, node.config, start_stamp_ns=SIMULATION_START_NS)
         self._clock = node.health.publisher(CLOCK)
-        self._awaited_ns: int | None = None
+        self._awaited: SentOdometry | None = None
         self._waiting_since = 0.0
 
     def start(self) -> None:
@@ -86,41 +96,41 @@ class Lockstep:
 
     def take(self, command: CommandSample) -> None:
         """Step when this is the answer waited for; an answer to a repetition is not."""
-        if command.stamp_ns == self._awaited_ns:
+        if self._awaited is not None and command.stamp_ns == self._awaited.odometry.stamp_ns:
             self._plant.apply(command)
             self._step()
 
     def _step(self) -> None:
-        time_ns = next(self._times, None)
-        if time_ns is None:
-            self._awaited_ns = None
+        self._awaited = self._stream.step()
+        if self._awaited is None:
             self._node.finish()
             return
-        self._plant.advance_to(time_ns)
-        self._awaited_ns = SIMULATION_START_NS + time_ns
         self._waiting_since = time.monotonic()
-        self._send()
+        self._send(self._awaited)
 
     def _resend(self) -> None:
         """Send again what may have been lost, and give up loudly in the end."""
         waited = time.monotonic() - self._waiting_since
-        if self._awaited_ns is None or waited < _RESEND_PERIOD:
+        if self._awaited is None or waited < _RESEND_PERIOD:
             return
         if waited > self._node.config.lockstep_timeout:
             self._node.fail(
-                f"no command for the odometry of {self._awaited_ns * 1e-9:.3f} s within "
-                f"{self._node.config.lockstep_timeout:g} s (lockstep_timeout): are mpc and "
-                f"reference running, both with lockstep: true?"
+                f"no command for the odometry of {self._awaited.odometry.stamp_ns * 1e-9:.3f} s "
+                f"within {self._node.config.lockstep_timeout:g} s (lockstep_timeout): are mpc "
+                f"and reference running, both with lockstep: true?"
             )
             return
-        self._send()
+        self._send(self._awaited)
 
-    def _send(self) -> None:
-        assert self._awaited_ns is not None
+    def _send(self, sent: SentOdometry) -> None:
+        """Publish the time of the sending, which a delay puts after the stamp, and the odometry.
+
+        What is sent again is the same: noise is drawn once.
+        """
         clock = new_message(CLOCK.type_name)
-        conversions.fill_time(clock.clock, self._awaited_ns)
+        conversions.fill_time(clock.clock, SIMULATION_START_NS + sent.time_ns)
         self._clock.publish(clock)
-        self._node.publish_odometry(self._awaited_ns)
+        self._node.publish_odometry(sent.odometry)
 
 
 class SimulatorNode(Node):
@@ -131,7 +141,6 @@ class SimulatorNode(Node):
         self.exit_code = 0
         self.config = declare(self, SimulatorConfig)
         self.health = HealthReporter(self, self._probe)
-        self._plant = Plant(self.config)
         self._odometry = self.health.publisher(ODOMETRY)
         self._odometry_message = new_message(ODOMETRY.type_name)
         self._odometries = self._commands = 0
@@ -139,15 +148,15 @@ class SimulatorNode(Node):
         self._running = False
 
         way = Lockstep if self.config.lockstep else RealTime
-        self._clockwork: Clockwork = way(self, self._plant)
+        self._clockwork: Clockwork = way(self, make_plant(self.config))
         self.health.subscription(COMMAND, self._on_command)
         self.create_service(Trigger, "~/start", self._on_start)
         if self.config.autostart:
             self._start()
 
-    def publish_odometry(self, stamp_ns: int) -> None:
-        """Publish where the plant is, under a stamp."""
-        conversions.fill_odometry(self._odometry_message, self._plant.odometry(stamp_ns))
+    def publish_odometry(self, odometry: OdometrySample) -> None:
+        """Publish an odometry."""
+        conversions.fill_odometry(self._odometry_message, odometry)
         self._odometry.publish(self._odometry_message)
         self._odometries += 1
 

@@ -23,6 +23,11 @@ class SimulatorConfig(VehicleParameters):
 
     owner = "simulator"
 
+    plant: str = parameter(
+        "internal",
+        doc="What flies: the package's own vehicle, or the Hummingbird of rotorpy (optional).",
+        choices=("internal", "rotorpy"),
+    )
     dynamics: str = parameter(
         "rigid_body",
         doc="Equations of motion: the true rigid body, or the paper's Eq. (3) literally.",
@@ -31,6 +36,12 @@ class SimulatorConfig(VehicleParameters):
     odom_rate: float = parameter(50.0, doc="Odometry messages per second.", unit="Hz", above=0.0)
     integration_step: float = parameter(
         0.005, doc="Longest step of the integrator.", unit="s", minimum=1e-5, maximum=0.05
+    )
+    rotorpy_rate_gain: float = parameter(
+        20.0,
+        doc="Gain k_w of rotorpy's body-rate loop; the reciprocal is nearly its time constant.",
+        unit="1/s",
+        above=0.0,
     )
 
     mass_scale: float = parameter(1.0, doc="True mass over the parameter mass.", above=0.0)
@@ -55,7 +66,10 @@ class SimulatorConfig(VehicleParameters):
     )
 
     wind: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), doc="Steady wind in the world; drag acts against it.", unit="m/s", length=3
+        (0.0, 0.0, 0.0),
+        doc="Steady wind in the world; drag acts against it.",
+        unit="m/s",
+        length=3,
     )
     gust_intensity: float = parameter(
         0.0, doc="Standard deviation of the gusts along each axis.", unit="m/s", minimum=0.0
@@ -68,7 +82,10 @@ class SimulatorConfig(VehicleParameters):
         0.0, doc="Standard deviation of the odometry's position.", unit="m", minimum=0.0
     )
     attitude_noise: float = parameter(
-        0.0, doc="Standard deviation of its attitude about each body axis.", unit="rad", minimum=0.0
+        0.0,
+        doc="Standard deviation of its attitude about each body axis.",
+        unit="rad",
+        minimum=0.0,
     )
     velocity_noise: float = parameter(
         0.0, doc="Standard deviation of its velocity.", unit="m/s", minimum=0.0
@@ -151,6 +168,7 @@ class SimulatorConfig(VehicleParameters):
     def check(self) -> None:
         """Refuse a start below the ground and an attitude that is none."""
         super().check()
+        self.check_hover("mass_scale", self.mass_scale, self.mass * self.mass_scale)
         if self.initial_position[2] < 0.0:
             raise ConfigurationError(
                 f"{self.owner}.initial_position",
@@ -163,6 +181,23 @@ class SimulatorConfig(VehicleParameters):
                 self.initial_attitude,
                 "a quaternion x, y, z, w of length 1",
             )
+        if self.plant == "rotorpy":
+            self._check_rotorpy()
+
+    def _check_rotorpy(self) -> None:
+        """Refuse what rotorpy has of its own."""
+        own: dict[str, object] = {
+            "dynamics": "rigid_body",
+            "rate_time_constant": 0.0,
+            "thrust_time_constant": 0.0,
+        }
+        for name, only in own.items():
+            if getattr(self, name) != only:
+                raise ConfigurationError(
+                    f"{self.owner}.{name}",
+                    getattr(self, name),
+                    f"{only}: the plant rotorpy has its own",
+                )
 
     def vehicle(self) -> Vehicle:
         """Return the true vehicle."""

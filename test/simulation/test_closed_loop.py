@@ -16,9 +16,9 @@ from quad_mpc_ros.simulation.closed_loop import (
     SIMULATION_START_NS,
     LoopStep,
     fly,
-    odometry_stamps,
 )
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.sensors import odometry_stamps
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +79,50 @@ def test_odometry_and_reference_of_a_step_have_one_stamp(flight: list[LoopStep])
         assert step.tick.command.stamp_ns == step.odometry.stamp_ns
     stamps = [step.odometry.stamp_ns for step in flight]
     assert {b - a for a, b in itertools.pairwise(stamps)} == {20_000_000}
+
+
+EFFECTS = SimulatorConfig(
+    duration=3.0,
+    rate_time_constant=0.02,
+    thrust_time_constant=0.02,
+    command_delay=0.0071,
+    wind=(1.0, 0.0, 0.0),
+    gust_intensity=0.5,
+    position_noise=0.002,
+    attitude_noise=0.002,
+    velocity_noise=0.01,
+    rate_noise=0.01,
+    odom_delay=0.0043,
+    odom_dropout=0.05,
+    odom_jitter=0.001,
+    seed=11,
+)
+
+
+def test_two_flights_with_every_effect_give_the_same_bytes(mpc: MpcConfig) -> None:
+    one, other = (
+        list(fly(mpc=mpc, simulator=EFFECTS, reference=ReferenceConfig())) for _ in range(2)
+    )
+    assert 120 < len(one) < 150
+    assert commands(one).tobytes() == commands(other).tobytes()
+    reseeded = dataclasses.replace(EFFECTS, seed=12)
+    third = list(fly(mpc=mpc, simulator=reseeded, reference=ReferenceConfig()))
+    assert commands(third).tobytes() != commands(one).tobytes()
+
+
+def test_a_step_knows_the_truth_and_the_time_of_sending(mpc: MpcConfig) -> None:
+    steps = list(fly(mpc=mpc, simulator=EFFECTS, reference=ReferenceConfig()))
+    errors = np.array([step.odometry.p_WB - step.truth.p_WB for step in steps])
+    assert errors.std() == pytest.approx(0.002, rel=0.15)
+    for step in steps:
+        assert step.truth.stamp_ns == step.odometry.stamp_ns == step.window.stamp_ns
+        assert step.sent_ns == step.odometry.stamp_ns + 4_300_000
+
+
+def test_without_effects_the_odometry_is_the_truth(flight: list[LoopStep]) -> None:
+    for step in flight:
+        assert step.odometry is step.truth
+        assert step.sent_ns == step.odometry.stamp_ns
 
 
 def test_the_first_odometry_is_on_the_ground_and_the_first_command_lifts(

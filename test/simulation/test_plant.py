@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.core.messages import CommandSample
 from quad_mpc_ros.core.vehicle import Vehicle
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -19,6 +20,8 @@ from quad_mpc_ros.simulation.plant import Plant
 
 SECOND = 1_000_000_000
 HOVER = Vehicle().hover_throttle
+HEADING_07 = (0.0, 0.0, math.sin(0.35), math.cos(0.35))
+HEADING_NORTH = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))
 
 
 def command(throttle: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> CommandSample:
@@ -73,7 +76,7 @@ def test_a_time_already_past_changes_nothing() -> None:
 
 @pytest.mark.parametrize("throttle", [0.0, 0.1, HOVER - 1e-6])
 def test_the_ground_holds_what_does_not_fly(throttle: float) -> None:
-    body = plant(initial_position=(1.0, 2.0, 0.0), initial_yaw=0.7)
+    body = plant(initial_position=(1.0, 2.0, 0.0), initial_attitude=HEADING_07)
     body.apply(command(throttle, (2.0, -3.0, 0.0)))
     body.advance_to(3 * SECOND)
     assert_array_equal(body.state.p_WB, [1.0, 2.0, 0.0])
@@ -123,7 +126,7 @@ def test_what_has_fallen_rests_level_and_can_take_off_again() -> None:
 
 
 def test_landing_keeps_the_heading() -> None:
-    body = plant(initial_position=(0.0, 0.0, 1.0), initial_yaw=0.7)
+    body = plant(initial_position=(0.0, 0.0, 1.0), initial_attitude=HEADING_07)
     body.apply(command(0.0))
     body.advance_to(SECOND)
     assert body.state.p_WB[2] == 0.0
@@ -139,7 +142,7 @@ def test_taking_off_rises_as_free_flight_does() -> None:
 
 
 def test_it_starts_at_rest_where_it_is_told() -> None:
-    body = plant(initial_position=(1.0, -2.0, 3.0), initial_yaw=math.pi / 2.0)
+    body = plant(initial_position=(1.0, -2.0, 3.0), initial_attitude=HEADING_NORTH)
     assert body.time_ns == 0
     odometry = body.odometry(123)
     assert odometry.stamp_ns == 123
@@ -149,6 +152,33 @@ def test_it_starts_at_rest_where_it_is_told() -> None:
     assert (odometry.frame_id, odometry.child_frame_id) == ("odom", "base_link")
 
 
+def test_it_starts_in_the_flight_it_is_told() -> None:
+    q = tuple(Rotation.from_euler("xyz", [0.3, -0.2, 2.0]).as_quat())
+    body = plant(
+        initial_velocity=(1.0, 2.0, -3.0),
+        initial_attitude=q,
+        initial_body_rates=(0.1, -0.2, 0.3),
+        initial_throttle=0.4,
+    )
+    assert_allclose(body.state.v_WB_W, [1.0, 2.0, -3.0], atol=1e-14)
+    assert_allclose(body.state.R_WB, Rotation.from_quat(q).as_matrix(), atol=1e-14)
+    assert_array_equal(body.odometry(0).w_WB_B, [0.1, -0.2, 0.3])
+    told = plant(initial_velocity=(1.0, 2.0, -3.0), initial_attitude=q)
+    told.apply(command(0.4, (0.1, -0.2, 0.3)))
+    for each in (body, told):
+        each.advance_to(SECOND)
+    assert_same_state(body, told, atol=0.0)
+
+
+@pytest.mark.parametrize("length", [0.0, 0.99, 1.01])
+def test_an_attitude_that_is_none_is_refused(length: float) -> None:
+    q = (0.0, 0.6 * length, 0.0, 0.8 * length)
+    with pytest.raises(
+        ConfigurationError, match=r"^simulator\.initial_attitude: given .*length 1"
+    ):
+        SimulatorConfig(initial_attitude=q)
+
+
 def test_it_starts_on_the_ground_at_the_origin_by_default() -> None:
     body = Plant(SimulatorConfig())
     assert_array_equal(body.state.p_WB, np.zeros(3))
@@ -156,7 +186,7 @@ def test_it_starts_on_the_ground_at_the_origin_by_default() -> None:
 
 
 def test_odometry_reports_velocity_in_the_body_and_the_rates_in_force() -> None:
-    body = plant(initial_yaw=math.pi / 2.0)
+    body = plant(initial_attitude=HEADING_NORTH)
     body.apply(command(HOVER, (0.0, 0.5, 0.0)))
     body.advance_to(SECOND // 2)
     body.apply(command(HOVER))

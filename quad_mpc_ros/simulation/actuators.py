@@ -1,0 +1,132 @@
+"""From the command received to what the motors do: a pure delay, then first-order lags."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from quad_mpc_ros.core import so3
+from quad_mpc_ros.core.dynamics import InputCourse, held
+from quad_mpc_ros.core.messages import Array, CommandSample
+from quad_mpc_ros.core.state import Input
+
+NEVER_NS = 2**63 - 1
+
+
+def input_from_command(command: CommandSample) -> Input | None:
+    """Return what a vehicle takes a command for: throttle saturated; nothing if not finite."""
+    if not (math.isfinite(command.throttle) and np.isfinite(command.w_WB_B).all()):
+        return None
+    throttle = min(max(command.throttle, 0.0), 1.0)
+    return Input(throttle=throttle, w_WB_B=command.w_WB_B.copy())
+
+
+class CommandDelay:
+    """Keeps each command for the delay, to the nanosecond."""
+
+    def __init__(self, delay: float) -> None:
+        self._delay_ns = round(delay * 1e9)
+        self._waiting: deque[tuple[int, Input]] = deque()
+
+    @property
+    def next_ns(self) -> int:
+        """When the next command will act."""
+        return self._waiting[0][0] if self._waiting else NEVER_NS
+
+    def put(self, command: Input, *, time_ns: int) -> None:
+        """Take a command that arrives."""
+        self._waiting.append((time_ns + self._delay_ns, command))
+
+    def take(self, *, time_ns: int) -> Input | None:
+        """Return the newest command due that was not taken yet."""
+        newest = None
+        while self.next_ns <= time_ns:
+            _, newest = self._waiting.popleft()
+        return newest
+
+
+class ActuatorLag:
+    """Body rates and throttle that follow the command c as d y/dt = (c - y) / tau.
+
+    The time constants are in seconds; with 0 the command is followed at once. It is the throttle
+    signal that lags, the thrust follows by the curve.
+    """
+
+    def __init__(
+        self, *, rate_time_constant: float, thrust_time_constant: float, initial: Input
+    ) -> None:
+        self._rate_tau = rate_time_constant
+        self._thrust_tau = thrust_time_constant
+        self._command = self._u = initial
+        self.shortest_time_constant = min(
+            (tau for tau in (rate_time_constant, thrust_time_constant) if tau > 0.0),
+            default=math.inf,
+        )
+        """The faster of the lags that there are [s]; infinite without any."""
+
+    @property
+    def u(self) -> Input:
+        """The true throttle and body rates."""
+        return self._u
+
+    def follow(self, command: Input) -> None:
+        """Follow another command from now on."""
+        self._command = command
+        self._u = self._after(self._u, 0.0)
+
+    def course(self, duration: float) -> InputCourse:
+        """Return what the input will be over ``duration`` [s], without going there."""
+        if self.shortest_time_constant == math.inf:
+            return held(self._u, duration=duration)
+        half = 0.5 * duration
+        middle = self._after(self._u, half)
+        return InputCourse(
+            start=self._u,
+            middle=middle,
+            end=self._after(middle, half),
+            first_turn=self._turn(self._u.w_WB_B, half),
+            second_turn=self._turn(middle.w_WB_B, half),
+        )
+
+    def finish(self, course: InputCourse) -> None:
+        """Go to the end of a course."""
+        self._u = course.end
+
+    def stop_turning(self) -> None:
+        """Let something hold the body: rates that lag start again from zero."""
+        if self._rate_tau > 0.0:
+            self._u = Input(throttle=self._u.throttle, w_WB_B=np.zeros(3))
+
+    def _after(self, u: Input, duration: float) -> Input:
+        c = self._command
+        rate_decay, thrust_decay = (
+            _decay(duration, self._rate_tau),
+            _decay(duration, self._thrust_tau),
+        )
+        return Input(
+            throttle=c.throttle + thrust_decay * (u.throttle - c.throttle),
+            w_WB_B=c.w_WB_B + rate_decay * (u.w_WB_B - c.w_WB_B),
+        )
+
+    def _turn(self, w_WB_B: Array, h: float) -> Array:
+        """Return the rotation (3, 3) over ``h`` [s] of the body rate c + d exp(-t / tau).
+
+        The Magnus expansion of R' = R [omega] to its second term, both integrals in closed form:
+        the integral of omega, and half that of omega(s) x omega(t) over s < t. What is left out
+        is of order h^5 (Blanes, Casas, Oteo, Ros, "The Magnus expansion and some of its
+        applications", 2009; its sign of the second term is for R' = [omega] R).
+        """
+        tau, c = self._rate_tau, self._command.w_WB_B
+        if tau == 0.0:
+            return so3.exp(h * c)
+        d = w_WB_B - c
+        decay = math.exp(-h / tau)
+        first = h * c + tau * (1.0 - decay) * d
+        second = tau * tau * (1.0 - decay) - 0.5 * tau * h * (1.0 + decay)
+        return so3.exp(first + second * np.cross(c, d))
+
+
+def _decay(duration: float, time_constant: float) -> float:
+    return math.exp(-duration / time_constant) if time_constant > 0.0 else 0.0

@@ -1,0 +1,80 @@
+"""The moving air: steady wind and gusts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from quad_mpc_ros.core.dynamics import Dynamics
+from quad_mpc_ros.core.messages import Array
+from quad_mpc_ros.core.state import VELOCITY, Input, State
+from quad_mpc_ros.core.vehicle import Vehicle
+from quad_mpc_ros.simulation.actuators import NEVER_NS
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.random_streams import Stream, generator
+
+_GUST_PERIOD_NS = 10_000_000
+_LOWEST_AIRSPEED = 1.0
+
+
+class Wind:
+    """Steady wind and Dryden gusts, world axes, m/s.
+
+    Each axis of the gusts is white noise through the longitudinal Dryden filter of MIL-F-8785C
+    and MIL-HDBK-1797,
+
+        H(s) = sigma sqrt(2 L / (pi V)) / (1 + s L / V),
+
+    sigma the intensity, L the scale length, V the airspeed. It is discretised exactly, with 100
+    values per second that are held in between: g' = a g + sigma sqrt(1 - a^2) n with
+    a = exp(-V dt / L) and n from N(0, 1), which keeps the variance at sigma^2. The standards
+    give the axes across the flight path a filter of second order; a vehicle that hovers has no
+    flight path, so here all axes are alike. V is the speed against the steady wind, but at least
+    1 m/s: at hover the frozen field of gusts would otherwise never pass by.
+    """
+
+    def __init__(self, config: SimulatorConfig) -> None:
+        self._steady_W = np.array(config.wind)
+        self._intensity, self._length = config.gust_intensity, config.gust_length
+        self._random = generator(config.seed, Stream.GUSTS)
+        self._gust_W = np.zeros(3)
+        self.blows = self._intensity > 0.0 or any(config.wind)
+        """Whether there is ever any wind."""
+        self._next_ns = NEVER_NS
+        if self._intensity > 0.0:
+            self._gust_W = self._intensity * self._random.standard_normal(3)
+            self._next_ns = _GUST_PERIOD_NS
+
+    @property
+    def velocity_W(self) -> Array:
+        """Velocity of the air (3,) [m/s]."""
+        return np.asarray(self._steady_W + self._gust_W)
+
+    @property
+    def next_ns(self) -> int:
+        """When the gusts change next."""
+        return self._next_ns
+
+    def advance_to(self, time_ns: int, *, v_WB_W: Array) -> None:
+        """Let the gusts change that are due, for a vehicle with a velocity (3,) [m/s]."""
+        while self._next_ns <= time_ns:
+            self._change(float(np.linalg.norm(v_WB_W - self._steady_W)))
+            self._next_ns += _GUST_PERIOD_NS
+
+    def _change(self, airspeed: float) -> None:
+        passed = max(airspeed, _LOWEST_AIRSPEED) * _GUST_PERIOD_NS * 1e-9
+        kept = math.exp(-passed / self._length)
+        fresh = self._intensity * math.sqrt(1.0 - kept * kept)
+        self._gust_W = kept * self._gust_W + fresh * self._random.standard_normal(3)
+
+
+def in_wind(dynamics: Dynamics, wind_W: Array) -> Dynamics:
+    """Return the dynamics in moving air: drag acts on the velocity relative to it."""
+
+    def moved_by_air(x: State, u: Input, vehicle: Vehicle) -> Array:
+        rate = dynamics(x, u, vehicle)
+        rate[VELOCITY] += vehicle.drag * (wind_W @ x.R_WB)
+        return rate
+
+    return moved_by_air

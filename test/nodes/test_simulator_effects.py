@@ -1,0 +1,89 @@
+"""The simulator node with lags, delays, wind, noise and losses."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from rclpy.qos import qos_profile_sensor_data
+from rosbags.highlevel import AnyReader
+from std_srvs.srv import Trigger
+
+from quad_mpc_ros.cli import main
+
+EFFECTS = {
+    "rate_time_constant": 0.02,
+    "thrust_time_constant": 0.02,
+    "command_delay": 0.0071,
+    "wind": [1.0, 0.0, 0.0],
+    "gust_intensity": 0.5,
+    "position_noise": 0.002,
+    "attitude_noise": 0.002,
+    "velocity_noise": 0.01,
+    "rate_noise": 0.01,
+    "odom_delay": 0.0043,
+    "odom_dropout": 0.05,
+    "odom_jitter": 0.001,
+    "seed": 11,
+}
+
+
+def _assignments() -> list[str]:
+    return [f"--set=simulator.{name}={json.dumps(value)}" for name, value in EFFECTS.items()]
+
+
+def _payloads(run: Path, topic: str) -> list[bytes]:
+    with AnyReader([run / "bag"]) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        return [bytes(data) for _, _, data in reader.messages(connections)]
+
+
+def test_lockstep_and_simulate_agree_with_every_effect(tmp_path: Path) -> None:
+    options = ["--config", "paper_rigid_body", "--duration", "4", *_assignments()]
+    flown, simulated = tmp_path / "flown", tmp_path / "simulated"
+    assert main(["fly", "--lockstep", *options, "--out", str(flown)]) == 0
+    assert main(["simulate", *options, "--out", str(simulated)]) == 0
+    for topic in ("/odom", "/command"):
+        assert 160 < len(_payloads(flown, topic)) < 200
+        assert _payloads(flown, topic) == _payloads(simulated, topic), topic
+
+
+def test_real_time_sends_late_irregular_and_not_all(
+    tmp_path: Path, start: Callable[..., Any], peer: Any
+) -> None:
+    parameters = tmp_path / "simulator.yaml"
+    parameters.write_text(
+        "simulator:\n  ros__parameters:\n    odom_rate: 100.0\n    odom_delay: 0.05\n"
+        "    odom_jitter: 0.002\n    odom_dropout: 0.3\n    position_noise: 0.5\n"
+        "    autostart: false\n    duration: 2.0\n"
+    )
+    received: list[tuple[int, int, float]] = []
+
+    def take(message: Odometry) -> None:
+        now_ns = int(peer.node.get_clock().now().nanoseconds)
+        stamp = message.header.stamp
+        stamp_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+        received.append((stamp_ns, now_ns, message.pose.pose.position.x))
+
+    subscription = peer.node.create_subscription(Odometry, "odom", take, qos_profile_sensor_data)
+    process = start("simulator", "--params-file", str(parameters))
+    client = peer.node.create_client(Trigger, "simulator/start")
+    assert peer.wait(lambda: subscription.get_publisher_count() > 0)
+    assert peer.call(client, Trigger.Request()).success
+    assert peer.wait(lambda: process.poll() is not None)
+    assert process.returncode == 0
+
+    stamps, arrivals, x = (np.array(column) for column in zip(*received, strict=True))
+    assert 100 <= len(stamps) <= 180  # of 200, three in ten dropped, a few lost
+    spacing = np.diff(stamps)
+    assert spacing.min() > 0
+    regular = 10_000_000 * np.round((stamps - stamps[0]) / 10_000_000)
+    assert np.std(stamps - stamps[0] - regular) == pytest.approx(2e6, rel=0.3)
+    assert np.median(arrivals - stamps) == pytest.approx(51e6, abs=5e6)
+    assert (arrivals - stamps).min() >= 50e6
+    assert np.std(x) == pytest.approx(0.5, rel=0.25)

@@ -1,0 +1,185 @@
+"""The plant of somebody else: that commands mean there what they mean here."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from quad_mpc_ros.cli import main
+from quad_mpc_ros.commands.run_options import SCHEMA
+from quad_mpc_ros.configuration import ConfigurationError, UserError, files
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.core.messages import CommandSample
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.plants import PLANTS, AnyPlant, make_plant
+
+MILLISECOND = 1_000_000
+SECOND = 1_000_000_000
+
+
+def configured(**changes: Any) -> SimulatorConfig:
+    config = cast(SimulatorConfig, files.load(["rotorpy"], [], schema=SCHEMA)["simulator"])
+    start = {"initial_position": (0.0, 0.0, 50.0), "initial_throttle": hover_throttle(config)}
+    return config.updated({**start, **changes})
+
+
+def hover_throttle(config: SimulatorConfig) -> float:
+    return config.vehicle().hover_throttle
+
+
+@pytest.fixture
+def rotorpy() -> None:
+    pytest.importorskip("rotorpy.vehicles.multirotor")
+
+
+def plant(**changes: Any) -> AnyPlant:
+    return make_plant(configured(**changes))
+
+
+def commanded(body: AnyPlant, throttle: float, rates: tuple[float, float, float]) -> AnyPlant:
+    body.apply(CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.array(rates)))
+    return body
+
+
+def test_without_rotorpy_one_line_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise ModuleNotFoundError(f"No module named '{name.split('.')[0]}'")
+
+    monkeypatch.setattr(importlib, "import_module", missing)
+    with pytest.raises(UserError, match=r"rotorpy.*pip install 'quad_mpc_ros\[rotorpy\]'$") as e:
+        make_plant(SimulatorConfig(plant="rotorpy"))
+    assert "\n" not in str(e.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("dynamics", "paper"), ("rate_time_constant", 0.1), ("thrust_time_constant", 0.1)],
+)
+def test_what_rotorpy_has_of_its_own_is_refused(name: str, value: object) -> None:
+    with pytest.raises(ConfigurationError, match=rf"^simulator\.{name}: given .*has its own$"):
+        SimulatorConfig.build({"plant": "rotorpy", name: value})
+
+
+@pytest.mark.usefixtures("rotorpy")
+def test_the_vehicle_file_describes_its_hummingbird() -> None:
+    from rotorpy.vehicles.hummingbird_params import quad_params
+
+    loaded = files.load(["rotorpy"], [], schema=SCHEMA)
+    mpc, simulator = cast(MpcConfig, loaded["mpc"]), configured()
+    strongest = quad_params["k_eta"] * quad_params["rotor_speed_max"] ** 2
+    for vehicle in (mpc, simulator):
+        assert vehicle.mass == quad_params["mass"]
+        assert vehicle.motor_count == quad_params["num_rotors"]
+        assert_allclose(vehicle.thrust_curve, [strongest, 0.0, 0.0], rtol=1e-12)
+    assert mpc.thrust_time_constant == quad_params["tau_m"]
+    assert mpc.rate_time_constant == 1.0 / simulator.rotorpy_rate_gain
+
+
+@pytest.mark.usefixtures("rotorpy")
+def test_it_hovers_at_the_hover_throttle() -> None:
+    body = plant()
+    body.advance_to(SECOND // 2)
+    assert_allclose(body.state.p_WB, [0.0, 0.0, 50.0], atol=1e-6)
+    assert_allclose(body.state.v_WB_B, np.zeros(3), atol=1e-6)
+
+
+@pytest.mark.usefixtures("rotorpy")
+def test_throttle_up_climbs_with_the_excess_of_thrust() -> None:
+    body = plant()
+    throttle = 1.1 * hover_throttle(configured())
+    commanded(body, throttle, (0.0, 0.0, 0.0)).advance_to(20 * MILLISECOND)
+    before = body.state.v_WB_W[2]
+    body.advance_to(40 * MILLISECOND)
+    assert (body.state.v_WB_W[2] - before) / 0.02 == pytest.approx(9.81 * 0.21, rel=0.05)
+
+
+@pytest.mark.usefixtures("rotorpy")
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_body_rates_are_followed(axis: int) -> None:
+    rates = [0.0, 0.0, 0.0]
+    rates[axis] = 1.0
+    body = commanded(plant(), hover_throttle(configured()), tuple(rates))  # type: ignore[arg-type]
+    body.advance_to(50 * MILLISECOND)
+    early = body.odometry(0).w_WB_B[axis]
+    body.advance_to(300 * MILLISECOND)
+    assert 0.4 < early < 0.75
+    assert_allclose(body.odometry(0).w_WB_B, rates, atol=0.1)
+
+
+@pytest.mark.usefixtures("rotorpy")
+def test_nose_down_accelerates_forwards_wherever_the_nose_is() -> None:
+    north = tuple(Rotation.from_euler("z", math.pi / 2.0).as_quat())
+    body = plant(initial_attitude=north)
+    commanded(body, hover_throttle(configured()), (0.0, 1.0, 0.0)).advance_to(400 * MILLISECOND)
+    assert body.state.v_WB_W[1] > 0.3
+    assert body.state.v_WB_B[0] > 0.3
+    assert abs(body.state.v_WB_W[0]) < 1e-6
+    odometry = body.odometry(7)
+    assert odometry.stamp_ns == 7
+    assert np.linalg.norm(odometry.q_WB_xyzw) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.usefixtures("rotorpy")
+def test_it_starts_in_the_flight_it_is_told() -> None:
+    q = tuple(Rotation.from_euler("xyz", [0.3, -0.2, 2.0]).as_quat())
+    body = plant(
+        initial_velocity=(1.0, 2.0, -3.0), initial_attitude=q, initial_body_rates=(0.1, -0.2, 0.3)
+    )
+    assert_allclose(body.state.v_WB_W, [1.0, 2.0, -3.0], atol=1e-12)
+    assert_allclose(body.state.R_WB, Rotation.from_quat(q).as_matrix(), atol=1e-12)
+    assert_array_equal(body.odometry(0).w_WB_B, [0.1, -0.2, 0.3])
+
+
+@pytest.mark.usefixtures("rotorpy")
+def test_wind_and_weight_act() -> None:
+    windy, heavy = plant(wind=(5.0, 0.0, 0.0)), plant(mass_scale=1.2)
+    for body in (windy, heavy):
+        body.advance_to(200 * MILLISECOND)
+    assert windy.state.v_WB_W[0] == pytest.approx(0.2 * 0.47 * 5.0, rel=0.15)
+    assert heavy.state.v_WB_W[2] == pytest.approx(-0.2 * 9.81 * (1.0 - 1.0 / 1.2), rel=0.15)
+
+
+@pytest.mark.usefixtures("rotorpy")
+def test_commands_act_after_their_delay() -> None:
+    body = commanded(plant(command_delay=0.0151), 0.5, (0.0, 0.0, 0.0))
+    body.advance_to(15_100_000)
+    assert_allclose(body.state.v_WB_W, np.zeros(3), atol=1e-6)
+    body.advance_to(25_100_000)
+    assert body.state.v_WB_W[2] > 0.05
+
+
+@pytest.mark.usefixtures("rotorpy")
+def test_it_takes_off_from_the_ground_and_does_not_fall_through() -> None:
+    body = plant(initial_position=(0.0, 0.0, 0.0), initial_throttle=0.0)
+    body.advance_to(100 * MILLISECOND)
+    assert_allclose(body.state.p_WB, np.zeros(3), atol=2e-3)
+    commanded(body, 0.5, (0.0, 0.0, 0.0)).advance_to(400 * MILLISECOND)
+    assert body.state.p_WB[2] > 0.1
+
+
+@pytest.mark.usefixtures("rotorpy")
+@pytest.mark.parametrize(
+    ("reference", "wind", "rmse"),
+    [("hover", 0.0, 0.01), ("lemniscate", 0.0, 0.01), ("lemniscate", 5.0, 0.05)],
+)
+def test_the_mpc_flies_it(reference: str, wind: float, rmse: float, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    options = ["--config", "rotorpy", "--reference", reference, "--set"]
+    options += [f"simulator.wind=[{wind}, 0.0, 0.0]", "--duration", "8", "--out", str(out)]
+    assert main(["simulate", *options]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["position_rmse_m"] <= rmse
+    assert summary["solver_failures"] == 0
+
+
+def test_every_plant_that_can_be_chosen_can_be_made() -> None:
+    (choices,) = (spec.choices for spec in SimulatorConfig.specs() if spec.name == "plant")
+    assert set(choices or ()) == set(PLANTS)
