@@ -67,6 +67,8 @@ class StatePredictor:
 
     def _follow(self, stamp_ns: int, x: State) -> None:
         """Bring the throttle, which nobody measures, and the disturbance up to an odometry."""
+        if self._estimator is None and self._lag.thrust == 0.0:
+            return  # nothing to follow
         axis = x.R_WB[:, 2]
         if self._previous is not None:
             previous_ns, previous_axis = self._previous
