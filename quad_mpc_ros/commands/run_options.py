@@ -53,8 +53,8 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="ROS parameter file or preset (default, paper, paper_rigid_body); may be repeated, "
-        "later ones win",
+        help="ROS parameter file or preset (default, paper, paper_rigid_body, rotorpy); may be "
+        "repeated, later ones win",
     )
     parser.add_argument(
         "--reference",
