@@ -75,6 +75,7 @@ setup(
     install_requires=[
         "numpy>=1.26",
         "scipy>=1.11",
+        "numba>=0.59",
         "osqp>=1.0.3",
         "mcap>=1.5",
         "rosbags>=0.11.6",

@@ -31,7 +31,7 @@ class SolverParameters(Configuration):
     owner = "mpc.solver"
 
     tolerance: float = parameter(
-        1e-4, doc="Absolute and relative tolerance of the scaled problem.", above=0.0, below=0.1
+        1e-3, doc="Absolute and relative tolerance of the scaled problem.", above=0.0, below=0.1
     )
     max_iterations: int = parameter(
         400, doc="Iterations until a solve counts as failed.", minimum=1
@@ -48,7 +48,7 @@ class MpcConfig(VehicleParameters):
         50.0, doc="Commands per second; odometry is decimated to it.", unit="Hz", above=0.0
     )
     formulation: str = parameter(
-        "paper",
+        "manifold",
         doc="Model in the horizon: manifold, or paper (its Eq. 4).",
         choices=("manifold", "paper"),
     )
@@ -71,7 +71,7 @@ class MpcConfig(VehicleParameters):
         live=True,
     )
     terminal_weight: float = parameter(
-        1.0, doc="Factor on Q at the last stage.", minimum=0.0, live=True
+        30.0, doc="Factor on Q at the last stage.", minimum=0.0, live=True
     )
     omega_max: tuple[float, ...] = parameter(
         (6.0 * math.pi, 6.0 * math.pi, 3.0 * math.pi),
@@ -109,7 +109,9 @@ class MpcConfig(VehicleParameters):
         maximum=0.5,
     )
     estimate_disturbance: bool = parameter(
-        False, doc="manifold: estimate an acceleration and the thrust's scale, and allow for them."
+        True,
+        doc="manifold: estimate an acceleration, the thrust's scale and the actuators' time "
+        "constants where they lag, and allow for them.",
     )
     lockstep: bool = parameter(
         False, doc="Answer each odometry with the reference of the same stamp, in simulated time."

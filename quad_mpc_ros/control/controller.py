@@ -193,7 +193,7 @@ class Controller:
         match source:
             case Source.MPC | Source.PLAN if self._plan is not None:
                 elapsed = (now_ns - self._planned_ns) * 1e-9
-                return Input.from_vector(self._plan.input_after(elapsed))
+                return Input.from_vector(self._plan.input_over(elapsed, self._period_ns * 1e-9))
             case Source.HOVER:
                 return self._hover.command(x)
             case Source.BLIND:
@@ -207,7 +207,8 @@ class Controller:
         self, decision: Decision, *, stamp_ns: int, now_ns: int, step: MpcStep | None
     ) -> TickStats:
         solution = step.solution if step is not None else None
-        d = step.disturbance if step is not None else NO_DISTURBANCE
+        d = step.situation.disturbance if step is not None else NO_DISTURBANCE
+        model = step.situation.model if step is not None else None
         odometry_stamp = self._odometry.stamp_ns if self._odometry is not None else now_ns
         return TickStats(
             stamp_ns=stamp_ns,
@@ -223,6 +224,8 @@ class Controller:
             disturbance_y=float(d.a_W[1]),
             disturbance_z=float(d.a_W[2]),
             thrust_scale=d.thrust_scale,
+            rate_time_constant_ms=1e3 * model.rate_time_constant if model else 0.0,
+            thrust_time_constant_ms=1e3 * model.thrust_time_constant if model else 0.0,
             odom_age_ms=1e-6 * (now_ns - odometry_stamp),
             reference_age_ms=1e-6 * (now_ns - self._window_received_ns),
             commands=self._commands,

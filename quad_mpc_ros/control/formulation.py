@@ -18,20 +18,37 @@ from quad_mpc_ros.core.messages import Array, ReferenceWindow
 class Plan:
     """The trajectory the controller intends to fly, starting at ``stamp_ns``.
 
-    ``inputs`` (N, 4): throttle and body rates held over each step of ``step`` seconds.
-    ``p_WB`` (N + 1, 3) [m] and ``R_WB`` (N + 1, 3, 3): the predicted poses, the first is now.
+    ``inputs`` (K, 4): throttle and body rates held over ``input_step`` seconds each. ``p_WB``
+    (N + 1, 3) [m] and ``R_WB`` (N + 1, 3, 3): the predicted poses every ``step`` seconds, the
+    first is now.
     """
 
     stamp_ns: int
     step: float
+    input_step: float
     inputs: Array
     p_WB: Array
     R_WB: Array
 
-    def input_after(self, elapsed: float) -> Array:
-        """Return the input (4,) planned for ``elapsed`` seconds on; beyond the end the last."""
-        stage = int(elapsed / self.step + 1e-9)  # 0.15 / 0.05 is a little less than 3
-        return np.asarray(self.inputs[min(max(stage, 0), len(self.inputs) - 1)])
+    def input_over(self, elapsed: float, duration: float) -> Array:
+        """Return the mean of the inputs planned for a time ``elapsed`` seconds on (4,).
+
+        The last one is held beyond the end.
+        """
+        last = len(self.inputs) - 1
+        begin = max(elapsed, 0.0) / self.input_step
+        end = begin + duration / self.input_step
+        first = min(int(begin + _ROUNDING), last)
+        if end <= first + 1 + _ROUNDING or first == last:
+            return np.array(self.inputs[first])
+        edges = np.clip(np.arange(len(self.inputs) + 1.0), begin, end)
+        edges[-1] = end
+        shares = np.diff(edges) / (end - begin)
+        return np.asarray(shares @ self.inputs)
+
+
+# 0.15 / 0.05 is a little less than 3.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,12 +12,14 @@ wrong by a third of their range.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from quad_mpc_ros.core.compiled import compiled
 from quad_mpc_ros.core.messages import Array
 
 Mask = NDArray[np.bool_]
@@ -39,11 +41,10 @@ class HorizonPattern:
     input_size: Array
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class HorizonStages:
-    """The numbers of one horizon in physical units; what is alike may be one stage's, broadcast.
+    """The numbers of one horizon in physical units, to be written in place.
 
-    ``A`` has every stage (``np.broadcast_to`` will do), the others broadcast by themselves.
     Shapes: ``x0`` (nx,), ``A`` (N, nx, nx), ``B`` (N, nx, nu), ``c`` (N, nx), ``H`` (N, nx, nx)
     and ``g`` (N, nx) for the states 1 to N, ``R`` (N, nu) diagonal, ``r``, ``lower``, ``upper``
     (N, nu).
@@ -60,6 +61,22 @@ class HorizonStages:
     lower: Array
     upper: Array
 
+    @staticmethod
+    def zeros(steps: int, nx: int, nu: int) -> HorizonStages:
+        """Return room for a horizon."""
+        return HorizonStages(
+            x0=np.zeros(nx),
+            A=np.zeros((steps, nx, nx)),
+            B=np.zeros((steps, nx, nu)),
+            c=np.zeros((steps, nx)),
+            H=np.zeros((steps, nx, nx)),
+            g=np.zeros((steps, nx)),
+            R=np.zeros((steps, nu)),
+            r=np.zeros((steps, nu)),
+            lower=np.zeros((steps, nu)),
+            upper=np.zeros((steps, nu)),
+        )
+
 
 class HorizonQP:
     """OSQP's form ``min 1/2 z'Pz + q'z, l <= Az <= u`` of a horizon, updated in place.
@@ -72,10 +89,10 @@ class HorizonQP:
         self.pattern = pattern
         n, nx, nu = pattern.steps, len(pattern.state_size), len(pattern.input_size)
         self._n, self._nx, self._nu = n, nx, nu
-        self._scale_A = pattern.state_size / pattern.state_size[:, None]
-        self._scale_B = pattern.input_size / pattern.state_size[:, None]
-        self._scale_H = pattern.state_size * pattern.state_size[:, None]
-        self._H_upper = np.triu(pattern.H)
+        state, size = pattern.state_size, pattern.input_size
+        self._parts_A = _part(pattern.A, -state / state[:, None])
+        self._parts_B = _part(pattern.B, -size / state[:, None])
+        self._parts_H = _part(np.triu(pattern.H), state * state[:, None])
 
         self.A, self._A_slots, self._A_entries = _assemble(
             self._constraint_blocks(), shape=(n * (nx + nu), n * (nx + nu))
@@ -90,22 +107,31 @@ class HorizonQP:
 
     def update(self, stages: HorizonStages) -> None:
         """Write the numbers of a horizon; shapes as in :class:`HorizonStages`."""
-        self._entries_A[:] = -(stages.A * self._scale_A)[..., 1:, self.pattern.A]
-        self._entries_B[:] = -(stages.B * self._scale_B)[..., self.pattern.B]
+        _gather(stages.A[1:], *self._parts_A, self._entries_A)
+        _gather(stages.B, *self._parts_B, self._entries_B)
+        _gather(stages.H, *self._parts_H, self._entries_H)
+        _write_vectors(
+            stages.x0,
+            stages.A[0],
+            stages.c,
+            stages.g,
+            stages.R,
+            stages.r,
+            stages.lower,
+            stages.upper,
+            self.pattern.state_size,
+            self.pattern.input_size,
+            self._entries_R,
+            self.q,
+            self.lower,
+            self.upper,
+        )
         np.take(self._A_entries, self._A_slots, out=self.A.data)
-
-        self._entries_H[:] = (stages.H * self._scale_H)[..., self._H_upper]
-        self._entries_R[:] = stages.R * self.pattern.input_size**2
         np.take(self._P_entries, self._P_slots, out=self.P.data)
 
-        self._q_input[:] = stages.r * self.pattern.input_size
-        self._q_state[:] = stages.g * self.pattern.state_size
-
-        self._lower_dynamics[:] = stages.c / self.pattern.state_size
-        self._lower_dynamics[0] += (stages.A[0] @ stages.x0) / self.pattern.state_size
-        self._upper_dynamics[:] = self._lower_dynamics
-        self._lower_input[:] = stages.lower / self.pattern.input_size
-        self._upper_input[:] = stages.upper / self.pattern.input_size
+    def largest(self) -> float:
+        """Return the largest magnitude of all numbers; NaN when one is NaN."""
+        return _largest((self.q, self.lower, self.upper, self.P.data, self.A.data))
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Return inputs (N, nu) and states 1 to N (N, nx) of a solution, in physical units."""
@@ -116,22 +142,15 @@ class HorizonQP:
         )
 
     def _views(self) -> None:
-        """Name the parts of the vectors and of the entry lists that change."""
-        n, nx, nu = self._n, self._nx, self._nu
-        q = self.q.reshape(n, nu + nx)
-        self._q_input, self._q_state = q[:, :nu], q[:, nu:]
-        self._lower_dynamics = self.lower[: n * nx].reshape(n, nx)
-        self._upper_dynamics = self.upper[: n * nx].reshape(n, nx)
-        self._lower_input = self.lower[n * nx :].reshape(n, nu)
-        self._upper_input = self.upper[n * nx :].reshape(n, nu)
-
+        """Name the parts of the entry lists that change."""
+        n, nu = self._n, self._nu
         count_A = (n - 1) * int(self.pattern.A.sum())
         count_B = n * int(self.pattern.B.sum())
         self._entries_A = self._A_entries[:count_A].reshape(n - 1, int(self.pattern.A.sum()))
         self._entries_B = self._A_entries[count_A : count_A + count_B].reshape(n, -1)
         self._A_entries[count_A + count_B :] = 1.0  # next states and bounded inputs
 
-        count_H = n * int(self._H_upper.sum())
+        count_H = n * len(self._parts_H[0])
         self._entries_H = self._P_entries[:count_H].reshape(n, -1)
         self._entries_R = self._P_entries[count_H:].reshape(n, nu)
 
@@ -157,7 +176,78 @@ class HorizonQP:
         n, eye_u = self._n, np.eye(self._nu) > 0
         states = [self._state_at(i) for i in range(1, n + 1)]
         inputs = [self._input_at(i) for i in range(n)]
-        return [(self._H_upper, k, k) for k in states] + [(eye_u, k, k) for k in inputs]
+        H_upper = np.triu(self.pattern.H)
+        return [(H_upper, k, k) for k in states] + [(eye_u, k, k) for k in inputs]
+
+
+_Part = tuple[NDArray[np.intp], NDArray[np.intp], Array]
+
+
+def _part(mask: Mask, scale: Array) -> _Part:
+    """Return rows, columns and factors of a mask's entries."""
+    rows, columns = np.nonzero(mask)
+    return rows, columns, scale[rows, columns]
+
+
+@compiled
+def _gather(
+    matrices: Array,
+    rows: NDArray[np.intp],
+    columns: NDArray[np.intp],
+    factors: Array,
+    entries: Array,
+) -> None:
+    """Write the chosen entries of matrices (n, ., .), times their factors, into (n, entries)."""
+    for i in range(len(matrices)):
+        for k in range(len(rows)):
+            entries[i, k] = factors[k] * matrices[i, rows[k], columns[k]]
+
+
+@compiled
+def _write_vectors(
+    x0: Array,
+    A_first: Array,
+    c: Array,
+    g: Array,
+    R: Array,
+    r: Array,
+    least: Array,
+    most: Array,
+    state_size: Array,
+    input_size: Array,
+    entries_R: Array,
+    q: Array,
+    lower: Array,
+    upper: Array,
+) -> None:
+    """Write the linear cost, the right sides of the dynamics and the bounds, all scaled."""
+    n, nx = g.shape
+    nu = r.shape[1]
+    for i in range(n):
+        for k in range(nu):
+            size, bound = input_size[k], n * nx + i * nu + k
+            entries_R[i, k] = R[i, k] * size * size
+            q[i * (nu + nx) + k] = r[i, k] * size
+            lower[bound], upper[bound] = least[i, k] / size, most[i, k] / size
+        for k in range(nx):
+            q[i * (nu + nx) + nu + k] = g[i, k] * state_size[k]
+            constant = c[i, k]
+            if i == 0:
+                for j in range(nx):
+                    constant += A_first[k, j] * x0[j]
+            lower[i * nx + k] = upper[i * nx + k] = constant / state_size[k]
+
+
+@compiled
+def _largest(arrays: tuple[Array, Array, Array, Array, Array]) -> float:
+    largest: float = 0.0
+    for a in arrays:
+        for value in a:
+            if not abs(value) <= largest:
+                largest = float(abs(value))
+                if math.isnan(largest):
+                    return largest
+    return largest
 
 
 def _assemble(

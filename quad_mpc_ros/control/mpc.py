@@ -6,13 +6,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.formulation import Formulation, Plan
 from quad_mpc_ros.control.horizon_qp import HorizonQP
 from quad_mpc_ros.control.manifold import ManifoldFormulation
 from quad_mpc_ros.control.paper import PaperFormulation
-from quad_mpc_ros.control.prediction import Disturbance
 from quad_mpc_ros.control.predictor import StatePredictor
+from quad_mpc_ros.control.situation import Situation
 from quad_mpc_ros.control.solver import QpSolution, QpSolver
 from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.core.state import Input
@@ -27,6 +29,7 @@ FORMULATIONS: dict[str, Callable[[MpcConfig], Formulation]] = {
 class MpcStep:
     """Outcome of one cycle; ``plan`` is None when the solver failed. ``step_time`` in seconds.
 
+    ``situation`` is what it began with,
     ``solution`` is the last solve's, ``iterations`` and ``solve_time`` [s] are summed over all.
     """
 
@@ -35,17 +38,28 @@ class MpcStep:
     iterations: int
     solve_time: float
     step_time: float
-    disturbance: Disturbance
+    situation: Situation
 
 
 class Mpc:
     """Linear MPC on the error state, one persistent sparse QP."""
 
     def __init__(self, config: MpcConfig) -> None:
+        self._begin(config)
+        self._warm_up()
+        self._begin(config)
+
+    def _begin(self, config: MpcConfig) -> None:
         self._predictor = StatePredictor(config)
         self._formulation = FORMULATIONS[config.formulation](config)
         self._qp = HorizonQP(self._formulation.pattern())
         self._solver = QpSolver(self._qp, config.solver)
+
+    def _warm_up(self) -> None:
+        """Run a few cycles, so that compiling is not left to the first ones in the air."""
+        for stamp_ns in (0, 1_000_000_000, 2_000_000_000):
+            self.step(_moving_at(stamp_ns), _held_from(stamp_ns))
+            self.sent(Input(throttle=0.3, w_WB_B=np.zeros(3)), sent_ns=stamp_ns)
 
     def step(self, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
         """Compute the plan for an odometry (twist in the body frame) and a reference window."""
@@ -71,7 +85,7 @@ class Mpc:
             iterations=iterations,
             solve_time=solve_time,
             step_time=time.perf_counter() - started,
-            disturbance=situation.disturbance,
+            situation=situation,
         )
 
     def sent(self, command: Input, *, sent_ns: int) -> None:
@@ -82,3 +96,26 @@ class Mpc:
         """Take over new weights and bounds; pattern, plan and warm start stay."""
         self._formulation.reconfigure(config)
         self._predictor.reconfigure(config)
+
+
+def _moving_at(stamp_ns: int) -> OdometrySample:
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        p_WB=np.zeros(3),
+        q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        v_WB_B=np.ones(3),
+        w_WB_B=np.zeros(3),
+    )
+
+
+def _held_from(stamp_ns: int) -> ReferenceWindow:
+    rest = np.zeros((2, 3))
+    return ReferenceWindow(
+        stamp_ns=stamp_ns,
+        offset_ns=np.array([0, 1_000_000_000]),
+        p_WB=rest,
+        q_WB_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)),
+        v_WB_W=rest,
+        a_WB_W=rest,
+        w_WB_W=rest,
+    )

@@ -40,14 +40,15 @@ class PaperFormulation:
     def __init__(self, config: MpcConfig) -> None:
         self._vehicle = config.vehicle()
         self._steps, self._step = config.horizon_steps, config.horizon_step
+        self._stages = HorizonStages.zeros(self._steps, TANGENT_SIZE, INPUT_SIZE)
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over weights and bounds."""
         self._u_min = np.array([config.throttle_min, *(-w for w in config.omega_max)])
         self._u_max = np.array([config.throttle_max, *config.omega_max])
-        self._H = _stage_weights(config)
-        self._R = np.array(config.R)
+        self._stages.H[:] = _stage_weights(config)
+        self._stages.R[:] = config.R
 
     def pattern(self) -> HorizonPattern:
         """Return the sparsity of I + dt A, dt B and the weights."""
@@ -70,20 +71,13 @@ class PaperFormulation:
         A, B = error_dynamics(
             x, self._vehicle, throttle=throttle, throttle_error=u_reference[0] - throttle
         )
-        steps, dt = self._steps, self._step
-        stages = HorizonStages(
-            x0=boxminus(_state_of(reference), x),
-            A=np.broadcast_to(_EYE + dt * A, (steps, TANGENT_SIZE, TANGENT_SIZE)),
-            B=np.broadcast_to(dt * B, (steps, TANGENT_SIZE, INPUT_SIZE)),
-            c=np.zeros((steps, TANGENT_SIZE)),
-            H=self._H,
-            g=np.zeros((steps, TANGENT_SIZE)),
-            R=self._R,
-            r=np.zeros((steps, INPUT_SIZE)),
-            # The bounds hold on u = u_r - ũ; the paper prints them on ũ, which cannot climb.
-            lower=u_reference - self._u_max,
-            upper=u_reference - self._u_min,
-        )
+        dt, stages = self._step, self._stages
+        stages.x0[:] = boxminus(_state_of(reference), x)
+        stages.A[:] = _EYE + dt * A
+        stages.B[:] = dt * B
+        # The bounds hold on u = u_r - ũ; the paper prints them on ũ, which cannot climb.
+        stages.lower[:] = u_reference - self._u_max
+        stages.upper[:] = u_reference - self._u_min
 
         def advance(inputs: Array, states: Array) -> tuple[Plan, None]:
             """Take the errors off the reference; the paper solves once."""
@@ -91,6 +85,7 @@ class PaperFormulation:
             plan = Plan(
                 stamp_ns=situation.stamp_ns,
                 step=dt,
+                input_step=dt,
                 inputs=np.clip(u_reference - inputs, self._u_min, self._u_max),
                 p_WB=reference.p_WB - errors[:, POSITION],
                 R_WB=reference.R_WB @ so3.exp(-errors[:, ATTITUDE]),

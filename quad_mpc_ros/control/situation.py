@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from quad_mpc_ros.control.prediction import NO_DISTURBANCE, Disturbance
-from quad_mpc_ros.core.messages import Array
+from quad_mpc_ros.control.prediction import NO_DISTURBANCE, Disturbance, Model, Motion
 from quad_mpc_ros.core.state import State
 
 
@@ -13,13 +12,19 @@ from quad_mpc_ros.core.state import State
 class Situation:
     """The state at ``stamp_ns``, when the command that is computed now will act.
 
-    ``w_WB_B`` (3,) [rad/s] and ``throttle`` are the rates and the throttle the vehicle will have
-    then, ``throttle_sent`` is the last one commanded, ``disturbance`` is what has been estimated.
+    ``motion`` is that one state, with the throttle and the rates the vehicle will have then,
+    ``throttle_sent`` is the last one commanded, ``model`` and ``disturbance`` are what is believed
+    of the vehicle.
     """
 
     stamp_ns: int
-    x: State
-    w_WB_B: Array
-    throttle: float
+    motion: Motion
     throttle_sent: float
+    model: Model
     disturbance: Disturbance = NO_DISTURBANCE
+
+    @property
+    def x(self) -> State:
+        """The state as the paper has it, with the velocity in the body."""
+        R_WB = self.motion.R_WB[0]
+        return State(p_WB=self.motion.p_WB[0], v_WB_B=R_WB.T @ self.motion.v_WB_W[0], R_WB=R_WB)

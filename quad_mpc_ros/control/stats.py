@@ -23,6 +23,8 @@ class TickStats:
     disturbance_y: float = 0.0  # the same
     disturbance_z: float = 0.0  # the same
     thrust_scale: float = 1.0  # estimated true thrust over the modelled
+    rate_time_constant_ms: float = 0.0  # in the model by now, estimated where there is one [ms]
+    thrust_time_constant_ms: float = 0.0  # the same
     odom_age_ms: float  # age of the odometry by its stamp when the tick began [ms]
     reference_age_ms: float  # age of the reference since it arrived [ms]
     commands: int  # commands sent so far

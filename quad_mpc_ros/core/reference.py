@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quad_mpc_ros.core import so3
+from quad_mpc_ros.core import compiled as so3
+from quad_mpc_ros.core.compiled import compiled
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
-
-_NANOSECOND = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,63 +36,131 @@ def sample(window: ReferenceWindow, stamps_ns: ArrayLike) -> ReferencePoints:
     """Return the reference at ``stamps_ns`` (absolute, any shape).
 
     Between samples: position by the cubic through position and velocity, velocity by the cubic
-    through velocity and acceleration, attitude along the geodesic, the rest linearly. Before the
-    first sample the first one holds; from the last one on its pose holds, at rest.
+    through velocity and acceleration, attitude by the cubic through attitude and body rate (in the
+    tangent space of the sample before); acceleration and rate are the derivatives of the last two.
+    Before the first sample the first one holds; from the last one on its pose holds, at rest.
     """
-    times = np.asarray(stamps_ns, dtype=np.int64) - window.stamp_ns
-    lower, upper, fraction, width = _intervals(window.offset_ns, times)
-    moving = (times < window.offset_ns[-1])[..., None].astype(np.float64)
+    times = np.asarray(stamps_ns, dtype=np.int64)
+    points = reference_points(times.shape)
+    sample_into(window, times, points)
+    return points
 
-    R_WB = _geodesic(window.q_WB_xyzw[lower], window.q_WB_xyzw[upper], fraction)
-    w_WB_W = _linear(window.w_WB_W, lower, upper, fraction)
+
+def reference_points(shape: tuple[int, ...]) -> ReferencePoints:
+    """Return room for the reference at times of a shape."""
     return ReferencePoints(
-        p_WB=_cubic(window.p_WB, window.v_WB_W, lower, upper, fraction, width),
-        R_WB=R_WB,
-        v_WB_W=moving * _cubic(window.v_WB_W, window.a_WB_W, lower, upper, fraction, width),
-        a_WB_W=moving * _linear(window.a_WB_W, lower, upper, fraction),
-        w_WB_B=moving * np.einsum("...ji,...j->...i", R_WB, w_WB_W),
+        p_WB=np.empty((*shape, 3)),
+        R_WB=np.empty((*shape, 3, 3)),
+        v_WB_W=np.empty((*shape, 3)),
+        a_WB_W=np.empty((*shape, 3)),
+        w_WB_B=np.empty((*shape, 3)),
     )
 
 
-_Index = NDArray[np.intp]
+def sample_into(
+    window: ReferenceWindow, stamps_ns: NDArray[np.int64], points: ReferencePoints
+) -> None:
+    """Write what :func:`sample` returns into ``points`` of the same shape."""
+    _sample(
+        stamps_ns.reshape(-1) - window.stamp_ns,
+        window.offset_ns,
+        (window.p_WB, window.q_WB_xyzw, window.v_WB_W, window.a_WB_W, window.w_WB_W),
+        (
+            points.p_WB.reshape(-1, 3),
+            points.R_WB.reshape(-1, 3, 3),
+            points.v_WB_W.reshape(-1, 3),
+            points.a_WB_W.reshape(-1, 3),
+            points.w_WB_B.reshape(-1, 3),
+        ),
+    )
 
 
-def _intervals(
-    offsets: NDArray[np.int64], times: NDArray[np.int64]
-) -> tuple[_Index, _Index, Array, Array]:
-    """Return the samples around each time, the fraction between them and their distance [s]."""
+_Samples = tuple[Array, Array, Array, Array, Array]
+
+
+@compiled
+def _sample(
+    times: NDArray[np.int64], offsets: NDArray[np.int64], samples: _Samples, points: _Samples
+) -> None:
+    """Write the points at times after the window's stamp [ns]."""
+    p, q, v, a, w = samples
+    p_at, R_at, v_at, a_at, w_at = points
     last = len(offsets) - 1
-    # side="right": of two samples at the same time the later one holds from that time on.
-    lower = np.clip(np.searchsorted(offsets, times, side="right") - 1, 0, last)
-    upper = np.minimum(lower + 1, last)
-    width = offsets[upper] - offsets[lower]
-    elapsed = np.clip(times - offsets[lower], 0, width)
-    fraction = np.asarray(elapsed / np.maximum(width, 1), dtype=np.float64)
-    seconds = np.asarray(width * _NANOSECOND, dtype=np.float64)
-    return lower, upper, fraction[..., None], seconds[..., None]
+    segment = -1
+    R, turn, w_before, w_after = _segment(q, w, 0, 0)
+    for k in range(len(times)):
+        time = times[k]
+        # side="right": of two samples at the same time the later one holds from that time on.
+        lower = max(np.searchsorted(offsets, time, side="right") - 1, 0)
+        holds = lower == last or time <= offsets[0]
+        upper = lower if holds else lower + 1
+        if lower != segment:
+            R, turn, w_before, w_after = _segment(q, w, lower, upper)
+            segment = lower if not holds else -1
+        if holds:
+            moving = 1.0 if lower < last else 0.0
+            for i in range(3):
+                p_at[k, i] = p[lower, i]
+                v_at[k, i] = moving * v[lower, i]
+                a_at[k, i] = moving * a[lower, i]
+            so3.store_matrix(R, R_at[k])
+            so3.store_vector(so3.scaled(moving, w_before), w_at[k])
+            continue
+        width = 1e-9 * (offsets[upper] - offsets[lower])
+        fraction = 1e-9 * (time - offsets[lower]) / width
+        for i in range(3):
+            p_at[k, i], _ = _cubic(
+                p[lower, i], p[upper, i], v[lower, i], v[upper, i], fraction, width
+            )
+            v_at[k, i], a_at[k, i] = _cubic(
+                v[lower, i], v[upper, i], a[lower, i], a[upper, i], fraction, width
+            )
+        # The attitude is R exp(x) with the cubic x from zero to the whole turn.
+        x0, s0 = _cubic(0.0, turn[0], w_before[0], w_after[0], fraction, width)
+        x1, s1 = _cubic(0.0, turn[1], w_before[1], w_after[1], fraction, width)
+        x2, s2 = _cubic(0.0, turn[2], w_before[2], w_after[2], fraction, width)
+        so3.store_matrix(so3.multiply(R, so3.exp((x0, x1, x2))), R_at[k])
+        so3.store_vector(so3.apply(so3.right_jacobian((x0, x1, x2)), (s0, s1, s2)), w_at[k])
 
 
-def _geodesic(q_lower_xyzw: Array, q_upper_xyzw: Array, fraction: Array) -> Array:
-    R_lower = so3.rotation_from_quaternion_xyzw(q_lower_xyzw)
-    if np.array_equal(q_lower_xyzw, q_upper_xyzw):
-        return R_lower  # a held attitude, and exactly so
-    R_upper = so3.rotation_from_quaternion_xyzw(q_upper_xyzw)
-    turn = so3.log(np.swapaxes(R_lower, -1, -2) @ R_upper)
-    return np.asarray(R_lower @ so3.exp(fraction * turn))
-
-
-def _linear(values: Array, lower: _Index, upper: _Index, fraction: Array) -> Array:
-    return np.asarray(values[lower] + fraction * (values[upper] - values[lower]))
-
-
-def _cubic(
-    values: Array, slopes: Array, lower: _Index, upper: _Index, fraction: Array, width: Array
-) -> Array:
-    """Hermite's cubic, written so that equal values at rest come out without rounding."""
-    f = fraction
-    return np.asarray(
-        values[lower]
-        + f * f * (3.0 - 2.0 * f) * (values[upper] - values[lower])
-        + f * (1.0 - f) ** 2 * width * slopes[lower]
-        - f * f * (1.0 - f) * width * slopes[upper]
+@compiled
+def _segment(
+    q_xyzw: Array, w_WB_W: Array, lower: int, upper: int
+) -> tuple[so3.Matrix, so3.Vector, so3.Vector, so3.Vector]:
+    """Return attitude before, turn to the one after, and its slopes, in the body before."""
+    R = so3.rotation((q_xyzw[lower, 0], q_xyzw[lower, 1], q_xyzw[lower, 2], q_xyzw[lower, 3]))
+    before = so3.apply_transposed(R, so3.vector(w_WB_W[lower]))
+    held = True
+    for i in range(4):
+        held &= q_xyzw[lower, i] == q_xyzw[upper, i]
+    if held:  # exactly
+        return R, (0.0, 0.0, 0.0), before, so3.apply_transposed(R, so3.vector(w_WB_W[upper]))
+    R_after = so3.rotation(
+        (q_xyzw[upper, 0], q_xyzw[upper, 1], q_xyzw[upper, 2], q_xyzw[upper, 3])
     )
+    turn = so3.log(so3.multiply(so3.transposed(R), R_after))
+    after = so3.apply_transposed(R_after, so3.vector(w_WB_W[upper]))
+    return R, turn, before, so3.apply(so3.right_jacobian_inverse(turn), after)
+
+
+@compiled
+def _cubic(
+    before: float,
+    after: float,
+    slope_before: float,
+    slope_after: float,
+    fraction: float,
+    width: float,
+) -> tuple[float, float]:
+    """Return Hermite's cubic and its slope; equal values at rest come out without rounding."""
+    f, g = fraction, 1.0 - fraction
+    value = before + (
+        f * f * (3.0 - 2.0 * f) * (after - before)
+        + width * f * g * (g * slope_before - f * slope_after)
+    )
+    slope = (
+        6.0 * f * g * (after - before) / width
+        + g * (1.0 - 3.0 * f) * slope_before
+        + f * (3.0 * f - 2.0) * slope_after
+    )
+    return value, slope

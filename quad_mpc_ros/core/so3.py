@@ -5,8 +5,8 @@ Every function accepts leading batch dimensions: (..., 3) and (..., 3, 3). Conve
 Solà, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), with right
 (body-frame) Jacobians.
 
-A single rotation goes through Python floats, batches through NumPy, which takes ten times as long
-for three numbers; the controller needs the one, the horizon the other.
+A single rotation goes through compiled code, batches through NumPy, which takes ten times as long
+for three numbers.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from quad_mpc_ros.core import compiled
+from quad_mpc_ros.core.compiled import SMALL_ANGLE
 
-# Below this angle the closed forms lose digits to cancellation and their Taylor series, cut after
-# the third term, is exact to rounding (the fourth is smaller than 1e-3**6 / 5040).
-_SMALL_ANGLE = 1e-3
+Array = NDArray[np.float64]
 
 
 def hat(phi: ArrayLike) -> Array:
@@ -45,7 +44,7 @@ def exp(phi: ArrayLike) -> Array:
     """Return the rotation by the rotation vector ``phi`` (Rodrigues); (..., 3) → (..., 3, 3)."""
     phi = np.asarray(phi, dtype=np.float64)
     if phi.ndim == 1:
-        return _single_exp(*phi.tolist())
+        return np.array(compiled.exp(tuple(phi.tolist()))).reshape(3, 3)
     angle = _norm(phi)
     skew = hat(phi)
     return _EYE + _sinc(angle) * skew + _versine(angle) * (skew @ skew)
@@ -58,11 +57,11 @@ def log(rotation: Array) -> Array:
     trace formula divides by zero. At exactly pi either of the two axes is right; one is returned.
     """
     if rotation.ndim == 2:
-        return _single_log(*_single_quaternion(rotation))
+        return np.array(compiled.log(compiled.matrix(np.ascontiguousarray(rotation))))
     q = quaternion_xyzw_from_rotation(rotation)
     vector, w = q[..., :3], q[..., 3:]  # w >= 0: the shorter way round
     sine = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
-    small = sine < _SMALL_ANGLE
+    small = sine < SMALL_ANGLE
     t = sine / np.where(small, w, 1.0)
     ratio = np.where(
         small,
@@ -95,7 +94,10 @@ def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
     """
     q = np.asarray(q_xyzw, dtype=np.float64)
     if q.ndim == 1:
-        return _single_rotation(*q.tolist())
+        x, y, z, w = q.tolist()
+        if not 0.0 < x * x + y * y + z * z + w * w < math.inf:
+            raise ValueError(f"no rotation in the quaternion {q.tolist()}")
+        return np.array(compiled.rotation((x, y, z, w))).reshape(3, 3)
     norm = np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
     if not np.all(np.isfinite(norm) & (norm > 0.0)):
         raise ValueError(f"no rotation in the quaternion {q.tolist()}")
@@ -121,7 +123,7 @@ def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
     """
     r = np.asarray(rotation, dtype=np.float64)
     if r.ndim == 2:
-        return np.array(_single_quaternion(r))
+        return np.array(compiled.quaternion(compiled.matrix(np.ascontiguousarray(r))))
     xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
     products = np.empty((*r.shape[:-2], 4, 4))
     products[..., 0, 0] = 1.0 + xx - yy - zz
@@ -138,63 +140,6 @@ def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
     q = np.take_along_axis(products, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
     return np.asarray(np.where(q[..., 3:] < 0.0, -q, q))
-
-
-def _single_exp(x: float, y: float, z: float) -> Array:
-    square = x * x + y * y + z * z
-    angle = math.sqrt(square)
-    if angle < _SMALL_ANGLE:
-        a = 1.0 - square / 6.0 + square * square / 120.0
-        b = 0.5 - square / 24.0 + square * square / 720.0
-    else:
-        a = math.sin(angle) / angle
-        b = 2.0 * math.sin(0.5 * angle) ** 2 / square
-    return np.array(
-        (
-            (1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y),
-            (b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x),
-            (b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)),
-        )
-    )
-
-
-def _single_log(x: float, y: float, z: float, w: float) -> Array:
-    sine = math.sqrt(x * x + y * y + z * z)
-    t = sine / w if sine < _SMALL_ANGLE else math.inf
-    ratio = (
-        2.0 * (1.0 - t**2 / 3.0 + t**4 / 5.0) / w
-        if sine < _SMALL_ANGLE
-        else 2.0 * math.atan2(sine, w) / sine
-    )
-    return np.array((ratio * x, ratio * y, ratio * z))
-
-
-def _single_rotation(x: float, y: float, z: float, w: float) -> Array:
-    norm = math.sqrt(x * x + y * y + z * z + w * w)
-    if not 0.0 < norm < math.inf:
-        raise ValueError(f"no rotation in the quaternion {[x, y, z, w]}")
-    x, y, z, w = x / norm, y / norm, z / norm, w / norm
-    return np.array(
-        (
-            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
-            (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
-            (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
-        )
-    )
-
-
-def _single_quaternion(rotation: Array) -> tuple[float, float, float, float]:
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
-    products = (
-        (1.0 + xx - yy - zz, yx + xy, xz + zx, zy - yz),
-        (yx + xy, 1.0 - xx + yy - zz, zy + yz, xz - zx),
-        (xz + zx, zy + yz, 1.0 - xx - yy + zz, yx - xy),
-        (zy - yz, xz - zx, yx - xy, 1.0 + xx + yy + zz),
-    )
-    diagonal = [products[i][i] for i in range(4)]
-    x, y, z, w = products[diagonal.index(max(diagonal))]
-    norm = math.copysign(math.sqrt(x * x + y * y + z * z + w * w), w)
-    return x / norm, y / norm, z / norm, w / norm
 
 
 _EYE = np.eye(3)
@@ -232,7 +177,7 @@ def _cotangent_deficit(angle: Array) -> Array:
     return np.where(small, series, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2)
 
 
-def _split(angle: Array, *, limit: float = _SMALL_ANGLE) -> tuple[NDArray[np.bool_], Array]:
+def _split(angle: Array, *, limit: float = SMALL_ANGLE) -> tuple[NDArray[np.bool_], Array]:
     """Return where the angle is small, and the angle made safe to divide by."""
     small = angle < limit
     return small, np.where(small, 1.0, angle)

@@ -43,6 +43,11 @@ def run(
         return EXIT_BAD_INPUT
     except (KeyboardInterrupt, ExternalShutdownException):
         return int(getattr(node, "exit_code", 0))
+    except Exception:
+        if rclpy.ok():
+            raise
+        # Told to end while still starting: rclpy then fails at whatever comes next.
+        return int(getattr(node, "exit_code", 0))
     finally:
         if node is not None:
             node.destroy_node()

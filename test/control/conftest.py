@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig, SolverParameters
 from quad_mpc_ros.control.horizon_qp import HorizonPattern, HorizonQP, HorizonStages
 from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.references.config import ReferenceConfig
@@ -36,6 +37,8 @@ def paper_config() -> MpcConfig:
         omega_max=(6.0 * math.pi, 6.0 * math.pi, 3.0 * math.pi),
         throttle_min=0.0,
         throttle_max=1.0,
+        estimate_disturbance=False,
+        solver=SolverParameters(tolerance=1e-4),
     )
 
 
@@ -57,7 +60,7 @@ def recorded_flight(paper_config: MpcConfig) -> RecordedFlight:
 
     def update(qp: HorizonQP, stages: HorizonStages) -> None:
         patterns.append(qp.pattern)
-        problems.append(stages)
+        problems.append(copy.deepcopy(stages))  # the next one overwrites it
         original(qp, stages)
 
     with pytest.MonkeyPatch.context() as patch:
@@ -71,8 +74,9 @@ def recorded_flight(paper_config: MpcConfig) -> RecordedFlight:
                 ),
             )
         )
-    assert len(problems) == len(steps)
-    return RecordedFlight(steps=steps, pattern=patterns[0], problems=problems)
+    warm_up = len(problems) - len(steps)
+    assert 0 < warm_up < 10
+    return RecordedFlight(steps=steps, pattern=patterns[0], problems=problems[warm_up:])
 
 
 @pytest.fixture(scope="session")

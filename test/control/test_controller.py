@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.control import paper
@@ -359,7 +359,7 @@ def test_a_failing_solver_flies_the_last_plan_then_hovers_then_recovers(
     good = hovering.tick(p_WB=np.array([0.3, -0.2, 1.5]))
     assert good.plan is not None
     inputs = good.plan.inputs
-    assert not np.allclose(inputs[1], inputs[2], atol=0.05)
+    assert not np.allclose(inputs[3], inputs[4], atol=0.05)
     spy.failing = True
     sources = []
     for count in range(1, 16):
@@ -369,12 +369,14 @@ def test_a_failing_solver_flies_the_last_plan_then_hovers_then_recovers(
         assert tick.plan is None
         assert tick.stats.reason == "solver: made to fail"
         assert tick.stats.solver_failures == tick.stats.fallbacks == count
-        if tick.stats.source == "plan" and count % 5:
-            # Shifted: the input planned for now, in steps of 50 ms.
+        if tick.stats.source == "plan":
+            # Shifted: the mean of the inputs planned for the 20 ms from now on.
             assert tick.command is not None
-            planned = inputs[count * 20 // 50]
-            assert tick.command.throttle == planned[0]
-            assert_array_equal(tick.command.w_WB_B, planned[1:])
+            milliseconds = 20.0 * count + np.arange(0.25, 20.0, 0.5)
+            steps = (milliseconds / 1e3 // good.plan.input_step).astype(int)
+            planned = inputs[steps].mean(axis=0)
+            assert_allclose(tick.command.throttle, planned[0], atol=1e-12)
+            assert_allclose(tick.command.w_WB_B, planned[1:], atol=1e-12)
     assert sources == ["plan"] * 10 + ["hover"] * 5
     spy.failing = False
     assert [hovering.tick().stats.source for _ in range(3)] == ["mpc"] * 3

@@ -120,34 +120,6 @@ def test_variables_are_divided_by_their_size() -> None:
     assert_array_equal(states, np.tile(pattern.state_size, (2, 1)))
 
 
-def test_identical_stages_may_be_broadcast() -> None:
-    steps = 4
-    one = a_horizon(1, seed=3)
-    stacked = HorizonStages(
-        **{
-            field.name: np.repeat(getattr(one, field.name), steps, axis=0)
-            for field in dataclasses.fields(one)
-            if field.name != "x0"
-        },
-        x0=one.x0,
-    )
-    broadcast = HorizonStages(
-        x0=one.x0,
-        A=np.broadcast_to(one.A, stacked.A.shape),
-        **{
-            name: getattr(one, name)[0]
-            for name in ("B", "c", "H", "g", "R", "r", "lower", "upper")
-        },
-    )
-    from_stacked, from_broadcast = HorizonQP(a_pattern(steps)), HorizonQP(a_pattern(steps))
-    from_stacked.update(stacked)
-    from_broadcast.update(broadcast)
-    for name in ("q", "lower", "upper"):
-        assert_array_equal(getattr(from_broadcast, name), getattr(from_stacked, name))
-    for name in ("P", "A"):
-        assert_array_equal(getattr(from_broadcast, name).data, getattr(from_stacked, name).data)
-
-
 def test_zeros_keep_their_place() -> None:
     horizon = a_horizon(3, seed=4)
     full, sparse = HorizonQP(a_pattern(3)), HorizonQP(a_pattern(3))
@@ -229,7 +201,7 @@ def test_solutions_satisfy_the_optimality_conditions(
     flown_problems: list[HorizonStages], flown_pattern: HorizonPattern
 ) -> None:
     qp = HorizonQP(flown_pattern)
-    solver = QpSolver(qp, SolverParameters())
+    solver = QpSolver(qp, SolverParameters(tolerance=1e-4))
     for horizon in flown_problems:
         qp.update(horizon)
         solution = solver.solve()

@@ -11,10 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.control.prediction import (
     STATE_SIZE,
+    SUBSTEPS,
     Disturbance,
-    PredictedState,
-    PredictionModel,
-    Rollout,
+    Motion,
+    jacobians,
+    model_of,
+    motion,
+    roll_out,
 )
 from quad_mpc_ros.core import so3
 from quad_mpc_ros.core.messages import Array
@@ -26,21 +29,35 @@ LAGS = [(0.0, 0.0), (0.03, 0.0), (0.0, 0.04), (0.03, 0.04), (0.5, 0.3)]
 DISTURBANCE = Disturbance(a_W=np.array([0.8, -1.1, 0.4]), thrust_scale=0.85)
 
 
-def model(steps: int, lags: tuple[float, float]) -> PredictionModel:
-    return PredictionModel(
-        VEHICLE, steps=steps, step=STEP, rate_time_constant=lags[0], thrust_time_constant=lags[1]
-    )
-
-
-def start(seed: int) -> PredictedState:
+def start(seed: int) -> Motion:
     rng = np.random.default_rng(seed)
-    return PredictedState(
-        p_WB=rng.normal(size=3),
-        v_WB_W=3.0 * rng.normal(size=3),
-        R_WB=so3.exp(rng.normal(size=3)),
-        w_WB_B=2.0 * rng.normal(size=3),
-        throttle=0.4,
+    return Motion(
+        p_WB=rng.normal(size=(1, 3)),
+        v_WB_W=3.0 * rng.normal(size=(1, 3)),
+        R_WB=so3.exp(rng.normal(size=(1, 3))),
+        actuators=np.array([[0.4, *(2.0 * rng.normal(size=3))]]),
     )
+
+
+def rolled_out(
+    x: Motion,
+    inputs: Array,
+    lags: tuple[float, float],
+    *,
+    disturbance: Disturbance = DISTURBANCE,
+    vehicle: Vehicle = VEHICLE,
+) -> Motion:
+    """Return the states that inputs (N, 4) held over whole stages, or (N, M, 4), lead to."""
+    if inputs.ndim == 2:
+        inputs = np.repeat(inputs[:, None, :], SUBSTEPS, axis=1)
+    states = motion(len(inputs) + 1)
+    model = model_of(vehicle, rate_time_constant=lags[0], thrust_time_constant=lags[1])
+    roll_out(model, STEP, disturbance.a_W, disturbance.thrust_scale, inputs, x, states)
+    return states
+
+
+def last(states: Motion) -> Motion:
+    return Motion(*(values[-1:].copy() for values in states))
 
 
 def commands(steps: int, seed: int, *, rate: float = 4.0) -> Array:
@@ -50,15 +67,15 @@ def commands(steps: int, seed: int, *, rate: float = 4.0) -> Array:
     )
 
 
-def integrated(x: PredictedState, inputs: Array, lags: tuple[float, float]) -> Array:
+def integrated(x: Motion, inputs: Array, lags: tuple[float, float]) -> Array:
     """Return position, velocity and quaternion after the inputs, by scipy on a quaternion."""
     y = np.concatenate(
         (
-            x.p_WB,
-            x.v_WB_W,
-            Rotation.from_matrix(x.R_WB).as_quat(),
-            x.w_WB_B,
-            [x.throttle],
+            x.p_WB[0],
+            x.v_WB_W[0],
+            Rotation.from_matrix(x.R_WB[0]).as_quat(),
+            x.actuators[0, 1:],
+            x.actuators[0, :1],
         )
     )
     a, b, c = VEHICLE.thrust_curve
@@ -88,43 +105,51 @@ def integrated(x: PredictedState, inputs: Array, lags: tuple[float, float]) -> A
 def test_rollout_agrees_with_an_independent_integrator(lags: tuple[float, float]) -> None:
     """To millimetres over half a second of violent flying; the substep's error is of order 2."""
     x, inputs = start(1), commands(10, 2)
-    rollout = model(10, lags).roll_out(x, inputs, DISTURBANCE)
+    states = rolled_out(x, inputs, lags)
     exact = integrated(x, inputs, lags)
-    np.testing.assert_allclose(rollout.p_WB[-1], exact[0:3], atol=2e-3)
-    np.testing.assert_allclose(rollout.v_WB_W[-1], exact[3:6], atol=8e-3)
-    difference = rollout.R_WB[-1].T @ Rotation.from_quat(exact[6:10]).as_matrix()
+    np.testing.assert_allclose(states.p_WB[-1], exact[0:3], atol=2e-3)
+    np.testing.assert_allclose(states.v_WB_W[-1], exact[3:6], atol=8e-3)
+    difference = states.R_WB[-1].T @ Rotation.from_quat(exact[6:10]).as_matrix()
     assert np.linalg.norm(so3.log(difference)) < 3e-3
     if lags[0]:
-        np.testing.assert_allclose(rollout.w_WB_B[-1], exact[10:13], rtol=1e-7)
+        np.testing.assert_allclose(states.actuators[-1, 1:], exact[10:13], rtol=1e-7)
     if lags[1]:
-        assert rollout.throttle[-1] == pytest.approx(exact[13], rel=1e-7)
+        assert states.actuators[-1, 0] == pytest.approx(exact[13], rel=1e-7)
 
 
 @pytest.mark.parametrize("lags", LAGS)
+@pytest.mark.parametrize("held", [(), (1,), (0, 3)])
 @pytest.mark.parametrize("stage", [0, 4, 9])
 def test_jacobians_are_the_derivatives_through_box_plus(
-    lags: tuple[float, float], stage: int
+    lags: tuple[float, float], held: tuple[int, ...], stage: int
 ) -> None:
-    x, inputs = start(3), commands(10, 4, rate=15.0)
-    rollout = model(10, lags).roll_out(x, inputs, DISTURBANCE)
-    A, B = model(10, lags).jacobians(rollout)
+    """Also where a bound holds the commands of some substeps."""
+    rng = np.random.default_rng(5)
+    inputs = np.repeat(commands(10, 4, rate=15.0)[:, None, :], SUBSTEPS, axis=1)
+    inputs = inputs + 0.05 * rng.normal(size=inputs.shape)
+    free = np.ones_like(inputs)
+    free[:, list(held)] = 0.0
+    states = rolled_out(start(3), inputs, lags)
+    model = model_of(VEHICLE, rate_time_constant=lags[0], thrust_time_constant=lags[1])
+    A, B = np.zeros((10, STATE_SIZE, STATE_SIZE)), np.zeros((10, STATE_SIZE, 4))
+    d = DISTURBANCE
+    jacobians(model, STEP, d.a_W, d.thrust_scale, inputs, free, states, A, B)
 
     def next_state(dx: Array, du: Array) -> Array:
-        moved = PredictedState(
-            p_WB=rollout.p_WB[stage] + dx[0:3],
-            v_WB_W=rollout.v_WB_W[stage] + dx[3:6],
-            R_WB=rollout.R_WB[stage] @ so3.exp(dx[6:9]),
-            w_WB_B=rollout.w_WB_B[stage] + dx[9:12],
-            throttle=rollout.throttle[stage] + dx[12],
+        moved = Motion(
+            p_WB=states.p_WB[None, stage] + dx[0:3],
+            v_WB_W=states.v_WB_W[None, stage] + dx[3:6],
+            R_WB=states.R_WB[None, stage] @ so3.exp(dx[6:9]),
+            actuators=states.actuators[None, stage] + dx[[12, 9, 10, 11]],
         )
-        end = model(1, lags).roll_out(moved, (inputs[stage] + du)[None], DISTURBANCE)
+        end = rolled_out(moved, (inputs[stage] + free[stage] * du)[None], lags)
         return np.concatenate(
             (
                 end.p_WB[1],
                 end.v_WB_W[1],
-                so3.log(rollout.R_WB[stage + 1].T @ end.R_WB[1]),
-                end.w_WB_B[1],
-                [end.throttle[1]],
+                so3.log(states.R_WB[stage + 1].T @ end.R_WB[1]),
+                end.actuators[1, 1:],
+                end.actuators[1, :1],
             )
         )
 
@@ -139,37 +164,41 @@ def test_jacobians_are_the_derivatives_through_box_plus(
     np.testing.assert_allclose(B[stage], np.column_stack(by_u), atol=2e-8)
 
 
+def test_without_lags_the_small_jacobians_are_those_of_the_large() -> None:
+    inputs = np.repeat(commands(3, 4)[:, None, :], SUBSTEPS, axis=1)
+    states, free = rolled_out(start(3), inputs, (0.0, 0.0)), np.ones_like(inputs)
+    model = model_of(VEHICLE, rate_time_constant=0.0, thrust_time_constant=0.0)
+    found = []
+    for size in (9, STATE_SIZE):
+        A, B = np.zeros((3, size, size)), np.zeros((3, size, 4))
+        d = DISTURBANCE
+        jacobians(model, STEP, d.a_W, d.thrust_scale, inputs, free, states, A, B)
+        found.append((A[:, :9, :9], B[:, :9]))
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    np.testing.assert_array_equal(found[0][1], found[1][1])
+
+
 @pytest.mark.parametrize("lags", LAGS)
 def test_a_horizon_is_its_stages_one_after_another(lags: tuple[float, float]) -> None:
     x, inputs = start(5), commands(6, 6)
-    whole = model(6, lags).roll_out(x, inputs, DISTURBANCE)
+    whole = rolled_out(x, inputs, lags)
     for u in inputs:
-        end: Rollout = model(1, lags).roll_out(x, u[None], DISTURBANCE)
-        x = PredictedState(
-            p_WB=end.p_WB[1],
-            v_WB_W=end.v_WB_W[1],
-            R_WB=end.R_WB[1],
-            w_WB_B=end.w_WB_B[1],
-            throttle=float(end.throttle[1]),
-        )
-    np.testing.assert_allclose(whole.p_WB[-1], x.p_WB, atol=1e-12)
-    np.testing.assert_allclose(whole.v_WB_W[-1], x.v_WB_W, atol=1e-12)
-    np.testing.assert_allclose(whole.R_WB[-1], x.R_WB, atol=1e-12)
+        x = last(rolled_out(x, u[None], lags))
+    np.testing.assert_allclose(whole.p_WB[-1], x.p_WB[0], atol=1e-12)
+    np.testing.assert_allclose(whole.v_WB_W[-1], x.v_WB_W[0], atol=1e-12)
+    np.testing.assert_allclose(whole.R_WB[-1], x.R_WB[0], atol=1e-12)
 
 
 def test_a_vanishing_lag_is_no_lag() -> None:
     x, inputs = start(7), commands(10, 8)
-    none = model(10, (0.0, 0.0)).roll_out(x, inputs, DISTURBANCE)
-    tiny = model(10, (1e-7, 1e-7)).roll_out(x, inputs, DISTURBANCE)
+    none, tiny = rolled_out(x, inputs, (0.0, 0.0)), rolled_out(x, inputs, (1e-7, 1e-7))
     np.testing.assert_allclose(tiny.p_WB, none.p_WB, atol=1e-5)
 
 
 def test_without_drag_the_motion_is_ballistic() -> None:
     vehicle = dataclasses.replace(VEHICLE, drag=0.0, thrust_curve=(1.88, 2.8, 0.0))
-    free = PredictionModel(
-        vehicle, steps=10, step=STEP, rate_time_constant=0.0, thrust_time_constant=0.0
-    )
+    nothing = Disturbance(a_W=np.zeros(3), thrust_scale=1.0)
     x = start(9)
-    rollout = free.roll_out(x, np.zeros((10, 4)), Disturbance(a_W=np.zeros(3), thrust_scale=1.0))
-    fallen = x.p_WB + 0.5 * x.v_WB_W + np.array([0.0, 0.0, -0.5 * 9.81 * 0.25])
-    np.testing.assert_allclose(rollout.p_WB[-1], fallen, atol=1e-12)
+    states = rolled_out(x, np.zeros((10, 4)), (0.0, 0.0), disturbance=nothing, vehicle=vehicle)
+    fallen = x.p_WB[0] + 0.5 * x.v_WB_W[0] + np.array([0.0, 0.0, -0.5 * 9.81 * 0.25])
+    np.testing.assert_allclose(states.p_WB[-1], fallen, atol=1e-12)

@@ -23,7 +23,7 @@ from quad_mpc_ros.simulation.sensors import odometry_stamps
 
 @pytest.fixture(scope="module")
 def mpc() -> MpcConfig:
-    return MpcConfig(formulation="paper", horizon_steps=10, horizon_step=0.05)
+    return MpcConfig(formulation="paper", terminal_weight=1.0, horizon_steps=10, horizon_step=0.05)
 
 
 @pytest.fixture(scope="module")
