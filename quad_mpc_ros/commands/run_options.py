@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import datetime
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -103,13 +104,13 @@ def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
     if (options.start or ("reference" if trajectory.smooth else "ground")) == "reference":
         made += _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
         loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
-    out = options.out or _default_out(reference.trajectory)
+    out = prepared_out(options.out or default_out(reference.trajectory))
     return RunConfig(
         mpc=cast(MpcConfig, loaded["mpc"]),
         simulator=cast(SimulatorConfig, loaded["simulator"]),
         reference=reference,
         recorder=dataclasses.replace(
-            cast(RecorderConfig, loaded["recorder"]), directory=str(_prepared(out) / "bag")
+            cast(RecorderConfig, loaded["recorder"]), directory=str(out / "bag")
         ),
         out=out,
     )
@@ -157,14 +158,15 @@ def _yaml(value: float | list[float]) -> str:
     return yaml.safe_dump([value], default_flow_style=True, width=math.inf).strip()[1:-1]
 
 
-def _default_out(trajectory: str) -> Path:
+def default_out(label: str) -> Path:
+    """Return the folder of a run that was not given one."""
     now = datetime.datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
-    return Path("runs") / f"{now}_{trajectory}"
+    return Path("runs") / f"{now}_{label}"
 
 
-def _prepared(out: Path) -> Path:
-    """Make the folder of a run; refuse one that holds results already."""
-    for name in ("bag", "summary.json", "figures"):
+def prepared_out(out: Path, *, holds: Sequence[str] = ("bag", "summary.json", "figures")) -> Path:
+    """Make the folder of a run and return it; refuse one that has what it is to hold."""
+    for name in holds:
         if (out / name).exists():
             raise UserError(
                 f"--out: {out / name} exists and is not overwritten; give a new folder"
