@@ -10,6 +10,7 @@ INIT = Path(PACKAGE, "__init__.py").read_text(encoding="utf-8")
 
 # Elsewhere the package runs with an installed ROS 2 Jazzy.
 ROS_WHEELS_EXIST = "sys_platform == 'linux' and platform_machine == 'x86_64'"
+ACADOS_WHEELS_EXIST = ROS_WHEELS_EXIST
 
 SHIM = """\
 #!/bin/sh
@@ -88,6 +89,8 @@ setup(
             for name in ("rclpy", "common-interfaces", "rmw-fastrtps-cpp")
         ],
         "rotorpy": ["rotorpy"],  # quad_mpc simulate --set simulator.plant=rotorpy
+        # What quad_mpc bench compares with; acados brings its own CasADi.
+        "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
         "test": [
             "pytest<9",  # what launch_testing of Jazzy can use
             "pytest-timeout",

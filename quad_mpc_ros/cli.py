@@ -28,6 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     # Options first: importing the commands brings in what they need, which takes a moment.
+    from quad_mpc_ros.commands.bench_options import add_bench_options
     from quad_mpc_ros.commands.run_options import add_run_options
 
     parser = argparse.ArgumentParser(
@@ -61,6 +62,18 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_run_options(simulate)
     simulate.set_defaults(run=_simulate)
+
+    bench = commands.add_parser(
+        "bench",
+        help="measure this controller beside acados, cvxpy and OSQP's own time",
+        description="Fly the square on the true rigid body with each peer in turn, in one "
+        "process, and tell what a step costs: this controller, acados (SQP_RTI, HPIPM), the same "
+        "QP through cvxpy rebuilt at every step, and the solvers' own times; then the cost "
+        "against the length of the horizon. The peers are optional: pip install "
+        "'quad_mpc_ros[bench]'. Exit code 2 for bad input.",
+    )
+    add_bench_options(bench)
+    bench.set_defaults(run=_bench)
     return parser
 
 
@@ -74,6 +87,12 @@ def _simulate(options: argparse.Namespace) -> int:
     from quad_mpc_ros.commands.simulate import simulate
 
     return simulate(options)
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from quad_mpc_ros.commands.bench import bench
+
+    return bench(options)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,100 @@
+"""acados as a peer: one real-time iteration with HPIPM on the same problem."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.bench.acados_solver import REFERENCE_SIZE
+from quad_mpc_ros.bench.peer import Effort
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.core import so3
+from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.core.reference import sample
+
+_SOLVED = 0
+
+
+class AcadosPeer:
+    """Sets state and reference through acados' Python interface and calls its C solver once.
+
+    It samples the reference as the manifold formulation does: states at the stages' ends, inputs
+    at their middles.
+    """
+
+    def __init__(self, config: MpcConfig, solver: Any) -> None:
+        self._vehicle = config.vehicle()
+        self._solver = solver
+        self._steps = config.horizon_steps
+        half_steps = np.arange(1, 2 * self._steps + 1)
+        self._offsets_ns = np.rint(config.horizon_step * 0.5e9 * half_steps).astype(np.int64)
+        self._references = np.zeros((self._steps + 1, REFERENCE_SIZE))
+        self._u_min = np.array([config.throttle_min, *(-w for w in config.omega_max)])
+        self._u_max = np.array([config.throttle_max, *config.omega_max])
+        self._q_xyzw: Array | None = None
+        self._status = _SOLVED
+        solver.reset()
+
+    def step(self, odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
+        """Return the first input of one real-time iteration; None when HPIPM failed."""
+        self._set_references(odometry.stamp_ns, window)
+        x = self._state(odometry)
+        solver = self._solver
+        if self._q_xyzw is None:
+            self._start_from(x)
+        self._q_xyzw = x[6:]
+        solver.set(0, "lbx", x)
+        solver.set(0, "ubx", x)
+        self._status = solver.solve()
+        if self._status != _SOLVED:
+            return None
+        u = solver.get(0, "u")
+        return CommandSample(stamp_ns=odometry.stamp_ns, throttle=float(u[0]), w_WB_B=u[1:])
+
+    def effort(self) -> Effort:
+        """Return HPIPM's iterations and the time of the whole call of the C solver."""
+        return Effort(
+            solved=self._status == _SOLVED,
+            iterations=int(np.sum(self._solver.get_stats("qp_iter"))),
+            solve_time=float(self._solver.get_stats("time_tot")[0]),
+        )
+
+    def inputs(self) -> Array:
+        """Return the planned inputs (N, 4)."""
+        return np.array([self._solver.get(stage, "u") for stage in range(self._steps)])
+
+    def _state(self, odometry: OdometrySample) -> Array:
+        """Return the state of acados' model, the quaternion with the sign of the last one."""
+        q_xyzw = odometry.q_WB_xyzw
+        v_WB_W = so3.rotation_from_quaternion_xyzw(q_xyzw) @ odometry.v_WB_B
+        if self._q_xyzw is not None and q_xyzw @ self._q_xyzw < 0.0:
+            q_xyzw = -q_xyzw
+        return np.concatenate((odometry.p_WB, v_WB_W, q_xyzw))
+
+    def _start_from(self, x: Array) -> None:
+        """Begin the first iteration at the state held, with the inputs of the reference."""
+        for stage in range(self._steps + 1):
+            self._solver.set(stage, "x", x)
+        for stage in range(self._steps):
+            self._solver.set(stage, "u", self._references[stage, 15:])
+
+    def _set_references(self, stamp_ns: int, window: ReferenceWindow) -> None:
+        points = sample(window, stamp_ns + self._offsets_ns)
+        ends, middles = slice(1, None, 2), slice(0, None, 2)
+        references = self._references
+        references[1:, 0:3] = points.p_WB[ends]
+        references[1:, 3:6] = points.v_WB_W[ends]
+        references[1:, 6:15] = points.R_WB[ends].reshape(-1, 9)
+
+        force = points.a_WB_W[middles] + self._vehicle.drag * points.v_WB_W[middles]
+        force[:, 2] += self._vehicle.gravity
+        thrust = self._vehicle.mass * np.einsum("ni,ni->n", points.R_WB[middles][..., 2], force)
+        lowest, highest = self._vehicle.thrust(0.0), self._vehicle.thrust(1.0)
+        throttles = [
+            self._vehicle.throttle_for(min(max(t, lowest), highest)) for t in thrust.tolist()
+        ]
+        inputs = np.column_stack((throttles, points.w_WB_B[middles]))
+        references[:-1, 15:] = np.clip(inputs, self._u_min, self._u_max)
+        for stage, reference in enumerate(references):
+            self._solver.set(stage, "p", reference)

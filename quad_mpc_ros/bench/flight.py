@@ -1,0 +1,72 @@
+"""One flight of a peer in the closed loop, with every step measured."""
+
+from __future__ import annotations
+
+import gc
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.bench.peer import Peer
+from quad_mpc_ros.core.messages import Array
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.odometry_stream import OdometryStream
+from quad_mpc_ros.simulation.plants import make_plant
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredFlight:
+    """A flight step by step.
+
+    ``step_us`` (n,): odometry and reference in to command out [us]. ``solve_us`` (n,): the
+    solver's own time [us]. ``iterations``, ``solved`` (n,). ``commands`` (n, 4): throttle and body
+    rates, NaN where there was none. ``p_WB`` and ``p_reference`` (n, 3): true and wanted [m].
+    """
+
+    step_us: Array
+    solve_us: Array
+    iterations: NDArray[np.int64]
+    solved: NDArray[np.bool_]
+    commands: Array
+    p_WB: Array
+    p_reference: Array
+
+
+def fly(peer: Peer, *, simulator: SimulatorConfig, reference: ReferenceConfig) -> MeasuredFlight:
+    """Fly a peer through the loop of :func:`quad_mpc_ros.simulation.closed_loop.fly`.
+
+    Garbage of earlier flights is collected before, so that nobody pays for another's; the
+    collector stays on, as it does in the node.
+    """
+    plant, server = make_plant(simulator), ReferenceServer(reference)
+    stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
+    server.start(SIMULATION_START_NS)
+    times, efforts, commands, positions, wanted = [], [], [], [], []
+    gc.collect()
+    while (sent := stream.step()) is not None:
+        window = server.window(sent.odometry.stamp_ns)
+        started_ns = time.perf_counter_ns()
+        command = peer.step(sent.odometry, window)
+        times.append(time.perf_counter_ns() - started_ns)
+        efforts.append(peer.effort())
+        if command is not None:
+            plant.apply(command)
+            commands.append([command.throttle, *command.w_WB_B])
+        else:
+            commands.append([np.nan] * 4)
+        positions.append(sent.truth.p_WB)
+        wanted.append(window.p_WB[0])
+    return MeasuredFlight(
+        step_us=1e-3 * np.array(times),
+        solve_us=1e6 * np.array([effort.solve_time for effort in efforts]),
+        iterations=np.array([effort.iterations for effort in efforts], dtype=np.int64),
+        solved=np.array([effort.solved for effort in efforts], dtype=np.bool_),
+        commands=np.array(commands),
+        p_WB=np.array(positions),
+        p_reference=np.array(wanted),
+    )
