@@ -2,7 +2,7 @@
 export VENV PYTHON
 IN_VENV = @tools/in_venv.sh
 
-.PHONY: help run test lint clean
+.PHONY: help run test bench lint clean
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -13,6 +13,9 @@ run:  ## install what is missing into .venv and fly the square: make run ARGS='-
 
 test:  ## run the tests in the same way: make test ARGS='-k so3'
 	$(IN_VENV) ros,test python -P -m pytest $(ARGS)
+
+bench:  ## measure beside acados and cvxpy, renew docs/performance.md: make bench ARGS='--repeats 5'
+	$(IN_VENV) bench python -P tools/update_performance.py $(ARGS)
 
 lint:  ## check style, types and layers
 	$(IN_VENV) dev ruff check
