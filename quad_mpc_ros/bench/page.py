@@ -63,10 +63,10 @@ _PEERS_EXPLAINED = (
     "**the paper's formulation**: the same with `formulation: paper`, one linearisation held over "
     "the horizon.",
     "**acados**: the same problem (model, errors, weights, bounds, horizon, reference) as a C "
-    "solver with one real-time iteration per step, partial condensing and HPIPM, explicit "
-    "Runge-Kutta of order 4 with one step a stage, whose error in position and velocity is below "
-    "that of this controller's substeps. The whole step includes what its Python interface needs: "
-    "sampling the reference, one call per stage to set it, the state, the solve, the input.",
+    "solver with one real-time iteration per step, partial condensing, HPIPM, and one explicit "
+    "Runge-Kutta step of order 4 a stage. The whole step includes what its Python interface "
+    "needs: sampling the reference, one call per stage to set it, the state, the solve, the "
+    "input. Its iterations are HPIPM's.",
     "**cvxpy**: this controller's linearisation, its QP written down stage by stage and rebuilt "
     "at every step, solved by OSQP with the same tolerance.",
 )
