@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from quad_mpc_ros.bench.peer import Effort
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.controller import Controller, Tick
+from quad_mpc_ros.control.controller import Tick
 from quad_mpc_ros.control.ladder import Source
+from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
 
 
@@ -13,7 +14,7 @@ class ControllerPeer:
     """The whole controller, from the boundary's values in to the command out."""
 
     def __init__(self, config: MpcConfig) -> None:
-        self._controller = Controller(config)
+        self._controller = warmed_up(config)
         self._tick: Tick | None = None
 
     def step(self, odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:

@@ -82,7 +82,9 @@ def add_bench_options(parser: argparse.ArgumentParser) -> None:
 def resolve_bench(options: argparse.Namespace) -> BenchConfig:
     """Return what the options ask for; raises :class:`UserError` for what cannot be used."""
     _check(options)
+    # The peers know the model only, and so does the controller then.
     made = [f"simulator.duration={options.duration}", "mpc.formulation=manifold"]
+    made += ["mpc.estimate_disturbance=false"]
     made += [f"{node}.lockstep=true" for node in ("mpc", "simulator", "reference")]
     sources = options.config or ["default"]
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)

@@ -11,6 +11,7 @@ import numpy as np
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.control.situation import Situation
+from quad_mpc_ros.core.compiled import compiled
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
 
 
@@ -35,20 +36,29 @@ class Plan:
 
         The last one is held beyond the end.
         """
-        last = len(self.inputs) - 1
         begin = max(elapsed, 0.0) / self.input_step
-        end = begin + duration / self.input_step
-        first = min(int(begin + _ROUNDING), last)
-        if end <= first + 1 + _ROUNDING or first == last:
-            return np.array(self.inputs[first])
-        edges = np.clip(np.arange(len(self.inputs) + 1.0), begin, end)
-        edges[-1] = end
-        shares = np.diff(edges) / (end - begin)
-        return np.asarray(shares @ self.inputs)
+        return _mean_over(self.inputs, begin, begin + duration / self.input_step)
 
 
 # 0.15 / 0.05 is a little less than 3.
 _ROUNDING = 1e-9
+
+
+@compiled
+def _mean_over(inputs: Array, begin: float, end: float) -> Array:
+    """Return the mean of inputs (K, 4), one a unit of time, the last one held."""
+    mean = np.zeros(4)
+    last = len(inputs) - 1
+    first = min(int(begin + _ROUNDING), last)
+    if end <= first + 1 + _ROUNDING or first == last:
+        mean[:] = inputs[first]  # exactly
+        return mean
+    for k in range(first, last + 1):
+        until = end if k == last else min(end, k + 1.0)
+        share = max(until - max(begin, float(k)), 0.0) / (end - begin)
+        for i in range(4):
+            mean[i] += share * inputs[k, i]
+    return mean
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,14 +12,13 @@ wrong by a third of their range.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from quad_mpc_ros.core.compiled import compiled
+from quad_mpc_ros.core.compiled import compiled, largest
 from quad_mpc_ros.core.messages import Array
 
 Mask = NDArray[np.bool_]
@@ -89,6 +88,7 @@ class HorizonQP:
         self.pattern = pattern
         n, nx, nu = pattern.steps, len(pattern.state_size), len(pattern.input_size)
         self._n, self._nx, self._nu = n, nx, nu
+        self._shape = n, nx, nu
         state, size = pattern.state_size, pattern.input_size
         self._parts_A = _part(pattern.A, -state / state[:, None])
         self._parts_B = _part(pattern.B, -size / state[:, None])
@@ -107,6 +107,9 @@ class HorizonQP:
 
     def update(self, stages: HorizonStages) -> None:
         """Write the numbers of a horizon; shapes as in :class:`HorizonStages`."""
+        if stages.B.shape != self._shape:
+            # Compiled code does not look where it writes.
+            raise ValueError(f"stages of shape {stages.B.shape}, expected {self._shape}")
         _gather(stages.A[1:], *self._parts_A, self._entries_A)
         _gather(stages.B, *self._parts_B, self._entries_B)
         _gather(stages.H, *self._parts_H, self._entries_H)
@@ -129,9 +132,10 @@ class HorizonQP:
         np.take(self._A_entries, self._A_slots, out=self.A.data)
         np.take(self._P_entries, self._P_slots, out=self.P.data)
 
-    def largest(self) -> float:
-        """Return the largest magnitude of all numbers; NaN when one is NaN."""
-        return _largest((self.q, self.lower, self.upper, self.P.data, self.A.data))
+    def size(self) -> float:
+        """Return a number at least as large as each of the problem's; NaN when one is NaN."""
+        parts = (self.q, self.lower, self.upper, self.P.data, self.A.data)
+        return sum(map(largest, parts))
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Return inputs (N, nu) and states 1 to N (N, nx) of a solution, in physical units."""
@@ -236,18 +240,6 @@ def _write_vectors(
                 for j in range(nx):
                     constant += A_first[k, j] * x0[j]
             lower[i * nx + k] = upper[i * nx + k] = constant / state_size[k]
-
-
-@compiled
-def _largest(arrays: tuple[Array, Array, Array, Array, Array]) -> float:
-    largest: float = 0.0
-    for a in arrays:
-        for value in a:
-            if not abs(value) <= largest:
-                largest = float(abs(value))
-                if math.isnan(largest):
-                    return largest
-    return largest
 
 
 def _assemble(

@@ -13,7 +13,7 @@ frame, whose norm is the same, and the exact Jacobian of the attitude error.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,8 +52,7 @@ _STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)
 _CONVERGED = 0.95
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Candidate:
+class _Candidate(NamedTuple):
     """A plan, where it leads, and what that costs.
 
     ``deviation`` (N, 4) from the reference's inputs, ``inputs`` (N, M, 4) inside the bounds,

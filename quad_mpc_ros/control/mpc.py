@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.formulation import Formulation, Plan
 from quad_mpc_ros.control.horizon_qp import HorizonQP
@@ -45,21 +43,10 @@ class Mpc:
     """Linear MPC on the error state, one persistent sparse QP."""
 
     def __init__(self, config: MpcConfig) -> None:
-        self._begin(config)
-        self._warm_up()
-        self._begin(config)
-
-    def _begin(self, config: MpcConfig) -> None:
         self._predictor = StatePredictor(config)
         self._formulation = FORMULATIONS[config.formulation](config)
         self._qp = HorizonQP(self._formulation.pattern())
         self._solver = QpSolver(self._qp, config.solver)
-
-    def _warm_up(self) -> None:
-        """Run a few cycles, so that compiling is not left to the first ones in the air."""
-        for stamp_ns in (0, 1_000_000_000, 2_000_000_000):
-            self.step(_moving_at(stamp_ns), _held_from(stamp_ns))
-            self.sent(Input(throttle=0.3, w_WB_B=np.zeros(3)), sent_ns=stamp_ns)
 
     def step(self, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
         """Compute the plan for an odometry (twist in the body frame) and a reference window."""
@@ -96,26 +83,3 @@ class Mpc:
         """Take over new weights and bounds; pattern, plan and warm start stay."""
         self._formulation.reconfigure(config)
         self._predictor.reconfigure(config)
-
-
-def _moving_at(stamp_ns: int) -> OdometrySample:
-    return OdometrySample(
-        stamp_ns=stamp_ns,
-        p_WB=np.zeros(3),
-        q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-        v_WB_B=np.ones(3),
-        w_WB_B=np.zeros(3),
-    )
-
-
-def _held_from(stamp_ns: int) -> ReferenceWindow:
-    rest = np.zeros((2, 3))
-    return ReferenceWindow(
-        stamp_ns=stamp_ns,
-        offset_ns=np.array([0, 1_000_000_000]),
-        p_WB=rest,
-        q_WB_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)),
-        v_WB_W=rest,
-        a_WB_W=rest,
-        w_WB_W=rest,
-    )

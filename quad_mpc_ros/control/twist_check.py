@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from quad_mpc_ros.core import so3
+from quad_mpc_ros.core import compiled as so3
+from quad_mpc_ros.core.compiled import compiled
 from quad_mpc_ros.core.messages import Array, OdometrySample
 
 _SPEED_ENOUGH = 0.5  # m/s, below it noise hides the frame
@@ -29,13 +30,14 @@ class TwistFrameCheck:
         previous, self._previous = self._previous, odometry
         if previous is None or odometry.stamp_ns <= previous.stamp_ns:
             return None
-        measured = (odometry.p_WB - previous.p_WB) / (
-            (odometry.stamp_ns - previous.stamp_ns) * 1e-9
+        speed, as_child, as_world = _disagreement(
+            previous.p_WB,
+            odometry.p_WB,
+            previous.q_WB_xyzw,
+            previous.v_WB_B,
+            1e-9 * (odometry.stamp_ns - previous.stamp_ns),
         )
-        R_WB = so3.rotation_from_quaternion_xyzw(previous.q_WB_xyzw)
-        as_child = _distance(measured, R_WB @ previous.v_WB_B)
-        as_world = _distance(measured, previous.v_WB_B)
-        if _distance(measured, np.zeros(3)) < _SPEED_ENOUGH:
+        if speed < _SPEED_ENOUGH:
             return None
         configured, other = (
             (as_child, as_world) if self._twist_frame == "child" else (as_world, as_child)
@@ -48,5 +50,25 @@ class TwistFrameCheck:
         return "world" if self._twist_frame == "child" else "child"
 
 
-def _distance(a: Array, b: Array) -> float:
-    return float(np.linalg.norm(a - b))
+@compiled
+def _disagreement(
+    p_before: Array, p_after: Array, q_WB_xyzw: Array, v: Array, duration: float
+) -> tuple[float, float, float]:
+    """Return the speed between two positions, and how far the twist is off if body or world."""
+    measured = so3.scaled(
+        1.0 / duration, so3.plus(so3.vector(p_after), so3.scaled(-1.0, so3.vector(p_before)))
+    )
+    R_WB = so3.rotation((q_WB_xyzw[0], q_WB_xyzw[1], q_WB_xyzw[2], q_WB_xyzw[3]))
+    world = so3.vector(v)
+    child = so3.apply(R_WB, world)
+    return (
+        _distance(measured, (0.0, 0.0, 0.0)),
+        _distance(measured, child),
+        _distance(measured, world),
+    )
+
+
+@compiled
+def _distance(a: so3.Vector, b: so3.Vector) -> float:
+    difference = so3.plus(a, so3.scaled(-1.0, b))
+    return math.sqrt(so3.dot(difference, difference))

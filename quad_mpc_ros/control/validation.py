@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.core.compiled import compiled
 from quad_mpc_ros.core.messages import Array, OdometrySample, ReferenceWindow
 
 _QUATERNION_TOLERANCE = 1e-3
@@ -14,10 +18,10 @@ def odometry_fault(
     odometry: OdometrySample, *, frame_id: str, newest_stamp_ns: int | None
 ) -> str | None:
     """Return why an odometry cannot be used, given the stamp of the last one that could."""
-    vectors = (odometry.p_WB, odometry.q_WB_xyzw, odometry.v_WB_B, odometry.w_WB_B)
-    if not _are_usable(*vectors):
+    vectors = (odometry.p_WB, odometry.v_WB_B, odometry.w_WB_B)
+    if not (_usable(odometry.q_WB_xyzw) and all(map(_usable, vectors))):
         return "odometry holds a number that is not finite or beyond 1e8"
-    if not _is_unit(odometry.q_WB_xyzw):
+    if not _are_unit(odometry.q_WB_xyzw[None]):
         return "odometry quaternion is not of unit length"
     if odometry.frame_id.removeprefix("/") != frame_id.removeprefix("/"):
         return f"odometry is in frame '{odometry.frame_id}', expected '{frame_id}'"
@@ -30,23 +34,42 @@ def reference_fault(window: ReferenceWindow, *, frame_id: str) -> str | None:
     """Return why a reference window cannot be used."""
     if len(window.offset_ns) == 0:
         return "reference is empty"
-    if np.any(np.diff(window.offset_ns) < 0):
+    if _run_backwards(window.offset_ns):
         return "reference times run backwards"
     vectors = (window.p_WB, window.q_WB_xyzw, window.v_WB_W, window.a_WB_W, window.w_WB_W)
-    if not _are_usable(*vectors):
+    if not all(_usable(values.ravel()) for values in vectors):
         return "reference holds a number that is not finite or beyond 1e8"
-    if not _is_unit(window.q_WB_xyzw):
+    if not _are_unit(window.q_WB_xyzw):
         return "reference quaternion is not of unit length"
     if window.frame_id.removeprefix("/") != frame_id.removeprefix("/"):
         return f"reference is in frame '{window.frame_id}', expected '{frame_id}'"
     return None
 
 
-def _are_usable(*vectors: Array) -> bool:
-    # NaN compares with nothing, and so is not within the limit.
-    return all(float(np.abs(vector).max()) <= _LARGEST for vector in vectors)
+@compiled
+def _usable(values: Array) -> bool:
+    """Whether all of (n,) are finite and of a size to compute with."""
+    usable = True
+    for value in values:
+        usable &= abs(value) <= _LARGEST  # NaN compares with nothing, and so is not within it
+    return usable
 
 
-def _is_unit(q_xyzw: Array) -> bool:
-    length = np.sqrt(np.sum(q_xyzw * q_xyzw, axis=-1))
-    return bool(np.all(np.abs(length - 1.0) <= _QUATERNION_TOLERANCE))
+@compiled
+def _are_unit(q_xyzw: Array) -> bool:
+    """Whether quaternions (n, 4) are of unit length."""
+    for i in range(len(q_xyzw)):
+        square = 0.0
+        for k in range(4):
+            square += q_xyzw[i, k] ** 2
+        if abs(math.sqrt(square) - 1.0) > _QUATERNION_TOLERANCE:
+            return False
+    return True
+
+
+@compiled
+def _run_backwards(times: NDArray[np.int64]) -> bool:
+    backwards = False
+    for i in range(1, len(times)):
+        backwards |= times[i] < times[i - 1]
+    return backwards

@@ -43,6 +43,17 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 
 @compiled
+def largest(values: Array) -> float:
+    """Return the largest magnitude in (n,); NaN when one is NaN."""
+    found: float = 0.0
+    for value in values:
+        # Written so that NaN, which compares with nothing, is found and stays.
+        if not abs(value) <= found and not math.isnan(found):
+            found = float(abs(value))
+    return found
+
+
+@compiled
 def vector(a: Array) -> Vector:
     """Return the vector in an array (3,)."""
     return a[0], a[1], a[2]

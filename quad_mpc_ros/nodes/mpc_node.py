@@ -9,8 +9,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.controller import Controller, Tick
+from quad_mpc_ros.control.controller import Tick
 from quad_mpc_ros.control.ladder import Source
+from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.ros import conversions
 from quad_mpc_ros.ros.health import ERROR, OK, WARN, Health, HealthReporter
 from quad_mpc_ros.ros.messages import new_message
@@ -27,7 +28,7 @@ class MpcNode(Node):
     def __init__(self) -> None:
         super().__init__("mpc", automatically_declare_parameters_from_overrides=True)
         self._config = declare(self, MpcConfig)
-        self._controller = Controller(self._config)
+        self._controller = warmed_up(self._config)
         follow_changes(self, self._config, self._controller.reconfigure)
 
         self._tick: Tick | None = None

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.controller import Controller, Tick
+from quad_mpc_ros.control.controller import Tick
+from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
@@ -41,7 +42,7 @@ def fly(
     The values pass through the same boundary types as messages do, so the commands are those of
     a lockstep flight over DDS, bit for bit.
     """
-    plant, server, controller = make_plant(simulator), ReferenceServer(reference), Controller(mpc)
+    plant, server, controller = make_plant(simulator), ReferenceServer(reference), warmed_up(mpc)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     server.start(SIMULATION_START_NS)
     while (sent := stream.step()) is not None:

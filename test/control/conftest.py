@@ -59,9 +59,11 @@ def recorded_flight(paper_config: MpcConfig) -> RecordedFlight:
     original = HorizonQP.update
 
     def update(qp: HorizonQP, stages: HorizonStages) -> None:
+        if qp.pattern.steps != paper_config.horizon_steps:  # warming up
+            return original(qp, stages)
         patterns.append(qp.pattern)
         problems.append(copy.deepcopy(stages))  # the next one overwrites it
-        original(qp, stages)
+        return original(qp, stages)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(HorizonQP, "update", update)
@@ -74,9 +76,8 @@ def recorded_flight(paper_config: MpcConfig) -> RecordedFlight:
                 ),
             )
         )
-    warm_up = len(problems) - len(steps)
-    assert 0 < warm_up < 10
-    return RecordedFlight(steps=steps, pattern=patterns[0], problems=problems[warm_up:])
+    assert len(problems) == len(steps)
+    return RecordedFlight(steps=steps, pattern=patterns[0], problems=problems)
 
 
 @pytest.fixture(scope="session")

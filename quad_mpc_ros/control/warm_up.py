@@ -1,0 +1,59 @@
+"""Letting everything compile before the first tick, which in the air has no time for it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
+
+_TICKS_NS = (1_000_000_000, 2_000_000_000, 3_000_000_000)
+
+
+def warmed_up(config: MpcConfig) -> Controller:
+    """Return a new controller, none of whose code is left to compile."""
+    _compile(
+        dataclasses.replace(
+            config, horizon_steps=2, lockstep=False, odom_timeout=2.0, reference_timeout=2.0
+        )
+    )
+    return Controller(config)
+
+
+@functools.cache
+def _compile(config: MpcConfig) -> None:
+    """Run a few ticks of a controller that nobody listens to."""
+    controller = Controller(config)
+    for stamp_ns in _TICKS_NS:
+        controller.receive_reference(_held_from(stamp_ns, config), now_ns=stamp_ns)
+        controller.receive_odometry(_moving_at(stamp_ns, config), now_ns=stamp_ns)
+
+
+def _moving_at(stamp_ns: int, config: MpcConfig) -> OdometrySample:
+    """Return an odometry in flight, from which estimators learn."""
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        p_WB=np.zeros(3),
+        q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        v_WB_B=np.ones(3),
+        w_WB_B=np.zeros(3),
+        frame_id=config.odometry.frame_id,
+    )
+
+
+def _held_from(stamp_ns: int, config: MpcConfig) -> ReferenceWindow:
+    rest = np.zeros((2, 3))
+    return ReferenceWindow(
+        stamp_ns=stamp_ns,
+        offset_ns=np.array([0, 1_000_000_000]),
+        p_WB=rest,
+        q_WB_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)),
+        v_WB_W=rest,
+        a_WB_W=rest,
+        w_WB_W=rest,
+        frame_id=config.odometry.frame_id,
+    )
