@@ -13,12 +13,13 @@ from typing import cast
 
 import yaml
 
+from quad_mpc_ros.analysis.recorded_reference import read_recording
 from quad_mpc_ros.bags.config import RecorderConfig
 from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.core import so3
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.server import configured_trajectory
+from quad_mpc_ros.references.catalogue import configured_trajectory
+from quad_mpc_ros.references.config import TRAJECTORY_NAMES, ReferenceConfig
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
@@ -33,12 +34,13 @@ _DEFAULT_DURATION = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class RunConfig:
-    """The resolved configuration of every node of a run, and where its results go."""
+    """The resolved configuration of every node of a run, what it flies, where its results go."""
 
     mpc: MpcConfig
     simulator: SimulatorConfig
     reference: ReferenceConfig
     recorder: RecorderConfig
+    trajectory: Trajectory
     out: Path
 
     @property
@@ -47,8 +49,8 @@ class RunConfig:
         return self.out / "bag"
 
 
-def add_run_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a run to a command."""
+def add_configuration_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what is configured to a command."""
     parser.add_argument(
         "--config",
         action="append",
@@ -60,8 +62,21 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reference",
         metavar="NAME",
-        help="trajectory to fly: square, hover, lemniscate (default: square)",
+        help=f"trajectory to fly: {', '.join(TRAJECTORY_NAMES)} (default: square)",
     )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NODE.PARAM=VALUE",
+        dest="assignments",
+        help="set one parameter, for example mpc.horizon_steps=20; may be repeated",
+    )
+
+
+def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a run to a command."""
+    add_configuration_options(parser)
     parser.add_argument(
         "--start",
         choices=("ground", "reference"),
@@ -82,14 +97,6 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         help="folder for bag, summary.json and figures; must not hold any "
         "(default: runs/<date-time>_<reference>)",
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NODE.PARAM=VALUE",
-        dest="assignments",
-        help="set one parameter, for example mpc.horizon_steps=20; may be repeated",
-    )
 
 
 def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
@@ -100,7 +107,7 @@ def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
     sources, made = options.config or ["default"], _assignments(options, lockstep=lockstep)
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
     reference = cast(ReferenceConfig, loaded["reference"])
-    trajectory = configured_trajectory(reference)
+    trajectory = configured_trajectory(reference, read_bag=read_recording)
     if (options.start or ("reference" if trajectory.smooth else "ground")) == "reference":
         made += _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
         loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
@@ -112,6 +119,7 @@ def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
         recorder=dataclasses.replace(
             cast(RecorderConfig, loaded["recorder"]), directory=str(out / "bag")
         ),
+        trajectory=trajectory,
         out=out,
     )
 

@@ -42,7 +42,12 @@ def simulate(options: argparse.Namespace) -> int:
     started = time.monotonic()
     with RunRecorder(config) as recorder:
         recorder.reference_path()
-        for step in fly(mpc=config.mpc, simulator=config.simulator, reference=config.reference):
+        for step in fly(
+            mpc=config.mpc,
+            simulator=config.simulator,
+            reference=config.reference,
+            trajectory=config.trajectory,
+        ):
             recorder.step(step)
             if progress.due:
                 progress.show(
@@ -79,7 +84,7 @@ class RunRecorder:
 
     def reference_path(self) -> None:
         """Write the whole reference, as the reference node latches it."""
-        whole = ReferenceServer(self._config.reference).whole()
+        whole = ReferenceServer(self._config.reference, self._config.trajectory).whole()
 
         def fill(message: Any) -> None:
             conversions.fill_path(

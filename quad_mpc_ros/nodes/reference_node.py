@@ -6,6 +6,8 @@ import sys
 
 from rclpy.node import Node
 
+from quad_mpc_ros.analysis.recorded_reference import read_recording
+from quad_mpc_ros.references.catalogue import configured_trajectory
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.ros import conversions
@@ -27,7 +29,8 @@ class ReferenceNode(Node):
     def __init__(self) -> None:
         super().__init__("reference", automatically_declare_parameters_from_overrides=True)
         self._config = declare(self, ReferenceConfig)
-        self._server = ReferenceServer(self._config)
+        trajectory = configured_trajectory(self._config, read_bag=read_recording)
+        self._server = ReferenceServer(self._config, trajectory)
         self._health = HealthReporter(self, self._probe)
         self._reference = self._health.publisher(REFERENCE)
         self._path = self._health.publisher(REFERENCE_PATH)

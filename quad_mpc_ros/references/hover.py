@@ -1,4 +1,4 @@
-"""One point above the origin, held with the nose to the east."""
+"""One point above the origin, held at a heading."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ class Hover:
 
     def __init__(self, config: ReferenceConfig) -> None:
         self._p_WB = np.array([*config.origin, config.height])
+        self._yaw = config.yaw
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:
         """Return the point, once for each time."""
-        return at_rest(np.tile(self._p_WB, (len(times_ns), 1)))
+        return at_rest(np.tile(self._p_WB, (len(times_ns), 1)), yaw=self._yaw)
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return nothing: it never moves."""

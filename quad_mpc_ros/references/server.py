@@ -2,45 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
+from quad_mpc_ros.references.catalogue import configured_trajectory
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.hover import Hover
-from quad_mpc_ros.references.lemniscate import Lemniscate
-from quad_mpc_ros.references.square import Square
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
-
-TRAJECTORIES: dict[str, Callable[[ReferenceConfig], Trajectory]] = {
-    "square": Square,
-    "hover": Hover,
-    "lemniscate": Lemniscate,
-}
 
 _BEFORE_START_NS = -1
 _MOST_DRAWN = 10_000
 
 
-def configured_trajectory(config: ReferenceConfig) -> Trajectory:
-    """Return the trajectory that a configuration asks for.
-
-    Raises :class:`ConfigurationError` when no vehicle can fly it.
-    """
-    return TRAJECTORIES[config.trajectory](config)
-
-
 class ReferenceServer:
-    """Cuts windows out of the configured trajectory.
+    """Cuts windows out of a trajectory, the configured one unless another is given.
 
     Until :meth:`start` the trajectory is held at its beginning, at rest. What is smooth is always
     previewed.
     """
 
-    def __init__(self, config: ReferenceConfig) -> None:
+    def __init__(self, config: ReferenceConfig, trajectory: Trajectory | None = None) -> None:
         self._config = config
-        self._trajectory = configured_trajectory(config)
+        self._trajectory = trajectory or configured_trajectory(config)
         self._preview = config.preview or self._trajectory.smooth
         self._duration_ns = round(config.window_duration * 1e9)
         self._step_ns = round(config.window_step * 1e9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -9,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.core.messages import Array
-
-_LEVEL_EAST_XYZW = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,21 +53,24 @@ class Trajectory(Protocol):
         ...
 
 
-def at_rest(p_WB: Array) -> TrajectorySamples:
-    """Return samples that rest at positions (n, 3), level and heading east."""
+def at_rest(p_WB: Array, *, yaw: float = 0.0) -> TrajectorySamples:
+    """Return samples that rest at positions (n, 3), level and at ``yaw`` [rad] from east."""
     rest = np.zeros_like(p_WB)
+    level = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
     return TrajectorySamples(
         p_WB=p_WB,
-        q_WB_xyzw=np.tile(_LEVEL_EAST_XYZW, (len(p_WB), 1)),
+        q_WB_xyzw=np.tile(level, (len(p_WB), 1)),
         v_WB_W=rest,
         a_WB_W=rest,
         w_WB_W=rest,
     )
 
 
-def held(samples: TrajectorySamples, where: NDArray[np.bool_]) -> TrajectorySamples:
+def held(
+    samples: TrajectorySamples, where: NDArray[np.bool_], *, yaw: float = 0.0
+) -> TrajectorySamples:
     """Return the samples, at rest in their positions at the times ``where`` (n,) is true."""
-    resting, choice = at_rest(samples.p_WB), where[:, None]
+    resting, choice = at_rest(samples.p_WB, yaw=yaw), where[:, None]
     return TrajectorySamples(
         p_WB=samples.p_WB,
         q_WB_xyzw=np.where(choice, resting.q_WB_xyzw, samples.q_WB_xyzw),

@@ -11,6 +11,7 @@ from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
 from quad_mpc_ros.simulation.plants import make_plant
@@ -35,14 +36,20 @@ class LoopStep:
 
 
 def fly(
-    *, mpc: MpcConfig, simulator: SimulatorConfig, reference: ReferenceConfig
+    *,
+    mpc: MpcConfig,
+    simulator: SimulatorConfig,
+    reference: ReferenceConfig,
+    trajectory: Trajectory | None = None,
 ) -> Iterator[LoopStep]:
     """Fly the closed loop and yield every odometry that is sent with what followed from it.
 
     The values pass through the same boundary types as messages do, so the commands are those of
-    a lockstep flight over DDS, bit for bit.
+    a lockstep flight over DDS, bit for bit. ``trajectory`` is flown instead of the one that the
+    reference's configuration asks for.
     """
-    plant, server, controller = make_plant(simulator), ReferenceServer(reference), warmed_up(mpc)
+    plant, controller = make_plant(simulator), warmed_up(mpc)
+    server = ReferenceServer(reference, trajectory)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     server.start(SIMULATION_START_NS)
     while (sent := stream.step()) is not None:

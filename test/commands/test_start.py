@@ -14,7 +14,7 @@ from quad_mpc_ros.commands.run_options import RunConfig, add_run_options, resolv
 from quad_mpc_ros.core import so3
 from quad_mpc_ros.core.dynamics import integrate, rigid_body_dynamics
 from quad_mpc_ros.core.state import Input, State
-from quad_mpc_ros.references.lemniscate import Lemniscate
+from quad_mpc_ros.references.catalogue import configured_trajectory
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
@@ -73,7 +73,7 @@ def test_in_motion_on_a_smooth_reference_it_stays_there(
     arguments: list[str], tmp_path: Path
 ) -> None:
     run = resolved(tmp_path, *arguments)
-    simulator, trajectory = run.simulator, Lemniscate(run.reference)
+    simulator, trajectory = run.simulator, configured_trajectory(run.reference)
     R_WB = so3.rotation_from_quaternion_xyzw(simulator.initial_attitude)
     x = State(
         p_WB=np.array(simulator.initial_position),
@@ -123,7 +123,7 @@ MISTAKES = {
     ),
     "no vehicle can fly it": (
         ["--set", "reference.angular_frequency=3"],
-        ["reference.angular_frequency", "3", "throttle outside [0, 1]"],
+        ["reference.trajectory", "lemniscate", "throttle", "beyond the limit of 1"],
     ),
     "one coordinate too many": (
         ["--set", "reference.origin=[0, 0, 2]"],

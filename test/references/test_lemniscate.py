@@ -15,8 +15,8 @@ from quad_mpc_ros.core.dynamics import integrate, rigid_body_dynamics
 from quad_mpc_ros.core.reference import ReferencePoints, sample
 from quad_mpc_ros.core.state import State
 from quad_mpc_ros.core.vehicle import Vehicle
+from quad_mpc_ros.references.catalogue import configured_trajectory
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.lemniscate import Lemniscate
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 
@@ -49,7 +49,7 @@ def points(samples: TrajectorySamples) -> list[ReferencePoints]:
 
 
 def test_shape_height_and_origin() -> None:
-    eight = Lemniscate(config(origin=[1.0, -2.0], height=3.0))
+    eight = configured_trajectory(config(origin=[1.0, -2.0], height=3.0))
     period = eight.period_ns
     assert period == round(2e9 * np.pi)
     eighths = eight.at([period * part // 8 for part in range(9)]).p_WB - [1.0, -2.0, 3.0]
@@ -70,7 +70,7 @@ def test_shape_height_and_origin() -> None:
 
 @pytest.mark.parametrize("frequency", [1.0, FAST])
 def test_each_sample_is_the_derivative_of_the_one_before(frequency: float) -> None:
-    eight = Lemniscate(config(angular_frequency=frequency))
+    eight = configured_trajectory(config(angular_frequency=frequency))
     h = 100_000  # ns
     times = list(range(SECOND, SECOND + eight.period_ns, SECOND // 50))
     now = eight.at(times)
@@ -93,7 +93,7 @@ def test_each_sample_is_the_derivative_of_the_one_before(frequency: float) -> No
 def test_flown_open_loop_by_the_papers_vehicle_it_lands_on_the_path(
     amplitude_x: float, amplitude_y: float, frequency: float, drag: float, start_ns: int
 ) -> None:
-    eight = Lemniscate(
+    eight = configured_trajectory(
         config(
             amplitude_x=amplitude_x,
             amplitude_y=amplitude_y,
@@ -114,7 +114,7 @@ def test_flown_open_loop_by_the_papers_vehicle_it_lands_on_the_path(
 
 
 def test_continuous_all_the_way_round_and_into_the_next_round() -> None:
-    eight = Lemniscate(config(angular_frequency=FAST))
+    eight = configured_trajectory(config(angular_frequency=FAST))
     period, step = eight.period_ns, 1_000_000
     samples = eight.at(list(range(0, 2 * period, step)))
     turns = so3.log(np.swapaxes(rotations(samples)[:-1], -1, -2) @ rotations(samples)[1:])
@@ -130,7 +130,7 @@ def test_continuous_all_the_way_round_and_into_the_next_round() -> None:
 
 
 def test_its_throttle_is_within_reach_of_the_papers_vehicle_at_11_m_per_s() -> None:
-    eight = Lemniscate(config(angular_frequency=FAST))
+    eight = configured_trajectory(config(angular_frequency=FAST))
     samples = eight.at(list(range(0, eight.period_ns, 5_000_000)))
     assert np.linalg.norm(samples.v_WB_W, axis=1).max() == pytest.approx(11.03, abs=0.01)
     vehicle = Vehicle()
@@ -146,7 +146,7 @@ def test_its_throttle_is_within_reach_of_the_papers_vehicle_at_11_m_per_s() -> N
 
 
 def test_before_its_start_it_rests_level_where_it_begins() -> None:
-    eight = Lemniscate(config(angular_frequency=FAST))
+    eight = configured_trajectory(config(angular_frequency=FAST))
     samples = eight.at([-(10**19), -1, 0])
     assert_array_equal(samples.p_WB, np.tile([0.0, 0.0, 2.0], (3, 1)))
     assert_array_equal(samples.q_WB_xyzw[:2], np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)))
@@ -184,7 +184,7 @@ def test_a_window_from_before_the_start_waits_for_it() -> None:
 @pytest.mark.parametrize("frequency", [1.0, FAST])
 def test_published_windows_reproduce_the_trajectory(preview: bool, frequency: float) -> None:
     changes = {"angular_frequency": frequency, "preview": preview}
-    eight, started = Lemniscate(config(**changes)), server(**changes)
+    eight, started = configured_trajectory(config(**changes)), server(**changes)
     started.start(START)
     for begin in (0, 123_456_789):
         window = started.window(START + begin)
@@ -221,12 +221,14 @@ def test_the_whole_is_drawn_once_round_and_closes() -> None:
     ],
 )
 def test_what_the_vehicle_cannot_fly_is_refused(changes: dict[str, float]) -> None:
-    with pytest.raises(ConfigurationError, match=r"^reference\.angular_frequency: ") as told:
+    with pytest.raises(
+        ConfigurationError, match=r"^reference\.trajectory: given 'lemniscate'"
+    ) as told:
         server(**changes)
     assert "\n" not in str(told.value)
 
 
 def test_one_place_is_flown_as_a_hover() -> None:
-    eight = Lemniscate(config(amplitude_x=0.0, amplitude_y=0.0)).at([0, SECOND])
+    eight = configured_trajectory(config(amplitude_x=0.0, amplitude_y=0.0)).at([0, SECOND])
     assert_array_equal(eight.p_WB, np.tile([0.0, 0.0, 2.0], (2, 1)))
     assert_allclose(rotations(eight), np.tile(np.eye(3), (2, 1, 1)), atol=1e-15)
