@@ -29,6 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     # Options first: importing the commands brings in what they need, which takes a moment.
     from quad_mpc_ros.commands.bench_options import add_bench_options
+    from quad_mpc_ros.commands.check_reference import add_check_options
     from quad_mpc_ros.commands.run_options import add_run_options
 
     parser = argparse.ArgumentParser(
@@ -74,6 +75,15 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_bench_options(bench)
     bench.set_defaults(run=_bench)
+
+    check = commands.add_parser(
+        "check-reference",
+        help="judge a reference before it is flown: throttle and body rates against the limits",
+        description="Print and draw what a reference needs along its whole way against the "
+        "vehicle's limits. Exit code 0 when it is feasible, 1 when it is not, 2 for bad input.",
+    )
+    add_check_options(check)
+    check.set_defaults(run=_check_reference)
     return parser
 
 
@@ -81,6 +91,12 @@ def _fly(options: argparse.Namespace) -> int:
     from quad_mpc_ros.commands.fly import fly
 
     return fly(options)
+
+
+def _check_reference(options: argparse.Namespace) -> int:
+    from quad_mpc_ros.commands.check_reference import check_reference
+
+    return check_reference(options)
 
 
 def _simulate(options: argparse.Namespace) -> int:
