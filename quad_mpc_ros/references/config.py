@@ -77,7 +77,7 @@ class ReferenceConfig(VehicleParameters):
     )
     limit_margin: float = parameter(
         0.0,
-        doc="Share of the throttle and of the body rates that a trajectory must leave free.",
+        doc="Share of the way from hovering to each limit that a trajectory must leave free.",
         minimum=0.0,
         below=1.0,
     )

@@ -26,7 +26,7 @@ _GROUND_TOLERANCE = 0.05  # m
 class Limits:
     """What a vehicle may be asked for: throttle from 0 to 1, body rates (3,) [rad/s].
 
-    ``margin`` is the share of the throttle's range and of the rates that is to be left free.
+    ``margin`` is the share of the way from hovering to each limit that is to be left free.
     """
 
     throttle_min: float
@@ -109,7 +109,7 @@ def judged(trajectory: Trajectory, vehicle: Vehicle, limits: Limits) -> Verdict:
     # A trajectory that begins in motion is begun in motion: see --start.
     jumps = trajectory.jumps(0, period - 1)
     return Verdict(
-        needs=_worst(needs, limits),
+        needs=_worst(needs, limits, hover=vehicle.hover_throttle),
         over_time=needs,
         limits=limits,
         jumps=tuple(1e-9 * jump for jump in jumps),
@@ -140,17 +140,16 @@ def _throttle(vehicle: Vehicle, thrust: Array) -> Array:
     return np.asarray(2.0 * wanted / np.maximum(b + root, np.finfo(float).tiny))
 
 
-def _worst(needs: Needs, limits: Limits) -> tuple[Need, ...]:
-    span = limits.margin * (limits.throttle_max - limits.throttle_min)
+def _worst(needs: Needs, limits: Limits, *, hover: float) -> tuple[Need, ...]:
+    share = 1.0 - limits.margin
+    highest = hover + share * (limits.throttle_max - hover)
+    lowest = hover + share * (limits.throttle_min - hover)
     found = [
-        _need("highest throttle", "", needs.throttle, needs, limits.throttle_max - span),
-        _need(
-            "lowest throttle", "", needs.throttle, needs, limits.throttle_min + span, least=True
-        ),
+        _need("highest throttle", "", needs.throttle, needs, highest),
+        _need("lowest throttle", "", needs.throttle, needs, lowest, least=True),
     ]
     for axis, rates, bound in zip(_AXES, needs.w_WB_B.T, limits.omega_max, strict=True):
-        limit = (1.0 - limits.margin) * bound
-        found.append(_need(f"{axis} rate", " rad/s", np.abs(rates), needs, limit))
+        found.append(_need(f"{axis} rate", " rad/s", np.abs(rates), needs, share * bound))
     found.append(_need("lowest height", " m", needs.height, needs, -_GROUND_TOLERANCE, least=True))
     return tuple(found)
 

@@ -127,9 +127,9 @@ class Moved:
 
 
 class Turned:
-    """A path with the nose at ``yaw`` [rad] all along."""
+    """A path with another's first coordinate for its yaw [rad]."""
 
-    def __init__(self, path: Path, yaw: float) -> None:
+    def __init__(self, path: Path, yaw: Path) -> None:
         self._path = path
         self._yaw = yaw
         self.duration = path.duration
@@ -137,4 +137,7 @@ class Turned:
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the path at times (n,) [s]."""
-        return dataclasses.replace(self._path.at(seconds), yaw=self._yaw)
+        yaw = self._yaw.at(seconds)
+        return dataclasses.replace(
+            self._path.at(seconds), yaw=yaw.p_WB[:, 0], yaw_rate=yaw.v_WB_W[:, 0]
+        )

@@ -13,7 +13,7 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.core.messages import Array
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.path import Chain, Path, Turned
-from quad_mpc_ros.references.polynomial import End, leg_within
+from quad_mpc_ros.references.polynomial import End, Leg, leg_within
 from quad_mpc_ros.references.spline_path import SplinePath
 
 _DEGREE = 5
@@ -59,31 +59,44 @@ def recorded_path(recording: Recording, config: ReferenceConfig) -> Path:
     to its first point, which is therefore reached later than the recording says, and to rest
     after its last one.
     """
-    seconds = recording.seconds - recording.seconds[0]
-    duration = float(seconds[-1])
-    yaw = None
-    if recording.yaw is not None:
-        unwrapped = np.unwrap(recording.yaw)
-        yaw = _smoothed(recording, seconds, unwrapped[:, None], tolerance=0.0)
-        yaw = BSpline(yaw.t, yaw.c[:, 0], yaw.k)
     points = recording.p_WB + np.array([*config.origin, 0.0])
-    curve = _smoothed(recording, seconds, points, tolerance=config.path_tolerance)
-    path = SplinePath(curve, duration=duration, yaw=yaw)
-    ends = path.at(np.array([0.0, duration]))
+    path = _smoothed(recording, points, tolerance=config.path_tolerance)
     limits = {"max_speed": config.max_speed, "max_acceleration": config.max_acceleration}
+    start, end = _ends(path)
     try:
-        begin = leg_within(End.at_rest(None), End.of(ends, 0), **limits)
-        stop = leg_within(End.of(ends, 1), End.at_rest(None), **limits)
+        begin = leg_within(End.at_rest(None), start, **limits)
+        stop = leg_within(end, End.at_rest(None), **limits)
     except ValueError as error:
         raise UserError(
             f"{recording.source}: no way from rest into its beginning or out of its end: {error}"
         ) from error
-    first, last = np.ravel(ends.yaw)[[0, -1]] if yaw is not None else (0.0, 0.0)
-    return Chain([Turned(begin, float(first)), path, Turned(stop, float(last))])
+    if recording.yaw is None:
+        return Chain([begin, path, stop])
+    return Chain(_turned(recording, begin, path, stop))
 
 
-def _smoothed(recording: Recording, seconds: Array, values: Array, *, tolerance: float) -> BSpline:
-    """Return the spline near values (n, k) at times (n,)."""
+def _turned(recording: Recording, begin: Leg, path: SplinePath, stop: Leg) -> list[Path]:
+    """Return the three with the recorded yaw, which begins and ends at rest as well."""
+    assert recording.yaw is not None
+    yaw = np.zeros((len(recording.yaw), 3))
+    yaw[:, 0] = np.unwrap(recording.yaw)
+    turn = _smoothed(recording, yaw, tolerance=0.0)
+    start, end = _ends(turn)
+    return [
+        Turned(begin, Leg(End.at_rest(None), start, duration=begin.duration)),
+        Turned(path, turn),
+        Turned(stop, Leg(end, End.at_rest(None), duration=stop.duration)),
+    ]
+
+
+def _ends(path: SplinePath) -> tuple[End, End]:
+    ends = path.at(np.array([0.0, path.duration]))
+    return End.of(ends, 0), End.of(ends, 1)
+
+
+def _smoothed(recording: Recording, values: Array, *, tolerance: float) -> SplinePath:
+    """Return the smooth curve near values (n, 3) at the times of the recording, from 0."""
+    seconds = recording.seconds - recording.seconds[0]
     allowed = len(seconds) * tolerance**2
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
@@ -96,4 +109,5 @@ def _smoothed(recording: Recording, seconds: Array, values: Array, *, tolerance:
                 f"reference.path_tolerance higher ({' '.join(str(error).split())[:80]})"
             ) from error
     knots, coefficients, degree = spline
-    return BSpline(knots, np.transpose(coefficients), degree)
+    curve = BSpline(knots, np.transpose(coefficients), degree)
+    return SplinePath(curve, duration=float(seconds[-1]))
