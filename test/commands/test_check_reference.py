@@ -1,0 +1,113 @@
+"""``quad_mpc check-reference`` as a user runs it, and a recorded run as a reference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.analysis.recorded_reference import read_recording
+from quad_mpc_ros.cli import main
+from quad_mpc_ros.references.catalogue import configured_trajectory
+from quad_mpc_ros.references.config import ReferenceConfig
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "told"),
+    [
+        (["--reference", "vertical_loop"], 0, ["highest throttle", "pitch rate", "\nfeasible"]),
+        (
+            ["--reference", "lemniscate", "--set", "reference.angular_frequency=3"],
+            1,
+            ["not feasible: highest throttle 1.166", "; roll rate 32.75", "mpc.omega_max"],
+        ),
+        (
+            ["--reference", "lemniscate", "--set", "reference.angular_frequency=2.6"],
+            0,
+            ["\nfeasible", "note: roll rate 21.37 rad/s is beyond mpc.omega_max, 18.85"],
+        ),
+        (["--config", "paper"], 1, ["square", "not feasible: 3 jumps"]),
+    ],
+)
+def test_the_verdict_is_printed_and_drawn(
+    arguments: list[str],
+    code: int,
+    told: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "check"
+
+    assert main(["check-reference", *arguments, "--out", str(out)]) == code
+
+    printed = capsys.readouterr().out
+    for words in told:
+        assert words in printed
+    assert (out / "reference.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+MISTAKES = {
+    "no such trajectory": (["--reference", "circus"], ["reference.trajectory", "vertical_loop"]),
+    "no file": (["--reference", "csv"], ["reference.file", "the csv to fly"]),
+    "no bag there": (
+        ["--reference", "bag", "--set", "reference.file=nowhere"],
+        ["nowhere", "does not exist"],
+    ),
+    "one waypoint": (
+        ["--reference", "waypoints", "--set", "reference.waypoints=[1, 2, 3]"],
+        ["reference.waypoints", "at least 2 points, not 1"],
+    ),
+    "unknown parameter": (["--set", "reference.loop_sped=3"], ["loop_speed"]),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistake_is_one_line_and_exit_code_2(
+    mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments, told = MISTAKES[mistake]
+    out = tmp_path / "check"
+
+    assert main(["check-reference", *arguments, "--out", str(out)]) == 2
+
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.strip().splitlines()) == 1
+    for word in told:
+        assert word in printed.err
+    assert not out.exists()
+
+
+def test_a_picture_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "reference.png"
+    picture.write_text("precious")
+
+    assert main(["check-reference", "--reference", "hover", "--out", str(tmp_path)]) == 2
+
+    assert "not overwritten" in capsys.readouterr().err
+    assert picture.read_text() == "precious"
+
+
+def test_a_recorded_run_is_flown_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The second flight, along what the first recorded, goes where the first one went."""
+    mpc = ["--set", "mpc.formulation=manifold", "--set", "mpc.terminal_weight=30"]
+    first, second = tmp_path / "first", tmp_path / "second"
+    noise = ["--set", "simulator.position_noise=0.002"]
+    begun = ["simulate", *mpc, "--duration", "4", "--reference", "circle", *noise]
+    assert main([*begun, "--out", str(first)]) == 0
+    again = [
+        *("--reference", "bag", "--set", f"reference.file={first / 'bag'}"),
+        *("--set", "reference.max_acceleration=4"),
+    ]
+    assert main(["simulate", *mpc, "--duration", "4", *again, "--out", str(second)]) == 0
+    capsys.readouterr()
+
+    config = ReferenceConfig(trajectory="bag", file=str(first / "bag"), max_acceleration=4.0)
+    trajectory = configured_trajectory(config, read_bag=read_recording)
+    seconds = np.arange(0.0, 1e-9 * trajectory.period_ns, 0.01)
+    p_WB = trajectory.at((1e9 * seconds).astype(int).tolist()).p_WB
+    assert np.linalg.norm(p_WB[:, :2], axis=1)[200:350] == pytest.approx(2.0, abs=0.01)
+    flown = read_recording(second / "bag")
+    expected = trajectory.at((1e9 * flown.seconds).round().astype(int).tolist()).p_WB
+    assert np.linalg.norm(flown.p_WB - expected, axis=1).max() < 0.02
