@@ -1,23 +1,37 @@
-"""Fly the paper's square on both plants and write the figures of README and docs/reproduction.md.
+"""Draw the figures of README, docs/reproduction.md and docs/references.md.
 
 python tools/update_images.py
 """
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 from pathlib import Path
 
+import numpy as np
+
 from quad_mpc_ros.analysis import read_flight, write_comparison, write_figures
+from quad_mpc_ros.analysis.recorded_reference import read_recording
+from quad_mpc_ros.analysis.reference_figure import write_reference
 from quad_mpc_ros.cli import main
+from quad_mpc_ros.references.catalogue import judged_trajectory
+from quad_mpc_ros.references.config import TRAJECTORY_NAMES, ReferenceConfig
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
 PRESETS = {"paper": "Eq. (3) as printed", "paper_rigid_body": "true rigid body"}
 
+REFERENCE_DPI = 100
+# What a picture of the default would not show.
+REFERENCE_CHANGES: dict[str, dict[str, object]] = {
+    "minimum_snap": {"max_acceleration": 8.0},
+    "bag": {"time_scaling": "auto"},
+}
 
-def update() -> None:
-    """Simulate, draw, and copy the pictures to where the pages look for them."""
+
+def update_flights() -> None:
+    """Fly the paper's square on both plants and copy the pictures to where the pages look."""
     flights = {}
     with tempfile.TemporaryDirectory() as scratch:
         for preset, title in PRESETS.items():
@@ -31,5 +45,38 @@ def update() -> None:
     write_comparison(flights, IMAGES / "paper_and_rigid_body.png")
 
 
+def update_references() -> None:
+    """Draw every reference with what it needs."""
+    with tempfile.TemporaryDirectory() as scratch:
+        run = Path(scratch, "run")
+        manifold = ["--set", "mpc.formulation=manifold", "--set", "mpc.terminal_weight=30"]
+        main(["simulate", "--duration", "8", *manifold, "--out", str(run)])
+        files = {"csv": str(_helix(Path(scratch))), "bag": str(run / "bag")}
+        for name in TRAJECTORY_NAMES:
+            changes = {"trajectory": name, **REFERENCE_CHANGES.get(name, {})}
+            if name in files:
+                changes["file"] = files[name]
+            config = ReferenceConfig.build(changes)
+            trajectory, verdict = judged_trajectory(config, read_bag=read_recording)
+            times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]
+            picture = IMAGES / f"reference_{name}.png"
+            write_reference(name, trajectory.at(times), verdict, picture, dpi=REFERENCE_DPI)
+
+
+def _helix(folder: Path) -> Path:
+    """Write a table of a helix with the nose ahead, the example of docs/references.md."""
+    lines = ["time [s], x [m], y [m], z [m], yaw [rad]"]
+    for time in np.arange(0.0, 8.01, 0.1):
+        x, y, z = 2.0 * np.cos(time), 2.0 * np.sin(time), 1.0 + 0.25 * time
+        lines.append(f"{time:.1f}, {x:.3f}, {y:.3f}, {z:.3f}, {time + np.pi / 2.0:.3f}")
+    table = folder / "helix.csv"
+    table.write_text("\n".join(lines) + "\n")
+    return table
+
+
 if __name__ == "__main__":
-    update()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--references", action="store_true", help="only those of the references")
+    if not parser.parse_args().references:
+        update_flights()
+    update_references()

@@ -26,8 +26,7 @@ def write_reference(
 
     Raises ``OSError`` when the file cannot be written.
     """
-    figure = style.new_figure(_WIDTH, _HEIGHT)
-    figure.set_dpi(dpi)
+    figure = style.new_figure(_WIDTH, _HEIGHT, dpi=dpi)
     grid = figure.add_gridspec(5, 2, width_ratios=(1.15, 1.0))
     # Any: mplot3d has no type hints.
     room: Any = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)

@@ -29,11 +29,11 @@ BOUND_LINE: dict[str, Any] = {
 _DPI = 200
 
 
-def new_figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float, *, dpi: int = _DPI) -> Figure:
     """Return a figure of a size [inch] that touches no global state of matplotlib."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), dpi=_DPI, layout="constrained", facecolor="white")
+    return Figure(figsize=(width, height), dpi=dpi, layout="constrained", facecolor="white")
 
 
 def tidy(axes: Axes) -> None:

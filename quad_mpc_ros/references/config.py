@@ -153,10 +153,9 @@ class ReferenceConfig(VehicleParameters):
     file: str = parameter("", doc="csv: the table to fly. bag: the recorded run to fly again.")
     path_tolerance: float = parameter(
         0.005,
-        doc="csv, bag: how far the smooth curve may be from the points, root mean square; 0 "
-        "takes it through each.",
+        doc="csv, bag: how far the smooth curve may be from the points, root mean square.",
         unit="m",
-        minimum=0.0,
+        above=0.0,
     )
     publish_rate: float = parameter(
         50.0, doc="Windows per second; in lockstep one per odometry.", unit="Hz", above=0.0

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline, splprep
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.core.messages import Array
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.path import Chain, Path, Turned
 from quad_mpc_ros.references.polynomial import End, Leg, leg_within
+from quad_mpc_ros.references.smoothing import smooth_curve
 from quad_mpc_ros.references.spline_path import SplinePath
 
-_DEGREE = 5
-LEAST_POINTS = _DEGREE + 1
+LEAST_POINTS = 6
+_SLOW = 0.5  # m/s
+_YAW_TOLERANCE = 0.01  # rad
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,40 +52,43 @@ class Recording:
 def recorded_path(recording: Recording, config: ReferenceConfig) -> Path:
     """Return a smooth path along a recording, from rest to rest.
 
-    The points are met within ``path_tolerance`` (root mean square) by a smoothing spline of
-    degree 5 (Dierckx's FITPACK), so that the noise of a measurement does not become an
-    acceleration. Minimum-snap legs within ``max_speed`` and ``max_acceleration`` lead from rest
-    to its first point, which is therefore reached later than the recording says, and to rest
-    after its last one.
+    The points are met within ``path_tolerance`` (root mean square) by the smoothest curve that
+    does, so that the noise of a measurement does not become an acceleration. A recording that
+    begins or ends slowly is taken to begin or end at rest. To any other minimum-snap legs within
+    ``max_speed`` and ``max_acceleration`` are added, from rest to its first point, which is then
+    reached later than the recording says, and from its last one to rest.
     """
+    rests = _slow_ends(recording)
     points = recording.p_WB + np.array([*config.origin, 0.0])
-    path = _smoothed(recording, points, tolerance=config.path_tolerance)
+    path = _smoothed(recording, points, tolerance=config.path_tolerance, rests=rests)
+    turn = None
+    if recording.yaw is not None:
+        yaw = np.zeros((len(recording.yaw), 3))
+        yaw[:, 0] = np.unwrap(recording.yaw)
+        turn = _smoothed(recording, yaw, tolerance=_YAW_TOLERANCE, rests=rests)
     limits = {"max_speed": config.max_speed, "max_acceleration": config.max_acceleration}
-    start, end = _ends(path)
-    try:
-        begin = leg_within(End.at_rest(None), start, **limits)
-        stop = leg_within(end, End.at_rest(None), **limits)
-    except ValueError as error:
-        raise UserError(
-            f"{recording.source}: no way from rest into its beginning or out of its end: {error}"
-        ) from error
-    if recording.yaw is None:
-        return Chain([begin, path, stop])
-    return Chain(_turned(recording, begin, path, stop))
+    links: list[Path] = [_with_yaw(path, turn)]
+    (start, end), rest = _ends(path), End.at_rest(None)
+    if not rests[0]:
+        leg = leg_within(rest, start, **limits)
+        lead = turn and Leg(rest, _ends(turn)[0], duration=leg.duration)
+        links.insert(0, _with_yaw(leg, lead))
+    if not rests[1]:
+        leg = leg_within(end, rest, **limits)
+        lead = turn and Leg(_ends(turn)[1], rest, duration=leg.duration)
+        links.append(_with_yaw(leg, lead))
+    return Chain(links)
 
 
-def _turned(recording: Recording, begin: Leg, path: SplinePath, stop: Leg) -> list[Path]:
-    """Return the three with the recorded yaw, which begins and ends at rest as well."""
-    assert recording.yaw is not None
-    yaw = np.zeros((len(recording.yaw), 3))
-    yaw[:, 0] = np.unwrap(recording.yaw)
-    turn = _smoothed(recording, yaw, tolerance=0.0)
-    start, end = _ends(turn)
-    return [
-        Turned(begin, Leg(End.at_rest(None), start, duration=begin.duration)),
-        Turned(path, turn),
-        Turned(stop, Leg(end, End.at_rest(None), duration=stop.duration)),
-    ]
+def _slow_ends(recording: Recording) -> tuple[bool, bool]:
+    """Return whether the recording begins and whether it ends slowly."""
+    steps = np.linalg.norm(np.diff(recording.p_WB, axis=0), axis=1)
+    speeds = steps / np.diff(recording.seconds)
+    return bool(speeds[0] < _SLOW), bool(speeds[-1] < _SLOW)
+
+
+def _with_yaw(path: Path, turn: Path | None) -> Path:
+    return path if turn is None else Turned(path, turn)
 
 
 def _ends(path: SplinePath) -> tuple[End, End]:
@@ -94,20 +96,16 @@ def _ends(path: SplinePath) -> tuple[End, End]:
     return End.of(ends, 0), End.of(ends, 1)
 
 
-def _smoothed(recording: Recording, values: Array, *, tolerance: float) -> SplinePath:
+def _smoothed(
+    recording: Recording, values: Array, *, tolerance: float, rests: tuple[bool, bool]
+) -> SplinePath:
     """Return the smooth curve near values (n, 3) at the times of the recording, from 0."""
     seconds = recording.seconds - recording.seconds[0]
-    allowed = len(seconds) * tolerance**2
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", RuntimeWarning)
-        try:
-            spline: Any
-            spline, _ = splprep(values.T, u=seconds, k=_DEGREE, s=allowed, nest=-1)
-        except (ValueError, RuntimeWarning) as error:
-            raise UserError(
-                f"{recording.source}: no smooth curve within {tolerance:g} m of its points; set "
-                f"reference.path_tolerance higher ({' '.join(str(error).split())[:80]})"
-            ) from error
-    knots, coefficients, degree = spline
-    curve = BSpline(knots, np.transpose(coefficients), degree)
+    try:
+        curve = smooth_curve(seconds, values, tolerance=tolerance, rests=rests)
+    except ValueError as error:
+        raise UserError(
+            f"{recording.source}: {error} from its points, more than reference.path_tolerance, "
+            f"{tolerance:g}: set that higher"
+        ) from error
     return SplinePath(curve, duration=float(seconds[-1]))

@@ -22,6 +22,8 @@ import numpy as np
 from quad_mpc_ros.core import so3
 from quad_mpc_ros.core.messages import Array
 
+_ABOUT = -0.99  # cosine of a turn in 2 ms that is none
+
 
 class ThrustFrames:
     """The charts of a path, by time."""
@@ -31,6 +33,9 @@ class ThrustFrames:
 
         Raises ``ValueError`` where the thrust turns about between two knots.
         """
+        about = np.flatnonzero(np.sum(z[:-1] * z[1:], axis=-1) < _ABOUT)
+        if len(about):
+            raise ValueError(f"at {knots[about[0]]:.3f} s the thrust turns about at once")
         self._knots = knots
         self._charts = np.empty((len(knots), 3, 3))
         chart = rotations_between(np.array([[0.0, 0.0, 1.0]]), z[:1])[0]
@@ -49,11 +54,9 @@ class ThrustFrames:
 def rotations_between(start: Array, end: Array) -> Array:
     """Return the shortest rotations (n, 3, 3) that take unit vectors to others, (n, 3) each.
 
-    Raises ``ValueError`` for opposite ones.
+    There is none between opposite ones.
     """
     cosine = np.sum(start * end, axis=-1)
-    if not np.all(cosine > -1.0 + 1e-9):
-        raise ValueError("the thrust turns about at once")
     skew = so3.hat(np.cross(start, end))
     # Rodrigues' formula without an angle: (1 - cos) / sin^2 = 1 / (1 + cos).
     return np.asarray(np.eye(3) + skew + skew @ skew / (1.0 + cosine)[:, None, None])
