@@ -43,6 +43,11 @@ class FlatTrajectory:
         """The path's duration, once round if it is periodic."""
         return round(1e9 * self._path.duration)
 
+    @property
+    def upright(self) -> bool:
+        """Whether the thrust stays above the horizon, and yaw is yaw throughout."""
+        return self._frames is None
+
     def at(self, times_ns: list[int]) -> TrajectorySamples:
         """Return the samples at these times."""
         seconds = 1e-9 * np.array(times_ns, dtype=np.float64)
