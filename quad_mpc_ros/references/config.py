@@ -97,6 +97,8 @@ class ReferenceConfig(VehicleParameters):
         (0.0, 0.0, 2.0, 2.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.0, 2.0, 2.0, 0.0, 0.0, 2.0),
         doc="waypoints, minimum_snap: x, y, z of one point after the other, from the origin.",
         unit="m",
+        minimum=-1e5,
+        maximum=1e5,
     )
     waypoint_legs: str = parameter(
         "minimum_snap",
@@ -109,6 +111,7 @@ class ReferenceConfig(VehicleParameters):
         doc="waypoints, minimum_snap, and the ways in and out of csv and bag: highest speed.",
         unit="m/s",
         above=0.0,
+        maximum=1e3,
     )
     max_acceleration: float = parameter(
         2.0,
@@ -116,9 +119,14 @@ class ReferenceConfig(VehicleParameters):
         "acceleration.",
         unit="m/s^2",
         above=0.0,
+        maximum=1e3,
     )
-    circle_radius: float = parameter(2.0, doc="circle: its radius.", unit="m", above=0.0)
-    circle_speed: float = parameter(2.0, doc="circle: speed along it.", unit="m/s", above=0.0)
+    circle_radius: float = parameter(
+        2.0, doc="circle: its radius.", unit="m", above=0.0, maximum=1e4
+    )
+    circle_speed: float = parameter(
+        2.0, doc="circle: speed along it.", unit="m/s", above=0.0, maximum=1e3
+    )
     amplitude_x: float = parameter(
         3.0, doc="lemniscate: largest distance east of its origin.", unit="m", minimum=0.0
     )
@@ -136,13 +144,22 @@ class ReferenceConfig(VehicleParameters):
         doc="vertical_loop: its radius. split_s: that of its inverted part.",
         unit="m",
         above=0.0,
+        maximum=1e3,
     )
     loop_speed: float = parameter(
-        5.5, doc="vertical_loop: speed at its top, the highest.", unit="m/s", above=0.0
+        5.5,
+        doc="vertical_loop: speed at its top, the highest.",
+        unit="m/s",
+        above=0.0,
+        maximum=1e3,
     )
     flip_axis: str = parameter("pitch", doc="flip: axis to turn about.", choices=("pitch", "roll"))
     flip_rate: float = parameter(
-        12.0, doc="flip, split_s: highest body rate of the turn.", unit="rad/s", above=0.0
+        12.0,
+        doc="flip, split_s: highest body rate of the turn.",
+        unit="rad/s",
+        minimum=1.0,
+        maximum=1000.0,
     )
     coasting_thrust: float = parameter(
         0.3,

@@ -1,7 +1,7 @@
 """Whether a vehicle can fly a trajectory: what it needs along the whole way, against the limits.
 
 The throttle is that of the thrust along the body's z axis which Newton's law asks for, with drag;
-the body rates are the trajectory's own. Both are looked at every 2 ms.
+the body rates are the trajectory's own. Both are looked at every 2 ms, or a thousand times in all.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from quad_mpc_ros.core.vehicle import Vehicle
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 
 _STEP_NS = 2_000_000
-_MOST_SAMPLES = 20_000
+_LEAST_SAMPLES, _MOST_SAMPLES = 1000, 20_000
 _AXES = ("roll", "pitch", "yaw")
 # A smoothed recording of a flight from the ground may dip below it by this.
 _GROUND_TOLERANCE = 0.05  # m
@@ -103,7 +103,8 @@ class Verdict:
 def judged(trajectory: Trajectory, vehicle: Vehicle, limits: Limits) -> Verdict:
     """Return the verdict on a trajectory, once through or once round."""
     period = trajectory.period_ns
-    step = max(_STEP_NS, -(-period // _MOST_SAMPLES))
+    step = min(_STEP_NS, period // _LEAST_SAMPLES)
+    step = max(step, -(-period // _MOST_SAMPLES), 1)
     times = [*range(0, period, step), period]
     needs = needs_of(trajectory.at(times), vehicle, seconds=1e-9 * np.array(times))
     # A trajectory that begins in motion is begun in motion: see --start.

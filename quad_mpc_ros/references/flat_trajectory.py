@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import bisect
+
 import numpy as np
 
 from quad_mpc_ros.core import so3
@@ -13,7 +15,7 @@ from quad_mpc_ros.references.trajectory import TrajectorySamples, held
 
 # Between knots the attitude comes from the path itself; at 20 rad/s they are 0.04 rad apart.
 _KNOT_STEP = 0.002  # s
-_MOST_KNOTS = 20_000
+_LEAST_KNOTS, _MOST_KNOTS = 1000, 20_000
 _AT_REST = 1e-6
 
 
@@ -93,7 +95,9 @@ class FlatTrajectory:
 
     def _prepared_frames(self) -> ThrustFrames | None:
         """Return the frames of a path that is flown upside down; also look for free fall."""
-        count = int(np.clip(np.ceil(self._path.duration / _KNOT_STEP), 1, _MOST_KNOTS)) + 1
+        count = (
+            int(np.clip(np.ceil(self._path.duration / _KNOT_STEP), _LEAST_KNOTS, _MOST_KNOTS)) + 1
+        )
         knots = np.linspace(0.0, self._path.duration, count)
         with np.errstate(over="ignore", invalid="ignore"):
             path = self._path.at(knots)
@@ -103,22 +107,27 @@ class FlatTrajectory:
         return ThrustFrames(knots, z)
 
     def _thrust_direction(self, path: PathSamples, knots: Array) -> Array:
-        def direction(places: slice) -> Array:
+        """Return where the thrust points (n, 3); raises ``ValueError`` at the first free fall."""
+
+        def direction(count: int) -> Array:
             z, _, _ = thrust_axis(
-                v_WB_W=path.v_WB_W[places],
-                a_WB_W=path.a_WB_W[places],
-                j_WB_W=path.j_WB_W[places],
+                v_WB_W=path.v_WB_W[:count],
+                a_WB_W=path.a_WB_W[:count],
+                j_WB_W=path.j_WB_W[:count],
                 gravity=self._gravity,
                 drag=self._drag,
             )
             return z
 
+        def falls(count: int) -> bool:
+            try:
+                direction(count)
+            except ValueError:
+                return True
+            return False
+
         try:
-            return direction(slice(None))
-        except ValueError:
-            for place, time in enumerate(knots.tolist()):
-                try:
-                    direction(slice(place, place + 1))
-                except ValueError as error:
-                    raise ValueError(f"at {time:.3f} s {error}") from error
-            raise
+            return direction(len(knots))
+        except ValueError as error:
+            first = bisect.bisect_left(range(len(knots)), True, key=lambda i: falls(i + 1))
+            raise ValueError(f"at {knots[first]:.3f} s {error}") from error

@@ -13,10 +13,10 @@ import numpy as np
 
 from quad_mpc_ros.core.messages import Array
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.path import Chain, Moved, Path
+from quad_mpc_ros.references.path import Chain, Path, with_lowest_point
 from quad_mpc_ros.references.polynomial import End, Leg, leg_within
 from quad_mpc_ros.references.smooth_turn import SmoothTurn
-from quad_mpc_ros.references.thrust_path import Thrust, ThrustPath
+from quad_mpc_ros.references.thrust_path import ThrustPath, coasting_end, turning_thrust
 
 _UP = np.array([0.0, 0.0, 1.0])
 _CLIMB_ACCELERATION = 0.5  # mean over the way to the turn, over gravity
@@ -35,11 +35,11 @@ def flip(config: ReferenceConfig) -> Path:
     start = np.array([*config.origin, config.height])
     entry = Leg(
         End.at_rest(start),
-        coasting_end(climb * _UP, force=force, config=config),
+        coasting_end(climb * _UP, force=force, gravity=config.gravity, drag=config.drag),
         duration=climb / (_CLIMB_ACCELERATION * config.gravity),
     )
     over = ThrustPath(
-        _turning(turn, force=force, towards=_side(config)),
+        turning_thrust(turn, force=force, towards=_side(config)),
         duration=turn.duration,
         p_WB=entry.at(np.array([entry.duration])).p_WB[0],
         v_WB_W=climb * _UP,
@@ -55,30 +55,7 @@ def flip(config: ReferenceConfig) -> Path:
     return with_lowest_point(Chain([entry, over, recovery]), config.height)
 
 
-def coasting_end(v_WB_W: Array, *, force: float, config: ReferenceConfig) -> End:
-    """Return the end of a leg at which the vehicle moves freely but for a thrust ``force`` up."""
-    acceleration = (force - config.gravity) * _UP - config.drag * v_WB_W
-    return End(p_WB=None, v_WB_W=v_WB_W, a_WB_W=acceleration, j_WB_W=-config.drag * acceleration)
-
-
-def with_lowest_point(path: Path, height: float) -> Path:
-    """Return the path lifted until its lowest point is at ``height`` [m]."""
-    times = np.linspace(0.0, path.duration, max(_SAMPLES, round(path.duration / 0.002)))
-    lowest = float(path.at(times).p_WB[:, 2].min())
-    return Moved(path, (height - lowest) * _UP)
-
-
 def _side(config: ReferenceConfig) -> Array:
     """Return the horizontal direction (3,) that the thrust turns to: forwards, or right."""
     forward = np.array([math.cos(config.yaw), math.sin(config.yaw), 0.0])
     return forward if config.flip_axis == "pitch" else np.cross(forward, _UP)
-
-
-def _turning(turn: SmoothTurn, *, force: float, towards: Array) -> Thrust:
-    def thrust(seconds: Array) -> tuple[Array, Array]:
-        angle, rate, _, _ = turn.at(seconds)
-        sine, cosine = np.sin(angle)[:, None], np.cos(angle)[:, None]
-        direction = cosine * _UP + sine * towards
-        return force * direction, force * rate[:, None] * (cosine * towards - sine * _UP)
-
-    return thrust

@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike
 
 from quad_mpc_ros.core.messages import Array
 
+_LOOKED_AT, _MOST_LOOKS = 0.002, 20_000  # s
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathSamples:
@@ -71,13 +73,12 @@ class Chain:
         starts = np.append(0.0, self._ends[:-1])
         p, v, a, j = (np.empty((len(seconds), 3)) for _ in range(4))
         yaw, yaw_rate = np.zeros(len(seconds)), np.zeros(len(seconds))
-        for number, link in enumerate(self._links):
+        for number in np.unique(owner).tolist():
             mine = owner == number
-            if np.any(mine):
-                found = link.at(seconds[mine] - starts[number])
-                p[mine], v[mine] = found.p_WB, found.v_WB_W
-                a[mine], j[mine] = found.a_WB_W, found.j_WB_W
-                yaw[mine], yaw_rate[mine] = found.yaw, found.yaw_rate
+            found = self._links[number].at(seconds[mine] - starts[number])
+            p[mine], v[mine] = found.p_WB, found.v_WB_W
+            a[mine], j[mine] = found.a_WB_W, found.j_WB_W
+            yaw[mine], yaw_rate[mine] = found.yaw, found.yaw_rate
         return PathSamples(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=j, yaw=yaw, yaw_rate=yaw_rate)
 
 
@@ -141,3 +142,11 @@ class Turned:
         return dataclasses.replace(
             self._path.at(seconds), yaw=yaw.p_WB[:, 0], yaw_rate=yaw.v_WB_W[:, 0]
         )
+
+
+def with_lowest_point(path: Path, height: float) -> Path:
+    """Return the path lifted until its lowest point is at ``height`` [m]."""
+    count = min(2 + round(path.duration / _LOOKED_AT), _MOST_LOOKS)
+    times = np.linspace(0.0, path.duration, count)
+    lowest = float(path.at(times).p_WB[:, 2].min())
+    return Moved(path, (height - lowest) * np.array([0.0, 0.0, 1.0]))

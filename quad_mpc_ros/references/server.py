@@ -22,7 +22,7 @@ class ReferenceServer:
 
     def __init__(self, config: ReferenceConfig, trajectory: Trajectory | None = None) -> None:
         self._config = config
-        self._trajectory = trajectory or configured_trajectory(config)
+        self._trajectory = configured_trajectory(config) if trajectory is None else trajectory
         self._preview = config.preview or self._trajectory.smooth
         self._duration_ns = round(config.window_duration * 1e9)
         self._step_ns = round(config.window_step * 1e9)

@@ -13,11 +13,10 @@ import numpy as np
 
 from quad_mpc_ros.core.messages import Array
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.flip import coasting_end, with_lowest_point
-from quad_mpc_ros.references.path import Chain, Path
+from quad_mpc_ros.references.path import Chain, Path, with_lowest_point
 from quad_mpc_ros.references.polynomial import End, Leg, leg_within
 from quad_mpc_ros.references.smooth_turn import SmoothTurn
-from quad_mpc_ros.references.thrust_path import Thrust, ThrustPath
+from quad_mpc_ros.references.thrust_path import Thrust, ThrustPath, coasting_end, turning_thrust
 
 _UP = np.array([0.0, 0.0, 1.0])
 _RUN_UP_ACCELERATION = 0.5  # mean, over gravity
@@ -37,11 +36,11 @@ def split_s(config: ReferenceConfig) -> Path:
     entry_velocity = speed * forward + climb * _UP
     run_up = Leg(
         End.at_rest(np.array([*config.origin, config.height])),
-        coasting_end(entry_velocity, force=force, config=config),
+        coasting_end(entry_velocity, force=force, gravity=config.gravity, drag=config.drag),
         duration=speed / (_RUN_UP_ACCELERATION * config.gravity),
     )
     rolling = ThrustPath(
-        _rolling(roll, force=force, right=np.cross(forward, _UP)),
+        turning_thrust(roll, force=force, towards=np.cross(forward, _UP)),
         duration=roll.duration,
         p_WB=run_up.at(np.array([run_up.duration])).p_WB[0],
         v_WB_W=entry_velocity,
@@ -71,16 +70,6 @@ def split_s(config: ReferenceConfig) -> Path:
         max_acceleration=_BRAKING * config.gravity,
     )
     return with_lowest_point(Chain([run_up, rolling, pull, braking]), config.height)
-
-
-def _rolling(turn: SmoothTurn, *, force: float, right: Array) -> Thrust:
-    def thrust(seconds: Array) -> tuple[Array, Array]:
-        angle, rate, _, _ = turn.at(seconds)
-        sine, cosine = np.sin(angle)[:, None], np.cos(angle)[:, None]
-        change = force * rate[:, None]
-        return force * (cosine * _UP + sine * right), change * (cosine * right - sine * _UP)
-
-    return thrust
 
 
 def _pulling(

@@ -13,11 +13,14 @@ from scipy.integrate import solve_ivp
 
 from quad_mpc_ros.core.messages import Array
 from quad_mpc_ros.references.path import PathSamples
+from quad_mpc_ros.references.polynomial import End
+from quad_mpc_ros.references.smooth_turn import SmoothTurn
 
 Thrust = Callable[[Array], tuple[Array, Array]]
 """Returns the thrust over mass (n, 3) [m/s^2] at times (n,) [s], and its time derivative."""
 
 _TOLERANCE = 1e-11
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 class ThrustPath:
@@ -72,3 +75,21 @@ class ThrustPath:
             a_WB_W=acceleration,
             j_WB_W=force_rate - self._drag * acceleration,
         )
+
+
+def coasting_end(v_WB_W: Array, *, force: float, gravity: float, drag: float) -> End:
+    """Return the end of a leg at which the vehicle moves freely but for a thrust ``force`` up."""
+    acceleration = (force - gravity) * _UP - drag * v_WB_W
+    return End(p_WB=None, v_WB_W=v_WB_W, a_WB_W=acceleration, j_WB_W=-drag * acceleration)
+
+
+def turning_thrust(turn: SmoothTurn, *, force: float, towards: Array) -> Thrust:
+    """Return a thrust of constant size that turns from upwards by way of a direction (3,)."""
+
+    def thrust(seconds: Array) -> tuple[Array, Array]:
+        angle, rate, _, _ = turn.at(seconds)
+        sine, cosine = np.sin(angle)[:, None], np.cos(angle)[:, None]
+        direction = cosine * _UP + sine * towards
+        return force * direction, force * rate[:, None] * (cosine * towards - sine * _UP)
+
+    return thrust

@@ -152,3 +152,39 @@ def test_free_fall_is_refused_with_its_time() -> None:
 def test_limits_that_forbid_hovering_are_refused(name: str, value: float) -> None:
     with pytest.raises(ConfigurationError, match=rf"^reference\.{name}: given {value}"):
         ReferenceConfig.build({name: value})
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        # Over in milliseconds, and judged all the same.
+        {"trajectory": "minimum_snap", "max_speed": 1e3, "max_acceleration": 1e3},
+        {"trajectory": "vertical_loop", "loop_speed": 1e3},
+        {"trajectory": "vertical_loop", "loop_radius": 1e-6},
+        {"trajectory": "circle", "circle_speed": 1e3, "circle_radius": 1e-9},
+        {"trajectory": "flip", "flip_rate": 1e3},
+        {"trajectory": "split_s", "loop_radius": 1e-3},
+        {"trajectory": "flip", "drag": 50.0},
+        {"trajectory": "lemniscate", "amplitude_x": 1e300, "time_scaling": "auto"},
+    ],
+)
+def test_the_absurd_is_refused_in_one_line(changes: dict[str, object]) -> None:
+    with pytest.raises(ConfigurationError, match=r"^reference\.trajectory: given ") as told:
+        configured_trajectory(ReferenceConfig.build(changes))
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"trajectory": "flip", "flip_rate": 1.0},
+        {"trajectory": "flip", "coasting_thrust": 1.0},
+        {"trajectory": "flip", "drag": 0.0},
+        {"trajectory": "split_s", "drag": 0.0, "loop_radius": 5.0},
+        {"trajectory": "circle", "circle_speed": 1e-6},
+        {"trajectory": "minimum_snap", "waypoints": [0, 0, 1, 1e4, 0, 1, 1e4, 1, 1]},
+        {"trajectory": "waypoints", "waypoints": [x for k in range(80) for x in (k % 3, k, 2)]},
+    ],
+)
+def test_the_unusual_is_flown(changes: dict[str, object]) -> None:
+    assert verdict(**changes).feasible
