@@ -74,6 +74,4 @@ def _with_equal_ends(count: int, rests: tuple[bool, bool]) -> sparse.csr_array:
 def _differences(count: int) -> sparse.csr_array:
     stencil = (1.0, -4.0, 6.0, -4.0, 1.0)
     shape = (count - len(stencil) + 1, count)
-    return sparse.csr_array(
-        sparse.diags_array(stencil, offsets=tuple(range(len(stencil))), shape=shape)
-    )
+    return sparse.csr_array(sparse.diags(stencil, offsets=range(len(stencil)), shape=shape))
