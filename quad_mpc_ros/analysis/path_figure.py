@@ -39,8 +39,9 @@ def write_path(flight: Flight, path: Path) -> Path:
         axes,
         flight.p_WB,
         flight.q_WB_xyzw,
-        side=side,
+        way=space.way_along(flight.p_WB),
         spacing=_SPACING * side,
+        side=side,
         zorder=_VEHICLES,
     )
     axes.legend(

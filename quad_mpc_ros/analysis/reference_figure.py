@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.analysis import space, style
+from quad_mpc_ros.core import so3
 from quad_mpc_ros.core.messages import Array
 from quad_mpc_ros.references.feasibility import Verdict
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 
 _WIDTH, _HEIGHT = 10.0, 4.6  # inch
-_ZOOM = 0.95
+_ZOOM = 0.85
 _DRAWN = 14  # vehicles along the way
+_TURN = 0.12  # of the longest side: the way that a turn by a radian counts for
+_SHORTEST = 1e-3  # m, between two vehicles
 _MOST_POINTS = 1500
 _START, _PATH, _VEHICLES = 4, 2, 3
 
@@ -42,21 +45,32 @@ def _draw_path(figure: Any, axes: Any, samples: TrajectorySamples) -> None:
     lower, upper = space.room(p_WB)
     space.draw_room(axes, lower, upper, zoom=_ZOOM)
     speed = np.linalg.norm(samples.v_WB_W[thinned], axis=1)
-    if len(p_WB) > 1:
+    if speed.max() > 0.0:
         space.draw_coloured_by_speed(figure, axes, p_WB, speed, zorder=_PATH)
+    else:  # at rest, or from place to place by jumps
+        axes.plot(*p_WB.T, color=style.FAINT, linewidth=1.2, zorder=_PATH)
     side = float(np.max(upper - lower))
-    length = float(np.linalg.norm(np.diff(p_WB, axis=0), axis=1).sum())
+    way = space.way_along(p_WB) + _TURN * side * _turned(q_WB_xyzw)
+    spacing = max(float(way[-1]) / _DRAWN, _SHORTEST)
     space.draw_vehicles(
         axes,
         p_WB,
         q_WB_xyzw,
+        way=way + spacing,  # with one at the start
+        spacing=spacing,
         side=side,
-        spacing=max(length / _DRAWN, 1e-3),
         zorder=_VEHICLES,
     )
     axes.scatter(
         *p_WB[0], marker="s", s=30, color=style.INK, depthshade=False, label="start", zorder=_START
     )
+
+
+def _turned(q_WB_xyzw: Array) -> Array:
+    """Return the angle (n,) [rad] turned up to each attitude."""
+    R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw)
+    steps = np.linalg.norm(so3.log(np.swapaxes(R_WB[:-1], -1, -2) @ R_WB[1:]), axis=1)
+    return np.asarray(np.append(0.0, np.cumsum(steps)))
 
 
 def _draw_needs(figure: Any, column: list[Any], verdict: Verdict) -> None:

@@ -80,18 +80,30 @@ def _speed_colours() -> Any:
     return ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.92, 256)))
 
 
-def draw_vehicles(
-    axes: Any, p_WB: Array, q_WB_xyzw: Array, *, side: float, spacing: float, zorder: int
-) -> None:
-    """Draw the vehicle, four rotors on a cross, along positions (n, 3) as it is tilted there.
+def way_along(p_WB: Array) -> Array:
+    """Return the way (n,) [m] to each of positions (n, 3) [m] from the first."""
+    steps = np.linalg.norm(np.diff(p_WB, axis=0, prepend=p_WB[:1]), axis=1)
+    return np.asarray(np.cumsum(steps))
 
-    One is drawn every ``spacing`` [m] of the way, larger than it is where the longest ``side``
-    [m] of the room is large.
+
+def draw_vehicles(
+    axes: Any,
+    p_WB: Array,
+    q_WB_xyzw: Array,
+    *,
+    way: Array,
+    spacing: float,
+    side: float,
+    zorder: int,
+) -> None:
+    """Draw the vehicle, four rotors on a cross, at positions (n, 3) [m] as it is tilted there.
+
+    One is drawn every ``spacing`` of the ``way`` (n,), larger than it is where the longest
+    ``side`` [m] of the room is large.
     """
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    steps = np.linalg.norm(np.diff(p_WB, axis=0, prepend=p_WB[:1]), axis=1)
-    drawn = np.flatnonzero(np.diff(np.floor(np.cumsum(steps) / spacing), prepend=0.0))
+    drawn = np.flatnonzero(np.diff(np.floor(way / spacing), prepend=0.0))
     if len(drawn) == 0:
         return
     places = p_WB[drawn]

@@ -15,6 +15,7 @@ from quad_mpc_ros.core.messages import Array
 from quad_mpc_ros.core.vehicle import Vehicle
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 
+_SECOND_NS = 1_000_000_000
 _STEP_NS = 2_000_000
 _LEAST_SAMPLES, _MOST_SAMPLES = 1000, 20_000
 _AXES = ("roll", "pitch", "yaw")
@@ -101,8 +102,8 @@ class Verdict:
 
 
 def judged(trajectory: Trajectory, vehicle: Vehicle, limits: Limits) -> Verdict:
-    """Return the verdict on a trajectory, once through or once round."""
-    period = trajectory.period_ns
+    """Return the verdict on a trajectory, once through or once round; a second of a rest."""
+    period = trajectory.period_ns or _SECOND_NS
     step = min(_STEP_NS, period // _LEAST_SAMPLES)
     step = max(step, -(-period // _MOST_SAMPLES), 1)
     times = [*range(0, period, step), period]
