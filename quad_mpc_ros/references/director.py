@@ -171,7 +171,7 @@ class Director:
         return FlatTrajectory(path, gravity=config.gravity, drag=config.drag, yaw=yaw)
 
     def _airborne(self, now_ns: int) -> bool:
-        return self.mode(now_ns) not in (GROUND, LANDING)
+        return self.mode(now_ns) != GROUND
 
     def _refused(self, now_ns: int, request: str) -> Answer:
         return Answer(accepted=False, text=f"no {request} while in {self.mode(now_ns)}")

@@ -140,6 +140,18 @@ def test_what_makes_no_sense_now_is_refused_and_changes_nothing() -> None:
     assert "lowest height" in answer.text
 
 
+def test_a_landing_may_be_broken_off() -> None:
+    director, now = airborne()
+    assert director.land(now).accepted
+    low = now + 2 * SECOND
+    assert director.mode(low) == "landing"
+    assert director.hold(low).accepted
+    later = low + 5 * SECOND
+    assert director.mode(later) == "hold"
+    assert at(director, later)[0][2] > 0.1
+    assert_nothing_jumps(director.timeline, now - SECOND, later)
+
+
 def test_upside_down_it_flies_on() -> None:
     director, now = airborne("vertical_loop")
     assert director.start(now).accepted
