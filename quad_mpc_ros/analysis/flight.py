@@ -11,6 +11,7 @@ from typing import Any, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from quad_mpc_ros.analysis.recorded_parameters import recorded_parameters
 from quad_mpc_ros.analysis.recorded_topics import messages_by_topic
 from quad_mpc_ros.bags import BagError, BagReader, RecordedMessage
 from quad_mpc_ros.bags.run_parameters import read_parameters
@@ -109,7 +110,7 @@ def read_flight(bag: Path) -> Flight:
     """
     recorded = messages_by_topic(bag, (ODOMETRY, REFERENCE, COMMAND, STATS))
     parameters = read_parameters(BagReader(bag))
-    mpc = _mpc_config(parameters)
+    mpc = MpcConfig.build(recorded_parameters(parameters, MpcConfig))
     odometry = _odometry(recorded[ODOMETRY], twist_frame=mpc.odometry.twist_frame)
     if len(odometry["stamp_ns"]) == 0:
         raise BagError(
@@ -125,16 +126,6 @@ def read_flight(bag: Path) -> Flight:
         parameters=parameters,
         mpc=mpc,
     )
-
-
-def _mpc_config(parameters: Mapping[str, Mapping[str, Any]]) -> MpcConfig:
-    """Return the parameters of the node ``mpc``, in whatever namespace, over the defaults."""
-    known = {spec.name for spec in MpcConfig.specs()}
-    for node, values in parameters.items():
-        if node.rsplit("/", 1)[-1] == MpcConfig.owner:
-            # A node also has parameters of ROS itself, such as use_sim_time.
-            return MpcConfig.build({name: values[name] for name in values if name in known})
-    return MpcConfig()
 
 
 def _odometry(messages: Sequence[RecordedMessage], *, twist_frame: str) -> dict[str, NDArray[Any]]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import yaml
 
+from quad_mpc_ros.bags.errors import BagError
 from quad_mpc_ros.bags.reader import BagReader
 from quad_mpc_ros.bags.writer import BagWriter
 from quad_mpc_ros.configuration import files
@@ -21,10 +22,16 @@ def write_parameters(writer: BagWriter, node: str, values: Mapping[str, Any]) ->
 
 
 def read_parameters(reader: BagReader) -> dict[str, dict[str, Any]]:
-    """Return the parameters stored in a bag by node name and dotted parameter name."""
+    """Return the parameters stored in a bag by node name and dotted parameter name.
+
+    Raises :class:`BagError` for a record that is no ROS parameter file.
+    """
     found: dict[str, dict[str, Any]] = {}
     for name, record in reader.metadata.items():
         if name.startswith(_PREFIX) and _KEY in record:
-            for node, content in yaml.safe_load(record[_KEY]).items():
-                found[node] = content["ros__parameters"]
+            try:
+                for node, content in yaml.safe_load(record[_KEY]).items():
+                    found[node] = dict(content["ros__parameters"])
+            except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
+                raise BagError(f"metadata record {name} is no ROS parameter file") from error
     return found

@@ -24,15 +24,20 @@ _FOREIGN = ("use_sim_time",)
 
 
 def load(
-    sources: Sequence[str], assignments: Sequence[str], *, schema: Schema
+    sources: Sequence[str],
+    assignments: Sequence[str],
+    *,
+    schema: Schema,
+    base: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> dict[str, Configuration]:
     """Return the configuration of every node of the schema, later sources over earlier ones.
 
-    ``sources`` are paths or names of presets, ``assignments`` are ``node.parameter=value`` and
-    win. Raises :class:`UserError` for a file that cannot be read and
-    :class:`ConfigurationError` for what it says.
+    ``base`` are parameters by node that come before the first source. ``sources`` are paths or
+    names of presets, ``assignments`` are ``node.parameter=value`` and win. Raises
+    :class:`UserError` for a file that cannot be read and :class:`ConfigurationError` for what it
+    says.
     """
-    values: dict[str, dict[str, Any]] = {node: {} for node in schema}
+    values: dict[str, dict[str, Any]] = {node: dict((base or {}).get(node, {})) for node in schema}
     for source in sources:
         for node, parameters in _read(_resolve(source), schema).items():
             values[node].update(parameters)

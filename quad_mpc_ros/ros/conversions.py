@@ -50,6 +50,19 @@ def odometry_from_message(message: Any) -> OdometrySample:
     )
 
 
+def odometry_from_pose_and_twist(pose: Any, twist: Any, *, child_frame_id: str) -> OdometrySample:
+    """Return the values of a ``PoseStamped`` and a ``TwistStamped``, stamped as the pose is."""
+    return OdometrySample(
+        stamp_ns=nanoseconds(pose.header.stamp),
+        frame_id=pose.header.frame_id,
+        child_frame_id=child_frame_id,
+        p_WB=_vector(pose.pose.position),
+        q_WB_xyzw=_quaternion(pose.pose.orientation),
+        v_WB_B=_vector(twist.twist.linear),
+        w_WB_B=_vector(twist.twist.angular),
+    )
+
+
 def fill_odometry(message: Any, odometry: OdometrySample) -> None:
     """Write an odometry into a ``nav_msgs/Odometry``."""
     _fill_header(message.header, odometry.stamp_ns, odometry.frame_id)
