@@ -30,6 +30,7 @@ def _parser() -> argparse.ArgumentParser:
     # Options first: importing the commands brings in what they need, which takes a moment.
     from quad_mpc_ros.commands.bench_options import add_bench_options
     from quad_mpc_ros.commands.check_reference import add_check_options
+    from quad_mpc_ros.commands.recording_options import add_identify_options
     from quad_mpc_ros.commands.run_options import add_run_options
 
     parser = argparse.ArgumentParser(
@@ -84,6 +85,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_check_options(check)
     check.set_defaults(run=_check_reference)
+    identify = commands.add_parser(
+        "identify",
+        help="fit lags, delay, thrust and drag of the vehicle to a recorded flight",
+        description="Fit the lags of body rates and thrust, the input delay, the thrust per mass "
+        "and the drag to the commands and the odometry of a flight. Prints a ROS parameter file "
+        "for --config on standard output, and what was found with its 95 %% intervals on standard "
+        "error.",
+    )
+    add_identify_options(identify)
+    identify.set_defaults(run=_identify)
     return parser
 
 
@@ -109,6 +120,12 @@ def _bench(options: argparse.Namespace) -> int:
     from quad_mpc_ros.commands.bench import bench
 
     return bench(options)
+
+
+def _identify(options: argparse.Namespace) -> int:
+    from quad_mpc_ros.commands.identify import identify_command
+
+    return identify_command(options)
 
 
 if __name__ == "__main__":

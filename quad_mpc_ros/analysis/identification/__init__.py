@@ -1,0 +1,22 @@
+"""The lags, the delay, the thrust and the drag of a vehicle, fitted to a recorded flight.
+
+:func:`measurements_of` takes what is needed from a recording, :func:`identify` fits,
+:func:`identification_table` and :func:`parameter_file` tell, :func:`write_fit_figure` shows.
+"""
+
+from quad_mpc_ros.analysis.identification.figure import write_fit_figure
+from quad_mpc_ros.analysis.identification.fit import identify
+from quad_mpc_ros.analysis.identification.measurements import Measurements, measurements_of
+from quad_mpc_ros.analysis.identification.report import identification_table, parameter_file
+from quad_mpc_ros.analysis.identification.result import Estimate, Identification
+
+__all__ = [
+    "Estimate",
+    "Identification",
+    "Measurements",
+    "identification_table",
+    "identify",
+    "measurements_of",
+    "parameter_file",
+    "write_fit_figure",
+]
