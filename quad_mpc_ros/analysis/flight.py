@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.analysis.recorded_parameters import recorded_parameters
+from quad_mpc_ros.analysis.recorded_stats import recorded_stats
 from quad_mpc_ros.analysis.recorded_topics import messages_by_topic
 from quad_mpc_ros.bags import BagError, BagReader, RecordedMessage
 from quad_mpc_ros.bags.run_parameters import read_parameters
@@ -208,14 +209,11 @@ def _stats(
     bag: Path, messages: Sequence[RecordedMessage], *, end_ns: int
 ) -> dict[str, NDArray[Any]]:
     """Return every figure of :class:`TickStats` as an array of its type."""
-    ticks = [conversions.stats_from_message(message.message) for message in messages]
-    try:
-        figures = {
-            name: np.array([kind(tick[name]) for tick in ticks], dtype=_DTYPES[kind])
-            for name, kind in get_type_hints(TickStats).items()
-        }
-    except (KeyError, ValueError) as error:
-        raise BagError(f"{bag}: unusable message on /{STATS.name}: {error}") from error
+    ticks = recorded_stats(bag, messages)
+    figures = {
+        name: np.array([getattr(tick, name) for tick in ticks], dtype=_DTYPES[kind])
+        for name, kind in get_type_hints(TickStats).items()
+    }
     _, first = _by_stamp(figures["stamp_ns"], end_ns=end_ns)
     return {name: values[first] for name, values in figures.items()}
 

@@ -41,6 +41,9 @@ DIAGNOSTICS = Topic(
 )
 CLOCK = Topic(name="/clock", type_name="rosgraph_msgs/msg/Clock", reliable=False)
 
+# In the bag of a flight that was fed to another controller: what was flown, beside its commands.
+RECORDED_COMMAND = Topic(name="recorded_command", type_name=COMMAND.type_name, reliable=False)
+
 RECORDED = (
     ODOMETRY,
     REFERENCE,

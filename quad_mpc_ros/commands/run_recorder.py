@@ -1,0 +1,150 @@
+"""Writing a bag without ROS: the messages that the nodes would have published."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from quad_mpc_ros.bags import BagWriter, QosProfile, RosbagsMessages
+from quad_mpc_ros.bags.run_parameters import write_parameters
+from quad_mpc_ros.control.controller import Tick
+from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.references.trajectory import TrajectorySamples
+from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.ros.topics import (
+    COMMAND,
+    ODOMETRY,
+    PREDICTED_PATH,
+    REFERENCE,
+    REFERENCE_PATH,
+    STATS,
+    Topic,
+)
+
+
+class RunRecorder:
+    """A bag of the values that go in and out of a controller; times in nanoseconds."""
+
+    def __init__(
+        self,
+        bag: Path,
+        *,
+        topics: tuple[Topic, ...],
+        parameters: Mapping[str, Mapping[str, Any]],
+        frame_id: str,
+        compression: str = "zstd",
+    ) -> None:
+        """Begin a bag of ``topics`` and the parameters of nodes; ``frame_id`` is the world's.
+
+        Raises :class:`BagError` when it cannot be begun, or exists.
+        """
+        self._frame_id = frame_id
+        self._messages = RosbagsMessages()
+        self._writer = BagWriter(bag, compression=compression)  # type: ignore[arg-type]
+        for topic in topics:
+            self._writer.add_topic(
+                f"/{topic.name}", topic.type_name, qos_profiles=[_offered(topic)]
+            )
+        for node, values in parameters.items():
+            write_parameters(self._writer, node, values)
+
+    def __enter__(self) -> RunRecorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._writer.close()
+
+    def reference_path(self, whole: TrajectorySamples, *, stamp_ns: int) -> None:
+        """Write the whole reference, as the reference node latches it."""
+
+        def fill(message: Any) -> None:
+            conversions.fill_path(
+                message,
+                stamp_ns=stamp_ns,
+                frame_id=self._frame_id,
+                pose_stamps_ns=[stamp_ns] * len(whole.p_WB),
+                p_WB=whole.p_WB,
+                q_WB_xyzw=whole.q_WB_xyzw,
+                new=self._messages.new,
+            )
+
+        self._write(REFERENCE_PATH, stamp_ns, fill)
+
+    def odometry(self, odometry: OdometrySample, *, time_ns: int) -> None:
+        """Write an odometry."""
+        self._write(ODOMETRY, time_ns, lambda m: conversions.fill_odometry(m, odometry))
+
+    def reference(self, window: ReferenceWindow, *, child_frame_id: str, time_ns: int) -> None:
+        """Write a window of the reference."""
+        self._write(
+            REFERENCE,
+            time_ns,
+            lambda m: conversions.fill_reference(
+                m, window, child_frame_id=child_frame_id, new=self._messages.new
+            ),
+        )
+
+    def command(
+        self, command: CommandSample, *, topic: Topic, time_ns: int, answered_ns: int
+    ) -> None:
+        """Write a command that came at a time and was published a little later."""
+        self._write(
+            topic,
+            time_ns,
+            lambda m: conversions.fill_command(m, command),
+            publish_time_ns=answered_ns,
+        )
+
+    def tick(self, tick: Tick, *, time_ns: int) -> None:
+        """Write what the controller gave and told of itself."""
+        command, plan, new = tick.command, tick.plan, self._messages.new
+        if command is not None:
+            # Answered at once in the time of the loop; what it took is on the wall clock.
+            answered_ns = time_ns + round(1e3 * tick.stats.step_time_us)
+            self.command(command, topic=COMMAND, time_ns=time_ns, answered_ns=answered_ns)
+        self._write(STATS, time_ns, lambda m: conversions.fill_stats(m, tick.stats, new=new))
+        if plan is not None:
+            self._write(
+                PREDICTED_PATH,
+                time_ns,
+                lambda m: conversions.fill_plan(
+                    m,
+                    stamp_ns=plan.stamp_ns,
+                    frame_id=self._frame_id,
+                    step_ns=round(plan.step * 1e9),
+                    p_WB=plan.p_WB,
+                    R_WB=plan.R_WB,
+                    new=new,
+                ),
+            )
+
+    def flush_if_due(self) -> None:
+        """Hand what has gathered to the operating system now and then."""
+        self._writer.flush_if_due(time.monotonic())
+
+    def _write(
+        self,
+        topic: Topic,
+        time_ns: int,
+        fill: Callable[[Any], None],
+        *,
+        publish_time_ns: int | None = None,
+    ) -> None:
+        message = self._messages.new(topic.type_name)
+        fill(message)
+        self._writer.write(
+            f"/{topic.name}",
+            self._messages.encode(topic.type_name, message),
+            log_time_ns=time_ns,
+            publish_time_ns=time_ns if publish_time_ns is None else publish_time_ns,
+        )
+
+
+def _offered(topic: Topic) -> QosProfile:
+    return QosProfile(
+        depth=topic.depth,
+        reliability="reliable" if topic.reliable else "best_effort",
+        durability="transient_local" if topic.latched else "volatile",
+    )
