@@ -30,7 +30,7 @@ def _parser() -> argparse.ArgumentParser:
     # Options first: importing the commands brings in what they need, which takes a moment.
     from quad_mpc_ros.commands.bench_options import add_bench_options
     from quad_mpc_ros.commands.check_reference import add_check_options
-    from quad_mpc_ros.commands.recording_options import add_identify_options
+    from quad_mpc_ros.commands.recording_options import add_identify_options, add_resolve_options
     from quad_mpc_ros.commands.run_options import add_run_options
 
     parser = argparse.ArgumentParser(
@@ -95,6 +95,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_identify_options(identify)
     identify.set_defaults(run=_identify)
+
+    resolve = commands.add_parser(
+        "resolve",
+        help="feed a recorded flight to the controller: what would it have commanded?",
+        description="Feed the recorded odometry and reference to the controller, without ROS, and "
+        "compare its commands with the recorded ones. With the recorded parameters, which are the "
+        "default, they are the same; --config and --set ask what others would have commanded. "
+        "Writes DIR/bag, DIR/summary.json and DIR/figures/commands.png.",
+    )
+    add_resolve_options(resolve)
+    resolve.set_defaults(run=_resolve)
     return parser
 
 
@@ -126,6 +137,12 @@ def _identify(options: argparse.Namespace) -> int:
     from quad_mpc_ros.commands.identify import identify_command
 
     return identify_command(options)
+
+
+def _resolve(options: argparse.Namespace) -> int:
+    from quad_mpc_ros.commands.resolve import resolve_command
+
+    return resolve_command(options)
 
 
 if __name__ == "__main__":

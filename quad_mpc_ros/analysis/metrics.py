@@ -14,8 +14,8 @@ from quad_mpc_ros.control.ladder import Source
 from quad_mpc_ros.core import so3
 from quad_mpc_ros.core.messages import Array
 
-_FALLBACKS = [source.name.lower() for source in (Source.PLAN, Source.HOVER, Source.BLIND)]
-_NOT_FAILED = ["solved", "not run"]
+FALLBACKS = [source.name.lower() for source in (Source.PLAN, Source.HOVER, Source.BLIND)]
+NOT_FAILED = ["solved", "not run"]
 _SATURATED = 1e-3  # rad/s: this close to its bound a rate is at it, to the solver's accuracy
 _FORGIVEN = 0.4  # of a control period: as much as the controller itself forgives
 
@@ -44,12 +44,12 @@ def summarise(flight: Flight, *, wall_seconds: float | None) -> Summary:
             if waypoint.complete
         ],
         "attitude_rmse_rad": _rms(_attitude_errors(flight)),
-        "step_time_us": _percentiles(flight.stats["step_time_us"][ran], 50, 90, 99),
-        "solve_time_us": _percentiles(flight.stats["solve_time_us"][ran], 50, 90, 99),
-        "odom_to_command_ms": _percentiles(latency_ms, 50, 90, 99),
-        "iterations": _percentiles(flight.stats["iterations"][ran], 50, 99),
-        "solver_failures": int(np.sum(~np.isin(flight.stats["solver_status"], _NOT_FAILED))),
-        "fallbacks": int(np.sum(np.isin(flight.stats["source"], _FALLBACKS))),
+        "step_time_us": percentiles(flight.stats["step_time_us"][ran], 50, 90, 99),
+        "solve_time_us": percentiles(flight.stats["solve_time_us"][ran], 50, 90, 99),
+        "odom_to_command_ms": percentiles(latency_ms, 50, 90, 99),
+        "iterations": percentiles(flight.stats["iterations"][ran], 50, 99),
+        "solver_failures": int(np.sum(~np.isin(flight.stats["solver_status"], NOT_FAILED))),
+        "fallbacks": int(np.sum(np.isin(flight.stats["source"], FALLBACKS))),
         "deadline_misses": int(np.sum(latency_ms > 1e3 / flight.mpc.control_rate)),
         "rate_saturation_fraction": _saturation(flight),
         "realtime_factor": duration / wall_seconds if wall_seconds else None,
@@ -112,7 +112,7 @@ def _rms(values: Array) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if len(values) else None
 
 
-def _percentiles(values: NDArray[Any], *percents: int) -> dict[str, float | None]:
+def percentiles(values: NDArray[Any], *percents: int) -> dict[str, float | None]:
     """Return percentiles and maximum of the finite values; each is one that was measured."""
     ordered = np.sort(values[np.isfinite(values)])
     # Rounded up in integers: 0.01 * 90 * n is not exactly 0.9 n.

@@ -13,13 +13,15 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from quad_mpc_ros.analysis.recorded_stats import recorded_stats
 from quad_mpc_ros.analysis.recorded_topics import listed_topics, messages_by_topic
 from quad_mpc_ros.bags import BagError, BagReader, RecordedMessage
 from quad_mpc_ros.bags.run_parameters import read_parameters
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.stats import TickStats
 from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros import conversions
-from quad_mpc_ros.ros.topics import COMMAND, ODOMETRY, REFERENCE, STATS, Topic
+from quad_mpc_ros.ros.topics import COMMAND, ODOMETRY, RECORDED_COMMAND, REFERENCE, STATS, Topic
 
 T = TypeVar("T")
 
@@ -62,15 +64,15 @@ class RecordedRun:
     """The messages of one vehicle, each kind in the order in which it was recorded.
 
     ``odometries`` holds at least one. Nothing is left out or judged here: what a controller
-    refuses is still among them. ``stats`` are the figures of its ticks as text, ``parameters``
-    those recorded, by node.
+    refuses is still among them. ``commands`` are those that were flown, ``stats`` the figures of
+    the ticks, ``parameters`` those recorded, by node.
     """
 
     bag: Path
     odometries: Sequence[Received[OdometrySample]]
     windows: Sequence[Received[ReferenceWindow]]
     commands: Sequence[Received[CommandSample]]
-    stats: Sequence[Mapping[str, str]]
+    stats: Sequence[TickStats]
     parameters: Mapping[str, Mapping[str, Any]]
 
 
@@ -95,7 +97,11 @@ def read_run(
     }
     apart = bool(names.pose)
     wanted = (*topics, *((POSE, TWIST) if apart else (ODOMETRY,)))
+    if COMMAND in wanted and not names.command:
+        wanted = (*wanted, RECORDED_COMMAND)
     recorded = defaultdict(list, messages_by_topic(bag, wanted, names=named))
+    # In a bag that was resolved, the vehicle flew these and not the ones beside them.
+    flown = recorded[RECORDED_COMMAND] or recorded[COMMAND]
     odometries = (
         _joined(recorded[POSE], recorded[TWIST])
         if apart
@@ -111,8 +117,8 @@ def read_run(
         bag=bag,
         odometries=odometries,
         windows=_received(recorded[REFERENCE], conversions.reference_from_message),
-        commands=_received(recorded[COMMAND], conversions.command_from_message),
-        stats=[conversions.stats_from_message(message.message) for message in recorded[STATS]],
+        commands=_received(flown, conversions.command_from_message),
+        stats=recorded_stats(bag, recorded[STATS]),
         parameters=read_parameters(BagReader(bag)),
     )
 

@@ -27,6 +27,31 @@ def add_identify_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_resolve_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``resolve``."""
+    _add_recording_options(parser)
+    parser.add_argument(
+        "--reference-topic",
+        default="",
+        metavar="NAME",
+        help="trajectory_msgs/MultiDOFJointTrajectory (default: the topic that ends in "
+        "/reference)",
+    )
+    parser.add_argument(
+        "--reference",
+        metavar="NAME",
+        help="trajectory to follow from the first odometry on, instead of the recorded reference: "
+        "square, hover, lemniscate",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for bag, summary.json and figures; must not hold any "
+        "(default: runs/<date-time>_resolved)",
+    )
+
+
 def _add_recording_options(parser: argparse.ArgumentParser) -> None:
     """Add the bag, how to read it, and the configuration that is put over the recorded one."""
     parser.add_argument(

@@ -129,6 +129,12 @@ class Controller:
         x = dataclasses.replace(state_from_odometry(self._odometry), R_WB=self._R_WB)
         return self._finish(decision, x, stamp_ns=now_ns, now_ns=now_ns, step=None)
 
+    def sent_instead(self, command: CommandSample, *, now_ns: int) -> None:
+        """Tell that another command than that of the last tick was sent, which acts instead."""
+        self._input = Input(throttle=command.throttle, w_WB_B=command.w_WB_B)
+        self._sent_ns = now_ns
+        self._mpc.sent(self._input, sent_ns=now_ns)
+
     def _is_answered(self) -> bool:
         """Whether the last tick belongs to the newest odometry."""
         if self._last_tick is None or self._odometry is None:

@@ -52,6 +52,23 @@ def test_simulate_commands_what_the_lockstep_flight_does(lockstep: Path, tmp_pat
     assert _commands(out) == _commands(lockstep)
 
 
+def test_a_lockstep_flight_resolves_to_the_same_commands(lockstep: Path, tmp_path: Path) -> None:
+    assert main(["resolve", str(lockstep), "--out", str(tmp_path / "again")]) == 0
+    assert _commands(tmp_path / "again") == _commands(lockstep)
+
+
+def test_a_real_time_flight_resolves_nearly_to_the_same_commands(
+    real_time: Path, tmp_path: Path
+) -> None:
+    """Nearly: which of two references came first, the recording does not always tell."""
+    assert main(["resolve", str(real_time), "--out", str(tmp_path / "again")]) == 0
+    summary = json.loads((tmp_path / "again" / "summary.json").read_text())
+    assert summary["compared"] >= 0.95 * len(_commands(real_time))
+    assert summary["only_resolved"] <= 0.05 * summary["compared"]
+    for channel in summary["difference"].values():
+        assert channel["p50"] <= 1e-6
+
+
 def test_lockstep_flight_is_the_papers_square(lockstep: Path) -> None:
     summary = json.loads((lockstep / "summary.json").read_text())
     assert summary["position_rmse_m"] == pytest.approx(0.788, abs=0.01)

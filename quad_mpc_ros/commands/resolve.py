@@ -1,0 +1,166 @@
+"""``quad_mpc resolve``: what would a controller have commanded in a recorded flight?"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, cast
+
+from quad_mpc_ros.analysis.command_comparison import (
+    CommandComparison,
+    compare_commands,
+    comparison_table,
+    write_command_comparison,
+)
+from quad_mpc_ros.analysis.recorded_parameters import recorded_parameters
+from quad_mpc_ros.analysis.recorded_run import RecordedRun, read_run
+from quad_mpc_ros.analysis.resolution import Resolved, WindowSource, resolve
+from quad_mpc_ros.bags import BagError
+from quad_mpc_ros.commands.recording import bag_of, recorded_configuration, topic_names
+from quad_mpc_ros.commands.run_options import default_out, prepared_out
+from quad_mpc_ros.commands.run_recorder import RunRecorder
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.ros.topics import (
+    COMMAND,
+    ODOMETRY,
+    PREDICTED_PATH,
+    RECORDED_COMMAND,
+    REFERENCE,
+    STATS,
+)
+
+_TOPICS = (ODOMETRY, REFERENCE, COMMAND, RECORDED_COMMAND, PREDICTED_PATH, STATS)
+_MOST_WARNINGS = 5
+
+
+def resolve_command(options: argparse.Namespace) -> int:
+    """Feed, record, compare, tell; return the exit code."""
+    bag = bag_of(options.bag)
+    run = read_run(bag, topic_names(options))
+    config = recorded_configuration(options, run, assignments=_adopted(options, run))
+    mpc = cast(MpcConfig, config["mpc"])
+    windows = None
+    if options.reference is not None:
+        windows = _made_windows(cast(ReferenceConfig, config["reference"]), run)
+    elif not run.windows:
+        raise BagError(
+            f"{bag}: no reference in it: give --reference NAME, or --reference-topic with one of "
+            f"type {REFERENCE.type_name}"
+        )
+    out = prepared_out(options.out or default_out("resolved"))
+    print(f"resolving {bag} into {out}", file=sys.stderr)
+    steps = _recorded(out / "bag", run, mpc, windows)
+    if not any(step.tick is not None and step.tick.command is not None for step in steps):
+        print("warning: the controller gave no command", file=sys.stderr)
+    comparison = _compared(run, steps)
+    _write_results(out, run, comparison, mpc)
+    return 0
+
+
+def _adopted(options: argparse.Namespace, run: RecordedRun) -> tuple[str, ...]:
+    """Return what is taken over from the bag and the options below what is given with --set."""
+    made = []
+    if not recorded_parameters(run.parameters, MpcConfig):
+        frame = run.odometries[0].value.frame_id
+        made += [f"mpc.odometry.frame_id={frame}", f"reference.frame_id={frame}"]
+        print(
+            f"the bag holds no parameters of a node mpc: defaults, and its frame {frame!r}",
+            file=sys.stderr,
+        )
+    if options.reference is not None:
+        made.append(f"reference.trajectory={options.reference}")
+    return tuple(made)
+
+
+def _made_windows(config: ReferenceConfig, run: RecordedRun) -> WindowSource:
+    """Return a reference that starts with the first odometry."""
+    server = ReferenceServer(config)
+    server.start(run.odometries[0].value.stamp_ns)
+    return server.window
+
+
+def _recorded(
+    bag: Path, run: RecordedRun, mpc: MpcConfig, windows: WindowSource | None
+) -> list[Resolved]:
+    """Feed the flight to the controller and write what goes in and out of it to a bag."""
+    others = {
+        node: values
+        for node, values in run.parameters.items()
+        if node.rsplit("/", 1)[-1] != MpcConfig.owner
+    }
+    told = _Warnings()
+    steps = []
+    with RunRecorder(
+        bag,
+        topics=_TOPICS,
+        parameters={**others, MpcConfig.owner: mpc.flattened()},
+        frame_id=mpc.odometry.frame_id,
+    ) as recorder:
+        for sent in run.commands:
+            recorder.command(
+                sent.value,
+                topic=RECORDED_COMMAND,
+                time_ns=sent.log_time_ns,
+                answered_ns=sent.publish_time_ns,
+            )
+        window = None
+        for step in resolve(run, mpc, windows=windows, warn=told.take):
+            steps.append(step)
+            if step.odometry is not None:
+                recorder.odometry(step.odometry.value, time_ns=step.log_time_ns)
+            if step.window is not None and step.window is not window:
+                window = step.window
+                recorder.reference(window, child_frame_id="base_link", time_ns=step.log_time_ns)
+            if step.tick is not None:
+                recorder.tick(step.tick, time_ns=step.log_time_ns)
+            recorder.flush_if_due()
+    return steps
+
+
+class _Warnings:
+    """Shows what the controller warns of: each once, and not too many."""
+
+    def __init__(self) -> None:
+        self._seen: set[str] = set()
+
+    def take(self, text: str) -> None:
+        if text not in self._seen and len(self._seen) < _MOST_WARNINGS:
+            self._seen.add(text)
+            print(f"warning: {text}", file=sys.stderr)
+
+
+def _compared(run: RecordedRun, steps: Iterable[Resolved]) -> CommandComparison:
+    """Compare up to the end of the flight, after which the watchdog rightly acts."""
+    end_ns = max(odometry.value.stamp_ns for odometry in run.odometries)
+    ticks = [step.tick for step in steps if step.tick is not None]
+    return compare_commands(
+        [sent.value for sent in run.commands if sent.value.stamp_ns <= end_ns],
+        [tick.command for tick in ticks if tick.command is not None],
+        recorded_stats=[stats for stats in run.stats if stats.stamp_ns <= end_ns],
+        resolved_stats=[tick.stats for tick in ticks],
+    )
+
+
+def _write_results(
+    out: Path, run: RecordedRun, comparison: CommandComparison, mpc: MpcConfig
+) -> None:
+    summary: dict[str, Any] = {
+        "bag": str(run.bag),
+        "odometries": len(run.odometries),
+        **comparison.summary(),
+        "config": {MpcConfig.owner: mpc.flattened()},
+    }
+    try:
+        text = json.dumps(summary, indent=2, allow_nan=False)
+        (out / "summary.json").write_text(text + "\n", encoding="utf-8")
+        figure = write_command_comparison(comparison, out / "figures" / "commands.png")
+    except OSError as error:
+        raise UserError(f"{out}: results cannot be written: {error.strerror}") from error
+    print(comparison_table(comparison))
+    print(f"\nbag      {out / 'bag'}\nsummary  {out / 'summary.json'}\nfigure   {figure}")

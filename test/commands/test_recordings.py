@@ -1,0 +1,338 @@
+"""``quad_mpc resolve`` and ``quad_mpc identify`` as a user runs them on bags, good and bad."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from quad_mpc_ros.bags import BagReader, BagWriter, RosbagsMessages
+from quad_mpc_ros.bags.run_parameters import read_parameters, write_parameters
+from quad_mpc_ros.cli import main
+from quad_mpc_ros.core import so3
+
+ODOMETRY = "nav_msgs/msg/Odometry"
+POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped"
+# Lags, delay and disturbance in the model: the commands then depend on those sent before.
+LAGGED = (
+    "mpc.formulation=manifold",
+    "mpc.terminal_weight=30",
+    "mpc.rate_time_constant=0.03",
+    "mpc.thrust_time_constant=0.04",
+    "mpc.input_delay=0.02",
+    "mpc.estimate_disturbance=true",
+    "simulator.rate_time_constant=0.03",
+    "simulator.thrust_time_constant=0.04",
+    "simulator.command_delay=0.02",
+    "simulator.mass_scale=1.2",
+)
+
+
+def simulated(out: Path, *assignments: str, duration: float) -> Path:
+    sets = [part for assignment in assignments for part in ("--set", assignment)]
+    code = main(["simulate", *sets, "--duration", str(duration), "--out", str(out)])
+    assert code == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def square(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("square") / "run"
+    return simulated(out, "mpc.formulation=paper", duration=3.0)
+
+
+@pytest.fixture(scope="module")
+def lagged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated(tmp_path_factory.mktemp("lagged") / "run", *LAGGED, duration=8.0)
+
+
+def commands(bag: Path, topic: str = "/command") -> list[bytes]:
+    """Return the commands as another reader finds them."""
+    with AnyReader([bag]) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        return [bytes(data) for _, _, data in reader.messages(connections)]
+
+
+def resolved(bag: Path, out: Path, *arguments: str) -> dict[str, Any]:
+    assert main(["resolve", str(bag), *arguments, "--out", str(out)]) == 0
+    summary: dict[str, Any] = json.loads((out / "summary.json").read_text())
+    return summary
+
+
+@pytest.mark.parametrize("flight", ["square", "lagged"])
+def test_the_recorded_configuration_commands_the_same_again(
+    flight: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    run: Path = request.getfixturevalue(flight)
+    summary = resolved(run, tmp_path / "again")
+    before = commands(run / "bag")
+    assert commands(tmp_path / "again" / "bag") == before
+    assert commands(tmp_path / "again" / "bag", "/recorded_command") == before
+    assert summary["equal"] == summary["compared"] == len(before)
+    assert (tmp_path / "again/figures/commands.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_another_configuration_is_told_and_kept(square: Path, tmp_path: Path) -> None:
+    out = tmp_path / "heavy"
+    summary = resolved(square, out, "--set", "mpc.mass=0.5", "--set", "mpc.horizon_steps=15")
+    assert summary["equal"] == 0
+    assert summary["difference"]["throttle"]["rms"] > 0.01
+    parameters = read_parameters(BagReader(out / "bag"))
+    assert parameters["mpc"]["mass"] == 0.5
+    assert parameters["mpc"]["horizon_steps"] == 15
+    # What the vehicle did stays as it was flown, and is what the new bag is compared with.
+    again = resolved(out, tmp_path / "again")
+    assert again["difference"] == summary["difference"]
+    assert commands(tmp_path / "again" / "bag") == commands(out / "bag")
+
+
+def test_what_was_flown_stays_the_past(lagged: Path, tmp_path: Path) -> None:
+    """A controller that weighs otherwise must not believe that its own commands were flown.
+
+    If it did, its estimate of the disturbance would take the difference for wind.
+    """
+    out = tmp_path / "gentle"
+    resolved(lagged, out, "--set", "mpc.R=[0.0, 0.1, 0.1, 0.1]")
+
+    def scales(bag: Path) -> np.ndarray:
+        reader = BagReader(bag)
+        return np.array(
+            [
+                float(pair.value)
+                for message in reader.messages(["/mpc/stats"])
+                for pair in message.message.status[0].values
+                if pair.key == "thrust_scale"
+            ]
+        )
+
+    assert np.array_equal(scales(out / "bag"), scales(lagged / "bag"))
+    assert commands(out / "bag") != commands(lagged / "bag")
+
+
+def test_nothing_is_overwritten(
+    square: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["resolve", str(square), "--out", str(square)]) == 2
+    assert "not overwritten" in capsys.readouterr().err
+    precious = tmp_path / "vehicle.yaml"
+    precious.write_text("do not touch")
+    assert main(["identify", str(square), "--out", str(precious)]) == 2
+    assert main(["identify", str(square), "--plot", str(precious)]) == 2
+    assert precious.read_text() == "do not touch"
+
+
+def rewritten(
+    run: Path,
+    bag: Path,
+    change: Callable[[Any, str], list[tuple[str, str, Any]]],
+    *,
+    parameters: bool = True,
+) -> Path:
+    """Write a bag anew; ``change`` returns topic, type and message of what becomes of each."""
+    reader, messages = BagReader(run / "bag"), RosbagsMessages()
+    written: list[tuple[str, str, Any, int, int]] = []
+    for recorded in reader.messages():
+        for topic, type_name, message in change(recorded.message, recorded.topic):
+            written.append(
+                (topic, type_name, message, recorded.log_time_ns, recorded.publish_time_ns)
+            )
+    with BagWriter(bag) as writer:
+        for topic, type_name in sorted({(topic, kind) for topic, kind, *_ in written}):
+            writer.add_topic(topic, type_name)
+        for topic, kind, message, log_ns, publish_ns in written:
+            data = messages.encode(kind, message)
+            writer.write(topic, data, log_time_ns=log_ns, publish_time_ns=publish_ns)
+        if parameters:
+            for node, values in read_parameters(reader).items():
+                write_parameters(writer, node, values)
+    return bag
+
+
+def test_pose_and_twist_in_the_world_of_another_stack(square: Path, tmp_path: Path) -> None:
+    messages = RosbagsMessages()
+
+    def change(message: Any, topic: str) -> list[tuple[str, str, Any]]:
+        if topic == "/reference":
+            return [("/planner/window", "trajectory_msgs/msg/MultiDOFJointTrajectory", message)]
+        if topic == "/command":
+            return [("/rates", TWIST, message)]
+        if topic != "/odom":
+            return []
+        pose, twist = messages.new(POSE), messages.new(TWIST)
+        pose.header, pose.pose = message.header, message.pose.pose
+        twist.header = message.header
+        q, linear = message.pose.pose.orientation, message.twist.twist.linear
+        R_WB = so3.rotation_from_quaternion_xyzw(np.array([q.x, q.y, q.z, q.w]))
+        world = R_WB @ [linear.x, linear.y, linear.z]
+        twist.twist.linear.x, twist.twist.linear.y, twist.twist.linear.z = world.tolist()
+        angular = message.twist.twist.angular
+        turn = R_WB @ [angular.x, angular.y, angular.z]
+        twist.twist.angular.x, twist.twist.angular.y, twist.twist.angular.z = turn.tolist()
+        return [("/local/pose", POSE, pose), ("/local/velocity", TWIST, twist)]
+
+    bag = rewritten(square, tmp_path / "other", change)
+    mapping = ["--pose-topic", "/local/pose", "--twist-topic", "local/velocity"]
+    mapping += ["--reference-topic", "/planner/window", "--command-topic", "/rates"]
+    summary = resolved(bag, tmp_path / "out", *mapping, "--twist-frame", "world")
+    assert summary["compared"] == 150
+    for channel in summary["difference"].values():
+        assert channel["max"] < 1e-6
+    wrong = resolved(bag, tmp_path / "wrong", *mapping, "--twist-frame", "child")
+    assert wrong["difference"]["rate_y"]["max"] > 1.0
+
+
+def test_a_bag_without_reference_and_parameters(
+    square: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def change(message: Any, topic: str) -> list[tuple[str, str, Any]]:
+        if topic != "/odom":
+            return []
+        message.header.frame_id = "map"
+        return [("/vehicle/state", ODOMETRY, message)]
+
+    bag = rewritten(square, tmp_path / "other", change, parameters=False)
+    assert main(["resolve", str(bag), "--odom-topic", "/vehicle/state"]) == 2
+    assert "--reference NAME" in capsys.readouterr().err
+    arguments = ["--odom-topic", "/vehicle/state", "--reference", "square"]
+    arguments += ["--set", "mpc.formulation=paper"]
+    summary = resolved(bag, tmp_path / "out", *arguments)
+    assert summary["compared"] == summary["only_recorded"] == 0
+    assert "'map'" in capsys.readouterr().err
+    # The same reference at the same odometry: what the flight was commanded.
+    assert summary["only_resolved"] == 150
+    new, old = (_throttles(path / "bag") for path in (tmp_path / "out", square))
+    assert new == pytest.approx(old, abs=1e-9)
+
+
+def _throttles(bag: Path) -> list[float]:
+    return [message.message.twist.linear.z for message in BagReader(bag).messages(["/command"])]
+
+
+def _truncated(run: Path, path: Path) -> None:
+    data = next((run / "bag").glob("*.mcap")).read_bytes()
+    path.write_bytes(data[:300])
+
+
+def _flipped(run: Path, path: Path) -> None:
+    data = bytearray(next((run / "bag").glob("*.mcap")).read_bytes())
+    data[len(data) // 3 : len(data) // 3 + 200] = bytes(200)
+    path.write_bytes(data)
+
+
+def _bad_parameters(run: Path, path: Path) -> None:
+    with BagWriter(path) as writer:
+        writer.add_topic("/odom", ODOMETRY)
+        writer.write_metadata("parameters:mpc", {"yaml": "mpc: ["})
+        data = RosbagsMessages().encode(ODOMETRY, RosbagsMessages().new(ODOMETRY))
+        writer.write("/odom", data, log_time_ns=1, publish_time_ns=1)
+
+
+def _wrong_type(run: Path, path: Path) -> None:
+    with BagWriter(path) as writer:
+        writer.add_topic("/odom", POSE)
+        data = RosbagsMessages().encode(POSE, RosbagsMessages().new(POSE))
+        writer.write("/odom", data, log_time_ns=1, publish_time_ns=1)
+
+
+def _nonsense(run: Path, path: Path) -> None:
+    with BagWriter(path) as writer:
+        writer.add_topic("/odom", ODOMETRY)
+        writer.write("/odom", b"\x00\x01\x00\x00nonsense", log_time_ns=1, publish_time_ns=1)
+
+
+def _no_messages(run: Path, path: Path) -> None:
+    with BagWriter(path) as writer:
+        writer.add_topic("/odom", ODOMETRY)
+
+
+BAD_BAGS: dict[str, tuple[Callable[[Path, Path], object], str]] = {
+    "missing": (lambda run, path: None, "does not exist"),
+    "empty file": (lambda run, path: path.touch(), "empty"),
+    "empty folder": (lambda run, path: path.mkdir(), "no bag"),
+    "no mcap": (lambda run, path: path.write_text("hello, world"), "MCAP"),
+    "truncated": (_truncated, "no odometry"),
+    "bytes overwritten": (_flipped, "corrupt"),
+    "other metadata": (
+        lambda run, path: (path.mkdir(), (path / "metadata.yaml").write_text("a: 1")),
+        "metadata.yaml",
+    ),
+    "no messages": (_no_messages, "no odometry"),
+    "wrong type": (_wrong_type, "/odom (geometry_msgs/msg/PoseStamped)"),
+    "nonsense in a message": (_nonsense, "cannot decode"),
+    "nonsense for parameters": (_bad_parameters, "parameters:mpc"),
+}
+
+
+@pytest.mark.parametrize("command", ["resolve", "identify"])
+@pytest.mark.parametrize("kind", BAD_BAGS)
+def test_a_bag_that_is_none_is_one_line_and_exit_code_2(
+    command: str, kind: str, square: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make, told = BAD_BAGS[kind]
+    bag, out = tmp_path / "bag.mcap", tmp_path / "out"
+    make(square, bag)
+    capsys.readouterr()
+    assert main([command, str(bag), "--out", str(out)]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert told in printed.err
+    assert len(printed.err.strip().splitlines()) == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--odom-topic", "/nowhere"], "/nowhere"),
+        (["--odom-topic", "/command"], "expected nav_msgs/msg/Odometry"),
+        (["--pose-topic", "/odom"], "--twist-topic"),
+        (["--odom-topic", "/odom", "--pose-topic", "/a", "--twist-topic", "/b"], "one of them"),
+        (["--set", "mpc.mass=heavy"], "mpc.mass"),
+        (["--config", "nonesuch"], "nonesuch"),
+    ],
+)
+@pytest.mark.parametrize("command", ["resolve", "identify"])
+def test_wrong_options(
+    command: str,
+    arguments: list[str],
+    told: str,
+    square: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main([command, str(square), *arguments, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert len(error.strip().splitlines()) == 1
+
+
+def test_a_flight_too_short_to_identify(square: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["identify", str(square)]) == 2
+    assert "longer flight" in capsys.readouterr().err
+
+
+def test_what_is_identified_goes_into_config(
+    lagged: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    vehicle = tmp_path / "vehicle.yaml"
+    assert main(["identify", str(lagged), "--out", str(vehicle)]) == 0
+    capsys.readouterr()
+    summary = resolved(lagged, tmp_path / "out", "--config", str(vehicle))
+    mpc = summary["config"]["mpc"]
+    assert mpc["rate_time_constant"] == pytest.approx(0.03, rel=0.1)
+    assert mpc["thrust_time_constant"] == pytest.approx(0.04, rel=0.1)
+    assert mpc["input_delay"] == pytest.approx(0.02, rel=0.1)
+    assert mpc["thrust_curve"][1] / 2.79829004 == pytest.approx(1.0 / 1.2, rel=0.1)
+
+
+def test_a_bag_without_its_metadata_is_read(lagged: Path, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    shutil.copytree(lagged / "bag", bag)
+    (bag / "metadata.yaml").unlink()
+    assert main(["identify", str(bag), "--out", str(tmp_path / "vehicle.yaml")]) == 0
