@@ -91,8 +91,8 @@ def comparison_table(comparison: CommandComparison) -> str:
     s = comparison.summary()
     rows = [
         f"{'commands':<{_LABEL}}{s['equal']} of {s['compared']} equal, bit for bit",
-        f"{'':<{_LABEL}}{s['only_recorded']} recorded without a new one, "
-        f"{s['only_resolved']} new without a recorded one",
+        f"{'without counterpart':<{_LABEL}}{s['only_recorded']} recorded, "
+        f"{s['only_resolved']} resolved",
         "",
         _cells("difference", ("rms", "p50", "p99", "max")),
     ]
