@@ -331,6 +331,42 @@ def test_too_little_is_refused() -> None:
         measured(dataclasses.replace(run, commands=long_ago[:40]))
 
 
+def test_nonsense_and_a_clock_that_was_set_do_not_matter() -> None:
+    run = flown(**TRUTH)
+    commands = list(run.commands)
+    for i, throttle, rate in ((50, np.nan, 0.0), (150, 0.3, 1e300), (250, -np.inf, np.inf)):
+        wild = dataclasses.replace(commands[i].value, throttle=throttle, w_WB_B=np.full(3, rate))
+        commands[i] = dataclasses.replace(commands[i], value=wild)
+    before = [
+        dataclasses.replace(
+            odometry, value=dataclasses.replace(odometry.value, stamp_ns=k * 20_000_000)
+        )
+        for k, odometry in enumerate(run.odometries[:20])
+    ]
+    late = [
+        dataclasses.replace(
+            odometry,
+            value=dataclasses.replace(
+                odometry.value, stamp_ns=odometry.value.stamp_ns + 2_000_000_000 * 10**9
+            ),
+        )
+        for odometry in run.odometries
+    ]
+    later = [
+        dataclasses.replace(
+            sent,
+            value=dataclasses.replace(
+                sent.value, stamp_ns=sent.value.stamp_ns + 2_000_000_000 * 10**9
+            ),
+        )
+        for sent in commands
+    ]
+    whole = dataclasses.replace(run, odometries=[*before, *late], commands=later)
+    found = identified(whole)
+    assert found.rate_time_constant.value == pytest.approx(0.03, rel=0.1)
+    assert found.thrust_scale.value == pytest.approx(1.0 / 1.2, rel=0.1)
+
+
 @pytest.mark.slow
 def test_intervals_hold_the_truth_about_as_often_as_they_say() -> None:
     truth = {

@@ -20,6 +20,7 @@ _AT_REST = 0.3  # m/s
 # After the first command the actuators are where nobody knows [s].
 _SETTLING = 0.3
 _STALE_COMMAND = 0.5  # s
+_FASTEST = 1e3  # rad/s; nothing turns at more, and no throttle is larger
 _FEWEST = 50
 
 
@@ -115,7 +116,8 @@ def _commands_in_order(run: RecordedRun) -> list[CommandSample]:
     first: dict[int, CommandSample] = {}
     for received in run.commands:
         command = received.value
-        if np.isfinite([command.throttle, *command.w_WB_B]).all():
+        # NaN compares with nothing, and so is not within the limit.
+        if np.all(np.abs([command.throttle, *command.w_WB_B]) <= _FASTEST):
             first.setdefault(command.stamp_ns, command)
     return [first[stamp_ns] for stamp_ns in sorted(first)]
 

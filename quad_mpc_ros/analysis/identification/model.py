@@ -34,6 +34,7 @@ _LONGEST_GAP = 3.0  # periods
 _DIFFERENCE = 1e-4  # s
 # The thrust's direction is that in the middle of a stretch [s].
 _LONGEST_STRETCH = 0.01
+_MOST_STRETCHES = 50  # in a gap, whose far side is in another window anyway
 
 
 class ResponseModel:
@@ -185,8 +186,12 @@ class ResponseModel:
 
 
 def _divided(time: Array) -> Array:
-    """Return times with others between them, none further apart than the longest stretch."""
-    parts = np.maximum(np.ceil(np.diff(time) / _LONGEST_STRETCH), 1.0).astype(np.intp)
+    """Return times with others between them, none further apart than the longest stretch.
+
+    But for gaps, which may be of any length where a clock was set.
+    """
+    parts = np.clip(np.ceil(np.diff(time) / _LONGEST_STRETCH), 1.0, _MOST_STRETCHES)
+    parts = parts.astype(np.intp)
     first = np.repeat(np.arange(len(parts)), parts)
     number = np.arange(len(first)) - np.repeat(np.cumsum(parts) - parts, parts)
     inside = time[first] + number / parts[first] * np.diff(time)[first]
