@@ -9,6 +9,7 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -61,11 +62,22 @@ def stop() -> None:
 
 def _spin(node: Node, executor: Any) -> None:
     executor.add_node(node)
-    never: Future[None] = Future()
     while rclpy.ok():
+        try:
+            _spin_some(executor)
+        except rclpy_implementation.RCLError:
+            if rclpy.ok():
+                raise  # else a signal came while the plain executor prepared to wait
+
+
+def _spin_some(executor: Any) -> None:
+    if isinstance(executor, SingleThreadedExecutor):
+        # Not until a future completes: it would be given one more callback at every wake-up.
+        executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
+    else:
         # Not spin(): without a timeout the events executor of rclpy 7.1.6 waits until the end of
         # time, which overflows on some C libraries and burns a whole core.
-        executor.spin_until_future_complete(never, timeout_sec=_SPIN_TIMEOUT)
+        executor.spin_until_future_complete(Future(), timeout_sec=_SPIN_TIMEOUT)
 
 
 def _executor(*, message_info: bool) -> Any:
