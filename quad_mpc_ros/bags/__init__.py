@@ -7,10 +7,11 @@ failure is a :class:`BagError`. Nothing here imports rclpy or a message package.
 
 from quad_mpc_ros.bags.codec import RosbagsMessages
 from quad_mpc_ros.bags.errors import BagError
+from quad_mpc_ros.bags.mcap_output import Compression
 from quad_mpc_ros.bags.qos_profile import INFINITE_NS, QosProfile
 from quad_mpc_ros.bags.reader import BagReader, RecordedMessage, TopicInfo
 from quad_mpc_ros.bags.schemas import SHIPPED_TYPES, MessageSchema, schema_for
-from quad_mpc_ros.bags.writer import FLUSH_PERIOD_S, BagWriter, Compression
+from quad_mpc_ros.bags.writer import FLUSH_PERIOD_S, BagWriter, Split
 
 __all__ = [
     "FLUSH_PERIOD_S",
@@ -24,6 +25,7 @@ __all__ = [
     "QosProfile",
     "RecordedMessage",
     "RosbagsMessages",
+    "Split",
     "TopicInfo",
     "schema_for",
 ]

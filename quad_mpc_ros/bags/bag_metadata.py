@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from quad_mpc_ros.bags.qos_profile import QosProfile
@@ -42,6 +42,15 @@ class TimeSpan:
         return self.end_ns - self.start_ns
 
 
+@dataclass(frozen=True, kw_only=True)
+class FileSummary:
+    """One file of a bag; ``span`` is None when it holds no message."""
+
+    name: str
+    span: TimeSpan | None
+    message_count: int
+
+
 def extended(span: TimeSpan | None, time_ns: int) -> TimeSpan:
     """Return ``span``, or none yet, widened to hold ``time_ns`` [ns since the epoch]."""
     if span is None:
@@ -49,38 +58,58 @@ def extended(span: TimeSpan | None, time_ns: int) -> TimeSpan:
     return TimeSpan(start_ns=min(span.start_ns, time_ns), end_ns=max(span.end_ns, time_ns))
 
 
-def bag_information(
-    *, file_name: str, topics: Sequence[TopicSummary], span: TimeSpan | None
-) -> dict[str, object]:
-    """Return what stands under ``rosbag2_bagfile_information`` for a bag of one file.
+def united(spans: Iterable[TimeSpan | None]) -> TimeSpan | None:
+    """Return the span that holds all ``spans``, or None when there is none."""
+    known = [span for span in spans if span is not None]
+    if not known:
+        return None
+    return TimeSpan(
+        start_ns=min(span.start_ns for span in known), end_ns=max(span.end_ns for span in known)
+    )
 
-    ``span`` is None for a bag without messages. Keys and their order are those of
-    ``convert<BagMetadata>::encode`` in rosbag2_storage/yaml.hpp (Jazzy).
+
+def bag_information(
+    *,
+    files: Sequence[FileSummary],
+    topics: Sequence[TopicSummary],
+    compression_format: str = "",
+    compression_mode: str = "",
+) -> dict[str, object]:
+    """Return what stands under ``rosbag2_bagfile_information`` for a bag of these files.
+
+    The compression is rosbag2's own, by message or by file; that of MCAP's chunks is none.
+    Keys and their order are those of ``convert<BagMetadata>::encode`` in
+    rosbag2_storage/yaml.hpp (Jazzy).
     """
-    starting_time = {"nanoseconds_since_epoch": span.start_ns if span else _NEVER_NS}
-    duration = {"nanoseconds": span.duration_ns if span else 0}
-    message_count = sum(topic.message_count for topic in topics)
     return {
         "version": METADATA_VERSION,
         "storage_identifier": "mcap",
-        "duration": duration,
-        "starting_time": starting_time,
-        "message_count": message_count,
+        **_times(united(file.span for file in files), first="duration"),
+        "message_count": sum(file.message_count for file in files),
         "topics_with_message_count": [_topic_information(topic) for topic in topics],
-        "compression_format": "",
-        "compression_mode": "",
-        "relative_file_paths": [file_name],
+        "compression_format": compression_format,
+        "compression_mode": compression_mode,
+        "relative_file_paths": [file.name for file in files],
         "files": [
             {
-                "path": file_name,
-                "starting_time": starting_time,
-                "duration": duration,
-                "message_count": message_count,
+                "path": file.name,
+                **_times(file.span, first="starting_time"),
+                "message_count": file.message_count,
             }
+            for file in files
         ],
         "custom_data": None,
         "ros_distro": _ROS_DISTRO,
     }
+
+
+def _times(span: TimeSpan | None, *, first: str) -> dict[str, object]:
+    """Return duration and start, which rosbag2 gives in one order for the bag, one for a file."""
+    times: dict[str, object] = {
+        "duration": {"nanoseconds": span.duration_ns if span else 0},
+        "starting_time": {"nanoseconds_since_epoch": span.start_ns if span else _NEVER_NS},
+    }
+    return {key: times[key] for key in sorted(times, key=lambda key: key != first)}
 
 
 def _topic_information(topic: TopicSummary) -> dict[str, object]:

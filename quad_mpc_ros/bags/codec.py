@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+from rosbags.typesys import (
+    Stores,
+    TypesysError,
+    get_types_from_idl,
+    get_types_from_msg,
+    get_typestore,
+)
 
 from quad_mpc_ros.bags.errors import BagError
 from quad_mpc_ros.bags.message_plans import MessagePlans
-from quad_mpc_ros.bags.schemas import MessageSchema
+from quad_mpc_ros.bags.schemas import IDL_ENCODING, MessageSchema
 
 # What rosbags' generated code lets through for values and bytes that do not fit the type.
 _MISFITS = (
@@ -86,7 +93,7 @@ class RosbagsMessages:
         definition that differs from the one known under that name.
         """
         try:
-            definitions = get_types_from_msg(schema.text, schema.type_name)
+            definitions = _definitions(schema)
             known = definitions.keys() | self._store.fielddefs.keys()
             if missing := _types_used(definitions) - known:
                 raise BagError(f"schema of {schema.type_name}: {min(missing)} is not defined")
@@ -98,6 +105,17 @@ class RosbagsMessages:
     def _check_known(self, type_name: str) -> None:
         if type_name not in self._store.fielddefs:
             raise BagError(f"the message type {type_name} is not known")
+
+
+def _definitions(schema: MessageSchema) -> Typesdict:
+    if schema.encoding == IDL_ENCODING:
+        found: Typesdict = {}
+        for section in schema.text.split(f"{'=' * 80}\nIDL: ")[1:]:
+            text = section.partition("\n")[2]
+            # The parser knows no directives of the preprocessor; what is included follows anyway.
+            found |= get_types_from_idl(re.sub(r"(?m)^\s*#.*$", "", text))
+        return found
+    return get_types_from_msg(schema.text, schema.type_name)
 
 
 def _types_used(definitions: Typesdict) -> set[str]:

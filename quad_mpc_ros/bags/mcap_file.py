@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
@@ -11,10 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
+import zstandard
 from mcap.exceptions import EndOfFile
 from mcap.reader import SeekingReader
-from mcap.records import Channel, McapRecord, Message, Metadata, Schema, Statistics
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from quad_mpc_ros.bags.bag_metadata import TimeSpan, extended
@@ -46,28 +48,45 @@ class McapFile:
 
     A file with an index is read by it. A file without, as SIGKILL leaves it, is read from the
     start up to its last whole record, and held in memory while its messages are put in order.
-    Checksums are verified. Every failure is a :class:`BagError` that names the file.
+    A file that is compressed as a whole (``.mcap.zstd``) is unpacked into a temporary one each
+    time. Checksums are verified. Every failure is a :class:`BagError` that names the file.
     """
 
     def __init__(self, path: Path) -> None:
-        """Open ``path`` for a first look; no file stays open."""
-        self._path = path
+        """Open ``path`` for a first look; no file stays open.
+
+        ``finished`` tells whether the writer ended the file, be it without an index.
+        """
+        self.path = path
         with _opened(path) as stream:
-            contents = _indexed_contents(stream)
+            self.finished = _is_finished(stream)
+            contents = _indexed_contents(stream) if self.finished else None
             self._indexed = contents is not None
             self.contents = contents or _scanned_contents(stream)
 
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[McapMessage]:
-        """Yield the messages of ``topics`` (all by default) in log-time order."""
-        with _opened(self._path) as stream:
+    def verify(self) -> None:
+        """Read the whole file; raise :class:`BagError` when a checksum is wrong."""
+        with _opened(self.path) as stream:
+            size = _size_of(stream)
+            for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
+                if isinstance(record, Chunk):
+                    get_chunk_data_stream(record, validate_crc=True)
+
+    def messages(
+        self, topics: Collection[str] | None = None, *, from_ns: int = 0
+    ) -> Iterator[McapMessage]:
+        """Yield the messages of ``topics`` (all by default) from a log time on, in its order."""
+        with _opened(self.path) as stream:
             if self._indexed:
                 reader = SeekingReader(
                     stream, validate_crcs=True, record_size_limit=_size_of(stream)
                 )
-                for schema, channel, message in reader.iter_messages(topics):
+                for schema, channel, message in reader.iter_messages(topics, starting_at=from_ns):
                     yield McapMessage(channel=channel, schema=schema, message=message)
             else:
-                yield from _scanned_messages(stream, topics)
+                for found in _scanned_messages(stream, topics):
+                    if found.message.log_time >= from_ns:
+                        yield found
 
 
 _MAGIC_SIZE = len(MCAP0_MAGIC)
@@ -77,9 +96,9 @@ _RECORD_HEAD = struct.Struct("<BQ")
 @contextmanager
 def _opened(path: Path) -> Iterator[BinaryIO]:
     try:
-        with path.open("rb") as stream:
-            _check_magic(stream)
-            yield stream
+        with path.open("rb") as stream, _unpacked(stream) as unpacked:
+            _check_magic(unpacked)
+            yield unpacked
     except OSError as error:
         raise BagError(f"{path}: cannot be read: {os_reason(error)}") from error
     except _NotMcapError as error:
@@ -88,6 +107,20 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
     except Exception as error:
         reason = str(error).partition("\n")[0]
         raise BagError(f"{path}: is corrupt: {type(error).__name__}: {reason}") from error
+
+
+@contextmanager
+def _unpacked(stream: BinaryIO) -> Iterator[BinaryIO]:
+    """Yield ``stream``, or what is in it when it is compressed as a whole."""
+    packed = stream.read(len(zstandard.FRAME_HEADER)) == zstandard.FRAME_HEADER
+    stream.seek(0)
+    if not packed:
+        yield stream
+        return
+    with tempfile.TemporaryFile() as unpacked:
+        zstandard.ZstdDecompressor().copy_stream(stream, unpacked)
+        unpacked.seek(0)
+        yield unpacked
 
 
 class _NotMcapError(Exception):
@@ -110,13 +143,16 @@ def _size_of(stream: BinaryIO) -> int:
     return size
 
 
+def _is_finished(stream: BinaryIO) -> bool:
+    size = stream.seek(-_MAGIC_SIZE, io.SEEK_END) + _MAGIC_SIZE
+    end = stream.read(_MAGIC_SIZE)
+    stream.seek(0)
+    return end == MCAP0_MAGIC and size > _MAGIC_SIZE
+
+
 def _indexed_contents(stream: BinaryIO) -> McapContents | None:
     """Return the contents by the file's index, or None for a file that has none."""
     size = _size_of(stream)
-    stream.seek(-_MAGIC_SIZE, io.SEEK_END)
-    if stream.read(_MAGIC_SIZE) != MCAP0_MAGIC or size == _MAGIC_SIZE:
-        return None
-    stream.seek(0)
     reader = SeekingReader(stream, validate_crcs=True, record_size_limit=size)
     summary = reader.get_summary()
     if summary is None or summary.statistics is None:

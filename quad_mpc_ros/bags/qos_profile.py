@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
+
+import yaml
 
 from quad_mpc_ros.bags.errors import BagError
 from quad_mpc_ros.bags.rosbag2_yaml import dump_yaml
@@ -75,6 +77,46 @@ def qos_profiles_text(profiles: Sequence[QosProfile]) -> str:
     """
     return dump_yaml([profile.as_mapping() for profile in profiles])
 
+
+def parse_qos_profiles(text: str) -> tuple[QosProfile, ...]:
+    """Return the profiles of the channel metadata ``offered_qos_profiles``, one a publisher.
+
+    Reads the words of version 9 and the numbers of older bags, rmw's enumerations. Raises
+    :class:`BagError` for anything else.
+    """
+    try:
+        entries = yaml.safe_load(text) or []
+        return tuple(_parsed(entry) for entry in entries)
+    except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
+        reason = str(error).partition("\n")[0]
+        raise BagError(f"offered_qos_profiles: expected those of rosbag2: {reason}") from error
+
+
+def _parsed(entry: Mapping[str, Any]) -> QosProfile:
+    fields: dict[str, Any] = {}
+    for name in QosProfile.__dataclass_fields__:
+        value = entry[name]
+        if name in _NUMBERS and isinstance(value, int):
+            value = _NUMBERS[name][value]
+        elif isinstance(value, dict):
+            value = min(int(value["sec"]) * _NS_PER_S + int(value["nsec"]), INFINITE_NS)
+        fields[name] = value
+    return QosProfile(**fields)
+
+
+# The enumerations of rmw/types.h.
+_NUMBERS: dict[str, dict[int, str]] = {
+    "history": dict(enumerate(get_args(History))),
+    "reliability": dict(enumerate(get_args(Reliability))),
+    "durability": dict(enumerate(get_args(Durability))),
+    "liveliness": {
+        0: "system_default",
+        1: "automatic",
+        3: "manual_by_topic",
+        4: "unknown",
+        5: "best_available",
+    },
+}
 
 _WORDS: dict[str, tuple[str, ...]] = {
     "history": get_args(History),

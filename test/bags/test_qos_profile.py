@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import pytest
-from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability
-from rosbags.rosbag2.metadata import parse_qos
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2.metadata import dump_qos_v8, parse_qos
 
 from quad_mpc_ros.bags import BagError, QosProfile
-from quad_mpc_ros.bags.qos_profile import qos_profiles_text
+from quad_mpc_ros.bags.qos_profile import parse_qos_profiles, qos_profiles_text
 
 # As `ros2 bag record` of Jazzy on Fast DDS writes a reliable publisher: history and depth are
 # not told over discovery.
@@ -75,3 +82,49 @@ def test_what_rosbag2_would_not_read_is_refused(fields: dict[str, object]) -> No
     (name,) = fields
     with pytest.raises(BagError, match=f"QoS {name}: given .*, expected"):
         QosProfile(**fields)  # type: ignore[arg-type]
+
+
+PROFILES = (
+    QosProfile(history="unknown", depth=0),
+    QosProfile(
+        history="keep_all",
+        depth=7,
+        reliability="best_effort",
+        durability="transient_local",
+        deadline=1_500_000_000,
+        liveliness="manual_by_topic",
+        liveliness_lease_duration=3_000_000_004,
+    ),
+)
+
+
+@pytest.mark.parametrize("profiles", [(), PROFILES[:1], PROFILES])
+def test_what_is_written_is_read_back(profiles: tuple[QosProfile, ...]) -> None:
+    assert parse_qos_profiles(qos_profiles_text(profiles)) == profiles
+
+
+def test_the_numbers_of_older_bags_are_read() -> None:
+    forever = QosTime(9223372036, 854775807)
+    text = dump_qos_v8(
+        [
+            Qos(
+                QosHistory.KEEP_ALL,
+                7,
+                QosReliability.BEST_EFFORT,
+                QosDurability.TRANSIENT_LOCAL,
+                QosTime(1, 500_000_000),
+                forever,
+                QosLiveliness.MANUAL_BY_TOPIC,
+                QosTime(3, 4),
+                False,
+            )
+        ]
+    )
+    assert parse_qos_profiles(str(text)) == PROFILES[1:]
+
+
+@pytest.mark.parametrize("text", ["- 1", "a: [", "- history: keep_last", "7", "- history: 99"])
+def test_what_is_no_list_of_profiles_is_refused(text: str) -> None:
+    with pytest.raises(BagError, match="offered_qos_profiles") as caught:
+        parse_qos_profiles(text)
+    assert "\n" not in str(caught.value)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from mcap.writer import CompressionType, Writer
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
@@ -77,6 +77,26 @@ def test_a_bag_of_another_writer(tmp_path: Path, version: int) -> None:
     assert reader.duration_ns == 2 * 10**9
 
 
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_what_rosbag2_compresses_is_unpacked(tmp_path: Path, mode: CompressionMode) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    writer = RosbagsWriter(tmp_path / "theirs", version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/clock", CLOCK, typestore=store)
+        for second in range(100):
+            data = b"\x00\x01\x00\x00" + second.to_bytes(4, "little") + bytes(4)
+            writer.write(connection, second, data)
+    reader = BagReader(tmp_path / "theirs")
+    assert [m.message.clock.sec for m in reader.messages()] == list(range(100))
+    assert reader.complete
+    assert [m.log_time_ns for m in reader.messages(from_ns=98)] == [98, 99]
+    (tmp_path / "theirs" / "metadata.yaml").unlink()
+    reader = BagReader(tmp_path / "theirs")
+    assert [m.message.clock.sec for m in reader.messages()] == list(range(100))
+    assert not reader.complete
+
+
 def write_mcap(
     path: Path,
     times: list[int],
@@ -114,7 +134,7 @@ def test_split_bags_are_one(tmp_path: Path) -> None:
         (9, b"two"),
     ]
     assert reader.topics["/topic"] == TopicInfo(
-        type_name=CLOCK, message_count=6, qos_profiles="", type_hash=""
+        type_name=CLOCK, encoding="cdr", message_count=6, qos_profiles="", type_hash=""
     )
     assert reader.duration_ns == 8
     (tmp_path / "metadata.yaml").write_text(
@@ -127,6 +147,18 @@ def test_split_bags_are_one(tmp_path: Path) -> None:
 def test_a_file_without_chunks(tmp_path: Path) -> None:
     write_mcap(tmp_path / "plain.mcap", [2, 1], use_chunking=False)
     assert [m.log_time_ns for m in BagReader(tmp_path).messages()] == [1, 2]
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_reading_from_a_time_on(flight_bag: Path, whole: bool) -> None:
+    if not whole:
+        (flight_bag / "metadata.yaml").unlink()
+        file = flight_bag / "flight_0.mcap"
+        file.write_bytes(file.read_bytes()[:-30])
+    reader = BagReader(flight_bag)
+    times = [m.log_time_ns for m in reader.messages()]
+    assert [m.log_time_ns for m in reader.messages(from_ns=times[4])] == times[4:]
+    assert list(reader.messages(from_ns=times[-1] + 1)) == []
 
 
 def test_messages_of_one_time_keep_their_order(tmp_path: Path) -> None:
@@ -257,7 +289,13 @@ def metadata_yaml(**information: object) -> dict[str, bytes]:
         ),
         (
             metadata_yaml(storage_identifier="mcap", compression_mode="FILE"),
-            "compression mode 'FILE' is not supported",
+            "compression None of mode 'FILE' is not supported",
+        ),
+        (
+            metadata_yaml(
+                storage_identifier="mcap", compression_mode="FILE", compression_format="lz4"
+            ),
+            "compression 'lz4' of mode 'FILE' is not supported, expected zstd",
         ),
         ({"metadata.yaml": b"- 1"}, "rosbag2_bagfile_information is missing"),
         ({"metadata.yaml": b"a: [\n\tb"}, "metadata.yaml: is not YAML"),

@@ -25,6 +25,7 @@ from quad_mpc_ros.bags import (
     BagWriter,
     QosProfile,
     RosbagsMessages,
+    Split,
     schema_for,
 )
 
@@ -225,6 +226,66 @@ def test_every_shipped_type_with_a_strange_directory_name(
         for connection, _, data in reader.messages():
             reader.deserialize(data, connection.msgtype)
         assert reader.message_count == len(SHIPPED_TYPES)
+
+
+@pytest.mark.parametrize("split", [Split(max_size=1500), Split(max_duration_ns=200_000_000)])
+def test_a_split_bag_is_one_to_other_readers(
+    tmp_path: Path, write_flight: WriteFlight, split: Split
+) -> None:
+    directory = tmp_path / "long"
+    with BagWriter(directory, compression="none", split=split) as writer:
+        write_flight(writer, 20)
+        for second in range(3):
+            writer.flush_if_due(float(second))
+            data = RosbagsMessages().encode(
+                "nav_msgs/msg/Odometry", RosbagsMessages().new("nav_msgs/msg/Odometry")
+            )
+            time_ns = START_NS + (second + 1) * 10**9
+            writer.write("/odom", data, log_time_ns=time_ns, publish_time_ns=time_ns)
+    files = sorted(path.name for path in directory.glob("*.mcap"))
+    assert len(files) > 1
+    assert files == [f"long_{number}.mcap" for number in range(len(files))]
+    with AnyReader([directory]) as reader:
+        assert reader.message_count == 33
+        messages = list(reader.messages())
+        assert len(messages) == 33
+        assert {topic: info.msgcount for topic, info in reader.topics.items()} == {
+            "/odom": 23,
+            "/command": 10,
+        }
+    assert len(list(BagReader(directory).messages())) == 33
+    information = yaml.safe_load((directory / "metadata.yaml").read_text())[
+        "rosbag2_bagfile_information"
+    ]
+    assert information["relative_file_paths"] == files
+    assert information["message_count"] == 33
+    assert information["duration"]["nanoseconds"] == messages[-1][1] - messages[0][1]
+    assert sum(file["message_count"] for file in information["files"]) == 33
+    for file in information["files"]:
+        with (directory / file["path"]).open("rb") as stream:
+            summary = make_reader(stream, validate_crcs=True).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        statistics = summary.statistics
+        assert statistics.message_count == file["message_count"]
+        start = file["starting_time"]["nanoseconds_since_epoch"]
+        assert statistics.message_start_time == start
+        assert statistics.message_end_time == start + file["duration"]["nanoseconds"]
+        # As in rosbag2, every file knows every topic, so that it can be read alone.
+        assert {channel.topic for channel in summary.channels.values()} == {"/odom", "/command"}
+
+
+def test_a_bag_is_split_by_the_time_of_its_messages(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", split=Split(max_duration_ns=100)) as writer:
+        writer.add_topic("/clock", CLOCK)
+        for time_ns in (0, 50, 99, 100, 150, 300, 301):
+            writer.write("/clock", clock_data(), log_time_ns=time_ns, publish_time_ns=0)
+    files = [BagReader(file) for file in sorted((tmp_path / "bag").glob("*.mcap"))]
+    assert [[m.log_time_ns for m in file.messages()] for file in files] == [
+        [0, 50, 99],
+        [100, 150],
+        [300, 301],
+    ]
 
 
 def test_an_existing_directory_is_refused_untouched(tmp_path: Path) -> None:
