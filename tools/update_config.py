@@ -9,15 +9,19 @@ import textwrap
 from pathlib import Path
 from typing import Any
 
+from quad_mpc_ros.bags.config import PlayerConfig
 from quad_mpc_ros.commands.run_options import SCHEMA
 from quad_mpc_ros.configuration import Configuration, ParameterSpec
 
 ROOT = Path(__file__).resolve().parents[1]
 
+# Those of a flight, and those that run by themselves.
+NODES = {**SCHEMA, "player": PlayerConfig}
+
 
 def files() -> dict[Path, str]:
     """Return the text of every generated file."""
-    texts = {Path("config", f"{node}.yaml"): _yaml(node, kind) for node, kind in SCHEMA.items()}
+    texts = {Path("config", f"{node}.yaml"): _yaml(node, kind) for node, kind in NODES.items()}
     texts[Path("docs", "parameters.md")] = _markdown()
     return texts
 
@@ -38,7 +42,9 @@ def _yaml(node: str, kind: type[Configuration]) -> str:
             initial_indent=f"{indent}# ",
             subsequent_indent=f"{indent}# ",
         )
-        lines.append(f"{indent}{name}: {_value(spec.default)}")
+        # rclpy cannot tell the type of an empty list in a file.
+        comment = "# " if spec.default == () else ""
+        lines.append(f"{indent}{comment}{name}: {_value(spec.default)}")
     return "\n".join(lines) + "\n"
 
 
@@ -50,7 +56,7 @@ def _markdown() -> str:
         "that declare the parameters; edit those. *Live* parameters may change in flight",
         "(`ros2 param set`), the others only at the start.",
     ]
-    for node, kind in SCHEMA.items():
+    for node, kind in NODES.items():
         lines += ["", f"## `{node}`", "", "| name | default | allowed | live | meaning |"]
         lines.append("|---|---|---|---|---|")
         for spec in kind.specs():

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import os
 import sys
 import time
 from typing import Any
 
-from quad_mpc_ros.commands.processes import NodeProcess, start_all, stop_all
+from quad_mpc_ros.commands.processes import NodeProcess, require_ros, start_all, stop_all
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.results import finish
 from quad_mpc_ros.commands.run_options import RunConfig, resolve
-from quad_mpc_ros.configuration import UserError
 
 EXIT_FAILED = 1
 _READY_TIMEOUT = 60.0
-_NEEDED = ("rclpy", "nav_msgs", "trajectory_msgs", "diagnostic_msgs", "std_srvs")
 
 
 class FlightError(Exception):
@@ -26,7 +23,7 @@ class FlightError(Exception):
 
 def fly(options: argparse.Namespace) -> int:
     """Fly, record and evaluate; return the exit code."""
-    _require_ros()
+    require_ros("fly", instead=", or fly without ROS: quad_mpc simulate")
     config = resolve(options, lockstep=options.lockstep)
     # Other machines on the network fly their own; who wants them to hear this sets the variable.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -40,7 +37,8 @@ def fly(options: argparse.Namespace) -> int:
         return EXIT_FAILED
     finally:
         stop_all(processes)
-    return finish(config.out, wall_seconds=wall_seconds)
+    code = finish(config.out, wall_seconds=wall_seconds)
+    return EXIT_FAILED if processes["recorder"].exit_code else code
 
 
 def _flight(config: RunConfig, processes: dict[str, NodeProcess], *, lockstep: bool) -> float:
@@ -53,12 +51,14 @@ def _flight(config: RunConfig, processes: dict[str, NodeProcess], *, lockstep: b
     with FlightMonitor(lockstep=lockstep) as monitor:
         _await_readiness(monitor, processes)
         monitor.start_simulator()
+        flying = {node: process for node, process in processes.items() if node != "simulator"}
         started, progress = time.monotonic(), Progress(config.simulator.duration)
         while processes["simulator"].exit_code is None:
             monitor.spin(0.05)
             if progress.due:
                 progress.show(*monitor.progress())
-            _check_alive(processes, but="simulator")
+            _let_recorder_go(flying)
+            _check_alive(flying)
         progress.close()
         _check_end(processes["simulator"])
         return time.monotonic() - started
@@ -82,25 +82,28 @@ def _await_readiness(monitor: Any, processes: dict[str, NodeProcess]) -> None:
         monitor.spin(0.02)
 
 
-def _check_alive(processes: dict[str, NodeProcess], *, but: str | None = None) -> None:
-    for node, process in processes.items():
-        if node != but and process.exit_code is not None:
-            raise FlightError(
-                f"{node} ended by itself (exit code {process.exit_code})\n{process.last_words()}"
-            )
+def _let_recorder_go(flying: dict[str, NodeProcess]) -> None:
+    """Fly on without a recorder that has ended, for its disk may be full, and say so."""
+    recorder = flying.get("recorder")
+    if recorder is not None and recorder.exit_code is not None:
+        print(f"\nerror: {_ended(recorder)}\n  the flight goes on", file=sys.stderr, flush=True)
+        del flying["recorder"]
+
+
+def _check_alive(processes: dict[str, NodeProcess]) -> None:
+    for process in processes.values():
+        if process.exit_code is not None:
+            raise FlightError(_ended(process))
+
+
+def _ended(process: NodeProcess) -> str:
+    return (
+        f"{process.node} ended by itself (exit code {process.exit_code})\n{process.last_words()}"
+    )
 
 
 def _check_end(simulator: NodeProcess) -> None:
     if simulator.exit_code != 0:
         raise FlightError(
             f"the simulator failed (exit code {simulator.exit_code})\n{simulator.last_words()}"
-        )
-
-
-def _require_ros() -> None:
-    missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
-    if missing:
-        raise UserError(
-            f"fly needs ROS 2 Jazzy, not found: {', '.join(missing)}; source an installed ROS 2 "
-            "Jazzy, or pip install 'quad_mpc_ros[ros]', or fly without ROS: quad_mpc simulate"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import importlib.util
 import os
 import signal
 import subprocess
@@ -12,12 +13,13 @@ from pathlib import Path
 
 import quad_mpc_ros
 from quad_mpc_ros.commands.run_options import SCHEMA, RunConfig
-from quad_mpc_ros.configuration import files
+from quad_mpc_ros.configuration import UserError, files
 
 _STOP_TIMEOUT = 10.0
 _LOG_TAIL = 8
 _PR_SET_PDEATHSIG = 1
 _RECORDER_NICENESS = 5
+_ROS_PACKAGES = ("rclpy", "nav_msgs", "trajectory_msgs", "diagnostic_msgs", "std_srvs")
 
 
 class NodeProcess:
@@ -63,6 +65,34 @@ class NodeProcess:
         return "\n".join(f"  {self.node}: {line}" for line in lines[-_LOG_TAIL:])
 
 
+def run_in_foreground(node: str, ros_arguments: Sequence[str]) -> int:
+    """Run a node on this terminal until it ends, by itself or by Ctrl-C; return its exit code.
+
+    Raises ``KeyboardInterrupt`` on Ctrl-C, which the node gets as well, after it has ended.
+    """
+    process = subprocess.Popen(
+        (*_module(node), "--ros-args", *ros_arguments),
+        stdin=subprocess.DEVNULL,
+        env=_environment(),
+        preexec_fn=_die_with_parent,
+    )
+    try:
+        return process.wait()
+    except KeyboardInterrupt:
+        process.wait(_STOP_TIMEOUT)
+        raise
+
+
+def require_ros(command: str, *, instead: str = "") -> None:
+    """Raise :class:`UserError` when ROS 2 is not there; ``instead`` is what goes without it."""
+    missing = [name for name in _ROS_PACKAGES if importlib.util.find_spec(name) is None]
+    if missing:
+        raise UserError(
+            f"{command} needs ROS 2 Jazzy, not found: {', '.join(missing)}; source an installed "
+            f"ROS 2 Jazzy, or pip install 'quad_mpc_ros[ros]'{instead}"
+        )
+
+
 def start_all(run: RunConfig, *, lockstep: bool) -> dict[str, NodeProcess]:
     """Start every node of a flight; in lockstep all but the simulator follow its clock."""
     return {
@@ -86,8 +116,11 @@ def _overrides(node: str, *, use_sim_time: bool) -> dict[str, bool]:
 
 
 def _command_line(node: str, parameters: Path) -> Sequence[str]:
-    module = f"quad_mpc_ros.nodes.{node}_node"
-    return (sys.executable, "-P", "-m", module, "--ros-args", "--params-file", str(parameters))
+    return (*_module(node), "--ros-args", "--params-file", str(parameters))
+
+
+def _module(node: str) -> Sequence[str]:
+    return (sys.executable, "-P", "-m", f"quad_mpc_ros.nodes.{node}_node")
 
 
 def _environment() -> dict[str, str]:

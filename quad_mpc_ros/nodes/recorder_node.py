@@ -6,19 +6,19 @@ import datetime
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.parameter import parameter_value_to_python
-from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
 
-from quad_mpc_ros.bags import BagError, BagWriter, QosProfile
+from quad_mpc_ros.bags import BagError, BagWriter, Split
 from quad_mpc_ros.bags.config import RecorderConfig
 from quad_mpc_ros.bags.run_parameters import write_parameters
+from quad_mpc_ros.bags.topic_selection import TopicSelection
+from quad_mpc_ros.nodes.parameter_query import ParameterQuery
+from quad_mpc_ros.nodes.recorded_qos import offered
+from quad_mpc_ros.nodes.topic_recording import TopicRecording
 from quad_mpc_ros.ros.health import ERROR, OK, PEERS_KEY, WARN, Health, HealthReporter
 from quad_mpc_ros.ros.messages import message_class
 from quad_mpc_ros.ros.parameters import declare
@@ -26,7 +26,6 @@ from quad_mpc_ros.ros.spin import run, stop
 
 _DISCOVERY_PERIOD = 0.1
 _FLUSH_PERIOD = 0.25
-_QUEUE_DEPTH = 1000  # room for a stall of several seconds
 
 
 class RecorderNode(Node):
@@ -36,18 +35,29 @@ class RecorderNode(Node):
         super().__init__("recorder", automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
         config = declare(self, RecorderConfig)
+        self._selection = TopicSelection(
+            names=tuple(self.resolve_topic_name(name) for name in config.topics),
+            pattern=config.topics_regex,
+            exclude=config.topics_exclude_regex,
+            everything=config.all,
+        )
         self._writer = BagWriter(
             _directory(config),
             compression=config.compression,  # type: ignore[arg-type]
+            split=Split(
+                max_size=config.max_bag_size,
+                max_duration_ns=round(config.max_bag_duration * 1e9),
+            ),
+            durable=config.sync,
         )
-        self._wanted = [self.resolve_topic_name(name) for name in config.topics]
-        self._recorded: dict[str, Subscription] = {}
-        self._unknown: set[str] = set()
+        self._recorded: dict[str, TopicRecording] = {}
+        self._refused: set[str] = set()
+        self._early: list[Callable[[int], None]] = []
         self._messages = 0
         self._fault: str | None = None
 
         write_parameters(self._writer, self.get_name(), config.flattened())
-        self._asked = {name: _ParameterQuery(self, name) for name in config.nodes}
+        self._asked = {name: ParameterQuery(self, name) for name in config.nodes}
         self._asked.pop(self.get_name(), None)
 
         self._health = HealthReporter(self, self._probe)
@@ -57,56 +67,86 @@ class RecorderNode(Node):
 
     def destroy_node(self) -> None:
         """End the bag, then the node."""
+        self._write_early(0)
         self._guarded(self._writer.close)
         super().destroy_node()
 
     def _discover(self) -> None:
         """Subscribe to wanted topics that have a publisher by now, and ask for parameters."""
         changed = False
-        for topic in self._wanted:
-            if topic not in self._recorded and topic not in self._unknown:
-                changed |= self._subscribe(topic)
+        for topic in self._appeared():
+            changed |= self._subscribe(topic)
+        for recording in self._recorded.values():
+            recording.follow_publishers(time.monotonic())
         for query in self._asked.values():
             changed |= self._take_parameters(query)
         if changed:
             self._health.report()
 
+    def _appeared(self) -> list[str]:
+        known = self._recorded.keys() | self._refused
+        if self._selection.by_name_only:
+            candidates = set(self._selection.names) - known
+        else:
+            candidates = {name for name, _ in self.get_topic_names_and_types()} - known
+        return sorted(topic for topic in candidates if self._selection.includes(topic))
+
     def _subscribe(self, topic: str) -> bool:
         publishers = self.get_publishers_info_by_topic(topic)
         if not publishers:
             return False
-        type_name = publishers[0].topic_type
+        type_names = sorted({info.topic_type for info in publishers})
+        profiles = [info.qos_profile for info in publishers]
         try:
-            message_type = message_class(type_name)
+            if len(type_names) > 1:
+                raise BagError("its publishers do not agree on the type")
+            message_type = message_class(type_names[0])
             self._writer.add_topic(
-                topic, type_name, qos_profiles=[_offered(info.qos_profile) for info in publishers]
+                topic, type_names[0], qos_profiles=[offered(profile) for profile in profiles]
             )
-        except (ImportError, AttributeError, BagError) as error:
-            self._unknown.add(topic)
-            self.get_logger().error(f"cannot record {topic} of type {type_name}: {error}")
+        except (ImportError, AttributeError, ValueError, BagError) as error:
+            self._refused.add(topic)
+            self.get_logger().error(
+                f"cannot record {topic} of type {', '.join(type_names)}: {error}"
+            )
             return False
-        self._recorded[topic] = self.create_subscription(
-            message_type,
-            topic,
-            self._writing(topic),
-            _adapted([info.qos_profile for info in publishers]),
-            raw=True,
+        self._recorded[topic] = TopicRecording(
+            self,
+            topic=topic,
+            type_name=type_names[0],
+            message_type=message_type,
+            publishers=profiles,
+            receive=partial(self._on_message, topic),
         )
         return True
 
-    def _writing(self, topic: str) -> Callable[[bytes, dict[str, int]], None]:
-        def write(data: bytes, info: dict[str, int]) -> None:
-            now_ns = int(self.get_clock().now().nanoseconds)
-            self._guarded(
-                lambda: self._writer.write(
-                    topic, data, log_time_ns=now_ns, publish_time_ns=info["source_timestamp"]
-                )
+    def _on_message(self, topic: str, data: bytes, info: dict[str, int]) -> None:
+        write = partial(self._write, topic, data, info["source_timestamp"])
+        self._messages += 1
+        if not self.get_clock().ros_time_is_active:
+            write(info["received_timestamp"])
+            return
+        now_ns = int(self.get_clock().now().nanoseconds)
+        if now_ns == 0:  # simulated time that has not begun
+            self._early.append(write)
+            return
+        self._write_early(now_ns)
+        write(now_ns)
+
+    def _write(self, topic: str, data: bytes, publish_time_ns: int, log_time_ns: int) -> None:
+        self._guarded(
+            lambda: self._writer.write(
+                topic, data, log_time_ns=log_time_ns, publish_time_ns=publish_time_ns
             )
-            self._messages += 1
+        )
 
-        return write
+    def _write_early(self, now_ns: int) -> None:
+        """Write what came before simulated time began, as if it came when it did."""
+        for write in self._early:
+            write(now_ns)
+        self._early.clear()
 
-    def _take_parameters(self, query: _ParameterQuery) -> bool:
+    def _take_parameters(self, query: ParameterQuery) -> bool:
         values = query.poll()
         if values is None:
             return False
@@ -131,7 +171,7 @@ class RecorderNode(Node):
         self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _probe(self) -> Health:
-        missing = [topic for topic in self._wanted if topic not in self._recorded]
+        missing = [topic for topic in self._selection.names if topic not in self._recorded]
         text = self._fault or (f"not there yet: {', '.join(missing)}" if missing else "recording")
         unasked = [name for name, query in self._asked.items() if not query.done]
         return Health(
@@ -139,8 +179,8 @@ class RecorderNode(Node):
             text=text,
             values=[
                 *(
-                    (f"{PEERS_KEY}{topic}", str(subscription.get_publisher_count()))
-                    for topic, subscription in self._recorded.items()
+                    (f"{PEERS_KEY}{topic}", str(recording.publisher_count))
+                    for topic, recording in self._recorded.items()
                 ),
                 ("messages", str(self._messages)),
                 ("parameters_missing", " ".join(unasked)),
@@ -148,70 +188,10 @@ class RecorderNode(Node):
         )
 
 
-class _ParameterQuery:
-    """Asks another node for all its parameters, without waiting for it."""
-
-    def __init__(self, node: Node, node_name: str) -> None:
-        self.node_name = node_name
-        self.done = False
-        self._client = AsyncParameterClient(node, node_name)
-        self._names: Any = None
-        self._values: Any = None
-
-    def poll(self) -> dict[str, Any] | None:
-        """Take the next step; return the parameters, once, when they have come."""
-        if self.done or not self._client.services_are_ready():
-            return None
-        if self._names is None:
-            self._names = self._client.list_parameters()
-        elif self._names.done() and self._values is None:
-            self._values = self._client.get_parameters(self._names.result().result.names)
-        elif self._values is not None and self._values.done():
-            self.done = True
-            return self._received()
-        return None
-
-    def _received(self) -> dict[str, Any]:
-        names = self._names.result().result.names
-        values = (parameter_value_to_python(value) for value in self._values.result().values)
-        return {
-            name: value if isinstance(value, bool | int | float | str) else list(value)
-            for name, value in zip(names, values, strict=True)
-            if value is not None
-        }
-
-
 def _directory(config: RecorderConfig) -> Path:
     if config.directory:
         return Path(config.directory)
     return Path(datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S"))
-
-
-def _adapted(offered: list[QoSProfile]) -> QoSProfile:
-    """Return the strictest profile that every publisher of a topic can serve, as rosbag2 does."""
-    reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offered)
-    latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offered)
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=_QUEUE_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
-
-
-def _offered(profile: QoSProfile) -> QosProfile:
-    """Return rclpy's profile as the bag writes it down."""
-    return QosProfile(
-        history=profile.history.name.lower(),
-        depth=profile.depth,
-        reliability=profile.reliability.name.lower(),
-        durability=profile.durability.name.lower(),
-        deadline=profile.deadline.nanoseconds,
-        lifespan=profile.lifespan.nanoseconds,
-        liveliness=profile.liveliness.name.lower(),
-        liveliness_lease_duration=profile.liveliness_lease_duration.nanoseconds,
-        avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
-    )
 
 
 def main(args: list[str] | None = None) -> None:

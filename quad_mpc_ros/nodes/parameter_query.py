@@ -1,0 +1,60 @@
+"""Asking another node for all its parameters, without waiting for it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+
+
+class ParameterQuery:
+    """One query; its clients exist only while it runs, since each one costs every wake-up."""
+
+    def __init__(self, node: Node, node_name: str) -> None:
+        self.node_name = node_name
+        self.done = False
+        self._node = node
+        namespace = node.get_namespace().rstrip("/")
+        self._full_name = node_name if node_name.startswith("/") else f"{namespace}/{node_name}"
+        self._clients: list[Any] = []
+        self._names: Any = None
+        self._values: Any = None
+
+    def poll(self) -> dict[str, Any] | None:
+        """Take the next step; return the parameters, once, when they have come."""
+        if self.done or not self._ready():
+            return None
+        list_names, get_values = self._clients
+        if self._names is None:
+            self._names = list_names.call_async(ListParameters.Request())
+        elif self._names.done() and self._values is None:
+            names = self._names.result().result.names
+            self._values = get_values.call_async(GetParameters.Request(names=names))
+        elif self._values is not None and self._values.done():
+            self.done = True
+            for client in self._clients:
+                self._node.destroy_client(client)
+            return self._received()
+        return None
+
+    def _ready(self) -> bool:
+        if not self._clients:
+            nodes = self._node.get_node_names_and_namespaces()
+            if self._full_name not in (f"{space.rstrip('/')}/{name}" for name, space in nodes):
+                return False
+            self._clients = [
+                self._node.create_client(ListParameters, f"{self._full_name}/list_parameters"),
+                self._node.create_client(GetParameters, f"{self._full_name}/get_parameters"),
+            ]
+        return all(client.service_is_ready() for client in self._clients)
+
+    def _received(self) -> dict[str, Any]:
+        names = self._names.result().result.names
+        values = (parameter_value_to_python(value) for value in self._values.result().values)
+        return {
+            name: value if isinstance(value, bool | int | float | str) else list(value)
+            for name, value in zip(names, values, strict=True)
+            if value is not None
+        }

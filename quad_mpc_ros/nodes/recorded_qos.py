@@ -1,0 +1,80 @@
+"""Quality of service between rclpy and bags: what was offered, asked for, and is offered again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+
+from quad_mpc_ros.bags import INFINITE_NS, QosProfile
+
+_RECORDING_DEPTH = 1000  # room for a stall of several seconds
+_LEAST_DEPTH = 10
+
+
+def offered(profile: QoSProfile) -> QosProfile:
+    """Return rclpy's profile as a bag writes it down."""
+    return QosProfile(
+        history=profile.history.name.lower(),
+        depth=profile.depth,
+        reliability=profile.reliability.name.lower(),
+        durability=profile.durability.name.lower(),
+        deadline=profile.deadline.nanoseconds,
+        lifespan=profile.lifespan.nanoseconds,
+        liveliness=profile.liveliness.name.lower(),
+        liveliness_lease_duration=profile.liveliness_lease_duration.nanoseconds,
+        avoid_ros_namespace_conventions=profile.avoid_ros_namespace_conventions,
+    )
+
+
+def adapted(publishers: Sequence[QoSProfile]) -> QoSProfile:
+    """Return the strictest profile that every publisher of a topic can serve, as rosbag2 does."""
+    reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in publishers)
+    latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in publishers)
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=_RECORDING_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def offered_again(recorded: Sequence[QosProfile]) -> QoSProfile:
+    """Return the profile with which to publish what publishers of these profiles had sent.
+
+    Subscribers that heard each of them must hear this one: it is reliable if one of them was and
+    keeps messages for late joiners if one of them did. Deadline, lifespan and liveliness are
+    taken over where they are all the same.
+    """
+    if not recorded:
+        return QoSProfile(depth=_LEAST_DEPTH)
+    reliable = any(profile.reliability == "reliable" for profile in recorded)
+    latched = any(profile.durability == "transient_local" for profile in recorded)
+    alike: dict[str, Any] = {
+        name: _duration(getattr(recorded[0], name))
+        for name in ("deadline", "lifespan", "liveliness_lease_duration")
+        if len({getattr(profile, name) for profile in recorded}) == 1
+    }
+    if all(profile.liveliness == "manual_by_topic" for profile in recorded):
+        alike["liveliness"] = LivelinessPolicy.MANUAL_BY_TOPIC
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        # Over DDS the depth of a publisher is often not told, and recorded as 0.
+        depth=max(_LEAST_DEPTH, *(profile.depth for profile in recorded)),
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        **alike,
+    )
+
+
+def _duration(nanoseconds: int) -> Duration:
+    """Return a duration; infinity is spelled zero, which is rmw's word for "not given"."""
+    return Duration(nanoseconds=0 if nanoseconds == INFINITE_NS else nanoseconds)

@@ -1,0 +1,256 @@
+"""The recorder as a process of its own, on a graph of the test's."""
+
+from __future__ import annotations
+
+import importlib.util
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosReliability
+from std_msgs.msg import Header, Int32, String
+
+from quad_mpc_ros.bags import BagReader
+from quad_mpc_ros.bags.repair import repair
+
+Start = Callable[..., "subprocess.Popen[bytes]"]
+ROOT = Path(__file__).parents[2]
+
+RELIABLE = QoSProfile(depth=100)
+BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def bench(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"bench_{name}", ROOT / "bench" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where its dataclasses look for their annotations
+    spec.loader.exec_module(module)
+    return module
+
+
+def end(process: subprocess.Popen[bytes], number: int = signal.SIGINT) -> int:
+    process.send_signal(number)
+    return process.wait(10)
+
+
+def numbers(bag: Path, topic: str) -> list[int]:
+    with AnyReader([bag]) as reader:
+        return [
+            reader.deserialize(data, connection.msgtype).data
+            for connection, _, data in reader.messages()
+            if connection.topic == topic
+        ]
+
+
+def test_all_topics_but_those_excluded(start: Start, peer: Any, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    publishers = {
+        topic: peer.node.create_publisher(Int32, topic, RELIABLE)
+        for topic in ("/uav1/numbers", "/secret/numbers", "/_hidden")
+    }
+    recorder = start(
+        "recorder",
+        *("-p", f"directory:={bag}", "-p", "all:=true"),
+        *("-p", "topics_exclude_regex:=secret|rosout"),
+    )
+    assert peer.wait(publishers["/uav1/numbers"].get_subscription_count)
+    late = peer.node.create_publisher(String, "/late", RELIABLE)
+    assert peer.wait(late.get_subscription_count)
+    for publisher in publishers.values():
+        publisher.publish(Int32(data=7))
+    late.publish(String(data="of another type"))
+    peer.spin(0.3)
+    assert end(recorder, signal.SIGTERM) == 0
+    topics = BagReader(bag).topics
+    assert {"/uav1/numbers", "/late", "/diagnostics"} <= set(topics)
+    assert not {"/secret/numbers", "/_hidden", "/rosout"} & set(topics)
+    assert numbers(bag, "/uav1/numbers") == [7]
+    assert topics["/late"].type_name == "std_msgs/msg/String"
+
+
+def test_topics_by_name_and_by_regex(start: Start, peer: Any, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    publishers = {
+        topic: peer.node.create_publisher(Int32, topic, RELIABLE)
+        for topic in ("/named", "/uav1/a", "/uav1/b", "/other")
+    }
+    recorder = start(
+        "recorder",
+        *("-p", f"directory:={bag}", "-p", "topics:=[named]", "-p", "topics_regex:=^/uav1/"),
+    )
+    wanted = [publishers[topic] for topic in ("/named", "/uav1/a", "/uav1/b")]
+    assert peer.wait(lambda: all(publisher.get_subscription_count() for publisher in wanted))
+    assert end(recorder) == 0
+    assert set(BagReader(bag).topics) == {"/named", "/uav1/a", "/uav1/b"}
+
+
+def test_publishers_of_every_quality_of_service(start: Start, peer: Any, tmp_path: Path) -> None:
+    """A reliable publisher, then a best-effort one on the same topic: both without a gap."""
+    bag = tmp_path / "bag"
+    reliable = peer.node.create_publisher(Int32, "/mixed", RELIABLE)
+    latched = peer.node.create_publisher(Int32, "/latched", LATCHED)
+    latched.publish(Int32(data=5))  # before anybody listens
+    recorder = start(
+        "recorder", "-p", f"directory:={bag}", "-p", "topics:=[/mixed, /latched, /later]"
+    )
+    assert peer.wait(reliable.get_subscription_count)
+    peer.spin(0.3)
+    count = 0
+
+    def publish_for(seconds: float, *others: Any) -> None:
+        nonlocal count
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            reliable.publish(Int32(data=count))
+            for other in others:
+                other.publish(Int32(data=-count))
+            count += 1
+            peer.spin(0.01)
+
+    publish_for(0.5)
+    best_effort = peer.node.create_publisher(Int32, "/mixed", BEST_EFFORT)
+    publish_for(1.0)
+    assert best_effort.get_subscription_count()
+    heard_from = count
+    publish_for(1.0, best_effort)
+    peer.spin(0.3)
+    assert end(recorder) == 0
+
+    recorded = numbers(bag, "/mixed")
+    assert sorted(n for n in recorded if n >= 0) == list(range(count))
+    assert sorted(-n for n in recorded if n < 0) == list(range(heard_from, count))
+    assert numbers(bag, "/latched") == [5]
+    with AnyReader([bag]) as reader:
+        ((latched_qos,),) = [
+            connection.ext.offered_qos_profiles  # type: ignore[union-attr]
+            for connection in reader.connections
+            if connection.topic == "/latched"
+        ]
+    assert latched_qos.durability == QosDurability.TRANSIENT_LOCAL
+    assert latched_qos.reliability == QosReliability.RELIABLE
+
+
+def test_what_cannot_be_recorded_does_not_stop_the_rest(
+    start: Start, peer: Any, tmp_path: Path
+) -> None:
+    """Two types on one topic, of which one comes first; and a topic as it should be."""
+    bag = tmp_path / "bag"
+    quarrel = peer.node.create_publisher(Int32, "/quarrel", RELIABLE)
+    good = peer.node.create_publisher(Int32, "/good", RELIABLE)
+    start("simulator", "-r", "odom:=/quarrel")
+    assert peer.wait(lambda: "simulator" in peer.node.get_node_names())
+    recorder = start("recorder", "-p", f"directory:={bag}", "-p", "topics:=[/quarrel, /good]")
+    log = tmp_path / "recorder.log"
+    assert peer.wait(lambda: "cannot record /quarrel of type" in log.read_text())
+    assert peer.wait(good.get_subscription_count)
+    quarrel.publish(Int32(data=0))
+    good.publish(Int32(data=1))
+    peer.spin(0.3)
+    assert end(recorder) == 0
+    assert numbers(bag, "/good") == [1]
+    assert log.read_text().count("cannot record") == 1
+    assert "Traceback" not in log.read_text()
+
+
+def test_a_split_recording_is_one_bag(start: Start, peer: Any, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    publisher = peer.node.create_publisher(Int32, "/numbers", RELIABLE)
+    recorder = start(
+        "recorder",
+        *("-p", f"directory:={bag}", "-p", "topics:=[/numbers]", "-p", "max_bag_duration:=0.5"),
+    )
+    assert peer.wait(publisher.get_subscription_count)
+    peer.spin(0.3)
+    for number in range(150):
+        publisher.publish(Int32(data=number))
+        peer.spin(0.01)
+    peer.spin(0.3)
+    assert end(recorder) == 0
+    assert numbers(bag, "/numbers") == list(range(150))
+    assert len(list(bag.glob("bag_*.mcap"))) >= 3
+
+
+def test_a_full_disk_ends_the_recording_and_nothing_else(
+    start: Start, peer: Any, tmp_path: Path
+) -> None:
+    """A limit on the size of its files stands in for the disk: writing fails all the same."""
+    bag = tmp_path / "bag"
+    publisher = peer.node.create_publisher(Header, "/headers", RELIABLE)
+    recorder = start(
+        "recorder",
+        *("-p", f"directory:={bag}", "-p", "topics:=[/headers]", "-p", "compression:=none"),
+    )
+    assert peer.wait(publisher.get_subscription_count)
+    peer.spin(0.5)
+    resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
+    sent = 0
+    while recorder.poll() is None and sent < 3000:
+        publisher.publish(Header(frame_id=f"{sent:0200}"))
+        sent += 1
+        peer.spin(0.005)
+    assert recorder.wait(10) == 1
+    log = (tmp_path / "recorder.log").read_text()
+    assert "recording ended" in log
+    assert "bag_0.mcap: cannot write: File too large" in log
+    assert "Traceback" not in log
+
+    repair(bag)
+
+    with AnyReader([bag]) as reader:
+        frames = [
+            int(reader.deserialize(data, connection.msgtype).frame_id)
+            for connection, _, data in reader.messages()
+        ]
+    assert len(frames) > 100
+    assert frames == list(range(len(frames)))
+
+
+def test_nothing_is_lost_and_memory_is_flat(tmp_path: Path) -> None:
+    """Ten seconds of a flight's traffic; ``bench/record.py --duration 600`` is the long one."""
+    recording = bench("record").record(tmp_path / "bag", duration=10.0, rate=50.0)
+    assert recording.complete
+    memory = recording.load.memory_mib
+    assert memory[-1] - memory[len(memory) // 2] < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_killed_at_any_moment_at_most_the_last_second_is_lost(
+    start: Start, peer: Any, tmp_path: Path
+) -> None:
+    publisher = peer.node.create_publisher(Int32, "/numbers", RELIABLE)
+    moments = random.Random(2)
+    for attempt in range(20):
+        bag = tmp_path / f"bag{attempt}"
+        recorder = start("recorder", "-p", f"directory:={bag}", "-p", "topics:=[/numbers]")
+        assert peer.wait(lambda: publisher.get_subscription_count() == 1)
+        peer.spin(0.2)
+        sent: list[float] = []
+        until = time.monotonic() + moments.uniform(0.1, 3.0)
+        while time.monotonic() < until:
+            publisher.publish(Int32(data=len(sent)))
+            sent.append(time.monotonic())
+            peer.spin(0.01)
+        recorder.kill()
+        recorder.wait()
+        killed = time.monotonic()
+
+        repair(bag)
+
+        kept = numbers(bag, "/numbers")
+        assert kept == list(range(len(kept)))
+        assert all(killed - moment < 1.0 for moment in sent[len(kept) :]), attempt
+        assert peer.wait(lambda: publisher.get_subscription_count() == 0, timeout=30.0)
