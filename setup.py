@@ -117,6 +117,7 @@ setup(
             "reference_node = quad_mpc_ros.nodes.reference_node:main",
             "mpc_node = quad_mpc_ros.nodes.mpc_node:main",
             "recorder_node = quad_mpc_ros.nodes.recorder_node:main",
+            "player_node = quad_mpc_ros.nodes.player_node:main",
             "quad_mpc = quad_mpc_ros.cli:main",
         ],
     },

@@ -31,6 +31,7 @@ def _parser() -> argparse.ArgumentParser:
     from quad_mpc_ros.commands.bench_options import add_bench_options
     from quad_mpc_ros.commands.check_reference import add_check_options
     from quad_mpc_ros.commands.recording_options import add_identify_options, add_resolve_options
+    from quad_mpc_ros.commands.bag_options import add_bag_commands, add_replay_options
     from quad_mpc_ros.commands.run_options import add_run_options
 
     parser = argparse.ArgumentParser(
@@ -106,6 +107,19 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_resolve_options(resolve)
     resolve.set_defaults(run=_resolve)
+    replay = commands.add_parser(
+        "replay",
+        help="publish a recorded bag again",
+        description="Publish the messages of a bag on their topics again, in the time in which "
+        "they were recorded. Pause and go on by the services /player/pause and /player/resume. "
+        "Exit code 2 for a bag that cannot be played.",
+    )
+    add_replay_options(replay)
+    replay.set_defaults(run=_replay)
+
+    bag = commands.add_parser("bag", help="look into a bag, or repair one")
+    add_bag_commands(bag)
+    bag.set_defaults(run=_bag)
     return parser
 
 
@@ -143,6 +157,18 @@ def _resolve(options: argparse.Namespace) -> int:
     from quad_mpc_ros.commands.resolve import resolve_command
 
     return resolve_command(options)
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from quad_mpc_ros.commands.replay import replay
+
+    return replay(options)
+
+
+def _bag(options: argparse.Namespace) -> int:
+    from quad_mpc_ros.commands.bag import bag
+
+    return bag(options)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,69 @@
+"""``quad_mpc bag``: look into a bag, repair one."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+from pathlib import Path
+
+from quad_mpc_ros.bags import BagReader
+from quad_mpc_ros.bags.bag_metadata import TimeSpan
+from quad_mpc_ros.bags.repair import RepairedFile, repair
+
+_MIB = 2**20
+
+
+def bag(options: argparse.Namespace) -> int:
+    """Do what was asked for; return the exit code."""
+    if options.command == "repair":
+        _repair(options.bag)
+    print(_info(options.bag))
+    return 0
+
+
+def _repair(directory: Path) -> None:
+    done = repair(directory)
+    if not done.needed:
+        print("nothing to repair")
+    for file in done.files:
+        print(_repaired(file))
+    if done.metadata_written:
+        print("metadata.yaml written")
+    print()
+
+
+def _repaired(file: RepairedFile) -> str:
+    left = [f"{file.unreadable_bytes} bytes after the last whole record"]
+    if file.damaged_chunks:
+        left.append(f"{file.damaged_chunks} damaged chunks")
+    return (
+        f"{file.path.name}: {file.message_count} messages kept, left out {' and '.join(left)}; "
+        f"the original is {file.original.name}"
+    )
+
+
+def _info(path: Path) -> str:
+    reader = BagReader(path)
+    count = sum(info.message_count for info in reader.topics.values())
+    size = sum(file.stat().st_size for file in reader.files)
+    lines = [
+        f"bag       {path}",
+        f"files     {', '.join(file.name for file in reader.files)} ({size / _MIB:.1f} MiB)",
+        f"duration  {reader.duration_ns * 1e-9:.3f} s{_start(reader.span)}",
+        f"messages  {count}",
+    ]
+    if not reader.complete:
+        lines.append(f"not ended properly: quad_mpc bag repair {path}")
+    width = max((len(topic) for topic in reader.topics), default=0)
+    lines += [
+        f"  {topic:<{width}}  {info.message_count:>8}  {info.type_name}"
+        for topic, info in sorted(reader.topics.items())
+    ]
+    return "\n".join(lines)
+
+
+def _start(span: TimeSpan | None) -> str:
+    if span is None:
+        return ""
+    start = datetime.datetime.fromtimestamp(span.start_ns * 1e-9, datetime.UTC)
+    return f" from {start:%Y-%m-%d %H:%M:%S} UTC"

@@ -1,0 +1,78 @@
+"""A playback in a thread of its own, which sleeps until something is due."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from quad_mpc_ros.bags.playback import Playback, Timeline
+
+_NS = 1e-9
+
+
+class PlaybackThread:
+    """Steps a playback when it is due; pause, resume and stop come from other threads.
+
+    ``at_end`` is called from the thread once: with None when the last message has been passed on,
+    or with what went wrong. It is not called when the thread is stopped.
+    """
+
+    def __init__(
+        self,
+        playback: Playback,
+        timeline: Timeline,
+        *,
+        at_end: Callable[[Exception | None], None],
+    ) -> None:
+        self._playback = playback
+        self._timeline = timeline
+        self._at_end = at_end
+        self._changed = threading.Condition()
+        self._stopped = False
+        self._thread = threading.Thread(target=self._run)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def set_paused(self, paused: bool) -> bool:
+        """Pause or go on; return whether that changed anything."""
+        with self._changed:
+            if self._timeline.paused == paused:
+                return False
+            self._timeline.set_paused(paused, time.monotonic_ns())
+            self._changed.notify()
+            return True
+
+    def recorded_ns(self) -> int:
+        """Return the recorded time now."""
+        with self._changed:
+            return self._timeline.recorded_ns(time.monotonic_ns())
+
+    def stop(self) -> None:
+        """End the thread and wait for it."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        problem: Exception | None = None
+        try:
+            with self._changed:
+                self._step_until_end()
+                if self._stopped:
+                    return
+        except Exception as error:  # told by whoever runs the thread
+            problem = error
+        self._at_end(problem)
+
+    def _step_until_end(self) -> None:
+        while not self._stopped:
+            at_ns = self._playback.step(time.monotonic_ns())
+            if self._playback.finished:
+                return
+            wait_s = None if at_ns is None else max(0, at_ns - time.monotonic_ns()) * _NS
+            self._changed.wait(wait_s)

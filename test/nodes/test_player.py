@@ -1,0 +1,323 @@
+"""The player as a process of its own, heard by a node of the test's and by the recorder."""
+
+from __future__ import annotations
+
+import importlib.util
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Int32
+from std_srvs.srv import Trigger
+
+from quad_mpc_ros.bags import BagReader, BagWriter, QosProfile, Split
+from quad_mpc_ros.bags.writer import ONE_FILE
+from quad_mpc_ros.cli import main
+
+Start = Callable[..., "subprocess.Popen[bytes]"]
+ROOT = Path(__file__).parents[2]
+INT = "std_msgs/msg/Int32"
+MS = 1_000_000
+START_NS = 1_700_000_000_000_000_000
+BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def bench(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"bench_{name}", ROOT / "bench" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where its dataclasses look for their annotations
+    spec.loader.exec_module(module)
+    return module
+
+
+def int_data(number: int) -> bytes:
+    return b"\x00\x01\x00\x00" + number.to_bytes(4, "little")
+
+
+def write_numbers(bag: Path, count: int = 50, *, split: Split = ONE_FILE) -> Path:
+    """Write numbers every 20 ms on a best-effort topic, every tenth on a reliable one."""
+    with BagWriter(bag, split=split) as writer:
+        writer.add_topic("/latched", INT, qos_profiles=[QosProfile(durability="transient_local")])
+        writer.add_topic("/fast", INT, qos_profiles=[QosProfile(reliability="best_effort")])
+        writer.add_topic("/slow", INT, qos_profiles=[QosProfile()])
+        writer.write("/latched", int_data(99), log_time_ns=START_NS, publish_time_ns=START_NS)
+        for number in range(count):
+            time_ns = START_NS + number * 20 * MS
+            for topic in ("/fast", "/slow"):
+                if topic == "/fast" or number % 10 == 0:
+                    data = int_data(number)
+                    writer.write(topic, data, log_time_ns=time_ns, publish_time_ns=time_ns)
+    return bag
+
+
+class Listener:
+    def __init__(self, peer: Any, *topics: str) -> None:
+        self.heard: dict[str, list[int]] = {topic: [] for topic in topics}
+        for topic in topics:
+            peer.node.create_subscription(Int32, topic, self._hearing(topic), BEST_EFFORT)
+
+    def _hearing(self, topic: str) -> Callable[[Int32], None]:
+        return lambda message: self.heard[topic].append(message.data)
+
+
+def test_what_is_recorded_again_is_what_was_recorded(tmp_path: Path) -> None:
+    bag = write_numbers(tmp_path / "bag", 150)
+    result = bench("replay").replay_and_record(bag, tmp_path / "again")
+    assert result.different == []
+    assert np.median(result.interval_error) < 5e-3
+    before, after = BagReader(bag).topics, BagReader(tmp_path / "again").topics
+    for topic in ("/latched", "/fast", "/slow"):
+        assert after[topic].type_hash == before[topic].type_hash
+        for word in ("transient_local", "best_effort"):
+            assert (word in after[topic].qos_profiles) == (word in before[topic].qos_profiles)
+
+
+def test_a_late_joiner_hears_what_was_latched(start: Start, peer: Any, tmp_path: Path) -> None:
+    bag = write_numbers(tmp_path / "bag")
+    start("player", "-p", f"bag:={bag}", "-p", "loop:=true")
+    listener = Listener(peer, "/fast")
+    assert peer.wait(lambda: listener.heard["/fast"])
+    late: list[int] = []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    peer.node.create_subscription(Int32, "/latched", lambda m: late.append(m.data), latched)
+    assert peer.wait(lambda: late)
+    assert late[0] == 99
+
+
+def test_pause_and_resume(start: Start, peer: Any, tmp_path: Path) -> None:
+    bag = write_numbers(tmp_path / "bag", 100)
+    listener = Listener(peer, "/fast")
+    player = start("player", "-p", f"bag:={bag}", "-p", "paused:=true")
+    pause = peer.node.create_client(Trigger, "player/pause")
+    resume = peer.node.create_client(Trigger, "player/resume")
+    assert peer.wait(lambda: peer.node.count_publishers("/fast"))
+    peer.spin(1.5)
+    assert listener.heard["/fast"] == []
+    assert peer.call(resume, Trigger.Request()).success
+    assert not peer.call(resume, Trigger.Request()).success
+    assert peer.wait(lambda: len(listener.heard["/fast"]) > 20)
+    assert peer.call(pause, Trigger.Request()).success
+    peer.spin(0.1)
+    count = len(listener.heard["/fast"])
+    peer.spin(0.5)
+    assert len(listener.heard["/fast"]) == count < 100
+    assert peer.call(resume, Trigger.Request()).success
+    assert peer.wait(lambda: player.poll() is not None)
+    assert player.returncode == 0
+    assert listener.heard["/fast"] == list(range(100))
+
+
+def test_clock_start_rate_topics_and_remap(start: Start, peer: Any, tmp_path: Path) -> None:
+    bag = write_numbers(tmp_path / "bag", 100)
+    listener = Listener(peer, "/fast", "/renamed", "/slow")
+    clock: list[int] = []
+    peer.node.create_subscription(
+        Clock, "/clock", lambda m: clock.append(m.clock.sec * 10**9 + m.clock.nanosec), BEST_EFFORT
+    )
+    player = start(
+        "player",
+        *("-p", f"bag:={bag}", "-p", "start:=1.0", "-p", "rate:=0.5", "-p", "clock_rate:=100"),
+        *("-p", "topics:=[/fast]", "-r", "/fast:=/renamed"),
+    )
+    assert peer.wait(lambda: player.poll() is not None)
+    assert player.returncode == 0
+    assert listener.heard == {"/fast": [], "/renamed": list(range(50, 100)), "/slow": []}
+    assert clock[0] == START_NS + 10**9
+    steps = np.diff([time_ns for time_ns in clock if time_ns > clock[0]])
+    assert np.all(steps > 0)
+    assert np.median(steps) == pytest.approx(5 * MS, rel=0.2)
+    assert START_NS + 1.9e9 < clock[-1] <= START_NS + 1.98e9
+
+
+@pytest.mark.parametrize("kind", ["split", "cut", "message", "file", "fastwrite"])
+def test_bags_of_every_kind(kind: str, start: Start, peer: Any, tmp_path: Path) -> None:
+    """Our own split and cut ones, and what rosbag2 writes with its compressions."""
+    bag, rosbag2 = tmp_path / "bag", {"message", "file", "fastwrite"}
+    if kind in rosbag2:
+        write_as_rosbag2(bag, kind)
+    else:
+        write_numbers(bag, split=Split(max_duration_ns=200 * MS))
+    if kind == "cut":
+        (bag / "metadata.yaml").unlink()
+        last = sorted(bag.glob("*.mcap"))[-1]
+        last.write_bytes(last.read_bytes()[:-50])
+    listener = Listener(peer, "/fast")
+    player = start("player", "-p", f"bag:={bag}", "-p", "rate:=2.0")
+    assert peer.wait(lambda: player.poll() is not None)
+    assert player.returncode == 0, (tmp_path / "player.log").read_text()
+    assert listener.heard["/fast"] == list(range(50))
+
+
+def write_as_rosbag2(bag: Path, kind: str) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    forever = QosTime(9223372036, 854775807)
+    qos = Qos(
+        QosHistory.UNKNOWN,
+        0,
+        QosReliability.BEST_EFFORT,
+        QosDurability.VOLATILE,
+        forever,
+        forever,
+        QosLiveliness.AUTOMATIC,
+        forever,
+        False,
+    )
+    if kind == "fastwrite":  # rosbag2's preset of that name: no chunks
+        write_without_chunks(bag, store.generate_msgdef(INT, ros_version=2)[0])
+        return
+    writer = RosbagsWriter(bag, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode[kind.upper()], CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection(
+            "/fast", INT, typestore=store, offered_qos_profiles=[qos]
+        )
+        for number in range(50):
+            writer.write(connection, START_NS + number * 20 * MS, int_data(number))
+
+
+def write_without_chunks(bag: Path, definition: str) -> None:
+    bag.mkdir()
+    with (bag / "bag_0.mcap").open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(INT, "ros2msg", definition.encode())
+        channel = writer.register_channel("/fast", "cdr", schema)
+        for number in range(50):
+            time_ns = START_NS + number * 20 * MS
+            writer.add_message(channel, time_ns, int_data(number), time_ns)
+        writer.finish()
+
+
+def damaged(bag: Path) -> None:
+    """Flip bits in the compressed data of the chunk."""
+    file = bag / "bag_0.mcap"
+    content = bytearray(file.read_bytes())
+    content[content.index(b"zstd") + 40] ^= 0x55
+    file.write_bytes(content)
+
+
+def only(bag: Path, content: bytes) -> None:
+    (bag / "metadata.yaml").unlink()
+    (bag / "bag_0.mcap").write_bytes(content)
+
+
+def foreign(
+    bag: Path, *, type_name: str = INT, encoding: str = "cdr", type_hash: str = ""
+) -> None:
+    (bag / "metadata.yaml").unlink()
+    with (bag / "bag_0.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema(type_name, "jsonschema", b"{}")
+        metadata = {"topic_type_hash": type_hash}
+        channel = writer.register_channel("/x", encoding, schema, metadata)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+
+
+def without_messages(bag: Path) -> None:
+    only(bag, b"")
+    (bag / "bag_0.mcap").unlink()
+    bag.rmdir()
+    with BagWriter(bag) as writer:
+        writer.add_topic("/fast", INT)
+
+
+BAD_BAGS: dict[str, tuple[Callable[[Path], None], str]] = {
+    "corrupt": (damaged, "is corrupt"),
+    "empty file": (lambda bag: only(bag, b""), "is empty"),
+    "text": (lambda bag: only(bag, b"no bag at all"), "is not an MCAP file"),
+    "cut at once": (lambda bag: only(bag, b"\x89MCAP0\r\n"), "there is no message in it"),
+    "without messages": (without_messages, "there is no message in it"),
+    "not of ROS": (lambda bag: foreign(bag, type_name="Pose", encoding="json"), "not 'cdr'"),
+    "unknown type": (
+        lambda bag: foreign(bag, type_name="px4_msgs/msg/VehicleOdometry"),
+        "'px4_msgs/msg/VehicleOdometry' is not installed",
+    ),
+    "another definition": (
+        lambda bag: foreign(bag, type_hash="RIHS01_0"),
+        "was another one when it was recorded",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_BAGS)
+def test_a_bad_bag_is_one_line_and_exit_code_2(
+    kind: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    spoil, told = BAD_BAGS[kind]
+    bag = write_numbers(tmp_path / "bag")
+    spoil(bag)
+
+    assert main(["replay", str(bag), "--delay", "0"]) == 2
+
+    error = capfd.readouterr().err
+    assert told in error
+    assert str(bag) in error
+    assert "Traceback" not in error
+    assert len(error.strip().splitlines()) == 1
+
+
+MISTAKES = {
+    "no bag": (["nowhere"], "nowhere: does not exist"),
+    "rate": (["{bag}", "--rate", "0"], "player.rate: given 0.0, expected a number > 0"),
+    "start": (
+        ["{bag}", "--start", "60"],
+        "player.start: given 60.0, expected at most the 0.980 s",
+    ),
+    "topic": (["{bag}", "--topics", "/none"], "topic /none is not in it: /fast, /latched, /slow"),
+    "regex": (["{bag}", "--regex", "none"], "no topic matches: /fast, /latched, /slow"),
+    "no regex": (["{bag}", "--regex", "("], "player.topics_regex: given '('"),
+    "remap": (["{bag}", "--remap", "/fast"], "--remap: given '/fast', expected FROM:=TO"),
+    "nothing left": (
+        ["{bag}", "--start", "0.5", "--topics", "/latched"],
+        "no message after 0.5 s on these topics",
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_line_and_exit_code_2(
+    mistake: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    arguments, told = MISTAKES[mistake]
+    bag = write_numbers(tmp_path / "bag")
+
+    assert main(["replay", *(argument.format(bag=bag) for argument in arguments)]) == 2
+
+    error = capfd.readouterr().err
+    assert told in error
+    assert len(error.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ends_cleanly_while_playing(number: int, start: Start, peer: Any, tmp_path: Path) -> None:
+    bag = write_numbers(tmp_path / "bag")
+    player = start("player", "-p", f"bag:={bag}", "-p", "loop:=true", "-p", "delay:=0.0")
+    listener = Listener(peer, "/fast")
+    assert peer.wait(lambda: listener.heard["/fast"])
+    player.send_signal(number)
+    assert player.wait(5) == 0
+    assert "Traceback" not in (tmp_path / "player.log").read_text()
