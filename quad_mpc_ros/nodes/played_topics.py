@@ -28,7 +28,10 @@ def played_topics(reader: BagReader, config: PlayerConfig) -> PlayedTopics:
     Raises :class:`BagError` when a topic is named that is not in the bag, and when none can be
     played.
     """
-    names = tuple(name if name.startswith("/") else f"/{name}" for name in config.topics)
+    # Some recorders leave the slash out.
+    names = tuple(
+        name if name in reader.topics else f"/{name.lstrip('/')}" for name in config.topics
+    )
     for name in names:
         if name not in reader.topics:
             raise BagError(f"{config.bag}: topic {name} is not in it: {_listed(reader.topics)}")

@@ -218,6 +218,42 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(
     assert frames == list(range(len(frames)))
 
 
+def recorder_of(run: Path) -> int | None:
+    """Return the process id of the recorder of a flight, by its parameter file."""
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            arguments = (process / "cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if str(run / "log" / "recorder.yaml").encode() in arguments:
+            return int(process.name)
+    return None
+
+
+def test_the_flight_goes_on_when_the_disk_is_full(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    command = [sys.executable, "-P", "-m", "quad_mpc_ros.cli", "fly", "--config", "paper"]
+    command += ["--set", "recorder.compression=none", "--duration", "5", "--out", str(run)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as flight:
+        deadline = time.monotonic() + 30.0
+        file = run / "bag" / "bag_0.mcap"
+        while not file.exists() or file.stat().st_size < 100_000:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        pid = recorder_of(run)
+        assert pid is not None
+        resource.prlimit(pid, resource.RLIMIT_FSIZE, (200_000, 200_000))
+        _, error = flight.communicate(timeout=60)
+    assert flight.returncode == 1
+    assert "recorder ended by itself (exit code 1)" in error
+    assert "cannot write: File too large" in error
+    assert "the flight goes on" in error
+    assert "Traceback" not in error
+    flown = [float(line.split()[0]) for line in error.splitlines() if " s of 5 s " in line]
+    assert flown[-1] > 4.0
+    assert (run / "summary.json").exists()
+
+
 def test_nothing_is_lost_and_memory_is_flat(tmp_path: Path) -> None:
     """Ten seconds of a flight's traffic; ``bench/record.py --duration 600`` is the long one."""
     recording = bench("record").record(tmp_path / "bag", duration=10.0, rate=50.0)

@@ -1,0 +1,84 @@
+"""``quad_mpc bag``: what it tells, and what it says to files that are no bags."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rosbags.highlevel import AnyReader
+
+from quad_mpc_ros.bags import BagWriter
+from quad_mpc_ros.cli import main
+
+CLOCK = "rosgraph_msgs/msg/Clock"
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    directory = tmp_path / "bag"
+    with BagWriter(directory) as writer:
+        writer.add_topic("/clock", CLOCK)
+        writer.add_topic("/quiet", CLOCK)
+        for number in range(4):
+            data = b"\x00\x01\x00\x00" + bytes(8)
+            time_ns = 1_700_000_000_000_000_000 + number * 500_000_000
+            writer.write("/clock", data, log_time_ns=time_ns, publish_time_ns=0)
+    return directory
+
+
+def cut(bag: Path) -> None:
+    (bag / "metadata.yaml").unlink()
+    file = bag / "bag_0.mcap"
+    file.write_bytes(file.read_bytes()[:-30])
+
+
+def test_info(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bag", "info", str(bag)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [" ".join(line.split()) for line in lines] == [
+        f"bag {bag}",
+        "files bag_0.mcap (0.0 MiB)",
+        "duration 1.500 s from 2023-11-14 22:13:20 UTC",
+        "messages 4",
+        f"/clock 4 {CLOCK}",
+        f"/quiet 0 {CLOCK}",
+    ]
+
+
+def test_repair_after_info_has_told_to(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cut(bag)
+    assert main(["bag", "info", str(bag)]) == 0
+    assert f"quad_mpc bag repair {bag}" in capsys.readouterr().out
+
+    assert main(["bag", "repair", str(bag)]) == 0
+
+    printed = capsys.readouterr().out
+    assert "bag_0.mcap: 4 messages kept" in printed
+    assert "bag_0.mcap.broken" in printed
+    assert "metadata.yaml written" in printed
+    with AnyReader([bag]) as reader:
+        assert reader.message_count == 4
+    assert main(["bag", "repair", str(bag)]) == 0
+    assert capsys.readouterr().out.startswith("nothing to repair")
+
+
+@pytest.mark.parametrize("command", ["info", "repair"])
+@pytest.mark.parametrize("kind", ["missing", "empty folder", "text", "metadata of nothing"])
+def test_what_is_no_bag_is_one_line_and_exit_code_2(
+    command: str, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bag"
+    if kind != "missing":
+        path.mkdir()
+    if kind == "text":
+        (path / "x_0.mcap").write_text("flight notes")
+    if kind == "metadata of nothing":
+        (path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+
+    assert main(["bag", command, str(path)]) == 2
+
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("error: ")
+    assert str(path) in printed.err
+    assert len(printed.err.strip().splitlines()) == 1
