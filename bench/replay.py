@@ -40,7 +40,7 @@ def replay_and_record(bag: Path, again: Path, *, rate: float = 1.0) -> Compariso
     """Replay ``bag``, record it into ``again``, and compare."""
     topics = sorted(set(BagReader(bag).topics) - {DIAGNOSTICS.name})
     recorder = _node("recorder", f"directory:={again}", f"topics:=[{', '.join(topics)}]")
-    player = _node("player", f"bag:={bag}", f"rate:={rate}", "delay:=2.0")
+    player = _node("player", f"bag:={bag}", f"rate:={rate}", "delay:=4.0")
     try:
         player.wait()
     finally:

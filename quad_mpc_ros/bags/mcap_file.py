@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import tempfile
+import zlib
 from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
@@ -14,6 +15,7 @@ from typing import BinaryIO
 
 import zstandard
 from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
@@ -67,8 +69,11 @@ class McapFile:
     def verify(self) -> None:
         """Read the whole file; raise :class:`BagError` when a checksum is wrong."""
         with _opened(self.path) as stream:
-            size = _size_of(stream)
-            for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
+            _check_summary(stream)
+            reader = StreamReader(
+                stream, emit_chunks=True, validate_crcs=True, record_size_limit=_size_of(stream)
+            )
+            for record in reader.records:
                 if isinstance(record, Chunk):
                     get_chunk_data_stream(record, validate_crc=True)
 
@@ -91,6 +96,8 @@ class McapFile:
 
 _MAGIC_SIZE = len(MCAP0_MAGIC)
 _RECORD_HEAD = struct.Struct("<BQ")
+_FOOTER = struct.Struct("<BQQQI")
+_CHECKSUM_SIZE = 4
 
 
 @contextmanager
@@ -141,6 +148,20 @@ def _size_of(stream: BinaryIO) -> int:
     size = stream.seek(0, io.SEEK_END)
     stream.seek(position)
     return size
+
+
+def _check_summary(stream: BinaryIO) -> None:
+    """Check the checksum of a finished file's index, which the reader of mcap passes over."""
+    start = stream.seek(-_MAGIC_SIZE - _FOOTER.size, io.SEEK_END)
+    opcode, _, summary_start, _, checksum = _FOOTER.unpack(stream.read(_FOOTER.size))
+    if opcode != Opcode.FOOTER:
+        raise ValueError("no footer at the end")
+    if checksum:
+        stream.seek(summary_start or start)
+        end = start + _FOOTER.size - _CHECKSUM_SIZE
+        if zlib.crc32(stream.read(end - stream.tell())) != checksum:
+            raise ValueError("wrong checksum of the index")
+    stream.seek(0)
 
 
 def _is_finished(stream: BinaryIO) -> bool:

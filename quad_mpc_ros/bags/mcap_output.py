@@ -53,7 +53,9 @@ class McapOutput:
         self._schema_ids: dict[str, int] = {}
         self._channel_ids: dict[str, int] = {}
         self._stream = path.open("xb")
-        self._mcap = Writer(self._stream, compression=COMPRESSIONS[compression])
+        self._mcap = Writer(
+            self._stream, compression=COMPRESSIONS[compression], enable_data_crcs=True
+        )
         self._mcap.start(profile="ros2", library=LIBRARY)
 
     @property

@@ -132,7 +132,7 @@ def _repaired(path: Path) -> RepairedFile:
             _check_beginning(path, damaged.read(len(MCAP0_MAGIC)))
             size = os.fstat(damaged.fileno()).st_size
             salvage = Salvage(damaged)
-            copy.write(salvage, Writer(stream))
+            copy.write(salvage, Writer(stream, enable_data_crcs=True))
             stream.flush()
             os.fsync(stream.fileno())
     except BaseException:

@@ -246,6 +246,32 @@ def test_a_bag_of_another_writer_without_chunks(tmp_path: Path) -> None:
         assert bag.topics["/gain"].msgcount == 5
 
 
+@pytest.mark.parametrize("finished", [True, False])
+def test_a_flipped_byte_anywhere_makes_no_message_up(tmp_path: Path, finished: bool) -> None:
+    write_clocks(tmp_path / "whole", 35)
+    content = (tmp_path / "whole" / "whole_0.mcap").read_bytes()
+    if not finished:
+        content = content[: content.rindex(b"zstd") + 60]
+    least = 35
+    for index in range(8, len(content), 29):
+        bag = tmp_path / f"bag{index}"
+        bag.mkdir()
+        damaged = bytearray(content)
+        damaged[index] ^= 0x41
+        file = bag / f"{bag.name}_0.mcap"
+        file.write_bytes(damaged)
+
+        repair(bag)
+
+        kept = numbers(bag)
+        assert set(kept) <= set(range(35))
+        assert len(set(kept)) == len(kept)
+        least = min(least, len(kept))
+        if not file.with_name(f"{file.name}.broken").exists():
+            assert file.read_bytes() == damaged
+    assert least < 30, "no flip did any damage"
+
+
 REFUSED = {
     "no such folder": (None, "is no bag directory"),
     "empty folder": ({}, "neither metadata.yaml nor an .mcap file"),

@@ -73,10 +73,28 @@ def write_numbers(bag: Path, count: int = 50, *, split: Split = ONE_FILE) -> Pat
 
 
 class Listener:
+    """Hears topics, and lets a paused player begin when the two have found each other."""
+
     def __init__(self, peer: Any, *topics: str) -> None:
+        self._peer = peer
         self.heard: dict[str, list[int]] = {topic: [] for topic in topics}
-        for topic in topics:
-            peer.node.create_subscription(Int32, topic, self._hearing(topic), BEST_EFFORT)
+        self._subscriptions = {
+            topic: peer.node.create_subscription(Int32, topic, self._hearing(topic), BEST_EFFORT)
+            for topic in topics
+        }
+        self._resume = peer.node.create_client(Trigger, "player/resume")
+
+    def publishers(self, topic: str) -> int:
+        """Return how many publishers are heard on a topic."""
+        return int(self._subscriptions[topic].get_publisher_count())
+
+    def hear_all(self, player: subprocess.Popen[bytes], *topics: str) -> int:
+        """Let the player begin when it is heard on some topics; return its exit code."""
+        assert self._peer.wait(lambda: all(self.publishers(topic) for topic in topics))
+        self._peer.spin(0.5)  # until the player knows too
+        assert self._peer.call(self._resume, Trigger.Request()).success
+        assert self._peer.wait(lambda: player.poll() is not None)
+        return int(player.returncode)
 
     def _hearing(self, topic: str) -> Callable[[Int32], None]:
         return lambda message: self.heard[topic].append(message.data)
@@ -113,6 +131,7 @@ def test_pause_and_resume(start: Start, peer: Any, tmp_path: Path) -> None:
     pause = peer.node.create_client(Trigger, "player/pause")
     resume = peer.node.create_client(Trigger, "player/resume")
     assert peer.wait(lambda: peer.node.count_publishers("/fast"))
+    assert peer.wait(lambda: listener.publishers("/fast"))
     peer.spin(1.5)
     assert listener.heard["/fast"] == []
     assert peer.call(resume, Trigger.Request()).success
@@ -139,10 +158,9 @@ def test_clock_start_rate_topics_and_remap(start: Start, peer: Any, tmp_path: Pa
     player = start(
         "player",
         *("-p", f"bag:={bag}", "-p", "start:=1.0", "-p", "rate:=0.5", "-p", "clock_rate:=100"),
-        *("-p", "topics:=[/fast]", "-r", "/fast:=/renamed"),
+        *("-p", "topics:=[/fast]", "-r", "/fast:=/renamed", "-p", "paused:=true"),
     )
-    assert peer.wait(lambda: player.poll() is not None)
-    assert player.returncode == 0
+    assert listener.hear_all(player, "/renamed") == 0
     assert listener.heard == {"/fast": [], "/renamed": list(range(50, 100)), "/slow": []}
     assert clock[0] == START_NS + 10**9
     steps = np.diff([time_ns for time_ns in clock if time_ns > clock[0]])
@@ -164,9 +182,8 @@ def test_bags_of_every_kind(kind: str, start: Start, peer: Any, tmp_path: Path) 
         last = sorted(bag.glob("*.mcap"))[-1]
         last.write_bytes(last.read_bytes()[:-50])
     listener = Listener(peer, "/fast")
-    player = start("player", "-p", f"bag:={bag}", "-p", "rate:=2.0")
-    assert peer.wait(lambda: player.poll() is not None)
-    assert player.returncode == 0, (tmp_path / "player.log").read_text()
+    player = start("player", "-p", f"bag:={bag}", "-p", "rate:=2.0", "-p", "paused:=true")
+    assert listener.hear_all(player, "/fast") == 0, (tmp_path / "player.log").read_text()
     assert listener.heard["/fast"] == list(range(50))
 
 
