@@ -158,8 +158,8 @@ class BagWriter:
     def flush_if_due(self, monotonic_now_s: float) -> None:
         """Hand what has gathered to the operating system when the last time is long enough ago.
 
-        Call it at least twice a second whether messages come or not, with the time of a
-        monotonic clock [s]: then nothing older than one second is ever lost with the process.
+        Call it several times a second whether messages come or not, with the time of a monotonic
+        clock [s]: then nothing older than one second is lost with the process.
         Flushing ends the chunk, and small chunks compress badly: hence not at every call.
         """
         if self._unflushed and monotonic_now_s - self._flushed_at_s >= FLUSH_PERIOD_S:

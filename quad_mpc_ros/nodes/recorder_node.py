@@ -24,8 +24,7 @@ from quad_mpc_ros.ros.messages import message_class
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run, stop
 
-_DISCOVERY_PERIOD = 0.1
-_FLUSH_PERIOD = 0.25
+_PERIOD = 0.1
 
 
 class RecorderNode(Node):
@@ -61,8 +60,8 @@ class RecorderNode(Node):
         self._asked.pop(self.get_name(), None)
 
         self._health = HealthReporter(self, self._probe)
-        self._every(_DISCOVERY_PERIOD, self._discover)
-        self._every(_FLUSH_PERIOD, self._flush)
+        # One timer for both: what wakes the node costs more than what it does then.
+        self.create_timer(_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.get_logger().info(f"recording to {self._writer.directory}")
 
     def destroy_node(self) -> None:
@@ -70,6 +69,10 @@ class RecorderNode(Node):
         self._write_early(0)
         self._guarded(self._writer.close)
         super().destroy_node()
+
+    def _on_timer(self) -> None:
+        self._guarded(lambda: self._writer.flush_if_due(time.monotonic()))
+        self._discover()
 
     def _discover(self) -> None:
         """Subscribe to wanted topics that have a publisher by now, and ask for parameters."""
@@ -153,9 +156,6 @@ class RecorderNode(Node):
         self._guarded(lambda: write_parameters(self._writer, query.node_name, values))
         return True
 
-    def _flush(self) -> None:
-        self._guarded(lambda: self._writer.flush_if_due(time.monotonic()))
-
     def _guarded(self, action: Callable[[], None]) -> None:
         """Do something with the bag; when the disk refuses, end the recording and say why."""
         if self._fault is not None:
@@ -166,9 +166,6 @@ class RecorderNode(Node):
             self._fault, self.exit_code = str(error), 1
             self.get_logger().fatal(f"recording ended: {error}")
             stop()
-
-    def _every(self, period: float, callback: Callable[[], None]) -> None:
-        self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _probe(self) -> Health:
         missing = [topic for topic in self._selection.names if topic not in self._recorded]
