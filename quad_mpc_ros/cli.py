@@ -28,10 +28,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     # Options first: importing the commands brings in what they need, which takes a moment.
+    from quad_mpc_ros.commands.bag_options import add_bag_commands, add_replay_options
     from quad_mpc_ros.commands.bench_options import add_bench_options
     from quad_mpc_ros.commands.check_reference import add_check_options
     from quad_mpc_ros.commands.recording_options import add_identify_options, add_resolve_options
-    from quad_mpc_ros.commands.bag_options import add_bag_commands, add_replay_options
     from quad_mpc_ros.commands.run_options import add_run_options
 
     parser = argparse.ArgumentParser(
