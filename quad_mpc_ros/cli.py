@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from quad_mpc_ros import __version__
 from quad_mpc_ros.configuration import UserError
@@ -13,11 +16,102 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 
+@dataclass(frozen=True, kw_only=True)
+class Command:
+    """A command; ``options`` and ``run`` name a function in ``commands`` as module:function.
+
+    They are imported only for the command that is asked for, which takes a moment.
+    """
+
+    name: str
+    help: str
+    description: str
+    options: str
+    run: str
+
+
+COMMANDS = (
+    Command(
+        name="fly",
+        help="fly over DDS: simulator, reference, mpc and recorder as processes of their own",
+        description="Start simulator, reference, mpc and recorder as separate ROS 2 processes, "
+        "fly, stop them, and write DIR/bag (rosbag2, MCAP), DIR/summary.json, DIR/figures/*.png "
+        "and DIR/log. Exit code 0 only for a flight without failsafe, 2 for bad input.",
+        options="run_options:add_fly_options",
+        run="fly:fly",
+    ),
+    Command(
+        name="simulate",
+        help="fly the same in one process without ROS, faster than real time",
+        description="Fly the closed loop in one process, without ROS. Writes the same files as "
+        "'fly'; the commands are those of 'fly --lockstep', bit for bit.",
+        options="run_options:add_run_options",
+        run="simulate:simulate",
+    ),
+    Command(
+        name="check-reference",
+        help="judge a reference before it is flown: throttle and body rates against the limits",
+        description="Print and draw what a reference needs along its whole way against the "
+        "vehicle's limits. Exit code 0 when it is feasible, 1 when it is not, 2 for bad input.",
+        options="check_reference:add_check_options",
+        run="check_reference:check_reference",
+    ),
+    Command(
+        name="identify",
+        help="fit lags, delay, thrust and drag of the vehicle to a recorded flight",
+        description="Fit the lags of body rates and thrust, the input delay, the thrust per mass "
+        "and the drag to the commands and the odometry of a flight. Prints a ROS parameter file "
+        "for --config on standard output, and what was found with its 95 %% intervals on standard "
+        "error.",
+        options="recording_options:add_identify_options",
+        run="identify:identify_command",
+    ),
+    Command(
+        name="resolve",
+        help="feed a recorded flight to the controller: what would it have commanded?",
+        description="Feed the recorded odometry and reference to the controller, without ROS, and "
+        "compare its commands with the recorded ones. With the recorded parameters, which are the "
+        "default, they are the same; --config and --set ask what others would have commanded. "
+        "Writes DIR/bag, DIR/summary.json and DIR/figures/commands.png.",
+        options="recording_options:add_resolve_options",
+        run="resolve:resolve_command",
+    ),
+    Command(
+        name="replay",
+        help="publish a recorded bag again",
+        description="Publish the messages of a bag on their topics again, in the time in which "
+        "they were recorded. Pause and go on by the services /player/pause and /player/resume. "
+        "Exit code 2 for a bag that cannot be played.",
+        options="bag_options:add_replay_options",
+        run="replay:replay",
+    ),
+    Command(
+        name="bag",
+        help="look into a bag, or repair one",
+        description="Look into a bag, or repair one.",
+        options="bag_options:add_bag_commands",
+        run="bag:bag",
+    ),
+    Command(
+        name="bench",
+        help="measure this controller beside acados, cvxpy and OSQP's own time",
+        description="Fly the square on the true rigid body with each peer in turn, in one "
+        "process, and tell what a step costs: this controller, acados (SQP_RTI, HPIPM), the same "
+        "QP through cvxpy rebuilt at every step, and the solvers' own times; then the cost "
+        "against the length of the horizon. The peers are optional: pip install "
+        "'quad_mpc_ros[bench]'. Exit code 2 for bad input.",
+        options="bench_options:add_bench_options",
+        run="bench:bench",
+    ),
+)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 failsafe or failure, 2 bad input."""
-    options = _parser().parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    options = _parser(given).parse_args(given)
     try:
-        return int(options.run(options))
+        return int(_function(options.run)(options))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
@@ -26,14 +120,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_INTERRUPTED
 
 
-def _parser() -> argparse.ArgumentParser:
-    # Options first: importing the commands brings in what they need, which takes a moment.
-    from quad_mpc_ros.commands.bag_options import add_bag_commands, add_replay_options
-    from quad_mpc_ros.commands.bench_options import add_bench_options
-    from quad_mpc_ros.commands.check_reference import add_check_options
-    from quad_mpc_ros.commands.recording_options import add_identify_options, add_resolve_options
-    from quad_mpc_ros.commands.run_options import add_run_options
-
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser, with the options of the command that is asked for."""
     parser = argparse.ArgumentParser(
         prog="quad_mpc",
         description="Model predictive control of a quadrotor on SO(3).",
@@ -41,134 +129,22 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"quad_mpc {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-
-    fly = commands.add_parser(
-        "fly",
-        help="fly over DDS: simulator, reference, mpc and recorder as processes of their own",
-        description="Start simulator, reference, mpc and recorder as separate ROS 2 processes, "
-        "fly, stop them, and write DIR/bag (rosbag2, MCAP), DIR/summary.json, DIR/figures/*.png "
-        "and DIR/log. Exit code 0 only for a flight without failsafe, 2 for bad input.",
-    )
-    add_run_options(fly)
-    fly.add_argument(
-        "--lockstep",
-        action="store_true",
-        help="simulated time that waits for every command: repeatable bit for bit",
-    )
-    fly.set_defaults(run=_fly)
-
-    simulate = commands.add_parser(
-        "simulate",
-        help="fly the same in one process without ROS, faster than real time",
-        description="Fly the closed loop in one process, without ROS. Writes the same files as "
-        "'fly'; the commands are those of 'fly --lockstep', bit for bit.",
-    )
-    add_run_options(simulate)
-    simulate.set_defaults(run=_simulate)
-
-    bench = commands.add_parser(
-        "bench",
-        help="measure this controller beside acados, cvxpy and OSQP's own time",
-        description="Fly the square on the true rigid body with each peer in turn, in one "
-        "process, and tell what a step costs: this controller, acados (SQP_RTI, HPIPM), the same "
-        "QP through cvxpy rebuilt at every step, and the solvers' own times; then the cost "
-        "against the length of the horizon. The peers are optional: pip install "
-        "'quad_mpc_ros[bench]'. Exit code 2 for bad input.",
-    )
-    add_bench_options(bench)
-    bench.set_defaults(run=_bench)
-
-    check = commands.add_parser(
-        "check-reference",
-        help="judge a reference before it is flown: throttle and body rates against the limits",
-        description="Print and draw what a reference needs along its whole way against the "
-        "vehicle's limits. Exit code 0 when it is feasible, 1 when it is not, 2 for bad input.",
-    )
-    add_check_options(check)
-    check.set_defaults(run=_check_reference)
-    identify = commands.add_parser(
-        "identify",
-        help="fit lags, delay, thrust and drag of the vehicle to a recorded flight",
-        description="Fit the lags of body rates and thrust, the input delay, the thrust per mass "
-        "and the drag to the commands and the odometry of a flight. Prints a ROS parameter file "
-        "for --config on standard output, and what was found with its 95 %% intervals on standard "
-        "error.",
-    )
-    add_identify_options(identify)
-    identify.set_defaults(run=_identify)
-
-    resolve = commands.add_parser(
-        "resolve",
-        help="feed a recorded flight to the controller: what would it have commanded?",
-        description="Feed the recorded odometry and reference to the controller, without ROS, and "
-        "compare its commands with the recorded ones. With the recorded parameters, which are the "
-        "default, they are the same; --config and --set ask what others would have commanded. "
-        "Writes DIR/bag, DIR/summary.json and DIR/figures/commands.png.",
-    )
-    add_resolve_options(resolve)
-    resolve.set_defaults(run=_resolve)
-    replay = commands.add_parser(
-        "replay",
-        help="publish a recorded bag again",
-        description="Publish the messages of a bag on their topics again, in the time in which "
-        "they were recorded. Pause and go on by the services /player/pause and /player/resume. "
-        "Exit code 2 for a bag that cannot be played.",
-    )
-    add_replay_options(replay)
-    replay.set_defaults(run=_replay)
-
-    bag = commands.add_parser("bag", help="look into a bag, or repair one")
-    add_bag_commands(bag)
-    bag.set_defaults(run=_bag)
+    for command in COMMANDS:
+        subparser = commands.add_parser(
+            command.name, help=command.help, description=command.description
+        )
+        if command.name in arguments:
+            _function(command.options)(subparser)
+        subparser.set_defaults(run=command.run)
     return parser
 
 
-def _fly(options: argparse.Namespace) -> int:
-    from quad_mpc_ros.commands.fly import fly
-
-    return fly(options)
-
-
-def _check_reference(options: argparse.Namespace) -> int:
-    from quad_mpc_ros.commands.check_reference import check_reference
-
-    return check_reference(options)
-
-
-def _simulate(options: argparse.Namespace) -> int:
-    from quad_mpc_ros.commands.simulate import simulate
-
-    return simulate(options)
-
-
-def _bench(options: argparse.Namespace) -> int:
-    from quad_mpc_ros.commands.bench import bench
-
-    return bench(options)
-
-
-def _identify(options: argparse.Namespace) -> int:
-    from quad_mpc_ros.commands.identify import identify_command
-
-    return identify_command(options)
-
-
-def _resolve(options: argparse.Namespace) -> int:
-    from quad_mpc_ros.commands.resolve import resolve_command
-
-    return resolve_command(options)
-
-
-def _replay(options: argparse.Namespace) -> int:
-    from quad_mpc_ros.commands.replay import replay
-
-    return replay(options)
-
-
-def _bag(options: argparse.Namespace) -> int:
-    from quad_mpc_ros.commands.bag import bag
-
-    return bag(options)
+def _function(name: str) -> Callable[..., Any]:
+    module, function = name.split(":")
+    found: Callable[..., Any] = getattr(
+        importlib.import_module(f"quad_mpc_ros.commands.{module}"), function
+    )
+    return found
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ class CvxpyPeer:
             plan, horizon = horizon.advance(*solution)
         assert plan is not None
         u = Input.from_vector(plan.input_over(0.0, 1.0 / self._config.control_rate))
-        self._predictor.record(u, sent_ns=odometry.stamp_ns)
+        self._predictor.record(u, stamp_ns=odometry.stamp_ns)
         return CommandSample(stamp_ns=odometry.stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
 
     def effort(self) -> Effort:

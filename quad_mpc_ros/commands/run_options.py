@@ -74,6 +74,16 @@ def add_configuration_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_fly_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a run over DDS to a command."""
+    add_run_options(parser)
+    parser.add_argument(
+        "--lockstep",
+        action="store_true",
+        help="simulated time that waits for every command: repeatable bit for bit",
+    )
+
+
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run to a command."""
     add_configuration_options(parser)

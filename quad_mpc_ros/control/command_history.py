@@ -20,17 +20,21 @@ class Interval:
 
 
 class CommandHistory:
-    """The commands actually sent; each acts from ``delay_ns`` after it was sent."""
+    """The commands actually sent.
+
+    Each acts from ``delay_ns`` after the stamp of the odometry that it answers: counted on one
+    clock, whoever's it is, and no matter how old the odometry was when it came.
+    """
 
     def __init__(self, *, delay_ns: int, initial: Input) -> None:
         self._delay_ns = delay_ns
         self._initial = initial
         self._sent: deque[tuple[int, Input]] = deque()
 
-    def record(self, command: Input, *, sent_ns: int) -> None:
+    def record(self, command: Input, *, stamp_ns: int) -> None:
         """Remember a command."""
-        self._sent.append((sent_ns + self._delay_ns, command))
-        while len(self._sent) > 1 and self._sent[1][0] < sent_ns - _KEPT_NS:
+        self._sent.append((stamp_ns + self._delay_ns, command))
+        while len(self._sent) > 1 and self._sent[1][0] < stamp_ns - _KEPT_NS:
             self._sent.popleft()
 
     def knows(self, time_ns: int) -> bool:

@@ -103,7 +103,8 @@ class MpcConfig(VehicleParameters):
     )
     input_delay: float = parameter(
         0.0,
-        doc="Time from a command being sent to its acting; the state is predicted across it.",
+        doc="Time from the stamp of an odometry to when the command that answers it acts, the "
+        "odometry's own delay included; the state is predicted across it.",
         unit="s",
         minimum=0.0,
         maximum=0.5,

@@ -133,7 +133,7 @@ class Controller:
         """Tell that another command than that of the last tick was sent, which acts instead."""
         self._input = Input(throttle=command.throttle, w_WB_B=command.w_WB_B)
         self._sent_ns = now_ns
-        self._mpc.sent(self._input, sent_ns=now_ns)
+        self._mpc.sent(self._input, stamp_ns=command.stamp_ns)
 
     def _is_answered(self) -> bool:
         """Whether the last tick belongs to the newest odometry."""
@@ -177,7 +177,7 @@ class Controller:
         u = self._input_of(decision.source, x, now_ns)
         command = None
         if u is not None:
-            self._mpc.sent(u, sent_ns=now_ns)
+            self._mpc.sent(u, stamp_ns=stamp_ns)
             self._input, self._sent_ns = u, now_ns
             self._commands += 1
             self._fallbacks += decision.source is not Source.MPC

@@ -75,9 +75,9 @@ class Mpc:
             situation=situation,
         )
 
-    def sent(self, command: Input, *, sent_ns: int) -> None:
+    def sent(self, command: Input, *, stamp_ns: int) -> None:
         """Tell the controller which command was sent, by whichever rung of the ladder."""
-        self._predictor.record(command, sent_ns=sent_ns)
+        self._predictor.record(command, stamp_ns=stamp_ns)
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over new weights and bounds; pattern, plan and warm start stay."""

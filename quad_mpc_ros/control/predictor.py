@@ -53,10 +53,10 @@ class StatePredictor:
         """The present estimate of the disturbance."""
         return self._estimator.disturbance if self._learning else NO_DISTURBANCE
 
-    def record(self, command: Input, *, sent_ns: int) -> None:
-        """Remember a command that was sent."""
+    def record(self, command: Input, *, stamp_ns: int) -> None:
+        """Remember a command by the stamp of the odometry that it answers."""
         self._sent = command
-        self._history.record(command, sent_ns=sent_ns)
+        self._history.record(command, stamp_ns=stamp_ns)
 
     def predict(self, odometry: OdometrySample) -> Situation:
         """Return the situation in which a command sent now will begin to act."""

@@ -21,8 +21,8 @@ def throttle(value: float) -> Input:
 
 def test_commands_act_after_the_delay_and_until_the_next() -> None:
     history = CommandHistory(delay_ns=25 * MS, initial=throttle(0.3))
-    history.record(throttle(0.5), sent_ns=0)
-    history.record(throttle(0.7), sent_ns=20 * MS)
+    history.record(throttle(0.5), stamp_ns=0)
+    history.record(throttle(0.7), stamp_ns=20 * MS)
     acting = [
         (round(interval.duration * 1e3, 6), interval.command.throttle)
         for interval in history.between(10 * MS, 60 * MS)
@@ -34,7 +34,7 @@ def test_the_intervals_fill_the_time_whatever_was_sent() -> None:
     rng = np.random.default_rng(0)
     history = CommandHistory(delay_ns=13 * MS, initial=throttle(0.3))
     for stamp in np.cumsum(rng.integers(1, 40, 50)) * MS:
-        history.record(throttle(float(rng.random())), sent_ns=int(stamp))
+        history.record(throttle(float(rng.random())), stamp_ns=int(stamp))
     for start in range(0, 900, 37):
         total = sum(i.duration for i in history.between(start * MS, (start + 31) * MS))
         assert total == pytest.approx(0.031, abs=1e-12)
@@ -53,7 +53,7 @@ def test_free_fall_across_the_delay() -> None:
     """With the motors off for long enough, the state ahead is that of a stone."""
     config = MpcConfig(input_delay=0.033, drag=0.0, thrust_curve=(1.88, 2.8, 0.0))
     predictor = StatePredictor(config)
-    predictor.record(throttle(0.0), sent_ns=-100 * MS)
+    predictor.record(throttle(0.0), stamp_ns=-100 * MS)
     situation = predictor.predict(_odometry(stamp_ns=0, v_WB_B=np.array([1.0, 0.0, 0.0])))
     assert situation.stamp_ns == 33 * MS
     np.testing.assert_allclose(
@@ -64,7 +64,7 @@ def test_free_fall_across_the_delay() -> None:
 
 def test_rates_in_flight_turn_the_state_ahead() -> None:
     predictor = StatePredictor(MpcConfig(input_delay=0.03))
-    predictor.record(Input(throttle=0.3, w_WB_B=np.array([0.0, 0.0, 2.0])), sent_ns=-10 * MS)
+    predictor.record(Input(throttle=0.3, w_WB_B=np.array([0.0, 0.0, 2.0])), stamp_ns=-10 * MS)
     situation = predictor.predict(_odometry(stamp_ns=0))
     # Sent 10 ms ago with a delay of 30 ms: it acts for the last 10 ms of the 30 ahead.
     np.testing.assert_allclose(so3.log(situation.x.R_WB), [0.0, 0.0, 2.0 * 0.010], atol=1e-12)
