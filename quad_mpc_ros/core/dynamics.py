@@ -33,7 +33,7 @@ def paper_dynamics(x: State, u: Input, vehicle: Vehicle) -> Array:
 def rigid_body_dynamics(x: State, u: Input, vehicle: Vehicle) -> Array:
     """The true rigid body: Eq. (3) with the transport term -omega x v of a turning frame."""
     rate = paper_dynamics(x, u, vehicle)
-    rate[VELOCITY] -= np.cross(u.w_WB_B, x.v_WB_B)
+    rate[VELOCITY] -= so3.cross(u.w_WB_B, x.v_WB_B)
     return rate
 
 

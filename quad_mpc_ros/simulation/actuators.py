@@ -125,7 +125,7 @@ class ActuatorLag:
         decay = math.exp(-h / tau)
         first = h * c + tau * (1.0 - decay) * d
         second = tau * tau * (1.0 - decay) - 0.5 * tau * h * (1.0 + decay)
-        return so3.exp(first + second * np.cross(c, d))
+        return so3.exp(first + second * so3.cross(c, d))
 
 
 def _decay(duration: float, time_constant: float) -> float:

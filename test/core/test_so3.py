@@ -329,3 +329,9 @@ def test_a_quaternion_without_a_rotation_is_refused(q: list[float]) -> None:
         so3.rotation_from_quaternion_xyzw(q)
     with pytest.raises(ValueError, match="no rotation in the quaternion"):
         so3.rotation_from_quaternion_xyzw([[0.0, 0.0, 0.0, 1.0], q])
+
+
+def test_cross_is_that_of_numpy() -> None:
+    rng = np.random.default_rng(0)
+    for a, b in rng.normal(size=(20, 2, 3)):
+        np.testing.assert_array_equal(so3.cross(a, b), np.cross(a, b))
