@@ -14,7 +14,9 @@ from quad_mpc_ros.commands.results import finish
 from quad_mpc_ros.commands.run_options import RunConfig, resolve
 
 EXIT_FAILED = 1
-_READY_TIMEOUT = 60.0
+# The first start after an installation compiles, on a small computer for minutes.
+_READY_TIMEOUT = 240.0
+_PATIENCE = 5.0
 
 
 class FlightError(Exception):
@@ -66,7 +68,8 @@ def _flight(config: RunConfig, processes: dict[str, NodeProcess], *, lockstep: b
 
 def _await_readiness(monitor: Any, processes: dict[str, NodeProcess]) -> None:
     print("  waiting for the nodes to hear each other", file=sys.stderr, flush=True)
-    deadline = time.monotonic() + _READY_TIMEOUT
+    started = time.monotonic()
+    patient = False
     while not monitor.ready():
         _check_alive(processes)
         if monitor.intruders():
@@ -74,7 +77,11 @@ def _await_readiness(monitor: Any, processes: dict[str, NodeProcess]) -> None:
                 f"{monitor.intruders()}: another flight on this ROS domain; "
                 "end it or set ROS_DOMAIN_ID to another number"
             )
-        if time.monotonic() > deadline:
+        waited = time.monotonic() - started
+        if waited > _PATIENCE and not patient:
+            patient = True
+            print("  the first start compiles, which takes a while", file=sys.stderr, flush=True)
+        if waited > _READY_TIMEOUT:
             raise FlightError(
                 f"the nodes did not find each other within {_READY_TIMEOUT:g} s, "
                 f"missing: {', '.join(monitor.missing())}"

@@ -89,6 +89,7 @@ def test_a_picture_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFix
     assert picture.read_text() == "precious"
 
 
+@pytest.mark.slow
 def test_a_recorded_run_is_flown_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The second flight, along what the first recorded, goes where the first one went."""
     mpc = ["--set", "mpc.formulation=manifold", "--set", "mpc.terminal_weight=30"]

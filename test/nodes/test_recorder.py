@@ -166,6 +166,7 @@ def test_what_cannot_be_recorded_does_not_stop_the_rest(
     assert "Traceback" not in log.read_text()
 
 
+@pytest.mark.slow
 def test_a_split_recording_is_one_bag(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     publisher = peer.node.create_publisher(Int32, "/numbers", RELIABLE)
@@ -231,6 +232,7 @@ def recorder_of(run: Path) -> int | None:
     return None
 
 
+@pytest.mark.slow
 def test_the_flight_goes_on_when_the_disk_is_full(tmp_path: Path) -> None:
     run = tmp_path / "run"
     command = [sys.executable, "-P", "-m", "quad_mpc_ros.cli", "fly", "--config", "paper"]
@@ -255,6 +257,7 @@ def test_the_flight_goes_on_when_the_disk_is_full(tmp_path: Path) -> None:
     assert (run / "summary.json").exists()
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_and_memory_is_flat(tmp_path: Path) -> None:
     """Ten seconds of a flight's traffic; ``bench/record.py --duration 600`` is the long one."""
     recording = bench("record").record(tmp_path / "bag", duration=10.0, rate=50.0)
