@@ -44,8 +44,8 @@ from quad_mpc_ros.core.messages import Array, ReferenceWindow
 _STATE_SIZES = np.concatenate((np.repeat([1.0, 3.0, 0.5, 5.0], 3), [0.3]))
 _INPUT_SIZES = np.array([0.3, 5.0, 5.0, 5.0])
 
-_COLD_ITERATIONS = 10
-_JUMP_ITERATIONS = 4
+_COLD_ITERATIONS = 5
+_JUMP_ITERATIONS = 3
 # A shifted plan whose cost has grown by this much meets a reference that has jumped.
 _JUMP_FACTOR, _JUMP_FLOOR = 4.0, 0.1
 _STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)

@@ -122,6 +122,9 @@ class QpSolver:
                 # equilibrate costs as much time as it saves iterations after one pass.
                 scaling=1,
                 check_termination=5,
+                # Found on the square and the lemniscate: a third fewer iterations than by default.
+                rho=0.3,
+                alpha=1.4,
                 # Adapt the step size by iterations, never by the clock: two runs must agree.
                 adaptive_rho=1,
                 adaptive_rho_interval=10,

@@ -112,7 +112,7 @@ def test_a_number_that_is_not_finite_is_never_solved_and_leaves_no_trace(
     qp: HorizonQP, stages: list[HorizonStages], name: str, value: float, first: bool
 ) -> None:
     expected = fresh_solution(qp, stages[1])
-    solver = QpSolver(qp, SolverParameters())
+    solver = QpSolver(qp, SolverParameters(tolerance=1e-4))
     if not first:
         qp.update(stages[0])
         assert solver.solve().solved
@@ -133,7 +133,7 @@ def test_a_number_too_large_to_solve_with_is_a_failure(
     qp: HorizonQP, stages: list[HorizonStages], size: float, first: bool
 ) -> None:
     """OSQP refuses such an update and would then solve the previous problem again."""
-    solver = QpSolver(qp, SolverParameters())
+    solver = QpSolver(qp, SolverParameters(tolerance=1e-4))
     if not first:
         qp.update(stages[0])
         assert solver.solve().solved
@@ -162,7 +162,7 @@ def test_the_public_interface_of_osqp_gives_the_same(
     public = osqp.OSQP()
     public.setup(
         P=qp.P, q=qp.q, A=qp.A, l=qp.lower, u=qp.upper, verbose=False,
-        eps_abs=1e-3, eps_rel=1e-3, max_iter=400, scaling=1, check_termination=5,
+        eps_abs=1e-3, eps_rel=1e-3, max_iter=400, scaling=1, check_termination=5, rho=0.3, alpha=1.4,
         adaptive_rho=1, adaptive_rho_interval=10,
     )  # fmt: skip
     first = public.solve(raise_error=False)
