@@ -216,7 +216,7 @@ def test_solutions_satisfy_the_optimality_conditions(
         # OSQP's tolerance is 1e-4 absolute and relative, to terms of up to about 30.
         assert primal < 1e-3
         assert dual < 5e-3
-        assert complementarity < 1e-2
+        assert complementarity < 2e-2  # the dual residual times a range of up to 4
 
 
 def test_tighter_tolerance_gives_smaller_residuals(

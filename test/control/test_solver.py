@@ -162,7 +162,8 @@ def test_the_public_interface_of_osqp_gives_the_same(
     public = osqp.OSQP()
     public.setup(
         P=qp.P, q=qp.q, A=qp.A, l=qp.lower, u=qp.upper, verbose=False,
-        eps_abs=1e-3, eps_rel=1e-3, max_iter=400, scaling=1, check_termination=5, rho=0.3, alpha=1.4,
+        eps_abs=1e-3, eps_rel=1e-3, max_iter=400, scaling=1,
+        check_termination=5, rho=0.3, alpha=1.4,
         adaptive_rho=1, adaptive_rho_interval=10,
     )  # fmt: skip
     first = public.solve(raise_error=False)
