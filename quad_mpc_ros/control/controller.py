@@ -7,7 +7,7 @@ safety ladder, always knows who commands. It reads no ROS and no wall clock: ``n
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,14 +21,13 @@ from quad_mpc_ros.control.stats import TickStats
 from quad_mpc_ros.control.twist_check import TwistFrameCheck
 from quad_mpc_ros.control.validation import odometry_fault, reference_fault
 from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.core.state import Input, State, state_from_odometry
 
 _SECOND = 1_000_000_000
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Tick:
+class Tick(NamedTuple):
     """Outcome of one tick; ``command`` is None when the ladder says to publish nothing."""
 
     command: CommandSample | None
@@ -63,7 +62,7 @@ class Controller:
         self._plan: Plan | None = None
         self._planned_ns = 0
         self._blind_since_ns: int | None = None
-        self._R_WB = np.eye(3)  # last known attitude, dead reckoned between odometries
+        self._R_WB: Array | None = None  # dead reckoned, while there is no odometry
         self._input = Input(throttle=0.0, w_WB_B=np.zeros(3))
         self._sent_ns: int | None = None
         self._last_tick: Tick | None = None
@@ -124,10 +123,10 @@ class Controller:
         if now_ns - self._odometry_received_ns <= round(self._config.odom_timeout * _SECOND):
             return None
         elapsed = (now_ns - self._sent_ns) * 1e-9
-        self._R_WB = dead_reckoned(self._R_WB, self._input.w_WB_B, duration=elapsed)
+        R_WB = self._state(self._odometry).R_WB
+        self._R_WB = dead_reckoned(R_WB, self._input.w_WB_B, duration=elapsed)
         decision = self._decide(now_ns, solver_fault="not run without odometry")
-        x = dataclasses.replace(state_from_odometry(self._odometry), R_WB=self._R_WB)
-        return self._finish(decision, x, stamp_ns=now_ns, now_ns=now_ns, step=None)
+        return self._finish(decision, now_ns, now_ns=now_ns, step=None)
 
     def sent_instead(self, command: CommandSample, *, now_ns: int) -> None:
         """Tell that another command than that of the last tick was sent, which acts instead."""
@@ -159,9 +158,8 @@ class Controller:
         decision = self._decide(now_ns, solver_fault=solver_fault or None)
         if step is not None and step.plan is not None:
             self._plan, self._planned_ns = step.plan, now_ns
-        x = state_from_odometry(odometry)
-        self._R_WB = x.R_WB
-        return self._finish(decision, x, stamp_ns=odometry.stamp_ns, now_ns=now_ns, step=step)
+        self._R_WB = None
+        return self._finish(decision, odometry.stamp_ns, now_ns=now_ns, step=step)
 
     def _decide(self, now_ns: int, *, solver_fault: str | None) -> Decision:
         return self._ladder.decide(
@@ -172,9 +170,9 @@ class Controller:
         )
 
     def _finish(
-        self, decision: Decision, x: State, *, stamp_ns: int, now_ns: int, step: MpcStep | None
+        self, decision: Decision, stamp_ns: int, *, now_ns: int, step: MpcStep | None
     ) -> Tick:
-        u = self._input_of(decision.source, x, now_ns)
+        u = self._input_of(decision.source, now_ns)
         command = None
         if u is not None:
             self._mpc.sent(u, stamp_ns=stamp_ns)
@@ -190,7 +188,7 @@ class Controller:
         )
         return self._last_tick
 
-    def _input_of(self, source: Source, x: State, now_ns: int) -> Input | None:
+    def _input_of(self, source: Source, now_ns: int) -> Input | None:
         """Return the command of a rung of the ladder."""
         if source is not Source.HOVER:
             self._hover.release()
@@ -200,14 +198,20 @@ class Controller:
             case Source.MPC | Source.PLAN if self._plan is not None:
                 elapsed = (now_ns - self._planned_ns) * 1e-9
                 return Input.from_vector(self._plan.input_over(elapsed, self._period_ns * 1e-9))
-            case Source.HOVER:
-                return self._hover.command(x)
-            case Source.BLIND:
+            case Source.HOVER if self._odometry is not None:
+                return self._hover.command(self._state(self._odometry))
+            case Source.BLIND if self._odometry is not None:
                 self._blind_since_ns = self._blind_since_ns or now_ns
                 elapsed = (now_ns - self._blind_since_ns) * 1e-9
-                return self._blind.command(x.R_WB, elapsed=elapsed)
+                R_WB = self._state(self._odometry).R_WB
+                return self._blind.command(R_WB, elapsed=elapsed)
             case _:
                 return None
+
+    def _state(self, odometry: OdometrySample) -> State:
+        """Return the last known state, with the attitude as it is by dead reckoning."""
+        x = state_from_odometry(odometry)
+        return x if self._R_WB is None else dataclasses.replace(x, R_WB=self._R_WB)
 
     def _stats(
         self, decision: Decision, *, stamp_ns: int, now_ns: int, step: MpcStep | None

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -15,8 +14,7 @@ from quad_mpc_ros.core.compiled import compiled
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Plan:
+class Plan(NamedTuple):
     """The trajectory the controller intends to fly, starting at ``stamp_ns``.
 
     ``inputs`` (K, 4): throttle and body rates held over ``input_step`` seconds each. ``p_WB``
@@ -61,8 +59,7 @@ def _mean_over(inputs: Array, begin: float, end: float) -> Array:
     return mean
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Horizon:
+class Horizon(NamedTuple):
     """A linearised horizon: the numbers of its QP, and how its solution becomes a plan.
 
     ``advance`` takes the inputs (N, nu) and the states 1 to N (N, nx) that solve the QP and

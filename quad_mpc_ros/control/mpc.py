@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.formulation import Formulation, Plan
@@ -23,8 +23,7 @@ FORMULATIONS: dict[str, Callable[[MpcConfig], Formulation]] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MpcStep:
+class MpcStep(NamedTuple):
     """Outcome of one cycle; ``plan`` is None when the solver failed. ``step_time`` in seconds.
 
     ``situation`` is what it began with,

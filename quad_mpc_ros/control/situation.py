@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from quad_mpc_ros.control.prediction import NO_DISTURBANCE, Disturbance, Model, Motion
 from quad_mpc_ros.core.state import State
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Situation:
+class Situation(NamedTuple):
     """The state at ``stamp_ns``, when the command that is computed now will act.
 
     ``motion`` is that one state, with the throttle and the rates the vehicle will have then,

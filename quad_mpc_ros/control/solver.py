@@ -8,8 +8,7 @@ the two ways, with the oldest and the newest OSQP.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import osqp
@@ -20,8 +19,7 @@ from quad_mpc_ros.core.compiled import largest
 from quad_mpc_ros.core.messages import Array
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class QpSolution:
+class QpSolution(NamedTuple):
     """What the solver returned; ``z`` is to be used only when ``solved``.
 
     Residuals are of the scaled problem, ``solve_time`` is OSQP's own in seconds.

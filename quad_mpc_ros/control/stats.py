@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True, slots=True)
 class TickStats:
     """Figures of one tick; the documentation of each key is the comment beside it."""
 

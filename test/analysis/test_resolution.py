@@ -118,7 +118,7 @@ def test_the_watchdog_acts_again() -> None:
     assert as_bytes(commands_of(list(resolve(run, MPC)))) == as_bytes(flown)
 
 
-def test_a_recording_without_figures_is_resolved_nearly() -> None:
+def test_a_recording_without_figures_is_resolved_all_the_same() -> None:
     run, ticks = flown_in_real_time()
     bare = RecordedRun(
         bag=run.bag,
@@ -136,8 +136,8 @@ def test_a_recording_without_figures_is_resolved_nearly() -> None:
     )
     assert comparison.only_recorded <= 2
     summary = comparison.summary()
-    assert summary["difference"]["throttle"]["p50"] < 0.01
-    assert summary["equal"] < summary["compared"]  # ages are not known, and they matter here
+    # When things came is not known, and does not matter while each odometry is answered.
+    assert summary["equal"] >= 0.98 * summary["compared"]
     assert all(len(line) <= 80 for line in comparison_table(comparison).splitlines())
 
 

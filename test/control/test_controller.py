@@ -48,8 +48,8 @@ class SolverSpy:
             outcome = original(mpc, odometry, window)
             if not self.failing:
                 return outcome
-            failed = dataclasses.replace(outcome.solution, solved=False, status="made to fail")
-            return dataclasses.replace(outcome, plan=None, solution=failed)
+            failed = outcome.solution._replace(solved=False, status="made to fail")
+            return outcome._replace(plan=None, solution=failed)
 
         monkeypatch.setattr(Mpc, "step", step)
 
