@@ -38,7 +38,11 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
     Floating point is strict: a flight is the same, bit for bit, in every process of a machine.
     """
-    result: Callable[_P, _T] = numba.njit(cache=True, error_model="numpy")(function)
+    result: Callable[_P, _T]
+    try:
+        result = numba.njit(cache=True, error_model="numpy")(function)
+    except RuntimeError:  # neither beside the source nor in the user's folder may it write
+        result = numba.njit(error_model="numpy")(function)
     return result
 
 
