@@ -89,7 +89,7 @@ setup(
             f"ros-jazzy-{name}; {ROS_WHEELS_EXIST}"
             for name in ("rclpy", "common-interfaces", "rmw-fastrtps-cpp")
         ],
-        "rotorpy": ["rotorpy"],  # quad_mpc simulate --set simulator.plant=rotorpy
+        "rotorpy": ["rotorpy"],  # quad_mpc simulate --plant rotorpy
         # What quad_mpc bench compares with; acados brings its own CasADi.
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
         "test": [

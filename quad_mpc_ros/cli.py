@@ -45,7 +45,7 @@ COMMANDS = (
         help="fly the same in one process without ROS, faster than real time",
         description="Fly the closed loop in one process, without ROS. Writes the same files as "
         "'fly'; the commands are those of 'fly --lockstep', bit for bit.",
-        options="run_options:add_run_options",
+        options="run_options:add_simulate_options",
         run="simulate:simulate",
     ),
     Command(

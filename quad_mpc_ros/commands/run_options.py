@@ -22,6 +22,7 @@ from quad_mpc_ros.references.catalogue import configured_trajectory
 from quad_mpc_ros.references.config import TRAJECTORY_NAMES, ReferenceConfig
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.plants import PLANTS, make_plant
 
 SCHEMA: files.Schema = {
     "mpc": MpcConfig,
@@ -30,6 +31,8 @@ SCHEMA: files.Schema = {
     "recorder": RecorderConfig,
 }
 _DEFAULT_DURATION = 10.0
+# What the controller must know of a plant that is not the package's own vehicle.
+_PRESET_OF_PLANT = {"rotorpy": "rotorpy"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +110,18 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         help="folder for bag, summary.json and figures; must not hold any "
         "(default: runs/<date-time>_<reference>)",
     )
+    parser.set_defaults(plant=None)
+
+
+def add_simulate_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a run that need not keep up with a wall clock: what flies, too."""
+    add_run_options(parser)
+    parser.add_argument(
+        "--plant",
+        metavar="NAME",
+        help=f"what flies: {', '.join(PLANTS)} (default: as simulator.plant says, internal); "
+        "rotorpy comes with its preset, over which --config and --set win",
+    )
 
 
 def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
@@ -114,13 +129,14 @@ def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
 
     Raises :class:`UserError` for anything that cannot be used.
     """
-    sources, made = options.config or ["default"], _assignments(options, lockstep=lockstep)
+    sources, made = _sources(options), _assignments(options, lockstep=lockstep)
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
     reference = cast(ReferenceConfig, loaded["reference"])
     trajectory = configured_trajectory(reference, read_bag=read_recording)
     if (options.start or ("reference" if trajectory.smooth else "ground")) == "reference":
         made += _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
         loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
+    make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
     out = prepared_out(options.out or default_out(reference.trajectory))
     return RunConfig(
         mpc=cast(MpcConfig, loaded["mpc"]),
@@ -134,6 +150,12 @@ def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
     )
 
 
+def _sources(options: argparse.Namespace) -> list[str]:
+    """Return the parameter files, that of the plant first."""
+    preset = _PRESET_OF_PLANT.get(options.plant)
+    return [*([preset] if preset else []), *(options.config or ["default"])]
+
+
 def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
     """Return the options as assignments, to come before the explicit ones, which win."""
     duration = _DEFAULT_DURATION if options.duration is None else options.duration
@@ -143,6 +165,8 @@ def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
     made += [
         f"{node}.lockstep={str(lockstep).lower()}" for node in ("mpc", "simulator", "reference")
     ]
+    if options.plant is not None:
+        made.append(f"simulator.plant={options.plant}")
     if options.reference is not None:
         made.append(f"reference.trajectory={options.reference}")
     return made

@@ -22,7 +22,6 @@ from quad_mpc_ros.ros.topics import (
     STATS,
 )
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
-from quad_mpc_ros.simulation.plants import make_plant
 
 _TOPICS = (ODOMETRY, REFERENCE, COMMAND, PREDICTED_PATH, REFERENCE_PATH, STATS)
 
@@ -30,7 +29,6 @@ _TOPICS = (ODOMETRY, REFERENCE, COMMAND, PREDICTED_PATH, REFERENCE_PATH, STATS)
 def simulate(options: argparse.Namespace) -> int:
     """Fly, record and evaluate; return the exit code."""
     config = resolve(options, lockstep=True)
-    make_plant(config.simulator)  # one that is not installed is told before a bag is begun
     progress = Progress(config.simulator.duration)
     print(f"simulating the {config.reference.trajectory} into {config.out}", file=sys.stderr)
     started = time.monotonic()

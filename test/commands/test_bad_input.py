@@ -53,6 +53,16 @@ def test_mistake_is_one_line_and_exit_code_2(
     assert not out.exists()
 
 
+def test_unknown_plant_is_told_with_those_that_there_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert main(["simulate", "--plant", "glider", "--out", str(out)]) == 2
+    told = "error: simulator.plant: given 'glider', expected one of internal, rotorpy\n"
+    assert capsys.readouterr().err == told
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("name", ["bag", "summary.json", "figures"])
 def test_existing_results_are_left_alone(

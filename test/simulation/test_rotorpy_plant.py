@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import json
 import math
+import sys
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,7 +16,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.commands.run_options import SCHEMA
+from quad_mpc_ros.commands.run_options import (
+    SCHEMA,
+    add_plant_option,
+    add_run_options,
+    resolve,
+)
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.core.messages import CommandSample
@@ -165,6 +172,7 @@ def test_it_takes_off_from_the_ground_and_does_not_fall_through() -> None:
     assert body.state.p_WB[2] > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("rotorpy")
 @pytest.mark.parametrize(
     ("reference", "wind", "rmse"),
@@ -172,12 +180,44 @@ def test_it_takes_off_from_the_ground_and_does_not_fall_through() -> None:
 )
 def test_the_mpc_flies_it(reference: str, wind: float, rmse: float, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    options = ["--config", "rotorpy", "--reference", reference, "--set"]
+    options = ["--plant", "rotorpy", "--reference", reference, "--set"]
     options += [f"simulator.wind=[{wind}, 0.0, 0.0]", "--duration", "8", "--out", str(out)]
     assert main(["simulate", *options]) == 0
     summary = json.loads((out / "summary.json").read_text())
     assert summary["position_rmse_m"] <= rmse
     assert summary["solver_failures"] == 0
+    assert summary["config"]["simulator"]["plant"] == "rotorpy"
+
+
+@pytest.mark.usefixtures("rotorpy")
+def test_files_and_assignments_win_over_the_preset_of_the_plant(tmp_path: Path) -> None:
+    heavier = tmp_path / "heavier.yaml"
+    heavier.write_text("mpc:\n  ros__parameters:\n    mass: 0.6\n    drag: 0.3\n")
+    parser = argparse.ArgumentParser()
+    add_run_options(parser)
+    add_plant_option(parser)
+    arguments = ["--plant", "rotorpy", "--config", str(heavier), "--set", "mpc.drag=0.4"]
+    arguments += ["--out", str(tmp_path / "run")]
+    run = resolve(parser.parse_args(arguments), lockstep=True)
+    assert (run.mpc.mass, run.mpc.drag, run.mpc.motor_count) == (0.6, 0.4, 4)
+    assert run.mpc.thrust_curve == run.simulator.thrust_curve == run.reference.thrust_curve
+    assert run.simulator.plant == "rotorpy"
+
+
+@pytest.mark.parametrize("command", ["simulate", "fly"])
+def test_a_plant_that_is_not_installed_is_told_before_anything_is_written(
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, "rotorpy.vehicles.multirotor", None)
+    out = tmp_path / "run"
+    assert main([command, "--config", "rotorpy", "--out", str(out)]) == 2
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 1
+    assert "pip install 'quad_mpc_ros[rotorpy]'" in told[0]
+    assert not out.exists()
 
 
 def test_every_plant_that_can_be_chosen_can_be_made() -> None:
