@@ -58,6 +58,7 @@ class Controller:
         self._window_received_ns = 0
         self._due_ns: int | None = None
         self._spacing = _Spacing(self._period_ns)
+        self._held = self._period_ns * 1e-9  # how long a command is expected to act [s]
 
         self._plan: Plan | None = None
         self._planned_ns = 0
@@ -146,6 +147,10 @@ class Controller:
         if self._window is None or self._window.stamp_ns != odometry.stamp_ns:
             return None
         self._window_received_ns = odometry.stamp_ns
+        if self._last_tick is not None:
+            # Each odometry is answered, at whatever rate they come.
+            elapsed_ns = odometry.stamp_ns - self._last_tick.stats.stamp_ns
+            self._held = min(elapsed_ns, self._period_ns) * 1e-9
         return self._tick(odometry, odometry.stamp_ns)
 
     def _tick(self, odometry: OdometrySample, now_ns: int) -> Tick:
@@ -197,7 +202,7 @@ class Controller:
         match source:
             case Source.MPC | Source.PLAN if self._plan is not None:
                 elapsed = (now_ns - self._planned_ns) * 1e-9
-                return Input.from_vector(self._plan.input_over(elapsed, self._period_ns * 1e-9))
+                return Input.from_vector(self._plan.input_over(elapsed, self._held))
             case Source.HOVER if self._odometry is not None:
                 return self._hover.command(self._state(self._odometry))
             case Source.BLIND if self._odometry is not None:

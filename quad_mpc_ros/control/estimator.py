@@ -29,10 +29,10 @@ from quad_mpc_ros.core.messages import Array
 # State of the filter: velocity, acceleration, factor on the thrust, time constant of the thrust.
 _V, _D, _K, _TAU, _SIZE = 0, 3, 6, 7, 8
 
-_VELOCITY_NOISE = 0.03  # m/s, of a measurement
+_VELOCITY_NOISE = 0.1  # m/s, of a measurement: more than any, for commands answer it too
 _ACCELERATION_NOISE = 0.3  # m/s^2 / sqrt(Hz), of the model within a step
 _ACCELERATION_WALK = 1.5  # m/s^2 / sqrt(s)
-_SCALE_WALK = 0.15  # 1 / sqrt(s)
+_SCALE_WALK = 0.05  # 1 / sqrt(s)
 _ACCELERATION_SPREAD, _SCALE_SPREAD = 1.0, 0.2  # at the start
 _ACCELERATION_BOUND = 5.0  # m/s^2
 _SCALE_BOUNDS = (0.5, 1.5)
@@ -40,12 +40,12 @@ _SCALE_BOUNDS = (0.5, 1.5)
 _RATE_NOISE = 0.1  # rad/s, of a measured rate against the model
 _LAG_SPREAD = 0.5  # of a time constant at the start, relative
 _LAG_WALK = 0.1  # relative, 1 / sqrt(s)
-_LAG_BOUND = 3.0  # of a time constant, as a factor either way
+_LAG_BOUND = 2.0  # of a time constant, as a factor either way
 
 # Longest stretch predicted at once [s].
 _LONGEST = 0.0025
 # At rest and not lifted: on the ground, which carries what the thrust does not.
-_REST_SPEED, _LIFT = 0.1, 1.02
+_REST_SPEED, _LIFT = 0.1, 0.95
 
 
 class _Memory(NamedTuple):

@@ -18,8 +18,7 @@ from scipy.spatial.transform import Rotation
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.run_options import (
     SCHEMA,
-    add_plant_option,
-    add_run_options,
+    add_simulate_options,
     resolve,
 )
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files
@@ -194,8 +193,7 @@ def test_files_and_assignments_win_over_the_preset_of_the_plant(tmp_path: Path) 
     heavier = tmp_path / "heavier.yaml"
     heavier.write_text("mpc:\n  ros__parameters:\n    mass: 0.6\n    drag: 0.3\n")
     parser = argparse.ArgumentParser()
-    add_run_options(parser)
-    add_plant_option(parser)
+    add_simulate_options(parser)
     arguments = ["--plant", "rotorpy", "--config", str(heavier), "--set", "mpc.drag=0.4"]
     arguments += ["--out", str(tmp_path / "run")]
     run = resolve(parser.parse_args(arguments), lockstep=True)
