@@ -63,7 +63,10 @@ setup(
     maintainer_email="maintainers@quad-mpc-ros.example",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={"quad_mpc_ros.bags": ["schemas/*.msg", "schemas/*.json"]},
+    package_data={
+        "quad_mpc_ros.analysis.report": ["page.html", "page.css", "page.js"],
+        "quad_mpc_ros.bags": ["schemas/*.msg", "schemas/*.json"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -92,6 +95,8 @@ setup(
         "rotorpy": ["rotorpy"],  # quad_mpc simulate --plant rotorpy
         # What quad_mpc bench compares with; acados brings its own CasADi.
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
+        "report": ["plotly>=6.0"],  # quad_mpc report
+        "browser": ["playwright"],  # its test in a Chromium that is installed
         "test": [
             "pytest<9",  # what launch_testing of Jazzy can use
             "pytest-timeout",
@@ -99,6 +104,7 @@ setup(
             "catkin-pkg",
             "mcap-ros2-support",
             "piqp",
+            "plotly>=6.0",
         ],
         "dev": [
             "ruff",

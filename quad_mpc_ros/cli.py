@@ -57,6 +57,15 @@ COMMANDS = (
         run="check_reference:check_reference",
     ),
     Command(
+        name="report",
+        help="show recorded runs on one HTML page, several beside each other",
+        description="Write a page that needs no network: path and predicted horizons, errors, "
+        "inputs and their bounds, the solver, who commanded, and the figures of merit of every "
+        "run. Exit code 2 for a bag that cannot be read.",
+        options="report_options:add_report_options",
+        run="report:report",
+    ),
+    Command(
         name="identify",
         help="fit lags, delay, thrust and drag of the vehicle to a recorded flight",
         description="Fit the lags of body rates and thrust, the input delay, the thrust per mass "

@@ -17,6 +17,8 @@ from quad_mpc_ros.analysis.panels import (
 )
 from quad_mpc_ros.analysis.path_figure import write_path
 
+FIGURE_NAMES = ("position", "attitude", "velocity", "inputs", "path")
+
 _WIDTH, _PANEL_HEIGHT = 8.0, 1.6  # inch
 
 

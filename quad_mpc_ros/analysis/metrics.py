@@ -43,7 +43,7 @@ def summarise(flight: Flight, *, wall_seconds: float | None) -> Summary:
             for waypoint in waypoints(flight)
             if waypoint.complete
         ],
-        "attitude_rmse_rad": _rms(_attitude_errors(flight)),
+        "attitude_rmse_rad": _rms(attitude_errors(flight)),
         "step_time_us": percentiles(flight.stats["step_time_us"][ran], 50, 90, 99),
         "solve_time_us": percentiles(flight.stats["solve_time_us"][ran], 50, 90, 99),
         "odom_to_command_ms": percentiles(latency_ms, 50, 90, 99),
@@ -64,8 +64,8 @@ def position_errors(flight: Flight) -> Array:
     return np.asarray(np.linalg.norm(flight.reference.p_WB - flight.p_WB, axis=1))
 
 
-def _attitude_errors(flight: Flight) -> Array:
-    """Return the angle between reference and attitude at each odometry (n,) [rad]."""
+def attitude_errors(flight: Flight) -> Array:
+    """Return the angle from attitude to reference at each odometry (n,) [rad]; see above."""
     if flight.reference is None:
         return np.zeros(0)
     R_BW = np.swapaxes(so3.rotation_from_quaternion_xyzw(flight.q_WB_xyzw), -1, -2)

@@ -169,6 +169,12 @@ def fill_path(
     message.poses = poses
 
 
+def positions_from_path(message: Any) -> NDArray[np.float64]:
+    """Return the positions (n, 3) of a ``nav_msgs/Path``."""
+    places = [_vector(pose.pose.position) for pose in message.poses]
+    return np.array(places, dtype=np.float64).reshape(-1, 3)
+
+
 def fill_plan(
     message: Any,
     *,
