@@ -3,6 +3,7 @@
 ros2 launch quad_mpc_ros square.launch.py
 ros2 launch quad_mpc_ros square.launch.py config:=my_vehicle.yaml namespace:=uav1 record:=false
 ros2 launch quad_mpc_ros square.launch.py lockstep:=true duration:=10.0
+ros2 launch quad_mpc_ros square.launch.py visualise:=true
 """
 
 from pathlib import Path
@@ -22,7 +23,7 @@ PACKAGE = "quad_mpc_ros"
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the four nodes; the launch ends with the simulator."""
+    """Return the nodes; the launch ends with the simulator."""
     default_config = Path(get_package_share_directory(PACKAGE), "config", "default.yaml")
     lockstep = ParameterValue(LaunchConfiguration("lockstep"), value_type=bool)
     duration = ParameterValue(LaunchConfiguration("duration"), value_type=float)
@@ -49,6 +50,10 @@ def generate_launch_description() -> LaunchDescription:
                 description="seconds to fly, 0.0 is until interrupted",
             ),
             DeclareLaunchArgument("record", default_value="true", description="record a bag"),
+            DeclareLaunchArgument(
+                "visualise", default_value="false", description="publish markers for viewers"
+            ),
+            _node("visualisation", {"use_sim_time": lockstep}, condition="visualise"),
             _node("recorder", {"use_sim_time": lockstep}, condition="record"),
             _node("mpc", {"lockstep": lockstep, "use_sim_time": lockstep}),
             _node("reference", {"lockstep": lockstep, "use_sim_time": lockstep}),

@@ -12,11 +12,12 @@ from typing import Any
 from quad_mpc_ros.bags.config import PlayerConfig
 from quad_mpc_ros.commands.run_options import SCHEMA
 from quad_mpc_ros.configuration import Configuration, ParameterSpec
+from quad_mpc_ros.ros.visualisation_config import VisualisationConfig
 
 ROOT = Path(__file__).resolve().parents[1]
 
 # Those of a flight, and those that run by themselves.
-NODES = {**SCHEMA, "player": PlayerConfig}
+NODES = {**SCHEMA, "player": PlayerConfig, "visualisation": VisualisationConfig}
 
 
 def files() -> dict[Path, str]:

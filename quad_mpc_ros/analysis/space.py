@@ -9,15 +9,14 @@ import numpy as np
 from quad_mpc_ros.analysis import style
 from quad_mpc_ros.core import so3
 from quad_mpc_ros.core.messages import Array
+from quad_mpc_ros.core.outline import ARM, outline
 
 _ELEVATION, _AZIMUTH = 22.0, -60.0  # deg, of the eye
 _ZOOM = 1.12
 _MARGIN = 0.1  # of the longest side of the flight
 _SMALLEST_SIDE = 1.0  # m: a hovering flight is not to look like a journey
 
-_ARM = 0.11  # m, from the centre to a rotor: the paper's 220 mm diagonal
 _SMALLEST_ARM = 0.045  # of the longest side, where the true size could not be seen
-_ROTOR_POINTS = 24
 
 
 def room(points: Array) -> tuple[Array, Array]:
@@ -108,12 +107,12 @@ def draw_vehicles(
         return
     places = p_WB[drawn]
     R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw[drawn])
-    arms_B, rotors_B = _vehicle(max(_ARM, _SMALLEST_ARM * side))
+    arms_B, rotors_B = outline(max(ARM, _SMALLEST_ARM * side))
     arms_W = np.einsum("nij,lkj->nlki", R_WB, arms_B) + places[:, None, None]
     rotors_W = np.einsum("nij,lkj->nlki", R_WB, rotors_B) + places[:, None, None]
     axes.add_collection(
         Poly3DCollection(
-            rotors_W.reshape(-1, _ROTOR_POINTS, 3),
+            rotors_W.reshape(-1, *rotors_W.shape[2:]),
             facecolors=(*style.rgb(style.INK), 0.18),
             edgecolors=style.INK,
             linewidths=0.6,
@@ -123,12 +122,3 @@ def draw_vehicles(
     axes.add_collection(
         Line3DCollection(arms_W.reshape(-1, 2, 3), color=style.INK, linewidth=1.2, zorder=zorder)
     )
-
-
-def _vehicle(arm: float) -> tuple[Array, Array]:
-    """Return the two beams (2, 2, 3) and the four rotors (4, points, 3) in the body frame [m]."""
-    directions = np.radians([45.0, 135.0, 225.0, 315.0])
-    hubs = arm * np.column_stack((np.cos(directions), np.sin(directions), np.zeros(4)))
-    turn = np.linspace(0.0, 2.0 * np.pi, _ROTOR_POINTS, endpoint=False)
-    disc = 0.6 * arm * np.column_stack((np.cos(turn), np.sin(turn), np.zeros(_ROTOR_POINTS)))
-    return hubs[[[0, 2], [1, 3]]], hubs[:, None] + disc

@@ -197,6 +197,16 @@ def fill_plan(
     )
 
 
+def fill_transform(message: Any, odometry: OdometrySample, *, new: NewMessage) -> None:
+    """Write the pose of an odometry into a ``tf2_msgs/TFMessage``, from its frame to its child."""
+    stamped = new("geometry_msgs/msg/TransformStamped")
+    _fill_header(stamped.header, odometry.stamp_ns, odometry.frame_id)
+    stamped.child_frame_id = odometry.child_frame_id
+    _fill_vector(stamped.transform.translation, odometry.p_WB)
+    _fill_quaternion(stamped.transform.rotation, odometry.q_WB_xyzw)
+    message.transforms = [stamped]
+
+
 def fill_stats(message: Any, stats: TickStats, *, new: NewMessage) -> None:
     """Write the figures of a tick into a ``diagnostic_msgs/DiagnosticArray`` of one status."""
     fill_time(message.header.stamp, stats.stamp_ns)

@@ -41,6 +41,12 @@ DIAGNOSTICS = Topic(
 )
 CLOCK = Topic(name="/clock", type_name="rosgraph_msgs/msg/Clock", reliable=False)
 
+# For viewers; tf2 broadcasters and listeners all use this name and depth.
+MARKERS = Topic(
+    name="visualisation/markers", type_name="visualization_msgs/msg/MarkerArray", reliable=True
+)
+TF = Topic(name="/tf", type_name="tf2_msgs/msg/TFMessage", reliable=True, depth=100)
+
 # In the bag of a flight that was fed to another controller: what was flown, beside its commands.
 RECORDED_COMMAND = Topic(name="recorded_command", type_name=COMMAND.type_name, reliable=False)
 

@@ -1,0 +1,110 @@
+"""The visualisation node beside a controller that speaks over DDS."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMessage
+from rclpy.qos import qos_profile_sensor_data
+from visualization_msgs.msg import MarkerArray
+
+from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.ros.messages import new_message
+
+Start = Callable[..., "subprocess.Popen[bytes]"]
+
+
+class Flight:
+    """Odometry, command and plan of a vehicle that moves east at 1 m/s, a step at a time."""
+
+    def __init__(self, peer: Any) -> None:
+        self._peer, self._ticks = peer, 0
+        node = peer.node
+        self._odometry = node.create_publisher(Odometry, "odom", qos_profile_sensor_data)
+        self._command = node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)
+        self._plan = node.create_publisher(
+            PathMessage, "mpc/predicted_path", qos_profile_sensor_data
+        )
+        self.shown: list[MarkerArray] = []
+        node.create_subscription(MarkerArray, "visualisation/markers", self.shown.append, 10)
+
+    def await_node(self) -> None:
+        publishers = (self._odometry, self._command, self._plan)
+        assert self._peer.wait(
+            lambda: (
+                all(publisher.get_subscription_count() for publisher in publishers)
+                and self._peer.node.count_publishers("visualisation/markers")
+            )
+        )
+        self._peer.spin(0.3)
+
+    def tick(self, **position: float) -> None:
+        self._ticks += 1
+        odometry, command, plan = Odometry(), TwistStamped(), PathMessage()
+        stamp_ns = self._ticks * 20_000_000
+        conversions.fill_time(odometry.header.stamp, stamp_ns)
+        odometry.header.frame_id, odometry.child_frame_id = "odom", "base_link"
+        odometry.pose.pose.position.x = position.get("x", 0.02 * self._ticks)
+        odometry.pose.pose.orientation.w = 1.0
+        command.twist.linear.z = 0.3
+        conversions.fill_plan(
+            plan,
+            stamp_ns=stamp_ns,
+            frame_id="odom",
+            step_ns=50_000_000,
+            p_WB=np.outer(np.arange(11.0), [0.05, 0.0, 0.0]),
+            R_WB=np.tile(np.eye(3), (11, 1, 1)),
+            new=new_message,
+        )
+        self._command.publish(command)
+        self._plan.publish(plan)
+        self._odometry.publish(odometry)
+        self._peer.spin(0.02)
+
+
+def test_vehicle_trail_plan_and_thrust_are_shown(start: Start, peer: Any, tmp_path: Path) -> None:
+    flight = Flight(peer)
+    start("visualisation")
+    flight.await_node()
+    for _ in range(50):
+        flight.tick()
+    found = {marker.ns: marker for array in flight.shown for marker in array.markers}
+    assert found.keys() == {"vehicle", "trail", "thrust", "predicted path"}
+    assert len(found["predicted path"].points) == 11
+    trail = [point.x for point in found["trail"].points]
+    assert trail == sorted(trail)
+    assert trail[-1] - trail[0] > 0.5
+    # At 25 Hz at most, of what came at 50 Hz.
+    assert 5 < len(flight.shown) < 45
+    installed = importlib.util.find_spec("tf2_msgs") is not None
+    log = (tmp_path / "visualisation.log").read_text()
+    assert ("no transform is broadcast" in log) != installed
+
+
+def test_an_odometry_that_is_not_finite_is_not_shown(start: Start, peer: Any) -> None:
+    flight = Flight(peer)
+    start("visualisation")
+    flight.await_node()
+    for _ in range(10):
+        flight.tick(x=float("nan"))
+    assert flight.shown == []
+    flight.tick()
+    assert peer.wait(lambda: flight.shown)
+
+
+@pytest.mark.parametrize("argument", ["publish_rate:=0.0", "arm:=-1.0", "mass:=1000.0"])
+def test_a_bad_parameter_is_one_line_and_exit_code_2(
+    argument: str, start: Start, tmp_path: Path
+) -> None:
+    process = start("visualisation", "-p", argument)
+    assert process.wait(10) == 2
+    (line,) = (tmp_path / "visualisation.log").read_text().strip().splitlines()
+    assert line.startswith(f"error: visualisation.{argument.partition(':')[0]}: given")
