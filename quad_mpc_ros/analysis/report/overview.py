@@ -107,9 +107,9 @@ _IDENTITY: dict[str, Callable[[ReportedRun], str]] = {
 }
 
 _METRICS = (
-    ("position error, RMSE [m]", "position_rmse_m", "{:.3f}"),
-    ("position error, max [m]", "position_max_m", "{:.3f}"),
-    ("attitude error, RMSE [rad]", "attitude_rmse_rad", "{:.3f}"),
+    ("position error, RMSE [m]", "position_rmse_m", "{:.3g}"),
+    ("position error, max [m]", "position_max_m", "{:.3g}"),
+    ("attitude error, RMSE [rad]", "attitude_rmse_rad", "{:.3g}"),
     ("commands", "commands", "{}"),
     ("odometries", "odometries", "{}"),
     ("odometries unanswered", "unanswered_odometries", "{}"),
@@ -144,7 +144,7 @@ def _number(value: Any, style: str) -> str:
 
 
 def _waypoint_errors(run: ReportedRun) -> str:
-    return ", ".join(f"{error:.3f}" for error in run.summary["waypoint_error_m"]) or _ABSENT
+    return ", ".join(f"{error:.3g}" for error in run.summary["waypoint_error_m"]) or _ABSENT
 
 
 def _flattened(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

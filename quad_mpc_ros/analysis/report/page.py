@@ -139,8 +139,8 @@ def _section(section: _Section, runs: Sequence[ReportedRun]) -> str:
 def _verdict(run: ReportedRun) -> str:
     summary = run.summary
     error = summary["position_rmse_m"]
-    text = "" if error is None else f" Position error {error:.3f} m RMSE, "
-    text += "" if error is None else f"{summary['position_max_m']:.3f} m at most."
+    text = "" if error is None else f" Position error {error:.3g} m RMSE, "
+    text += "" if error is None else f"{summary['position_max_m']:.3g} m at most."
     kind = "bad" if summary["fallbacks"] or not summary["commands"] else "good"
     return (
         f'<p class="{kind}"><b>{escape(run.name)}</b>: {summary["duration_s"]:.2f} s. '
