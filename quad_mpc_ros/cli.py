@@ -58,10 +58,10 @@ COMMANDS = (
     ),
     Command(
         name="report",
-        help="show recorded runs on one HTML page, several beside each other",
-        description="Write a page that needs no network: path and predicted horizons, errors, "
-        "inputs and their bounds, the solver, who commanded, and the figures of merit of every "
-        "run. Exit code 2 for a bag that cannot be read.",
+        help="show recorded runs on one page: path, errors, inputs, solver, fallbacks",
+        description="Make a self-contained HTML page of one recorded run, or of several beside "
+        "each other, with figures to zoom in and a table of the figures of merit. Needs Plotly: "
+        "pip install 'quad_mpc_ros[report]'. Exit code 2 for a bag that cannot be used.",
         options="report_options:add_report_options",
         run="report:report",
     ),
