@@ -94,8 +94,8 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         "--start",
         choices=("ground", "reference"),
         help="where the flight begins: as simulator.initial_* say, which is on the ground, or in "
-        "motion on the reference (default: reference if that is smooth, else ground); --set "
-        "simulator.initial_*=VALUE wins",
+        "motion on the reference (default: reference if that is smooth and flown at once, else "
+        "ground); --set simulator.initial_*=VALUE wins",
     )
     parser.add_argument(
         "--duration",
@@ -133,7 +133,7 @@ def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
     reference = cast(ReferenceConfig, loaded["reference"])
     trajectory = configured_trajectory(reference, read_bag=read_recording)
-    if (options.start or ("reference" if trajectory.smooth else "ground")) == "reference":
+    if _starts_on_reference(options, trajectory, reference):
         made += _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
         loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
     make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
@@ -154,6 +154,18 @@ def _sources(options: argparse.Namespace) -> list[str]:
     """Return the parameter files, that of the plant first."""
     preset = _PRESET_OF_PLANT.get(options.plant)
     return [*([preset] if preset else []), *(options.config or ["default"])]
+
+
+def _starts_on_reference(
+    options: argparse.Namespace, trajectory: Trajectory, reference: ReferenceConfig
+) -> bool:
+    if reference.mode == "at_once":
+        return (options.start or ("reference" if trajectory.smooth else "ground")) == "reference"
+    if options.start == "reference":
+        raise UserError(
+            f"--start: given 'reference', expected 'ground' with reference.mode={reference.mode}"
+        )
+    return False
 
 
 def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:

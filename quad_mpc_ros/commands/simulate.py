@@ -12,6 +12,7 @@ from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.results import finish
 from quad_mpc_ros.commands.run_options import SCHEMA, RunConfig, resolve
 from quad_mpc_ros.commands.run_recorder import RunRecorder
+from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.ros.topics import (
     COMMAND,
@@ -29,6 +30,10 @@ _TOPICS = (ODOMETRY, REFERENCE, COMMAND, PREDICTED_PATH, REFERENCE_PATH, STATS)
 def simulate(options: argparse.Namespace) -> int:
     """Fly, record and evaluate; return the exit code."""
     config = resolve(options, lockstep=True)
+    if config.reference.mode != "at_once":
+        raise ConfigurationError(
+            "reference.mode", config.reference.mode, "at_once: simulate takes no requests"
+        )
     progress = Progress(config.simulator.duration)
     print(f"simulating the {config.reference.trajectory} into {config.out}", file=sys.stderr)
     started = time.monotonic()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path as FilePath
@@ -18,7 +19,7 @@ from quad_mpc_ros.references.lemniscate import Lemniscate
 from quad_mpc_ros.references.path import Path, Slowed
 from quad_mpc_ros.references.recording import Recording, recorded_path
 from quad_mpc_ros.references.split_s import split_s
-from quad_mpc_ros.references.square import square
+from quad_mpc_ros.references.square import smooth_square, square
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.vertical_loop import VerticalLoop
 from quad_mpc_ros.references.waypoints import (
@@ -58,7 +59,21 @@ def configured_trajectory(
     vehicle cannot fly, with where and by how much. One that jumps is feasible for no vehicle and
     not refused: it is there to test controllers.
     """
-    trajectory, verdict = judged_trajectory(config, read_bag=read_bag)
+    return _approved(*judged_trajectory(config, read_bag=read_bag), config)
+
+
+def joined_trajectory(config: ReferenceConfig, *, read_bag: BagReader | None = None) -> Trajectory:
+    """Return the same trajectory with legs of minimum snap in place of its jumps.
+
+    Raises as :func:`configured_trajectory`.
+    """
+    if config.trajectory == "square":
+        return _approved(*_flown(smooth_square(config), config), config)
+    smooth = dataclasses.replace(config, waypoint_legs="minimum_snap")
+    return configured_trajectory(smooth, read_bag=read_bag)
+
+
+def _approved(trajectory: Trajectory, verdict: Verdict, config: ReferenceConfig) -> Trajectory:
     if trajectory.smooth and not verdict.feasible:
         raise ConfigurationError(
             f"{config.owner}.trajectory",

@@ -34,6 +34,12 @@ class ReferenceConfig(VehicleParameters):
     owner = "reference"
 
     trajectory: str = parameter("square", doc="Trajectory to fly.", choices=TRAJECTORY_NAMES)
+    mode: str = parameter(
+        "at_once",
+        doc="at_once: fly the trajectory from the first odometry on; on_request: stand on the "
+        "ground until the services of the node say what to fly.",
+        choices=("at_once", "on_request"),
+    )
     origin: tuple[float, ...] = parameter(
         (0.0, 0.0),
         doc="Where the origin of the trajectory lies, east and north.",
@@ -108,15 +114,16 @@ class ReferenceConfig(VehicleParameters):
     )
     max_speed: float = parameter(
         5.0,
-        doc="waypoints, minimum_snap, and the ways in and out of csv and bag: highest speed.",
+        doc="waypoints, minimum_snap, the ways in and out of csv and bag, and what services and "
+        "goals ask for: highest speed.",
         unit="m/s",
         above=0.0,
         maximum=1e3,
     )
     max_acceleration: float = parameter(
         2.0,
-        doc="waypoints, minimum_snap, and the ways in and out of csv and bag: highest "
-        "acceleration.",
+        doc="waypoints, minimum_snap, the ways in and out of csv and bag, and what services and "
+        "goals ask for: highest acceleration.",
         unit="m/s^2",
         above=0.0,
         maximum=1e3,
@@ -173,6 +180,28 @@ class ReferenceConfig(VehicleParameters):
         doc="csv, bag: how far the smooth curve may be from the points, root mean square.",
         unit="m",
         above=0.0,
+    )
+    takeoff_height: float = parameter(
+        1.5,
+        doc="Height above the ground to which the service takeoff climbs.",
+        unit="m",
+        above=0.0,
+        maximum=1e3,
+    )
+    touchdown_speed: float = parameter(
+        0.3,
+        doc="Speed of a landing from half a metre above the ground until it has been touched.",
+        unit="m/s",
+        above=0.0,
+        maximum=1.0,
+    )
+    reach: float = parameter(
+        100.0,
+        doc="How far from where the vehicle stood at first a goal or a trajectory received may "
+        "lead.",
+        unit="m",
+        above=0.0,
+        maximum=1e3,
     )
     publish_rate: float = parameter(
         50.0, doc="Windows per second; in lockstep one per odometry.", unit="Hz", above=0.0

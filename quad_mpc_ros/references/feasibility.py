@@ -27,13 +27,15 @@ _GROUND_TOLERANCE = 0.05  # m
 class Limits:
     """What a vehicle may be asked for: throttle from 0 to 1, body rates (3,) [rad/s].
 
-    ``margin`` is the share of the way from hovering to each limit that is to be left free.
+    ``margin`` is the share of the way from hovering to each limit that is to be left free,
+    ``ground`` [m] the height of the ground.
     """
 
     throttle_min: float
     throttle_max: float
     omega_max: tuple[float, ...]
     margin: float = 0.0
+    ground: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -152,7 +154,8 @@ def _worst(needs: Needs, limits: Limits, *, hover: float) -> tuple[Need, ...]:
     ]
     for axis, rates, bound in zip(_AXES, needs.w_WB_B.T, limits.omega_max, strict=True):
         found.append(_need(f"{axis} rate", " rad/s", np.abs(rates), needs, share * bound))
-    found.append(_need("lowest height", " m", needs.height, needs, -_GROUND_TOLERANCE, least=True))
+    lowest = limits.ground - _GROUND_TOLERANCE
+    found.append(_need("lowest height", " m", needs.height, needs, lowest, least=True))
     return tuple(found)
 
 

@@ -82,6 +82,40 @@ class Chain:
         return PathSamples(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=j, yaw=yaw, yaw_rate=yaw_rate)
 
 
+class Round:
+    """A path that ends as it begins, round and round."""
+
+    periodic = True
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.duration = path.duration
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s]."""
+        return self._path.at(np.mod(seconds, self.duration))
+
+
+class Straight:
+    """A path straight on at a constant velocity (3,) [m/s] from a place (3,) [m]."""
+
+    periodic = True
+    duration = 1.0
+
+    def __init__(self, p_WB: Array, *, v_WB_W: Array) -> None:
+        self._p_WB, self._v_WB_W = p_WB, v_WB_W
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s]."""
+        rest = np.zeros((len(seconds), 3))
+        return PathSamples(
+            p_WB=self._p_WB + seconds[:, None] * self._v_WB_W,
+            v_WB_W=rest + self._v_WB_W,
+            a_WB_W=rest,
+            j_WB_W=rest,
+        )
+
+
 class Slowed:
     """A path that takes ``factor`` times as long: uniform time scaling."""
 

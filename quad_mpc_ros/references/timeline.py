@@ -34,6 +34,11 @@ class Timeline:
         """Return the phase of a time, the first one before all."""
         return self._phases[self._owner(time_ns)]
 
+    @property
+    def last(self) -> Phase:
+        """The phase that nothing follows yet."""
+        return self._phases[-1]
+
     def follow(self, phases: list[Phase]) -> None:
         """Let phases, in order of time, take the place of all that was to begin with or after."""
         start_ns = phases[0].start_ns

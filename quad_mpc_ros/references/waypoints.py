@@ -51,8 +51,14 @@ def through_waypoints(config: ReferenceConfig) -> Path:
 def from_waypoint_to_waypoint(config: ReferenceConfig) -> Path:
     """Return the path of least snap from each waypoint to the next, resting at each."""
     points = configured_waypoints(config)
-    links: list[Path] = [Rest(points[0], duration=config.dwell_time)]
+    return Chain([*rests_and_legs(points, config), Rest(points[-1], duration=config.dwell_time)])
+
+
+def rests_and_legs(points: Array, config: ReferenceConfig) -> list[Path]:
+    """Return a rest at each point (n, 3) [m] but the last, and the leg from there to the next."""
+    links: list[Path] = []
     for start, end in itertools.pairwise(points):
+        links.append(Rest(start, duration=config.dwell_time))
         links.append(
             minimum_snap_path(
                 np.stack((start, end)),
@@ -60,8 +66,7 @@ def from_waypoint_to_waypoint(config: ReferenceConfig) -> Path:
                 max_acceleration=config.max_acceleration,
             )
         )
-        links.append(Rest(end, duration=config.dwell_time))
-    return Chain(links)
+    return links
 
 
 class Rest:

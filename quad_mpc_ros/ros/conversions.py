@@ -147,6 +147,12 @@ def fill_reference(
     message.points = points
 
 
+def pose_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
+    """Return frame, position (3,) and quaternion (4,) of a ``geometry_msgs/PoseStamped``."""
+    pose = message.pose
+    return message.header.frame_id, _vector(pose.position), _quaternion(pose.orientation)
+
+
 def fill_path(
     message: Any,
     *,

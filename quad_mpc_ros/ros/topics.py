@@ -29,6 +29,11 @@ REFERENCE = Topic(
 REFERENCE_PATH = Topic(
     name="reference/path", type_name="nav_msgs/msg/Path", reliable=True, latched=True
 )
+# Requests to the reference node, which refuses what it cannot fly.
+GOAL_POSE = Topic(name="goal_pose", type_name="geometry_msgs/msg/PoseStamped", reliable=True)
+TRAJECTORY = Topic(
+    name="trajectory", type_name="trajectory_msgs/msg/MultiDOFJointTrajectory", reliable=True
+)
 PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path", reliable=False)
 STATS = Topic(
     name="mpc/stats", type_name="diagnostic_msgs/msg/DiagnosticArray", reliable=True, depth=10

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 
@@ -15,9 +16,10 @@ from quad_mpc_ros.core import so3
 from quad_mpc_ros.core.messages import Array
 from quad_mpc_ros.references.catalogue import configured_trajectory
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.director import Answer, Director
+from quad_mpc_ros.references.director import IDLE_DEPTH, Answer, Director
 from quad_mpc_ros.references.polynomial import End
 from quad_mpc_ros.references.timeline import Timeline
+from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.transition import Motion, transition, yaw_of
 
 SECOND = 1_000_000_000
@@ -26,14 +28,22 @@ GROUND = np.array([1.0, -1.0, 0.0])
 LIMITS = {"max_acceleration": 5.0, "max_speed": 4.0}
 
 
-def directed(trajectory: str = "circle", **changes: object) -> Director:
-    config = ReferenceConfig.build({"trajectory": trajectory, **LIMITS, **changes})
-    return Director(config, configured_trajectory(config), p_WB=GROUND, yaw=0.5)
+def configured(trajectory: str = "circle") -> ReferenceConfig:
+    return ReferenceConfig.build({"trajectory": trajectory, **LIMITS})
 
 
-def airborne(trajectory: str = "circle", **changes: object) -> tuple[Director, int]:
+@functools.cache
+def flown(trajectory: str) -> Trajectory:
+    return configured_trajectory(configured(trajectory))
+
+
+def directed() -> Director:
+    return Director.standing(configured(), p_WB=GROUND, yaw=0.5)
+
+
+def airborne() -> tuple[Director, int]:
     """Return a director that holds 2 m above the ground, and the time."""
-    director = directed(trajectory, **changes)
+    director = directed()
     assert director.take_off(START, height=2.0).accepted
     now = START + 10 * SECOND
     assert director.mode(now) == "hold"
@@ -62,13 +72,13 @@ def at(director: Director, time_ns: int) -> tuple[Array, Array, Array]:
 def test_a_whole_flight() -> None:
     director = directed()
     assert director.mode(START) == "ground"
-    assert_allclose(at(director, START)[0], GROUND)
+    assert_allclose(at(director, START)[0], GROUND - [0.0, 0.0, IDLE_DEPTH])
     assert director.take_off(START, height=1.5).accepted
     assert director.mode(START + SECOND // 10) == "takeoff"
     now = START + 6 * SECOND
     assert director.mode(now) == "hold"
     assert_allclose(at(director, now)[0], [1.0, -1.0, 1.5], atol=1e-9)
-    assert director.start(now).accepted
+    assert director.fly(now, flown("circle")).accepted
     assert director.mode(now) == "going"
     now += 9 * SECOND
     assert director.mode(now) == "tracking"
@@ -86,14 +96,23 @@ def test_a_whole_flight() -> None:
     assert director.land(now).accepted
     assert director.mode(now + SECOND // 10) == "landing"
     now += 9 * SECOND
+    assert director.is_sinking(now)
+    assert_allclose(at(director, now)[1], [0.0, 0.0, -0.3])
+    assert_allclose(at(director, now)[0][:2], [4.0, 4.0], atol=1e-6)
+    ground = np.array([4.01, 3.98, 0.1])
+    assert director.touched(now, p_WB=ground).accepted
+    assert not director.is_sinking(now)
+    now += 9 * SECOND
     assert director.mode(now) == "ground"
-    assert_allclose(at(director, now)[0], [4.0, 4.0, 0.0], atol=1e-6)
+    assert_allclose(at(director, now)[0], ground - [0.0, 0.0, IDLE_DEPTH], atol=1e-6)
+    assert director.take_off(now, height=1.0).accepted
+    assert_allclose(at(director, now + 9 * SECOND)[0], [4.01, 3.98, 1.1], atol=1e-6)
     assert_nothing_jumps(director.timeline, START - SECOND, now + SECOND)
     assert director.timeline.jumps(START - SECOND, now + SECOND) == []
 
 
 REQUESTS: dict[str, Callable[[Director, int], Answer]] = {
-    "start": lambda director, now: director.start(now),
+    "start": lambda director, now: director.fly(now, flown("circle")),
     "hold": lambda director, now: director.hold(now),
     "land": lambda director, now: director.land(now),
     "goal": lambda director, now: director.go_to(now, p_WB=np.array([2.0, 3.0, 1.5]), yaw=3.0),
@@ -112,8 +131,8 @@ REQUESTS: dict[str, Callable[[Director, int], Answer]] = {
 def test_nothing_jumps_whatever_is_asked_for_in_the_middle_of_anything(
     trajectory: str, requests: list[tuple[str, int]]
 ) -> None:
-    director, now = airborne(trajectory)
-    assert director.start(now).accepted
+    director, now = airborne()
+    assert director.fly(now, flown(trajectory)).accepted
     begun = now
     for request, wait in requests:
         now += wait
@@ -153,8 +172,8 @@ def test_a_landing_may_be_broken_off() -> None:
 
 
 def test_upside_down_it_flies_on() -> None:
-    director, now = airborne("vertical_loop")
-    assert director.start(now).accepted
+    director, now = airborne()
+    assert director.fly(now, flown("vertical_loop")).accepted
     while director.mode(now) != "tracking":
         now += SECOND // 100
     top = now + round(1.3 * SECOND)
