@@ -24,7 +24,6 @@ from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.topics import GOAL_POSE, ODOMETRY, REFERENCE, REFERENCE_PATH, TRAJECTORY
 
 _BODY_FRAME = "base_link"
-_WARNING_PERIOD = 5.0
 
 
 class ReferenceNode(Node):
@@ -116,12 +115,15 @@ class ReferenceNode(Node):
         return answer
 
     def _tell(self, name: str, answer: Answer) -> None:
-        verdict = "accepted" if answer.accepted else "refused"
-        self._request = f"{name} {verdict}: {answer.text}"
+        """Log what became of a request and report it, but the same refusal only once."""
+        before = self._request
+        self._request = f"{name} {'accepted' if answer.accepted else 'refused'}: {answer.text}"
         if answer.accepted:
             self.get_logger().info(self._request)
+        elif self._request != before:
+            self.get_logger().warning(self._request)
         else:
-            self.get_logger().warning(self._request, throttle_duration_sec=_WARNING_PERIOD)
+            return
         self._health.report()
 
     def _publish(self, stamp_ns: int) -> None:
