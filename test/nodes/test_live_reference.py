@@ -185,9 +185,12 @@ def pilot(start: Start, peer: Any) -> Pilot:
     answer = made.call("takeoff")
     assert not answer.success
     assert answer.message == "no usable odometry yet"
-    odometry.publish(odometry_at(peer))
-    assert peer.wait(lambda: made.now > 0.0)
-    return made
+    # Again and again: a best-effort message may be lost on a machine that is busy.
+    for _ in range(50):
+        odometry.publish(odometry_at(peer))
+        if peer.wait(lambda: made.now > 0.0, timeout=0.3):
+            return made
+    raise AssertionError("no window for the odometry")
 
 
 def test_bad_input_is_refused_with_its_reason_and_the_flight_goes_on(
