@@ -38,6 +38,7 @@ class Pilot:
         self._raw: list[bytes] = []
         self.paths: list[PathMessage] = []
         self.requests: list[str] = []
+        self._told_before: dict[str, str] = {}
         self.odometries: list[Odometry] = []
         self.sources: list[str] = []
         self.throttles: list[float] = []
@@ -76,10 +77,10 @@ class Pilot:
         message.pose.position.x, message.pose.position.y, message.pose.position.z = p
         message.pose.orientation.z = math.sin(0.5 * yaw)
         message.pose.orientation.w = math.cos(0.5 * yaw)
-        return self._told(lambda: self._goal.publish(message))
+        return self._told("goal", lambda: self._goal.publish(message))
 
     def send_trajectory(self, message: MultiDOFJointTrajectory) -> str:
-        return self._told(lambda: self._trajectory.publish(message))
+        return self._told("trajectory", lambda: self._trajectory.publish(message))
 
     @property
     def now(self) -> float:
@@ -101,11 +102,18 @@ class Pilot:
             for raw in self._raw
         ]
 
-    def _told(self, ask: Callable[[], None]) -> str:
+    def _told(self, name: str, ask: Callable[[], None]) -> str:
+        """Ask; return what is told then. The diagnostics also repeat what was told before."""
+        before = self._told_before.get(name)
+
+        def new() -> list[str]:
+            return [told for told in self.requests if told.startswith(name) and told != before]
+
         self.requests.clear()
         ask()
-        assert self._peer.wait(lambda: self.requests)
-        return self.requests[-1]
+        assert self._peer.wait(new)
+        self._told_before[name] = new()[-1]
+        return self._told_before[name]
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
