@@ -44,8 +44,9 @@ _LAG_BOUND = 2.0  # of a time constant, as a factor either way
 
 # Longest stretch predicted at once [s].
 _LONGEST = 0.0025
-# At rest and not lifted: on the ground, which carries what the thrust does not.
-_REST_SPEED, _LIFT = 0.1, 0.95
+# At rest and not lifted: on the ground, which carries what the thrust does not. In flight at rest
+# the thrust is the weight, up to its scale; less than the last of these says that it has landed.
+_REST_SPEED, _LIFT, _LANDED = 0.1, 0.95, 0.6
 
 
 class _Memory(NamedTuple):
@@ -146,8 +147,11 @@ class VehicleEstimator:
         if not self._learning:
             return
         thrust = slopes.v_by_scale[2] / durations.sum()
-        self._flown |= thrust > _LIFT * self._modelled.gravity
-        self._flown |= float(v_after @ v_after) > _REST_SPEED**2
+        resting = float(v_after @ v_after) < _REST_SPEED**2
+        if not resting or thrust > _LIFT * self._modelled.gravity:
+            self._flown = True
+        elif thrust < _LANDED * self._modelled.gravity:
+            self._flown = False
         if frozen or not self._flown:
             _restart(self._memory, v_after)
             return

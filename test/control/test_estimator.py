@@ -143,6 +143,25 @@ def test_on_the_ground_it_learns_nothing() -> None:
     assert estimator.disturbance.thrust_scale == 1.0
 
 
+def test_after_a_landing_it_keeps_what_it_learned() -> None:
+    wind = np.array([0.6, -0.4, 0.2])
+    estimator = VehicleEstimator(model(), throttle=0.29, learning=True)
+    before = flown(estimator, a_W=wind).disturbance
+    idle = Input(throttle=0.0, w_WB_B=np.zeros(3))
+    for _ in range(200):
+        estimator.follow(
+            R_before=np.eye(3),
+            w_before=np.zeros(3),
+            R_after=np.eye(3),
+            w_after=np.zeros(3),
+            v_after=np.zeros(3),
+            acting=[Interval(duration=PERIOD, command=idle)],
+            frozen=False,
+        )
+    np.testing.assert_array_equal(estimator.disturbance.a_W, before.a_W)
+    assert estimator.disturbance.thrust_scale == before.thrust_scale
+
+
 def test_estimates_are_bounded() -> None:
     """However absurd the velocities, and the rates."""
     estimator = VehicleEstimator(model(rate=0.03, thrust=0.03), throttle=0.29, learning=True)
