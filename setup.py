@@ -126,7 +126,22 @@ setup(
             "recorder_node = quad_mpc_ros.nodes.recorder_node:main",
             "visualisation_node = quad_mpc_ros.nodes.visualisation_node:main",
             "player_node = quad_mpc_ros.nodes.player_node:main",
+            "px4_bridge = quad_mpc_ros.bridges.px4_bridge:main",
+            "mavros_bridge = quad_mpc_ros.bridges.mavros_bridge:main",
+            "rosflight_bridge = quad_mpc_ros.bridges.rosflight_bridge:main",
+            "aerostack2_bridge = quad_mpc_ros.bridges.aerostack2_bridge:main",
+            "crazyswarm2_bridge = quad_mpc_ros.bridges.crazyswarm2_bridge:main",
+            "rates_bridge = quad_mpc_ros.bridges.rates_bridge:main",
             "quad_mpc = quad_mpc_ros.cli:main",
+        ],
+        # Other packages add theirs in the same group.
+        "quad_mpc_ros.bridges": [
+            "px4_bridge = quad_mpc_ros.bridges.px4_bridge:Px4Bridge",
+            "mavros_bridge = quad_mpc_ros.bridges.mavros_bridge:MavrosBridge",
+            "rosflight_bridge = quad_mpc_ros.bridges.rosflight_bridge:RosflightBridge",
+            "aerostack2_bridge = quad_mpc_ros.bridges.aerostack2_bridge:Aerostack2Bridge",
+            "crazyswarm2_bridge = quad_mpc_ros.bridges.crazyswarm2_bridge:Crazyswarm2Bridge",
+            "rates_bridge = quad_mpc_ros.bridges.rates_bridge:RatesBridge",
         ],
     },
 )

@@ -20,14 +20,14 @@ EXIT_INTERRUPTED = 130
 class Command:
     """A command; ``options`` and ``run`` name a function in ``commands`` as module:function.
 
-    They are imported only for the command that is asked for, which takes a moment.
+    Without options a command takes none. They are imported only for the command that is asked for, which takes a moment.
     """
 
     name: str
     help: str
     description: str
-    options: str
     run: str
+    options: str = ""
 
 
 COMMANDS = (
@@ -102,6 +102,13 @@ COMMANDS = (
         run="bag:bag",
     ),
     Command(
+        name="bridges",
+        help="list the bridges to flight stacks and what is installed for them",
+        description="List every registered bridge, and for those whose message package is "
+        "missing how to get it. Start one with: ros2 run quad_mpc_ros NAME.",
+        run="bridges:bridges",
+    ),
+    Command(
         name="bench",
         help="measure this controller beside acados, cvxpy and OSQP's own time",
         description="Fly the square on the true rigid body with each peer in turn, in one "
@@ -142,7 +149,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         subparser = commands.add_parser(
             command.name, help=command.help, description=command.description
         )
-        if command.name in arguments:
+        if command.options and command.name in arguments:
             _function(command.options)(subparser)
         subparser.set_defaults(run=command.run)
     return parser

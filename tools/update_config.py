@@ -10,14 +10,34 @@ from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.bags.config import PlayerConfig
+from quad_mpc_ros.bridges.aerostack2_bridge import Aerostack2Bridge
+from quad_mpc_ros.bridges.crazyswarm2_bridge import Crazyswarm2Bridge
+from quad_mpc_ros.bridges.mavros_bridge import MavrosBridge
+from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
+from quad_mpc_ros.bridges.rates_bridge import RatesBridge
+from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
 from quad_mpc_ros.commands.run_options import SCHEMA
 from quad_mpc_ros.configuration import Configuration, ParameterSpec
 from quad_mpc_ros.ros.visualisation_config import VisualisationConfig
 
 ROOT = Path(__file__).resolve().parents[1]
 
+BRIDGES = (
+    Px4Bridge,
+    MavrosBridge,
+    RosflightBridge,
+    Aerostack2Bridge,
+    Crazyswarm2Bridge,
+    RatesBridge,
+)
+
 # Those of a flight, and those that run by themselves.
-NODES = {**SCHEMA, "player": PlayerConfig, "visualisation": VisualisationConfig}
+NODES = {
+    **SCHEMA,
+    "player": PlayerConfig,
+    "visualisation": VisualisationConfig,
+    **{bridge.name: bridge.Config for bridge in BRIDGES},
+}
 
 
 def files() -> dict[Path, str]:

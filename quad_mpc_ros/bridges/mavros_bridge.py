@@ -1,0 +1,159 @@
+"""MAVROS with PX4 or ArduPilot: its rules.
+
+With PX4 the setpoints are the heartbeat: they must run before the switch to OFFBOARD, and PX4
+acts on them only in that mode. ArduPilot needs no stream before the switch to GUIDED and gets
+none outside of it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from quad_mpc_ros.bridges import mavros_codec
+from quad_mpc_ros.bridges.bridge import Answer, Bridge, Call, Sending, Subscription
+from quad_mpc_ros.bridges.config import BridgeConfig
+from quad_mpc_ros.bridges.link import Link
+from quad_mpc_ros.bridges.stream import SetpointStream
+from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.core.messages import CommandSample, OdometrySample
+from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.ros.conversions import NewMessage
+from quad_mpc_ros.ros.topics import Topic
+
+_STATE_TIMEOUT = 3.0  # s: MAVROS publishes it with each heartbeat of the autopilot, once a second
+_ENGAGED = {"px4": ("OFFBOARD",), "ardupilot": ("GUIDED", "GUIDED_NOGPS")}
+_RELEASED = {"px4": "AUTO.LOITER", "ardupilot": "LOITER"}
+_SET_MODE, _ARMING = "mavros_msgs/srv/SetMode", "mavros_msgs/srv/CommandBool"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MavrosConfig(BridgeConfig):
+    """Parameters of the MAVROS bridge."""
+
+    owner = "mavros_bridge"
+
+    autopilot: str = parameter(
+        "px4", doc="What flies behind MAVROS.", choices=("px4", "ardupilot")
+    )
+    mavros: str = parameter("/mavros", doc="Namespace of MAVROS.")
+
+
+class MavrosBridge(Bridge):
+    """Attitude targets with body rates out, local odometry and state in."""
+
+    name = "mavros_bridge"
+    speaks = "MAVROS with PX4 or ArduPilot: AttitudeTarget"
+    packages = ("mavros_msgs",)
+    how_to_get = "sudo apt install ros-jazzy-mavros-msgs"
+    Config = MavrosConfig
+
+    def __init__(self, config: MavrosConfig, new: NewMessage) -> None:
+        super().__init__(config, new)
+        self._modes = _ENGAGED[config.autopilot]
+        self._odometry = self._topic("local_position/odom", "nav_msgs/msg/Odometry")
+        self._state_topic = Topic(
+            name=f"{config.mavros}/state",
+            type_name="mavros_msgs/msg/State",
+            reliable=True,
+            depth=10,
+        )
+        self._battery = self._topic("battery", "sensor_msgs/msg/BatteryState")
+        self._target = self._topic("setpoint_raw/attitude", "mavros_msgs/msg/AttitudeTarget")
+        self._state: Link[Any] = Link(timeout=_STATE_TIMEOUT)
+        self._stream = SetpointStream()
+
+    @property
+    def subscriptions(self) -> Sequence[Subscription]:
+        """Odometry, state, battery."""
+        found = [
+            Subscription(topic=self._odometry, receive=self._on_odometry),
+            Subscription(topic=self._state_topic, receive=self._on_state),
+        ]
+        if self._config.thrust_map.battery_voltage > 0.0:
+            found.append(Subscription(topic=self._battery, receive=self._on_battery))
+        return found
+
+    @property
+    def publications(self) -> Sequence[Topic]:
+        """The attitude target."""
+        return (self._target,)
+
+    @property
+    def services(self) -> Sequence[tuple[str, str]]:
+        """Mode and arming."""
+        return (
+            (f"{self._config.mavros}/set_mode", _SET_MODE),
+            (f"{self._config.mavros}/cmd/arming", _ARMING),
+        )
+
+    def arm(self, wanted: bool, *, now_ns: int) -> Answer:
+        """Arm or disarm through MAVROS."""
+        request = self._new(_ARMING)
+        request.value = wanted
+        call = Call(
+            service=f"{self._config.mavros}/cmd/arming", type_name=_ARMING, request=request
+        )
+        what = "arming" if wanted else "disarming"
+        return Answer(accepted=True, text=f"asked for {what}", calls=[call])
+
+    def engage(self, wanted: bool, *, now_ns: int) -> Answer:
+        """Switch to OFFBOARD or GUIDED, or from it to a mode that holds the position."""
+        if wanted and self._config.autopilot == "px4" and (refusal := self._not_ready(now_ns)):
+            return Answer(accepted=False, text=refusal)
+        request = self._new(_SET_MODE)
+        request.custom_mode = self._modes[0] if wanted else _RELEASED[self._config.autopilot]
+        call = Call(
+            service=f"{self._config.mavros}/set_mode", type_name=_SET_MODE, request=request
+        )
+        return Answer(accepted=True, text=f"asked for mode {request.custom_mode}", calls=[call])
+
+    def _reason_for_silence(self, now_ns: int) -> str | None:
+        state = self._state.value(now_ns=now_ns)
+        if state is None:
+            return f"no state within {_STATE_TIMEOUT:g} s on {self._state_topic.name}"
+        if not state.connected:
+            return "MAVROS is not connected to the autopilot"
+        if self._config.autopilot == "ardupilot" and state.mode not in self._modes:
+            return f"the mode is {state.mode}, not {self._modes[0]}"
+        return None
+
+    def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
+        self._stream.sent(now_ns=now_ns)
+        message = self._new(self._target.type_name)
+        mavros_codec.fill_attitude_target(
+            message,
+            command,
+            throttle=self.thrust.stack_throttle(command.throttle),
+            now_ns=now_ns,
+        )
+        return [Sending(topic=self._target, message=message)]
+
+    def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
+        return self._passed_on(conversions.odometry_from_message(message), now_ns=now_ns)
+
+    def _on_state(self, message: Any, now_ns: int) -> None:
+        self._state.receive(message, now_ns=now_ns)
+
+    def _on_battery(self, message: Any, now_ns: int) -> None:
+        self.thrust.receive_voltage(float(message.voltage), now_ns=now_ns)
+
+    def _not_ready(self, now_ns: int) -> str | None:
+        refusal = self._stream.refusal(now_ns=now_ns)
+        return f"{refusal} ({self.silence})" if refusal and self.silence else refusal
+
+    def _topic(self, path: str, type_name: str) -> Topic:
+        return Topic(name=f"{self._config.mavros}/{path}", type_name=type_name, reliable=False)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node: ``ros2 run quad_mpc_ros mavros_bridge``."""
+    from quad_mpc_ros.bridges.node import run_bridge
+
+    sys.exit(run_bridge(MavrosBridge, args))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""The node around any bridge: its topics and services, and nothing of what they mean."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+from typing import Any
+
+from rclpy.node import Node
+from std_srvs.srv import SetBool
+
+from quad_mpc_ros.bridges.bridge import Answer, Bridge, Call, Sending, Subscription
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.core.messages import OdometrySample
+from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.ros.health import OK, WARN, Health, HealthReporter
+from quad_mpc_ros.ros.messages import message_class, new_message
+from quad_mpc_ros.ros.parameters import declare
+from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.ros.topics import COMMAND, ODOMETRY
+
+_WARNING_PERIOD = 5.0
+_QUIET_NS = 500_000_000
+
+
+class BridgeNode(Node):
+    """Wires a bridge. The services ``~/arm`` and ``~/engage`` ask what nothing else does."""
+
+    def __init__(self, kind: type[Bridge]) -> None:
+        super().__init__(kind.name, automatically_declare_parameters_from_overrides=True)
+        _require(kind)
+        self._bridge = kind(declare(self, kind.Config), _new)
+        self._silence = ""
+        self._command_ns = 0
+        self._health = HealthReporter(self, self._probe)
+        self._odometry = self._health.publisher(ODOMETRY)
+        self._odometry_message = new_message(ODOMETRY.type_name)
+        self._odometries = 0
+        self._stack = {
+            topic.name: self._health.publisher(topic) for topic in self._bridge.publications
+        }
+        self._clients_by_name = {
+            name: self.create_client(message_class(type_name), name)
+            for name, type_name in self._bridge.services
+        }
+        self._health.subscription(COMMAND, self._on_command)
+        for subscription in self._bridge.subscriptions:
+            self._health.subscription(
+                subscription.topic, functools.partial(self._on_stack, subscription)
+            )
+        self.create_service(SetBool, "~/arm", self._on_arm)
+        self.create_service(SetBool, "~/engage", self._on_engage)
+
+    def _on_command(self, message: Any) -> None:
+        self._command_ns = now_ns = self._now_ns()
+        command = conversions.command_from_message(message)
+        for sending in self._bridge.receive_command(command, now_ns=now_ns):
+            self._send(sending)
+        if self._bridge.silence != self._silence:
+            self._silence = self._bridge.silence
+            # Ages differ from one to the next.
+            self.get_logger().info(
+                self._silence or "commands pass", throttle_duration_sec=_WARNING_PERIOD
+            )
+
+    def _on_stack(self, subscription: Subscription, message: Any) -> None:
+        odometry = subscription.receive(message, self._now_ns())
+        if odometry is not None:
+            self._publish_odometry(odometry)
+        for warning in self._bridge.take_warnings():
+            self.get_logger().warning(warning, throttle_duration_sec=_WARNING_PERIOD)
+
+    def _publish_odometry(self, odometry: OdometrySample) -> None:
+        conversions.fill_odometry(self._odometry_message, odometry)
+        self._odometry.publish(self._odometry_message)
+        self._odometries += 1
+
+    def _on_arm(self, request: Any, response: Any) -> Any:
+        return self._carry_out(
+            self._bridge.arm(bool(request.data), now_ns=self._now_ns()), response
+        )
+
+    def _on_engage(self, request: Any, response: Any) -> Any:
+        return self._carry_out(
+            self._bridge.engage(bool(request.data), now_ns=self._now_ns()), response
+        )
+
+    def _carry_out(self, answer: Answer, response: Any) -> Any:
+        """Send what was asked for; whether the stack agrees is told when it has answered."""
+        missing = [
+            call.service
+            for call in answer.calls
+            if not self._clients_by_name[call.service].service_is_ready()
+        ]
+        response.success = answer.accepted and not missing
+        response.message = f"nobody offers the service {missing[0]}" if missing else answer.text
+        if response.success:
+            for sending in answer.sendings:
+                self._send(sending)
+            for call in answer.calls:
+                self._call(call)
+        self.get_logger().info(response.message)
+        return response
+
+    def _call(self, call: Call) -> None:
+        future = self._clients_by_name[call.service].call_async(call.request)
+        future.add_done_callback(functools.partial(self._on_answered, call.service))
+
+    def _on_answered(self, service: str, future: Any) -> None:
+        self.get_logger().info(f"{service} answers {future.result()}")
+
+    def _send(self, sending: Sending) -> None:
+        self._stack[sending.topic.name].publish(sending.message)
+
+    def _probe(self) -> Health:
+        bridge = self._bridge
+        quiet = self._now_ns() - self._command_ns > _QUIET_NS
+        text = "silent: no command comes" if quiet else bridge.silence
+        return Health(
+            level=WARN if text else OK,
+            text=text or "commands pass",
+            values=[
+                ("odometries", str(self._odometries)),
+                ("refused_odometries", str(bridge.refused)),
+                ("jumps", str(bridge.jumps)),
+                ("commands", str(bridge.commands)),
+                ("passed_commands", str(bridge.passed)),
+                ("battery_scale", f"{bridge.thrust.battery_scale:.3f}"),
+            ],
+        )
+
+    def _now_ns(self) -> int:
+        return int(self.get_clock().now().nanoseconds)
+
+
+def run_bridge(kind: type[Bridge], args: list[str] | None = None) -> int:
+    """Run the node of a bridge and return its exit code."""
+    return run(functools.partial(BridgeNode, kind), args)
+
+
+def _require(kind: type[Bridge]) -> None:
+    """Say how to get a message package that is missing. Raises :class:`UserError`."""
+    missing = [name for name in kind.packages if importlib.util.find_spec(name) is None]
+    if missing:
+        raise UserError(
+            f"{kind.name}: the message package {', '.join(missing)} is not installed: "
+            f"{kind.how_to_get}"
+        )
+
+
+def _new(type_name: str) -> Any:
+    """Return an empty message, or the empty request of a service."""
+    if "/srv/" in type_name:
+        return message_class(type_name).Request()
+    return new_message(type_name)

@@ -1,0 +1,46 @@
+"""Which bridges there are: ours and those of other packages, by entry point.
+
+A package adds its own by an entry point ``name = module:Class`` in the group
+``quad_mpc_ros.bridges``. Nothing of a bridge's stack is imported to list it.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+GROUP = "quad_mpc_ros.bridges"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegisteredBridge:
+    """A bridge as it is listed; ``fault`` says why its entry point is of no use, or is empty."""
+
+    name: str
+    speaks: str
+    missing: tuple[str, ...]
+    how_to_get: str
+    fault: str = ""
+
+
+def registered_bridges() -> list[RegisteredBridge]:
+    """Return every bridge that an installed package has registered, by name."""
+    return [_looked_at(each) for each in sorted(entry_points(group=GROUP), key=lambda e: e.name)]
+
+
+def _looked_at(entry: EntryPoint) -> RegisteredBridge:
+    try:
+        bridge: Any = entry.load()
+        packages = tuple(str(package) for package in bridge.packages)
+        return RegisteredBridge(
+            name=entry.name,
+            speaks=str(bridge.speaks),
+            missing=tuple(name for name in packages if importlib.util.find_spec(name) is None),
+            how_to_get=str(bridge.how_to_get),
+        )
+    except (ImportError, AttributeError) as error:  # somebody else's package
+        return RegisteredBridge(
+            name=entry.name, speaks="", missing=(), how_to_get="", fault=f"{entry.value}: {error}"
+        )
