@@ -193,7 +193,8 @@ class Px4Bridge(Bridge):
             name=f"{self._config.fmu}/{path}{suffix}",
             type_name=type_name,
             reliable=False,
-            latched=True,
+            # PX4 listens without history, but some agents ask for it.
+            latched=path.startswith("in/"),
         )
 
 

@@ -40,7 +40,7 @@ Spoken = Iterator[tuple[str, Any]]
 
 SECOND = 1_000_000_000
 GROUND_TIME_NS = int(1.5 * SECOND)  # before the pilot asks for anything
-DURATION = 12.0
+DURATION = 9.0
 VEHICLE = VehicleParameters().vehicle()
 
 ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -539,7 +539,7 @@ def test_the_square_is_flown_as_well_as_without_the_bridge(case: str, new: New) 
     flight = fly(way, odom_rate=stack.odom_rate, throttle_max=throttle_max)
     plain = fly(Direct(flight.acting_ns), odom_rate=stack.odom_rate, throttle_max=throttle_max)
 
-    assert len(flight.errors) > 0.8 * DURATION * stack.odom_rate
+    assert len(flight.errors) > 0.75 * DURATION * stack.odom_rate
     assert flight.sources == {Source.MPC}
     assert plain.acting_ns == flight.acting_ns
     assert flight.rmse <= 1.05 * plain.rmse
@@ -559,7 +559,7 @@ def test_silent_at_once_when_the_mpc_dies_or_repeats_itself(case: str, new: New)
         return through(command, now_ns)
 
     way.command = remembering  # type: ignore[method-assign]
-    fly(way, odom_rate=stack.odom_rate, duration=4.0)
+    fly(way, odom_rate=stack.odom_rate, duration=3.2)
     died_ns = way.sent_ns[-1]
 
     # A process that hangs may still repeat itself.
@@ -578,7 +578,7 @@ def test_a_reset_of_the_estimator_is_flown_on_from(new: New) -> None:
     assert isinstance(stack, FakePx4)
 
     def reset(now_ns: int) -> None:
-        if now_ns == SIMULATION_START_NS + 6 * SECOND:
+        if now_ns == SIMULATION_START_NS + 5 * SECOND:
             stack.reset_counter += 1
             stack.offset_ned = np.array([1.0, -0.5, 0.0])
 

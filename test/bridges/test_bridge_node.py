@@ -1,0 +1,134 @@
+"""A bridge as a node, over DDS."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import qos_profile_sensor_data
+from std_srvs.srv import SetBool
+
+from quad_mpc_ros.bridges.node import run_bridge
+from quad_mpc_ros.bridges.rates_bridge import RatesBridge
+
+
+def start(bridge: str, *arguments: str, log: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", f"quad_mpc_ros.bridges.{bridge}_bridge"]
+    with log.open("wb") as output:
+        return subprocess.Popen(
+            [*command, "--ros-args", *arguments], stdout=output, stderr=subprocess.STDOUT
+        )
+
+
+def end(process: subprocess.Popen[bytes]) -> int:
+    process.send_signal(signal.SIGINT)
+    try:
+        return process.wait(10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+def test_a_missing_message_package_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+    class KiteBridge(RatesBridge):
+        name = "kite_bridge"
+        packages = ("kite_msgs",)
+        how_to_get = "ask the wind"
+
+    assert run_bridge(KiteBridge, []) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line == (
+        "error: kite_bridge: the message package kite_msgs is not installed: ask the wind"
+    )
+
+
+class Peer:
+    """A node that plays the stack and the MPC."""
+
+    def __init__(self) -> None:
+        rclpy.init()
+        self.node = rclpy.create_node("test_peer")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.odometries: list[Odometry] = []
+        self.setpoints: list[TwistStamped] = []
+        self.node.create_subscription(
+            Odometry, "odom", self.odometries.append, qos_profile_sensor_data
+        )
+        self.node.create_subscription(TwistStamped, "rates_setpoint", self.setpoints.append, 1)
+        self.command = self.node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)
+        self.state = self.node.create_publisher(Odometry, "stack_odom", qos_profile_sensor_data)
+        self.engage = self.node.create_client(SetBool, "rates_bridge/engage")
+
+    def spin(self, until: Callable[[], object], timeout: float = 15.0) -> bool:
+        deadline = time.monotonic() + timeout
+        while not until():
+            if time.monotonic() > deadline:
+                return False
+            self.executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def fly(self, until: Callable[[], object]) -> bool:
+        """Publish odometry and commands until something is true."""
+
+        def published() -> object:
+            odometry, command = Odometry(), TwistStamped()
+            odometry.header.frame_id, odometry.pose.pose.orientation.w = "world", 1.0
+            odometry.header.stamp = self.node.get_clock().now().to_msg()
+            command.header.stamp = odometry.header.stamp
+            command.twist.linear.z, command.twist.angular.y = 0.25, 0.5
+            self.state.publish(odometry)
+            self.command.publish(command)
+            return until()
+
+        return self.spin(published)
+
+    def call(self, wanted: bool) -> Any:
+        assert self.spin(self.engage.service_is_ready)
+        future = self.engage.call_async(SetBool.Request(data=wanted))
+        assert self.spin(future.done)
+        return future.result()
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    made = Peer()
+    yield made
+    made.node.destroy_node()
+    rclpy.shutdown()
+
+
+def test_passes_odometry_always_and_commands_when_engaged(peer: Peer, tmp_path: Path) -> None:
+    units = ("-p", "body_frame:=frd", "-p", "angle_unit:=deg")
+    process = start("rates", *units, log=tmp_path / "log")
+    try:
+        assert peer.fly(lambda: len(peer.odometries) > 10)
+        assert {odometry.header.frame_id for odometry in peer.odometries} == {"odom"}
+        assert peer.setpoints == []
+
+        assert peer.call(True).success
+        assert peer.fly(lambda: len(peer.setpoints) > 10)
+        twist = peer.setpoints[-1].twist
+        assert twist.angular.y == pytest.approx(-28.6478897565)
+        assert twist.linear.z == -0.25
+
+        # The MPC is gone, the state goes on.
+        peer.spin(lambda: False, timeout=0.3)
+        peer.setpoints.clear()
+        peer.spin(lambda: False, timeout=0.5)
+        assert peer.setpoints == []
+
+    finally:
+        code = end(process)
+    assert code == 0
+    assert "Traceback" not in (tmp_path / "log").read_text()
