@@ -20,7 +20,8 @@ EXIT_INTERRUPTED = 130
 class Command:
     """A command; ``options`` and ``run`` name a function in ``commands`` as module:function.
 
-    Without options a command takes none. They are imported only for the command that is asked for, which takes a moment.
+    Without ``options`` it takes none. Only those of the command that is asked for are imported,
+    which takes a moment.
     """
 
     name: str
@@ -106,7 +107,7 @@ COMMANDS = (
         help="list the bridges to flight stacks and what is installed for them",
         description="List every registered bridge, and for those whose message package is "
         "missing how to get it. Start one with: ros2 run quad_mpc_ros NAME.",
-        run="bridges:bridges",
+        run="bridges:list_bridges",
     ),
     Command(
         name="bench",

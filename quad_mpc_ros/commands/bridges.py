@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
+
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.ros.bridge_registry import GROUP, RegisteredBridge, registered_bridges
 
 
-def list_bridges() -> int:
+def list_bridges(_: argparse.Namespace) -> int:
     """Print every registered bridge. Raises :class:`UserError` when there is none."""
     found = registered_bridges()
     if not found:
