@@ -81,7 +81,7 @@ def _require_plain_model(config: MpcConfig) -> None:
     ]
     if wanted:
         raise PeerUnavailableError(
-            f"the acados peer has no {', '.join(wanted)}: leave mpc.{wanted[0]} at its default"
+            f"the acados peer has no {', '.join(wanted)}: --set mpc.{wanted[0]}=0, or false"
         )
 
 

@@ -21,6 +21,7 @@ _VELOCITY_W = np.array([3.0, -2.0, 0.5])
 def mpc() -> MpcConfig:
     """Return a configuration whose every weight matters, the terminal one too."""
     return MpcConfig(
+        estimate_disturbance=False,  # which the peers have not
         formulation="manifold",
         horizon_steps=10,
         horizon_step=0.05,
