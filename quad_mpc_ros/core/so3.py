@@ -79,6 +79,8 @@ def log(rotation: Array) -> Array:
 def right_jacobian(phi: ArrayLike) -> Array:
     """Return J_r with ``exp(phi + d) ≈ exp(phi) @ exp(J_r @ d)``; (..., 3) → (..., 3, 3)."""
     phi = np.asarray(phi, dtype=np.float64)
+    if phi.ndim == 1:
+        return np.array(compiled.right_jacobian(tuple(phi.tolist()))).reshape(3, 3)
     angle = _norm(phi)
     skew = hat(phi)
     return _EYE - _versine(angle) * skew + _sine_deficit(angle) * (skew @ skew)
@@ -87,6 +89,8 @@ def right_jacobian(phi: ArrayLike) -> Array:
 def right_jacobian_inverse(phi: ArrayLike) -> Array:
     """Return the inverse of :func:`right_jacobian`, finite up to and at pi."""
     phi = np.asarray(phi, dtype=np.float64)
+    if phi.ndim == 1:
+        return np.array(compiled.right_jacobian_inverse(tuple(phi.tolist()))).reshape(3, 3)
     angle = _norm(phi)
     skew = hat(phi)
     return _EYE + 0.5 * skew + _cotangent_deficit(angle) * (skew @ skew)
