@@ -135,7 +135,7 @@ def _odometry(messages: Sequence[RecordedMessage], *, twist_frame: str) -> dict[
         (odometry, message.publish_time_ns)
         for message in messages
         for odometry in [conversions.odometry_from_message(message.message)]
-        if odometry_fault(odometry, frame_id=odometry.frame_id, newest_stamp_ns=None) is None
+        if odometry_fault(odometry, frame_id=odometry.frame_id) is None
     ]
     samples = [_with_body_twist(odometry, twist_frame) for odometry, _ in usable]
     stamp_ns, first = _by_stamp([odometry.stamp_ns for odometry in samples])

@@ -38,6 +38,93 @@ class SolverParameters(Configuration):
     )
 
 
+_FAR = 1e6  # m: a fence that stands nowhere
+_ACTIONS = ("warn", "hover", "stop")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FenceParameters(Configuration):
+    """A box in the world that the vehicle is not to leave; by default it has no walls."""
+
+    owner = "mpc.fence"
+
+    minimum: tuple[float, ...] = parameter(
+        (-_FAR, -_FAR, -_FAR),
+        doc="Lowest position inside the fence.",
+        unit="m",
+        length=3,
+        minimum=-_FAR,
+        maximum=_FAR,
+        live=True,
+    )
+    maximum: tuple[float, ...] = parameter(
+        (_FAR, _FAR, _FAR),
+        doc="Highest position inside the fence.",
+        unit="m",
+        length=3,
+        minimum=-_FAR,
+        maximum=_FAR,
+        live=True,
+    )
+    action: str = parameter(
+        "hover",
+        doc="Outside of it: warn and fly on; hover inside of it without the solver; or stop "
+        "publishing until the node is activated again.",
+        choices=_ACTIONS,
+        live=True,
+    )
+
+    def check(self) -> None:
+        """Refuse a fence with no inside."""
+        if not all(low < high for low, high in zip(self.minimum, self.maximum, strict=True)):
+            raise ConfigurationError(
+                f"{self.owner}.minimum",
+                self.minimum,
+                f"3 numbers below fence.maximum {list(self.maximum)}",
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvelopeParameters(Configuration):
+    """How far the vehicle may tilt, and how fast turn and fly; by default as it likes."""
+
+    owner = "mpc.envelope"
+
+    tilt_max: float = parameter(
+        math.pi,
+        doc="Largest angle between the thrust axis and up.",
+        unit="rad",
+        above=0.0,
+        maximum=math.pi,
+        live=True,
+    )
+    rate_max: float = parameter(
+        100.0, doc="Largest body rate, its norm.", unit="rad/s", above=0.0, live=True
+    )
+    speed_max: float = parameter(100.0, doc="Largest speed.", unit="m/s", above=0.0, live=True)
+    action: str = parameter(
+        "warn", doc="Beyond it: as for fence.action.", choices=_ACTIONS, live=True
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlewParameters(Configuration):
+    """How fast a command may change; applied last, to every source, unknown to the plan."""
+
+    owner = "mpc.slew"
+
+    throttle_max: float = parameter(
+        0.0, doc="Largest change of the throttle; 0 is any.", unit="1/s", minimum=0.0, live=True
+    )
+    rate_max: float = parameter(
+        0.0,
+        doc="Largest change of each body rate; 0 is any.",
+        unit="rad/s^2",
+        minimum=0.0,
+        live=True,
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class MpcConfig(VehicleParameters):
     """Parameters of the MPC; those marked live may change in flight."""
@@ -118,22 +205,42 @@ class MpcConfig(VehicleParameters):
         False, doc="Answer each odometry with the reference of the same stamp, in simulated time."
     )
     odom_timeout: float = parameter(
-        0.1, doc="Odometry older than this is unusable.", unit="s", above=0.0
+        0.1, doc="Odometry older than this is unusable.", unit="s", above=0.0, live=True
     )
     reference_timeout: float = parameter(
-        0.5, doc="A reference older than this is unusable.", unit="s", above=0.0
+        0.5, doc="A reference older than this is unusable.", unit="s", above=0.0, live=True
+    )
+    deadline: float = parameter(
+        0.8,
+        doc="Share of a control period within which a plan has to be ready, or it is dropped; "
+        "not in lockstep.",
+        above=0.0,
+        maximum=1.0,
     )
     plan_hold_time: float = parameter(
-        0.2, doc="How long the last plan is flown on when no new one comes.", unit="s", minimum=0.0
+        0.2,
+        doc="How long the last plan is flown on when no new one comes.",
+        unit="s",
+        minimum=0.0,
+        live=True,
     )
     blind_time: float = parameter(
         1.0,
         doc="How long to level and descend without odometry before falling silent.",
         unit="s",
         minimum=0.0,
+        live=True,
     )
     odometry: OdometryParameters = dataclasses.field(default_factory=OdometryParameters)
     solver: SolverParameters = dataclasses.field(default_factory=SolverParameters)
+    fence: FenceParameters = dataclasses.field(default_factory=FenceParameters)
+    envelope: EnvelopeParameters = dataclasses.field(default_factory=EnvelopeParameters)
+    slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
+
+    @property
+    def deadline_seconds(self) -> float:
+        """Time within which a plan has to be ready [s]; infinite where time waits for it."""
+        return math.inf if self.lockstep else self.deadline / self.control_rate
 
     def check(self) -> None:
         """Refuse bounds that leave no throttle, and bounds that forbid hovering."""

@@ -7,20 +7,34 @@ safety ladder, always knows who commands. It reads no ROS and no wall clock: ``n
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 import numpy as np
 
+from quad_mpc_ros.control import ladder
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.fallback import BlindFallback, HoverFallback, dead_reckoned
+from quad_mpc_ros.control.decimation import Decimation
+from quad_mpc_ros.control.fallback import (
+    BlindFallback,
+    HoverFallback,
+    bounded,
+    dead_reckoned,
+    idle,
+)
+from quad_mpc_ros.control.flight_limits import FlightLimits
 from quad_mpc_ros.control.formulation import Plan
-from quad_mpc_ros.control.ladder import Decision, SafetyLadder, Source
+from quad_mpc_ros.control.ground import GroundContact
+from quad_mpc_ros.control.ladder import Breach, Decision, Source
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.odometry_gate import OdometryGate
 from quad_mpc_ros.control.prediction import NO_DISTURBANCE
+from quad_mpc_ros.control.slew import slewed
 from quad_mpc_ros.control.stats import TickStats
 from quad_mpc_ros.control.twist_check import TwistFrameCheck
-from quad_mpc_ros.control.validation import odometry_fault, reference_fault
+from quad_mpc_ros.control.validation import coverage_fault, reference_fault
 from quad_mpc_ros.core import so3
+from quad_mpc_ros.core.compiled import largest
 from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.core.state import Input, State, state_from_odometry
 
@@ -43,32 +57,41 @@ class Controller:
     and a repeated odometry gets the same answer again, so that lost messages can be sent again.
     """
 
-    def __init__(self, config: MpcConfig) -> None:
+    def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
+        """``deadline`` [s] is how long a plan may take to be flown, where time does not wait."""
         self._config = config
-        self._mpc = Mpc(config)
-        self._ladder = SafetyLadder(config)
+        self._deadline = deadline
+        self._mpc = Mpc(config, deadline=deadline)
+        self._gate = OdometryGate(config)
+        self._limits = FlightLimits(config)
+        self._ground = GroundContact()
         self._hover = HoverFallback(config)
         self._blind = BlindFallback(config)
         self._twist_check = TwistFrameCheck(twist_frame=config.odometry.twist_frame)
+        self._vehicle = config.vehicle()
+        self._weight = self._vehicle.mass * self._vehicle.gravity
+        self._timeouts = ladder.timeouts_of(config)
+        self._ladder_memory = ladder.Memory()
         self._period_ns = round(_SECOND / config.control_rate)
+        self._decimation = Decimation(self._period_ns)
 
         self._odometry: OdometrySample | None = None
         self._odometry_received_ns = 0
         self._window: ReferenceWindow | None = None
         self._window_received_ns = 0
-        self._due_ns: int | None = None
-        self._spacing = _Spacing(self._period_ns)
         self._held = self._period_ns * 1e-9  # how long a command is expected to act [s]
 
         self._plan: Plan | None = None
         self._planned_ns = 0
         self._blind_since_ns: int | None = None
         self._R_WB: Array | None = None  # dead reckoned, while there is no odometry
+        self._standing = False
         self._input = Input(throttle=0.0, w_WB_B=np.zeros(3))
         self._sent_ns: int | None = None
         self._last_tick: Tick | None = None
 
         self._commands = self._fallbacks = self._solver_failures = self._rejected = 0
+        self._deadline_misses = 0
         self._warnings: list[str] = []
 
     @property
@@ -84,7 +107,10 @@ class Controller:
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed live parameters between two ticks; the warm start stays."""
         self._config = config
+        self._timeouts = ladder.timeouts_of(config)
         self._mpc.reconfigure(config)
+        self._gate.reconfigure(config)
+        self._limits.reconfigure(config)
         self._hover.reconfigure(config)
         self._blind = BlindFallback(config)
 
@@ -103,31 +129,28 @@ class Controller:
         """Take an odometry and return the tick it triggers, if it is usable and one is due."""
         if self._config.lockstep:
             now_ns = odometry.stamp_ns
-        fault = odometry_fault(
-            odometry,
-            frame_id=self._config.odometry.frame_id,
-            newest_stamp_ns=self._newest_stamp(now_ns),
-        )
-        if fault is not None:
-            self._reject(fault)
+        refusal = self._gate.refusal(odometry, now_ns=now_ns)
+        if refusal is not None:
+            self._reject(refusal)
             return None
         odometry = self._with_body_twist(odometry)
         self._odometry, self._odometry_received_ns = odometry, now_ns
         if self._config.lockstep:
             return self._answer_in_lockstep(odometry)
-        return self._tick(odometry, now_ns) if self._is_due(odometry.stamp_ns) else None
+        due = self._decimation.is_due(odometry.stamp_ns)
+        return self._tick(odometry, now_ns) if due else None
 
     def watch(self, *, now_ns: int) -> Tick | None:
         """Act when no odometry does: to be called every control period by a timer."""
         if self._config.lockstep or self._odometry is None or self._sent_ns is None:
             return None
-        if now_ns - self._odometry_received_ns <= round(self._config.odom_timeout * _SECOND):
+        if abs(now_ns - self._odometry_received_ns) <= self._timeouts.odometry:
             return None
         elapsed = (now_ns - self._sent_ns) * 1e-9
         R_WB = self._state(self._odometry).R_WB
         self._R_WB = dead_reckoned(R_WB, self._input.w_WB_B, duration=elapsed)
-        decision = self._decide(now_ns, solver_fault="not run without odometry")
-        return self._finish(decision, now_ns, now_ns=now_ns, step=None)
+        decision = self._decide(now_ns, plan_fault="not run without odometry")
+        return self._finish(decision, now_ns, now_ns=now_ns)
 
     def sent_instead(self, command: CommandSample, *, now_ns: int) -> None:
         """Tell that another command than that of the last tick was sent, which acts instead."""
@@ -154,32 +177,79 @@ class Controller:
         return self._tick(odometry, odometry.stamp_ns)
 
     def _tick(self, odometry: OdometrySample, now_ns: int) -> Tick:
-        window = self._fresh_window(now_ns)
-        step = self._mpc.step(odometry, window) if window is not None else None
-        solver_fault = "no usable reference"
-        if step is not None:
-            solver_fault = "" if step.plan is not None else f"solver: {step.solution.status}"
-            self._solver_failures += step.plan is None
-        decision = self._decide(now_ns, solver_fault=solver_fault or None)
-        if step is not None and step.plan is not None:
-            self._plan, self._planned_ns = step.plan, now_ns
         self._R_WB = None
-        return self._finish(decision, odometry.stamp_ns, now_ns=now_ns, step=step)
+        step, plan_fault = self._step(odometry, now_ns)
+        if step is not None and not plan_fault:
+            self._plan, self._planned_ns = step.plan, now_ns
+        breach = self._look(odometry, now_ns)
+        decision = self._decide(now_ns, plan_fault=plan_fault, breach=breach)
+        plan = None if plan_fault else self._plan
+        return self._finish(decision, odometry.stamp_ns, now_ns=now_ns, step=step, plan=plan)
 
-    def _decide(self, now_ns: int, *, solver_fault: str | None) -> Decision:
-        return self._ladder.decide(
-            now_ns=now_ns,
-            odometry_ns=self._odometry_received_ns if self._odometry is not None else None,
-            reference_ns=self._window_received_ns if self._window is not None else None,
-            solver_fault=solver_fault,
+    def _step(self, odometry: OdometrySample, now_ns: int) -> tuple[MpcStep | None, str]:
+        """Run the MPC; return its outcome, and if it gives no plan to fly, why."""
+        window = self._window
+        if window is None or now_ns - self._window_received_ns > self._timeouts.reference:
+            return None, "no usable reference"
+        fault = coverage_fault(window, odometry.stamp_ns, tolerance_ns=self._timeouts.reference)
+        if fault is not None:
+            return None, fault
+        try:
+            step = self._mpc.step(odometry, window)
+        except Exception as error:  # whatever it is, something has to fly the vehicle
+            self._solver_failures += 1
+            self._mpc = Mpc(self._config, deadline=self._deadline)
+            return None, f"error in the control step: {error!r}"
+        if step.plan is None:
+            self._solver_failures += 1
+            return step, f"solver: {step.solution.status}"
+        if not math.isfinite(largest(step.plan.inputs.ravel())):
+            self._solver_failures += 1
+            return step, "the plan is not finite"
+        if step.step_time > self._deadline:
+            self._deadline_misses += 1
+            return step, f"late: the plan took {1e3 * step.step_time:.1f} ms"
+        return step, ""
+
+    def _look(self, odometry: OdometrySample, now_ns: int) -> Breach | None:
+        """Find out from a new odometry whether the vehicle stands, and what limit it breaks."""
+        if self._sent_ns is not None:  # before that others may keep it in the air
+            lift = self._vehicle.thrust(self._input.throttle) * odometry.up / self._weight
+            self._standing = self._ground.update(speed=odometry.speed, lift=lift, now_ns=now_ns)
+        return self._limits.check(odometry, p_reference=self._reference_position(), now_ns=now_ns)
+
+    def _reference_position(self) -> Array | None:
+        """Return the position (3,) that the reference wants about now."""
+        return self._window.p_WB[0] if self._window is not None else None
+
+    def _decide(self, now_ns: int, *, plan_fault: str, breach: Breach | None = None) -> Decision:
+        decision, self._ladder_memory = ladder.decide(
+            ladder.Inputs(
+                now_ns=now_ns,
+                odometry_ns=self._odometry_received_ns if self._odometry is not None else None,
+                reference_ns=self._window_received_ns if self._window is not None else None,
+                plan_fault=plan_fault,
+                breach=breach,
+                standing=self._standing,
+            ),
+            self._ladder_memory,
+            self._timeouts,
         )
+        return decision
 
     def _finish(
-        self, decision: Decision, stamp_ns: int, *, now_ns: int, step: MpcStep | None
+        self,
+        decision: Decision,
+        stamp_ns: int,
+        *,
+        now_ns: int,
+        step: MpcStep | None = None,
+        plan: Plan | None = None,
     ) -> Tick:
         u = self._input_of(decision.source, now_ns)
         command = None
         if u is not None:
+            u = self._limited(u, now_ns)
             self._mpc.sent(u, stamp_ns=stamp_ns)
             self._input, self._sent_ns = u, now_ns
             self._commands += 1
@@ -189,7 +259,7 @@ class Controller:
             command=command,
             decision=decision,
             stats=self._stats(decision, stamp_ns=stamp_ns, now_ns=now_ns, step=step),
-            plan=step.plan if step is not None else None,
+            plan=plan,
         )
         return self._last_tick
 
@@ -204,7 +274,10 @@ class Controller:
                 elapsed = (now_ns - self._planned_ns) * 1e-9
                 return Input.from_vector(self._plan.input_over(elapsed, self._held))
             case Source.HOVER if self._odometry is not None:
-                return self._hover.command(self._state(self._odometry))
+                x = self._state(self._odometry)
+                return self._hover.command(x, p_hold=self._limits.inside(x.p_WB))
+            case Source.IDLE:
+                return idle(self._config)
             case Source.BLIND if self._odometry is not None:
                 self._blind_since_ns = self._blind_since_ns or now_ns
                 elapsed = (now_ns - self._blind_since_ns) * 1e-9
@@ -212,6 +285,13 @@ class Controller:
                 return self._blind.command(R_WB, elapsed=elapsed)
             case _:
                 return None
+
+    def _limited(self, u: Input, now_ns: int) -> Input:
+        """Return the command nearest to one that bounds and slew limits allow."""
+        if self._sent_ns is not None:
+            elapsed = max(now_ns - self._sent_ns, 0) * 1e-9
+            u = slewed(u, self._input, self._config.slew, duration=elapsed)
+        return bounded(u, self._config)
 
     def _state(self, odometry: OdometrySample) -> State:
         """Return the last known state, with the attitude as it is by dead reckoning."""
@@ -246,37 +326,9 @@ class Controller:
             commands=self._commands,
             fallbacks=self._fallbacks,
             solver_failures=self._solver_failures,
+            deadline_misses=self._deadline_misses,
             rejected_inputs=self._rejected,
         )
-
-    def _fresh_window(self, now_ns: int) -> ReferenceWindow | None:
-        fresh = now_ns - self._window_received_ns <= self._config.reference_timeout * _SECOND
-        return self._window if fresh else None
-
-    def _newest_stamp(self, now_ns: int) -> int | None:
-        """Return the stamp that the next odometry must not precede.
-
-        A source that has been silent, or whose clock was set, may start again from any time.
-        """
-        if self._odometry is None:
-            return None
-        silent = abs(now_ns - self._odometry_received_ns) > self._config.odom_timeout * _SECOND
-        if silent:
-            self._due_ns = None
-        return None if silent else self._odometry.stamp_ns
-
-    def _is_due(self, stamp_ns: int) -> bool:
-        """Decimate: of the odometries around each tick of the control rate take the nearest.
-
-        Half the distance between odometries is forgiven, so jitter costs no tick when they come
-        at the control rate, and faster ones are still told apart.
-        """
-        due_ns = stamp_ns if self._due_ns is None else self._due_ns
-        if stamp_ns < due_ns - self._spacing.half_ns(stamp_ns):
-            return False
-        overdue = stamp_ns > due_ns + self._period_ns
-        self._due_ns = (stamp_ns if overdue else due_ns) + self._period_ns
-        return True
 
     def _with_body_twist(self, odometry: OdometrySample) -> OdometrySample:
         suspected = self._twist_check.suspect(odometry)
@@ -295,19 +347,3 @@ class Controller:
     def _reject(self, fault: str) -> None:
         self._rejected += 1
         self._warnings.append(fault)
-
-
-class _Spacing:
-    """The distance between odometries, smoothed, starting from and never above the control's."""
-
-    def __init__(self, period_ns: int) -> None:
-        self._longest_ns = self._mean_ns = period_ns
-        self._previous_ns: int | None = None
-
-    def half_ns(self, stamp_ns: int) -> int:
-        """Take the next stamp and return half the distance."""
-        if self._previous_ns is not None and stamp_ns > self._previous_ns:
-            distance_ns = min(stamp_ns - self._previous_ns, self._longest_ns)
-            self._mean_ns += (distance_ns - self._mean_ns) // 4
-        self._previous_ns = stamp_ns
-        return self._mean_ns // 2

@@ -25,7 +25,7 @@ _BLIND_DESCENT = 0.2  # fraction of the hover throttle given up by the end of th
 
 
 class HoverFallback:
-    """Brakes and holds the position where it was engaged."""
+    """Brakes and holds a position."""
 
     def __init__(self, config: MpcConfig) -> None:
         self._config = config
@@ -40,10 +40,13 @@ class HoverFallback:
         """Forget the held position; the next call holds where the vehicle is then."""
         self._p_hold = None
 
-    def command(self, x: State) -> Input:
-        """Return the command that brakes and returns to the held position."""
+    def command(self, x: State, *, p_hold: Array | None = None) -> Input:
+        """Return the command that brakes and holds the position where it was engaged.
+
+        Or ``p_hold`` (3,), as given with the first call after the release.
+        """
         if self._p_hold is None:
-            self._p_hold = x.p_WB.copy()
+            self._p_hold = (x.p_WB if p_hold is None else p_hold).copy()
         wanted = _POSITION_GAIN * (self._p_hold - x.p_WB) - _VELOCITY_GAIN * x.v_WB_W
         horizontal = math.hypot(wanted[0], wanted[1])
         wanted[:2] *= min(1.0, _HORIZONTAL_LIMIT / max(horizontal, 1e-9))
@@ -95,12 +98,17 @@ def tilt_to(direction_W: Array, R_WB: Array) -> Array:
     return np.asarray(axis * (math.atan2(sine, direction_B[2]) / sine))
 
 
+def idle(config: MpcConfig) -> Input:
+    """Return the command of a vehicle that is to stay on the ground."""
+    return Input(throttle=config.throttle_min, w_WB_B=np.zeros(3))
+
+
 def bounded(u: Input, config: MpcConfig) -> Input:
     """Return the input inside the bounds of the configuration."""
-    limit = np.array(config.omega_max)
+    rates = zip(u.w_WB_B.tolist(), config.omega_max, strict=True)
     return Input(
         throttle=min(max(u.throttle, config.throttle_min), config.throttle_max),
-        w_WB_B=np.clip(u.w_WB_B, -limit, limit),
+        w_WB_B=np.array([min(max(rate, -limit), limit) for rate, limit in rates]),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -41,11 +42,13 @@ class MpcStep(NamedTuple):
 class Mpc:
     """Linear MPC on the error state, one persistent sparse QP."""
 
-    def __init__(self, config: MpcConfig) -> None:
+    def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
         self._predictor = StatePredictor(config)
         self._formulation = FORMULATIONS[config.formulation](config)
         self._qp = HorizonQP(self._formulation.pattern())
-        self._solver = QpSolver(self._qp, config.solver)
+        # Iterations beyond the first have to leave time for one more.
+        self._enough = 0.5 * deadline
+        self._solver = QpSolver(self._qp, config.solver, time_limit=deadline)
 
     def step(self, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
         """Compute the plan for an odometry (twist in the body frame) and a reference window."""
@@ -62,7 +65,7 @@ class Mpc:
             if not solution.solved:
                 break
             plan, again = horizon.advance(*self._qp.split(solution.z))
-            if again is None:
+            if again is None or time.perf_counter() - started > self._enough:
                 break
             horizon = again
         return MpcStep(

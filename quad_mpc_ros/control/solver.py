@@ -49,9 +49,13 @@ _REFUSED = QpSolution(
 class QpSolver:
     """Solves a :class:`HorizonQP` again and again, each time from the previous solution."""
 
-    def __init__(self, qp: HorizonQP, parameters: SolverParameters) -> None:
+    def __init__(
+        self, qp: HorizonQP, parameters: SolverParameters, *, time_limit: float = math.inf
+    ) -> None:
+        """``time_limit`` [s] ends a solve that takes longer, unsolved."""
         self._qp = qp
         self._parameters = parameters
+        self._time_limit = time_limit
         self._osqp: osqp.OSQP | None = None
         self._z = self._zero = np.zeros(qp.A.shape[1])
         self._y = np.zeros(qp.A.shape[0])
@@ -71,7 +75,8 @@ class QpSolver:
         # A solver may say "solved" and return NaN; the plan is what flies, so look at the plan.
         finite = math.isfinite(largest(x)) and math.isfinite(largest(y))
         solved = finite and info.status_val == osqp.SolverStatus.OSQP_SOLVED
-        if solved:
+        late = finite and info.status_val == osqp.SolverStatus.OSQP_TIME_LIMIT_REACHED
+        if solved or late:  # what has been gained so far is not lost for the next one
             # Copies: what the solver returns may be its own memory.
             self._z, self._y = np.array(x), np.array(y)
         else:
@@ -98,6 +103,10 @@ class QpSolver:
         """
         # Written so that NaN, which compares with nothing, is refused.
         return self._qp.size() < _LARGEST
+
+    def _limited(self) -> dict[str, float]:
+        """Return OSQP's limit on time, which makes it look at the clock in each iteration."""
+        return {"time_limit": self._time_limit} if math.isfinite(self._time_limit) else {}
 
     def _updated(self) -> Any:
         """Return OSQP's compiled solver with the problem as it stands."""
@@ -126,6 +135,7 @@ class QpSolver:
                 # Adapt the step size by iterations, never by the clock: two runs must agree.
                 adaptive_rho=1,
                 adaptive_rho_interval=10,
+                **self._limited(),
             )
             self._osqp = solver  # only now: a setup that raises leaves none behind
         else:

@@ -11,7 +11,7 @@ class TickStats:
     """Figures of one tick; the documentation of each key is the comment beside it."""
 
     stamp_ns: int  # stamp of the odometry answered, or the time of a tick without one [ns]
-    source: str  # rung of the safety ladder that commanded: mpc, plan, hover, blind, silent
+    source: str  # rung of the safety ladder that commanded: mpc, plan, hover, idle, blind, silent
     reason: str  # why that rung, empty when all is well
     solver_status: str  # as OSQP names it, or "not run"
     iterations: int  # of OSQP
@@ -30,6 +30,7 @@ class TickStats:
     commands: int  # commands sent so far
     fallbacks: int  # of those, not from the MPC
     solver_failures: int  # solves so far that gave no plan
+    deadline_misses: int  # plans so far that came too late and were dropped
     rejected_inputs: int  # odometry and reference messages ignored so far as unusable
 
     def items(self) -> list[tuple[str, str]]:

@@ -14,10 +14,8 @@ _QUATERNION_TOLERANCE = 1e-3
 _LARGEST = 1e8  # room for map coordinates in metres, none for what would overflow when squared
 
 
-def odometry_fault(
-    odometry: OdometrySample, *, frame_id: str, newest_stamp_ns: int | None
-) -> str | None:
-    """Return why an odometry cannot be used, given the stamp of the last one that could."""
+def odometry_fault(odometry: OdometrySample, *, frame_id: str) -> str | None:
+    """Return why an odometry cannot be used, whatever came before it."""
     vectors = (odometry.p_WB, odometry.v_WB_B, odometry.w_WB_B)
     if not (_usable(odometry.q_WB_xyzw) and all(map(_usable, vectors))):
         return "odometry holds a number that is not finite or beyond 1e8"
@@ -25,8 +23,6 @@ def odometry_fault(
         return "odometry quaternion is not of unit length"
     if odometry.frame_id.removeprefix("/") != frame_id.removeprefix("/"):
         return f"odometry is in frame '{odometry.frame_id}', expected '{frame_id}'"
-    if newest_stamp_ns is not None and odometry.stamp_ns < newest_stamp_ns:
-        return "odometry stamp runs backwards"
     return None
 
 
@@ -43,6 +39,17 @@ def reference_fault(window: ReferenceWindow, *, frame_id: str) -> str | None:
         return "reference quaternion is not of unit length"
     if window.frame_id.removeprefix("/") != frame_id.removeprefix("/"):
         return f"reference is in frame '{window.frame_id}', expected '{frame_id}'"
+    return None
+
+
+def coverage_fault(window: ReferenceWindow, stamp_ns: int, *, tolerance_ns: int) -> str | None:
+    """Return why a reference says nothing of a time: it is over, or still to begin."""
+    begins_ns = window.stamp_ns + int(window.offset_ns[0])
+    ends_ns = window.stamp_ns + int(window.offset_ns[-1])
+    if stamp_ns - ends_ns > tolerance_ns:
+        return f"reference ended {(stamp_ns - ends_ns) * 1e-9:.2f} s before the odometry's stamp"
+    if begins_ns - stamp_ns > tolerance_ns:
+        return f"reference begins {(begins_ns - stamp_ns) * 1e-9:.2f} s after the odometry's stamp"
     return None
 
 

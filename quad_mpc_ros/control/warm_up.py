@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 
 import numpy as np
 
@@ -14,14 +15,14 @@ from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 _TICKS_NS = (1_000_000_000, 2_000_000_000, 3_000_000_000)
 
 
-def warmed_up(config: MpcConfig) -> Controller:
+def warmed_up(config: MpcConfig, *, deadline: float = math.inf) -> Controller:
     """Return a new controller, none of whose code is left to compile."""
     _compile(
         dataclasses.replace(
             config, horizon_steps=2, lockstep=False, odom_timeout=2.0, reference_timeout=2.0
         )
     )
-    return Controller(config)
+    return Controller(config, deadline=deadline)
 
 
 @functools.cache

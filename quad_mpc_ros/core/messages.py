@@ -8,6 +8,7 @@ the way in. Stamps are integer nanoseconds: no time is ever rounded.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +31,17 @@ class OdometrySample:
     w_WB_B: Array
     frame_id: str = "odom"
     child_frame_id: str = "base_link"
+
+    @property
+    def speed(self) -> float:
+        """Speed over ground [m/s]."""
+        return math.hypot(*self.v_WB_B.tolist())
+
+    @property
+    def up(self) -> float:
+        """Cosine of the tilt: how much of the body's z axis points up."""
+        x, y, _, _ = self.q_WB_xyzw.tolist()
+        return float(1.0 - 2.0 * (x * x + y * y))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

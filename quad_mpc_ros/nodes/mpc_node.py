@@ -28,7 +28,7 @@ class MpcNode(Node):
     def __init__(self) -> None:
         super().__init__("mpc", automatically_declare_parameters_from_overrides=True)
         self._config = declare(self, MpcConfig)
-        self._controller = warmed_up(self._config)
+        self._controller = warmed_up(self._config, deadline=self._config.deadline_seconds)
         follow_changes(self, self._config, self._controller.reconfigure)
 
         self._tick: Tick | None = None

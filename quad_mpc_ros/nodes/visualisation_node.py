@@ -55,7 +55,7 @@ class VisualisationNode(Node):
 
     def _on_odometry(self, message: Any) -> None:
         odometry = conversions.odometry_from_message(message)
-        fault = odometry_fault(odometry, frame_id=odometry.frame_id, newest_stamp_ns=None)
+        fault = odometry_fault(odometry, frame_id=odometry.frame_id)
         if fault is not None:
             return  # the controller warns of it
         self._odometry, self._heard = odometry, True

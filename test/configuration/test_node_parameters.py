@@ -119,6 +119,19 @@ def test_values_that_do_not_go_together_are_refused(
         NODES[node].build(values)
 
 
-def test_live_parameters_are_weights_and_bounds() -> None:
+def test_live_parameters_are_weights_bounds_and_limits() -> None:
     live = {spec.name for spec in MpcConfig.specs() if spec.live}
-    assert live == {"Q", "R", "terminal_weight", "omega_max", "throttle_min", "throttle_max"}
+    assert {name for name in live if "." not in name} == {
+        "Q",
+        "R",
+        "terminal_weight",
+        "omega_max",
+        "throttle_min",
+        "throttle_max",
+        "odom_timeout",
+        "reference_timeout",
+        "plan_hold_time",
+        "blind_time",
+    }
+    groups = {name.split(".")[0] for name in live if "." in name}
+    assert groups == {"fence", "envelope", "slew"}

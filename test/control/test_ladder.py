@@ -1,34 +1,49 @@
-"""The rungs of the safety ladder in the order of time."""
+"""The safety ladder as stories: what is known at which time, and who has to command then.
+
+Each test takes the module as a fixture, so that ``test_ladder_mutations.py`` can tell the same
+stories to a module in which a condition has been changed.
+"""
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Iterable
+from types import ModuleType
+from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.ladder import Decision, SafetyLadder, Source
+from quad_mpc_ros.control import ladder as real_ladder
 
 MS = 1_000_000
 START = 5_000_000_000
+MPC, PLAN, HOVER, IDLE, BLIND, SILENT, WAITING = (
+    "MPC",
+    "PLAN",
+    "HOVER",
+    "IDLE",
+    "BLIND",
+    "SILENT",
+    "WAITING",
+)
+FAILED = "solver: failed"
 
 
 @pytest.fixture
-def config(paper_config: MpcConfig) -> MpcConfig:
-    return dataclasses.replace(
-        paper_config,
-        odom_timeout=0.1,
-        reference_timeout=0.5,
-        plan_hold_time=0.2,
-        blind_time=1.0,
-    )
+def ladder() -> ModuleType:
+    return real_ladder
 
 
 class Flight:
-    """A ladder with inputs that arrive until they are stopped; times in ms."""
+    """A ladder with a timeout of 100 ms for odometry, 500 ms for the reference, and so on."""
 
-    def __init__(self, config: MpcConfig) -> None:
-        self._ladder = SafetyLadder(config)
+    def __init__(self, ladder: ModuleType, *, plan_hold: int = 200, blind: int = 1000) -> None:
+        self._ladder = ladder
+        self._memory = ladder.Memory()
+        self._timeouts = ladder.Timeouts(
+            odometry=100 * MS, reference=500 * MS, plan_hold=plan_hold * MS, blind=blind * MS
+        )
 
     def decide(
         self,
@@ -36,129 +51,260 @@ class Flight:
         *,
         odometry: float | None = None,
         reference: float | None = None,
-        fault: str | None = None,
-    ) -> Decision:
-        """Decide with inputs that last came at the given times, by default just now."""
+        fault: str = "",
+        breach: tuple[str, str] | None = None,
+        standing: bool = False,
+        never: str = "",
+    ) -> tuple[str, str]:
+        """Decide at a time [ms] with inputs that last came at the given times, or just now.
+
+        ``never`` names the inputs that have never come. Returns the rung and the reason.
+        """
 
         def stamp(time: float | None) -> int:
             return START + round((at if time is None else time) * MS)
 
-        return self._ladder.decide(
-            now_ns=stamp(None),
-            odometry_ns=stamp(odometry),
-            reference_ns=stamp(reference),
-            solver_fault=fault,
+        broken = None
+        if breach is not None:
+            broken = self._ladder.Breach(self._ladder.Action[breach[0]], breach[1])
+        decision, self._memory = self._ladder.decide(
+            self._ladder.Inputs(
+                now_ns=stamp(None),
+                odometry_ns=None if "odometry" in never else stamp(odometry),
+                reference_ns=None if "reference" in never else stamp(reference),
+                plan_fault=fault,
+                breach=broken,
+                standing=standing,
+            ),
+            self._memory,
+            self._timeouts,
         )
+        return decision.source.name, decision.reason
+
+    def follow(self, expected: Iterable[tuple[float, str]], **known: Any) -> None:
+        """Decide at each time and compare the rung."""
+        for at, rung in expected:
+            assert (at, self.decide(at, **known)[0]) == (at, rung)
 
 
-@pytest.fixture
-def flight(config: MpcConfig) -> Flight:
-    return Flight(config)
+def test_all_well_is_the_mpc_and_gives_no_reason(ladder: ModuleType) -> None:
+    assert Flight(ladder).decide(0) == (MPC, "")
 
 
-def test_all_well_is_the_mpc(flight: Flight) -> None:
-    assert flight.decide(0) == Decision(source=Source.MPC, reason="")
+def test_before_the_first_plan_it_waits(ladder: ModuleType) -> None:
+    for known, reason in (
+        ({"never": "odometry"}, "no odometry yet"),
+        ({"never": "reference"}, "no reference yet"),
+        ({"never": "odometry reference"}, "no odometry yet"),
+        ({"fault": FAILED}, FAILED),
+        ({"odometry": 0, "fault": FAILED}, FAILED),
+        ({"never": "reference", "fault": FAILED}, "no reference yet"),
+        ({"fault": FAILED, "breach": ("STOP", "out")}, FAILED),
+        ({"fault": FAILED, "breach": ("HOVER", "out"), "standing": True}, FAILED),
+    ):
+        flight = Flight(ladder)
+        for at in (0, 50, 90):
+            assert flight.decide(at, **known) == (WAITING, reason)  # type: ignore[arg-type]
+        # What broke a limit before it flew does not stop it for good.
+        assert flight.decide(100) == (MPC, "")
 
 
-@pytest.mark.parametrize(
-    ("odometry_ns", "reference_ns", "fault", "reason"),
-    [
-        (None, START, None, "no odometry yet"),
-        (START, None, None, "no reference yet"),
-        (START, START, "solver: maximum iterations reached", "maximum iterations"),
-    ],
-)
-def test_before_the_first_plan_it_waits(
-    config: MpcConfig,
-    odometry_ns: int | None,
-    reference_ns: int | None,
-    fault: str | None,
-    reason: str,
-) -> None:
-    ladder = SafetyLadder(config)
-    for late in (0, 50 * MS, 10_000 * MS):
-        decision = ladder.decide(
-            now_ns=START + late,
-            odometry_ns=None if odometry_ns is None else odometry_ns + late,
-            reference_ns=None if reference_ns is None else reference_ns + late,
-            solver_fault=fault,
+def test_a_failing_solver_means_the_plan_then_hover(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.decide(0)
+    for at, rung in ((20, PLAN), (200, PLAN), (200.000001, HOVER), (60_000, HOVER)):
+        assert flight.decide(at, fault=FAILED) == (rung, FAILED)
+    assert flight.decide(60_020) == (MPC, "")
+    flight.follow([(60_220, PLAN), (60_221, HOVER)], fault=FAILED)
+
+
+def test_a_silent_reference_means_the_plan_then_hover(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.follow([(500, MPC), (500.000001, PLAN), (700, PLAN), (700.1, HOVER)], reference=0)
+    assert flight.decide(800, reference=0) == (HOVER, "reference is 0.80 s old")
+    assert flight.decide(5000) == (MPC, "")
+
+
+def test_lost_odometry_goes_down_every_rung_and_comes_back(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    for begin in (0, 60_000):
+        assert flight.decide(begin) == (MPC, "")
+        expected = (
+            (100, PLAN, FAILED),  # still young enough, so it is not what fails
+            (100.000001, PLAN, "odometry is 0.10 s old"),
+            (200, PLAN, "odometry is 0.20 s old"),
+            (220, BLIND, "odometry is 0.22 s old"),
+            (1220, BLIND, "odometry is 1.22 s old"),
+            (1220.000001, SILENT, "odometry is 1.22 s old"),
+            (50_000, SILENT, "odometry is 50.00 s old"),
         )
-        assert decision.source is Source.WAITING
-        assert reason in decision.reason
+        for at, rung, reason in expected:
+            decision = flight.decide(begin + at, odometry=begin, fault=FAILED)
+            assert (at, *decision) == (at, rung, reason)
 
 
-def test_a_failing_solver_means_the_plan_then_hover(flight: Flight) -> None:
+def test_a_new_plan_while_the_odometry_is_old_is_none(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
     flight.decide(0)
-    for at, source in ((20, Source.PLAN), (200, Source.PLAN), (201, Source.HOVER)):
-        decision = flight.decide(at, fault="solver: failed")
-        assert decision == Decision(source=source, reason="solver: failed")
-    assert flight.decide(60_000, fault="solver: failed").source is Source.HOVER
-    assert flight.decide(60_020).source is Source.MPC
+    flight.follow([(101, PLAN), (201, BLIND)], odometry=0)
 
 
-def test_a_silent_reference_means_the_plan_then_hover(flight: Flight) -> None:
-    flight.decide(500, reference=0)
-    assert flight.decide(501, reference=0).source is Source.PLAN
-    assert "reference is 0.60 s old" in flight.decide(600, reference=0).reason
-    assert flight.decide(701, reference=0).source is Source.HOVER
-    assert flight.decide(5000).source is Source.MPC
-
-
-def test_lost_odometry_goes_down_every_rung_and_comes_back(flight: Flight) -> None:
-    assert flight.decide(0).source is Source.MPC
-    expected = (
-        (100, Source.PLAN),
-        (101, Source.PLAN),
-        (200, Source.PLAN),
-        (220, Source.BLIND),
-        (1220, Source.BLIND),
-        (1221, Source.SILENT),
-        (60_000, Source.SILENT),
-    )
-    for at, source in expected:
-        decision = flight.decide(at, odometry=0, fault="not run")
-        assert decision.source is source, at
-        assert decision.reason
-    assert flight.decide(60_020).source is Source.MPC
-    # The whole ladder is there again.
-    assert flight.decide(60_150, odometry=60_020, fault="not run").source is Source.PLAN
-    assert flight.decide(60_230, odometry=60_020, fault="not run").source is Source.BLIND
-    assert flight.decide(61_230, odometry=60_020, fault="not run").source is Source.BLIND
-    assert flight.decide(61_240, odometry=60_020, fault="not run").source is Source.SILENT
-
-
-def test_odometry_that_returns_without_a_solver_is_enough_to_hover(flight: Flight) -> None:
+def test_odometry_that_returns_without_a_solver_is_enough_to_hover(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
     flight.decide(0)
-    flight.decide(900, odometry=0, fault="not run")
-    assert flight.decide(1000, fault="solver: failed").source is Source.HOVER
+    flight.decide(900, odometry=0, fault=FAILED)
+    assert flight.decide(1000, fault=FAILED) == (HOVER, FAILED)
     # Blindness is counted afresh.
-    assert flight.decide(1900, odometry=1000, fault="not run").source is Source.BLIND
-    assert flight.decide(2900, odometry=1000, fault="not run").source is Source.BLIND
-    assert flight.decide(2901, odometry=1000, fault="not run").source is Source.SILENT
+    flight.follow([(1900, BLIND), (2900, BLIND), (2901, SILENT)], odometry=1000, fault=FAILED)
 
 
-def test_hover_goes_blind_when_odometry_stops_too(flight: Flight) -> None:
+def test_hover_goes_blind_when_odometry_stops_too(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
     flight.decide(0)
-    assert flight.decide(400, fault="solver: failed").source is Source.HOVER
-    assert flight.decide(500, odometry=400, fault="not run").source is Source.HOVER
-    assert flight.decide(501, odometry=400, fault="not run").source is Source.BLIND
+    assert flight.decide(400, fault=FAILED) == (HOVER, FAILED)
+    flight.follow([(500, HOVER), (501, BLIND)], odometry=400, fault=FAILED)
 
 
-def test_the_first_reason_is_the_one_told(flight: Flight) -> None:
+def test_the_first_reason_is_the_one_told(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
     flight.decide(0)
-    assert "odometry is 0.15 s old" in flight.decide(150, odometry=0, fault="not run").reason
+    known: dict[str, Any] = {"odometry": 0, "reference": 0, "fault": FAILED}
+    assert flight.decide(50, **known) == (PLAN, FAILED)
+    assert flight.decide(150, **known) == (PLAN, "odometry is 0.15 s old")
+    assert flight.decide(600, reference=0, fault=FAILED) == (HOVER, "reference is 0.60 s old")
 
 
-@pytest.mark.parametrize("name", ["plan_hold_time", "blind_time"])
-def test_a_rung_of_no_time_is_skipped(config: MpcConfig, name: str) -> None:
-    flight = Flight(dataclasses.replace(config, **{name: 0.0}))
+def test_a_rung_of_no_time_is_skipped(ladder: ModuleType) -> None:
+    flight = Flight(ladder, plan_hold=0)
+    flight.follow([(0, MPC)])
+    flight.follow([(1, HOVER)], fault=FAILED)
+    flight = Flight(ladder, blind=0)
+    flight.follow([(0, MPC)])
+    flight.follow([(300, BLIND), (300.000001, SILENT)], odometry=0)
+
+
+def test_a_clock_set_back_makes_nothing_fresh(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.decide(10_000)
+    assert flight.decide(9_950, odometry=10_000) == (MPC, "")  # jitter
+    flight.decide(10_000)
+    assert flight.decide(5_000, odometry=10_000) == (BLIND, "odometry is -5.00 s old")
+    assert flight.decide(5_020, fault=FAILED) == (HOVER, FAILED)
+    assert flight.decide(5_040) == (MPC, "")
+
+
+def test_on_the_ground_it_idles_where_it_would_hover(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    assert flight.decide(0, standing=True) == (MPC, "")
+    flight.follow([(200, PLAN), (201, IDLE), (90_000, IDLE)], fault=FAILED, standing=True)
+    assert flight.decide(90_020, fault=FAILED) == (HOVER, FAILED)
+    assert flight.decide(90_040, breach=("HOVER", "out"), standing=True) == (IDLE, "out")
+
+
+def test_on_the_ground_without_odometry_it_idles_then_falls_silent(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.decide(0, standing=True)
+    expected = [(101, PLAN), (201, IDLE), (1201, IDLE), (1202, SILENT)]
+    flight.follow(expected, odometry=0, standing=True)
+
+
+def test_a_warning_does_not_change_who_commands(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    warning = ("WARN", "high")
+    assert flight.decide(0, breach=warning) == (MPC, "high")
+    assert flight.decide(20, breach=warning, fault=FAILED) == (PLAN, FAILED)
+    assert flight.decide(300, breach=warning, fault=FAILED) == (HOVER, FAILED)
+    assert flight.decide(320) == (MPC, "")
+
+
+def test_outside_a_limit_it_hovers_until_inside(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    out = ("HOVER", "out")
+    assert flight.decide(0, breach=out) == (HOVER, "out")
+    assert flight.decide(20, breach=out, fault=FAILED) == (HOVER, "out")  # not the plan
+    assert flight.decide(40) == (MPC, "")
+    # What was broken when it was last seen says nothing once it is not seen.
+    assert flight.decide(141, breach=out, odometry=40)[0] == PLAN
+    assert flight.decide(241, breach=out, odometry=40)[0] == BLIND
+
+
+def test_stopped_is_stopped_for_good(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
     flight.decide(0)
-    if name == "plan_hold_time":
-        assert flight.decide(1, fault="solver: failed").source is Source.HOVER
-    else:
-        flight.decide(300, odometry=0, fault="not run")
-        assert flight.decide(301, odometry=0, fault="not run").source is Source.SILENT
+    assert flight.decide(20, breach=("STOP", "far out")) == (SILENT, "far out")
+    assert flight.decide(40) == (SILENT, "far out")
+    assert flight.decide(60, breach=("STOP", "farther")) == (SILENT, "far out")
+    assert flight.decide(80, breach=("HOVER", "out"), fault=FAILED) == (SILENT, "far out")
+    assert flight.decide(100_000, odometry=100, standing=True) == (SILENT, "far out")
+    assert flight.decide(200_000) == (SILENT, "far out")
 
 
-def test_rungs_are_ordered_by_their_distance_from_normal() -> None:
-    assert Source.MPC < Source.PLAN < Source.HOVER < Source.BLIND < Source.SILENT
+def test_the_plan_is_held_from_when_it_was_last_good(ladder: ModuleType) -> None:
+    """Also when a limit kept it from being flown."""
+    flight = Flight(ladder)
+    flight.decide(0)
+    flight.decide(150, breach=("HOVER", "out"))
+    flight.follow([(340, PLAN), (351, HOVER)], fault=FAILED)
+
+
+def test_rungs_and_actions_are_ordered_by_their_distance_from_normal(ladder: ModuleType) -> None:
+    assert [source.name for source in sorted(ladder.Source)] == [
+        MPC,
+        PLAN,
+        HOVER,
+        IDLE,
+        BLIND,
+        SILENT,
+        WAITING,
+    ]
+    assert [action.name for action in sorted(ladder.Action)] == ["WARN", "HOVER", "STOP"]
+
+
+def test_timeouts_are_those_of_the_configuration(ladder: ModuleType) -> None:
+    from quad_mpc_ros.control.config import MpcConfig
+
+    config = MpcConfig(
+        odom_timeout=0.125, reference_timeout=0.25, plan_hold_time=0.5, blind_time=2.0
+    )
+    assert ladder.timeouts_of(config) == (125 * MS, 250 * MS, 500 * MS, 2000 * MS)
+
+
+_MOMENT = st.fixed_dictionaries(
+    {
+        "wait": st.integers(0, 400),
+        "odometry_age": st.integers(0, 150),
+        "reference_age": st.integers(0, 600),
+        "fault": st.sampled_from(["", FAILED]),
+        "breach": st.sampled_from([None, ("WARN", "high"), ("HOVER", "out"), ("STOP", "far")]),
+        "standing": st.booleans(),
+    }
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(moments=st.lists(_MOMENT, min_size=1, max_size=20))
+def test_in_any_story(moments: list[dict[str, Any]]) -> None:
+    """What holds at every moment, whatever came before."""
+    flight, at, stopped, flown = Flight(real_ladder), 0, False, False
+    for moment in moments:
+        at += moment["wait"]
+        rung, reason = flight.decide(
+            at,
+            odometry=at - moment["odometry_age"],
+            reference=at - moment["reference_age"],
+            fault=moment["fault"],
+            breach=moment["breach"],
+            standing=moment["standing"],
+        )
+        sighted = moment["odometry_age"] <= 100
+        well = sighted and moment["reference_age"] <= 500 and not moment["fault"]
+        flown = flown or well
+        action = moment["breach"][0] if moment["breach"] and sighted and flown else ""
+        stopped = stopped or action == "STOP"
+        assert (rung == WAITING) == (not flown)
+        assert not (stopped and rung != SILENT)
+        assert (rung == MPC) == (well and not stopped and action != "HOVER")
+        assert rung not in (HOVER, MPC) or sighted
+        assert rung != BLIND or not sighted
+        assert rung != IDLE or moment["standing"]
+        assert reason or (rung == MPC and action != "WARN")

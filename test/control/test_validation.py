@@ -9,7 +9,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.validation import odometry_fault, reference_fault
+from quad_mpc_ros.control.validation import (
+    coverage_fault,
+    odometry_fault,
+    reference_fault,
+)
 from quad_mpc_ros.core.messages import Array, OdometrySample, ReferenceWindow
 
 MakeOdometry = Callable[..., OdometrySample]
@@ -23,8 +27,8 @@ ODOMETRY_NUMBERS = [
 ]
 
 
-def fault_of(odometry: OdometrySample, newest_stamp_ns: int | None = None) -> str | None:
-    return odometry_fault(odometry, frame_id="odom", newest_stamp_ns=newest_stamp_ns)
+def fault_of(odometry: OdometrySample) -> str | None:
+    return odometry_fault(odometry, frame_id="odom")
 
 
 @pytest.mark.parametrize("value", NOT_FINITE)
@@ -71,21 +75,12 @@ def test_the_frame_must_be_the_expected_one(
 ) -> None:
     for expected in ("odom", "/odom"):
         faults = (
-            odometry_fault(
-                make_odometry(0, frame_id=frame_id), frame_id=expected, newest_stamp_ns=None
-            ),
+            odometry_fault(make_odometry(0, frame_id=frame_id), frame_id=expected),
             reference_fault(make_window(0, frame_id=frame_id), frame_id=expected),
         )
         for fault in faults:
             assert (fault is None) == accepted
             assert accepted or f"'{frame_id}', expected '{expected}'" in (fault or "")
-
-
-def test_stamps_must_not_run_backwards(make_odometry: MakeOdometry) -> None:
-    assert fault_of(make_odometry(99), newest_stamp_ns=100) == "odometry stamp runs backwards"
-    assert fault_of(make_odometry(100), newest_stamp_ns=100) is None
-    assert fault_of(make_odometry(101), newest_stamp_ns=100) is None
-    assert fault_of(make_odometry(0), newest_stamp_ns=None) is None
 
 
 @pytest.mark.parametrize("value", NOT_FINITE)
@@ -116,3 +111,24 @@ def test_an_empty_reference_is_refused(make_window: MakeWindow) -> None:
         },
     )
     assert reference_fault(empty, frame_id="odom") == "reference is empty"
+
+
+@pytest.mark.parametrize(
+    ("stamp_ms", "expected"),
+    [
+        (-501, "reference begins 0.50 s after"),
+        (-500, None),
+        (0, None),
+        (2500, None),
+        (2501, "reference ended 0.50 s before"),
+        (60_000, "reference ended 58.00 s before"),
+    ],
+)
+def test_a_reference_has_to_speak_of_the_time_of_the_odometry(
+    make_window: MakeWindow, stamp_ms: int, expected: str | None
+) -> None:
+    start = 10**18
+    window = make_window(start)  # two seconds long
+    fault = coverage_fault(window, start + stamp_ms * 1_000_000, tolerance_ns=500_000_000)
+    assert (fault or "").startswith(expected or "")
+    assert (fault is None) == (expected is None)

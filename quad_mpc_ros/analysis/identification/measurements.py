@@ -107,7 +107,7 @@ def _in_order(odometries: list[OdometrySample]) -> list[OdometrySample]:
     """Return what is fit for use in order of stamps, each stamp once."""
     first: dict[int, OdometrySample] = {}
     for odometry in odometries:
-        if odometry_fault(odometry, frame_id=odometry.frame_id, newest_stamp_ns=None) is None:
+        if odometry_fault(odometry, frame_id=odometry.frame_id) is None:
             first.setdefault(odometry.stamp_ns, odometry)
     return [first[stamp_ns] for stamp_ns in sorted(first)]
 
