@@ -126,6 +126,29 @@ class SlewParameters(Configuration):
 
 
 @dataclass(frozen=True, kw_only=True)
+class RealtimeParameters(Configuration):
+    """What to ask of the operating system and of Python, so that no tick is late."""
+
+    owner = "mpc.realtime"
+
+    scheduler_priority: int = parameter(
+        0,
+        doc="Priority under SCHED_FIFO; 0 is the normal scheduler.",
+        minimum=0,
+        maximum=99,
+    )
+    cpus: tuple[int, ...] = parameter(
+        (), doc="Processors to run on, by number; none given is any.", minimum=0
+    )
+    lock_memory: bool = parameter(False, doc="Keep all memory of the process from being swapped.")
+    garbage_collection: str = parameter(
+        "between_ticks",
+        doc="When Python collects garbage: between ticks, or automatic, at any moment.",
+        choices=("between_ticks", "automatic"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class MpcConfig(VehicleParameters):
     """Parameters of the MPC; those marked live may change in flight."""
 
@@ -236,6 +259,7 @@ class MpcConfig(VehicleParameters):
     fence: FenceParameters = dataclasses.field(default_factory=FenceParameters)
     envelope: EnvelopeParameters = dataclasses.field(default_factory=EnvelopeParameters)
     slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
+    realtime: RealtimeParameters = dataclasses.field(default_factory=RealtimeParameters)
 
     @property
     def deadline_seconds(self) -> float:
