@@ -103,6 +103,15 @@ COMMANDS = (
         run="bag:bag",
     ),
     Command(
+        name="params",
+        help="print every parameter: type, default, unit, range, whether live, meaning",
+        description="Print what can be set on the nodes, or on some of them. Live parameters may "
+        "change in flight (ros2 param set); the others are taken when a node is configured. "
+        "Exit code 2 for an unknown name.",
+        options="params_options:add_params_options",
+        run="params:print_parameters",
+    ),
+    Command(
         name="bridges",
         help="list the bridges to flight stacks and what is installed for them",
         description="List every registered bridge, and for those whose message package is "

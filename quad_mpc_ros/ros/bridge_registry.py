@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
+from quad_mpc_ros.configuration import Configuration
+
 GROUP = "quad_mpc_ros.bridges"
 
 
@@ -28,6 +30,18 @@ class RegisteredBridge:
 def registered_bridges() -> list[RegisteredBridge]:
     """Return every bridge that an installed package has registered, by name."""
     return [_looked_at(each) for each in sorted(entry_points(group=GROUP), key=lambda e: e.name)]
+
+
+def bridge_configurations() -> dict[str, type[Configuration]]:
+    """Return the parameters of every registered bridge that can be loaded, by the node's name."""
+    found: dict[str, type[Configuration]] = {}
+    for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name):
+        try:
+            bridge: Any = entry.load()
+            found[str(bridge.name)] = bridge.Config
+        except (ImportError, AttributeError):  # quad_mpc bridges tells of it
+            continue
+    return found
 
 
 def _looked_at(entry: EntryPoint) -> RegisteredBridge:

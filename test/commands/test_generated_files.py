@@ -22,7 +22,7 @@ def _generator() -> object:
     return module
 
 
-NODES = _generator().NODES  # type: ignore[attr-defined]
+NODES = _generator().ALL_NODES  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("path", list(_generator().files()))  # type: ignore[attr-defined]

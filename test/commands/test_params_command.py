@@ -1,0 +1,76 @@
+"""``quad_mpc params``: what is asked for is printed, and what it prints can be used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from quad_mpc_ros.cli import main
+from quad_mpc_ros.commands.run_options import SCHEMA
+from quad_mpc_ros.configuration import files
+from quad_mpc_ros.control.config import MpcConfig
+
+
+def test_every_parameter_is_there_with_type_default_unit_range_and_meaning(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["params"]) == 0
+    printed = capsys.readouterr().out
+    for node, kind in SCHEMA.items():
+        for spec in kind.specs():
+            (line,) = [
+                line
+                for line in printed.splitlines()
+                if line.split(" ")[0] == f"{node}.{spec.name}"
+            ]
+            assert spec.kind in line
+            assert spec.allowed() in line
+            assert spec.unit in line
+            assert line.endswith("live") == spec.live
+            assert spec.doc.split(".")[0][:40] in printed
+
+
+def test_a_group_or_a_single_parameter_may_be_asked_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["params", "mpc.fence", "/simulator.wind"]) == 0
+    first = [line.split(" ")[0] for line in capsys.readouterr().out.splitlines()]
+    named = [name for name in first if "." in name]
+    assert named == [
+        "mpc.fence.minimum",
+        "mpc.fence.maximum",
+        "mpc.fence.action",
+        "simulator.wind",
+    ]
+
+
+def test_only_the_live_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["params", "mpc", "--live", "--format", "yaml"]) == 0
+    printed = capsys.readouterr().out
+    live = [spec.name.split(".")[-1] for spec in MpcConfig.specs() if spec.live]
+    assert all(f" {name}: " in printed for name in live)
+    assert "horizon_steps" not in printed
+
+
+def test_the_yaml_is_a_parameter_file_of_the_defaults(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["params", "mpc", "--format", "yaml"]) == 0
+    path = tmp_path / "mpc.yaml"
+    path.write_text(capsys.readouterr().out, encoding="utf-8")
+    assert files.load([str(path)], [], schema=SCHEMA)["mpc"] == MpcConfig()
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("mcp", "there is no node 'mcp', did you mean 'mpc'?"),
+        ("mpc.omega", "mpc has no parameter 'omega', did you mean 'omega_max'?"),
+    ],
+)
+def test_an_unknown_name_is_bad_input(
+    name: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["params", name]) == 2
+    assert told in capsys.readouterr().err
