@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import socket
 
+# Before anything imports NumPy: its threads gain nothing on small matrices but wait for others.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # Before anything imports rclpy. A free domain per run, so that two runs on one machine do not
 # hear each other: participant 0 of domain d owns UDP port 7400 + 250 d + 10.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

@@ -14,7 +14,9 @@ from quad_mpc_ros.control.ladder import Source
 from quad_mpc_ros.core import so3
 from quad_mpc_ros.core.messages import Array
 
-FALLBACKS = [source.name.lower() for source in (Source.PLAN, Source.HOVER, Source.BLIND)]
+FALLBACKS = [
+    source.name.lower() for source in (Source.PLAN, Source.HOVER, Source.IDLE, Source.BLIND)
+]
 NOT_FAILED = ["solved", "not run"]
 _SATURATED = 1e-3  # rad/s: this close to its bound a rate is at it, to the solver's accuracy
 _FORGIVEN = 0.4  # of a control period: as much as the controller itself forgives

@@ -68,8 +68,8 @@ class FenceParameters(Configuration):
     )
     action: str = parameter(
         "hover",
-        doc="Outside of it: warn and fly on; hover inside of it without the solver; or stop "
-        "publishing until the node is activated again.",
+        doc="Outside of it: warn and fly on; hover inside of it without the solver, as soon as "
+        "there is just room to stop; or stop publishing until the node is activated again.",
         choices=_ACTIONS,
         live=True,
     )

@@ -1,5 +1,6 @@
 """The fence and the envelope: limits on where and how the vehicle may fly.
 
+A fence with the action hover is broken as soon as the vehicle could no longer stop inside of it.
 A limit that was broken counts as broken until the vehicle has kept all of them, with a margin, for
 a second, and the reference is inside the fence again: what brought it out would do so at once.
 """
@@ -10,14 +11,17 @@ import math
 
 import numpy as np
 
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.config import FenceParameters, MpcConfig
 from quad_mpc_ros.control.ladder import Action, Breach
+from quad_mpc_ros.core import so3
 from quad_mpc_ros.core.messages import Array, OdometrySample
 
 _ACTIONS = {"warn": Action.WARN, "hover": Action.HOVER, "stop": Action.STOP}
 _CALM_NS = 1_000_000_000
 # Of a limit of the envelope, and from a wall of the fence [m].
 _CALM_SHARE, _CALM_DISTANCE = 0.9, 0.1
+# The hover controller turns the vehicle round in this time [s], then brakes with this [m/s^2].
+_TURN_TIME, _BRAKING = 0.3, (8.0, 8.0, 5.0)
 # Where to hover after leaving the fence: this far inside [m], or in the middle of a narrow one.
 _INSET = 0.5
 
@@ -34,6 +38,7 @@ class FlightLimits:
         """Take over changed limits; what they find is looked at anew."""
         self._fence, self._envelope = config.fence, config.envelope
         self._low, self._high = config.fence.minimum, config.fence.maximum
+        self._fenced = config.fence != FenceParameters(action=config.fence.action)
 
     def check(
         self, odometry: OdometrySample, *, p_reference: Array | None, now_ns: int
@@ -65,11 +70,18 @@ class FlightLimits:
 
     def _found(self, odometry: OdometrySample, *, share: float, distance: float) -> Breach | None:
         """Return the gravest breach of limits scaled by a share, of walls moved by a distance."""
-        outside = self._wall(odometry.p_WB, distance)
+        outside = self._outside(odometry, distance)
         beyond = self._excess(odometry, share)
         fence = Breach(_ACTIONS[self._fence.action], outside) if outside else None
         envelope = Breach(_ACTIONS[self._envelope.action], beyond) if beyond else None
         return max(filter(None, (fence, envelope)), key=_gravity, default=None)
+
+    def _outside(self, odometry: OdometrySample, distance: float) -> str | None:
+        outside = self._wall(odometry.p_WB, distance)
+        if outside is None and self._fenced and self._fence.action == "hover":
+            stop = self._wall(_stopping_point(odometry), distance)
+            return f"{stop}, where it would come to a stop" if stop is not None else None
+        return outside
 
     def _wall(self, p_WB: Array, distance: float) -> str | None:
         for axis, p, low, high in zip("xyz", p_WB.tolist(), self._low, self._high, strict=True):
@@ -89,6 +101,14 @@ class FlightLimits:
         if odometry.speed > share * limits.speed_max:
             return f"speed is {odometry.speed:.1f} m/s, limit {limits.speed_max:g}"
         return None
+
+
+def _stopping_point(odometry: OdometrySample) -> Array:
+    """Return where the hover controller would bring the vehicle to a stop (3,)."""
+    R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
+    v_WB_W = R_WB @ odometry.v_WB_B
+    duration = _TURN_TIME + np.abs(v_WB_W) / (2.0 * np.array(_BRAKING))
+    return np.asarray(odometry.p_WB + duration * v_WB_W)
 
 
 def _gravity(breach: Breach) -> Action:

@@ -30,7 +30,7 @@ class TickStats:
     commands: int  # commands sent so far
     fallbacks: int  # of those, not from the MPC
     solver_failures: int  # solves so far that gave no plan
-    deadline_misses: int  # plans so far that came too late and were dropped
+    deadline_misses: int = 0  # plans so far that came too late and were dropped
     rejected_inputs: int  # odometry and reference messages ignored so far as unusable
 
     def items(self) -> list[tuple[str, str]]:

@@ -92,8 +92,9 @@ def test_each_wall_of_the_fence(
     ],
 )
 def test_each_limit_of_the_envelope(
-    watch: Watch, inside: dict[str, Any], outside: dict[str, Any], reason: str
+    make_odometry: MakeOdometry, inside: dict[str, Any], outside: dict[str, Any], reason: str
 ) -> None:
+    watch = Watch(dataclasses.replace(CONFIG, fence=FenceParameters()), make_odometry)
     assert watch.look(0, **inside) == ("", "")
     action, told = watch.look(20, **outside)
     assert action == "WARN"
@@ -104,6 +105,29 @@ def test_by_default_it_may_fly_anywhere_and_upside_down(make_odometry: MakeOdome
     watch = Watch(MpcConfig(), make_odometry)
     changes = {**at(1e5, -1e5, 1e5), **tilted(math.pi), **turning(20, 20, 20), **flying(30, 0, 0)}
     assert watch.look(0, **changes) == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("velocity", "broken"),
+    [
+        (flying(3.0, 0.0, 0.0), False),  # 0.9 m of turning round and 0.56 m of braking
+        (flying(6.0, 0.0, 0.0), True),  # 1.8 m and 2.25 m
+        (flying(-6.0, 0.0, 0.0), False),
+        (flying(0.0, 0.0, -5.0), True),
+        (flying(0.0, 0.0, 5.0), False),
+    ],
+)
+def test_the_action_hover_comes_in_time_to_stop_inside(
+    make_odometry: MakeOdometry, velocity: dict[str, Any], *, broken: bool
+) -> None:
+    for action in ("warn", "stop"):
+        fence = dataclasses.replace(CONFIG.fence, action=action)
+        watch = Watch(dataclasses.replace(CONFIG, fence=fence), make_odometry)
+        assert watch.look(0, **at(x=2.0), **velocity) == ("", "")
+    watch = Watch(CONFIG, make_odometry)
+    action, told = watch.look(0, **at(x=2.0), **velocity)
+    assert (action == "HOVER") == broken
+    assert ("come to a stop" in told) == broken
 
 
 def test_the_graver_of_two_breaches_is_told(watch: Watch) -> None:
