@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quad_mpc_ros.bags.topic_selection import regex_error
-from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
+from quad_mpc_ros.configuration import (
+    Configuration,
+    ConfigurationError,
+    ManagedConfiguration,
+    parameter,
+)
 from quad_mpc_ros.ros.topics import RECORDED
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecorderConfig(Configuration):
+class RecorderConfig(ManagedConfiguration):
     """What is recorded, and where to."""
 
     owner = "recorder"

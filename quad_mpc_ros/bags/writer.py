@@ -163,10 +163,15 @@ class BagWriter:
         Flushing ends the chunk, and small chunks compress badly: hence not at every call.
         """
         if self._unflushed and monotonic_now_s - self._flushed_at_s >= FLUSH_PERIOD_S:
+            self.flush()
+            self._flushed_at_s = monotonic_now_s
+
+    def flush(self) -> None:
+        """Hand what has gathered to the operating system."""
+        if self._unflushed:
             with self._disk():
                 self._output.flush()
             self._unflushed = False
-            self._flushed_at_s = monotonic_now_s
 
     def close(self) -> None:
         """Complete the bag: index, ``metadata.yaml``. A closed bag stays as it is."""
@@ -251,12 +256,17 @@ def write_in_one_piece(path: Path, text: str) -> None:
     temporary.replace(path)
 
 
+def exists_already(directory: Path) -> BagError:
+    """Return what is told when a bag is to be written where something is."""
+    return BagError(f"{directory} exists already; choose another name or move it")
+
+
 @contextmanager
 def _creating(directory: Path) -> Iterator[None]:
     try:
         yield
     except FileExistsError as error:
-        raise BagError(f"{directory} exists already; choose another name or move it") from error
+        raise exists_already(directory) from error
     except OSError as error:
         raise BagError(
             f"{directory} cannot be created: {os_reason(error)}; choose a directory that you "

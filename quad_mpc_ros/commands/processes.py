@@ -110,8 +110,8 @@ def stop_all(processes: dict[str, NodeProcess]) -> None:
 def _overrides(node: str, *, use_sim_time: bool) -> dict[str, bool]:
     """Return the parameters that the flight sets, not the user."""
     overrides = {"use_sim_time": use_sim_time}
-    if node == "simulator":
-        overrides["autostart"] = False
+    # The flight begins when all is ready: then the simulator is started, and not before.
+    overrides["autostart"] = node != "simulator"
     return overrides
 
 

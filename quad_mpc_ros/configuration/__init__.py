@@ -2,5 +2,13 @@
 
 from quad_mpc_ros.configuration.errors import ConfigurationError, UserError
 from quad_mpc_ros.configuration.fields import Configuration, ParameterSpec, parameter
+from quad_mpc_ros.configuration.managed import ManagedConfiguration
 
-__all__ = ["Configuration", "ConfigurationError", "ParameterSpec", "UserError", "parameter"]
+__all__ = [
+    "Configuration",
+    "ConfigurationError",
+    "ManagedConfiguration",
+    "ParameterSpec",
+    "UserError",
+    "parameter",
+]

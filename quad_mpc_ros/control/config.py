@@ -6,7 +6,12 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
-from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
+from quad_mpc_ros.configuration import (
+    Configuration,
+    ConfigurationError,
+    ManagedConfiguration,
+    parameter,
+)
 from quad_mpc_ros.core.vehicle import VehicleParameters
 
 
@@ -149,7 +154,7 @@ class RealtimeParameters(Configuration):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MpcConfig(VehicleParameters):
+class MpcConfig(ManagedConfiguration, VehicleParameters):
     """Parameters of the MPC; those marked live may change in flight."""
 
     owner = "mpc"

@@ -6,49 +6,81 @@ import sys
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.controller import Tick
+from quad_mpc_ros.control.controller import Controller, Tick
 from quad_mpc_ros.control.ladder import Source
+from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.ros import conversions
-from quad_mpc_ros.ros.health import ERROR, OK, WARN, Health, HealthReporter
+from quad_mpc_ros.ros.health import ERROR, OK, WARN, Health
+from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import new_message
-from quad_mpc_ros.ros.parameters import declare, follow_changes
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.topics import COMMAND, ODOMETRY, PREDICTED_PATH, REFERENCE, STATS
 
 _WARNING_PERIOD = 5.0
 
 
-class MpcNode(Node):
-    """Wires the controller to its topics; odometry triggers it, a timer watches."""
+class MpcNode(ManagedNode[MpcConfig]):
+    """Wires the controller to its topics; odometry triggers it, a timer watches.
+
+    While the node is inactive nothing reaches the controller, which would count on its commands.
+    """
+
+    _controller: Controller
+    _standby: Standby
 
     def __init__(self) -> None:
-        super().__init__("mpc", automatically_declare_parameters_from_overrides=True)
-        self._config = declare(self, MpcConfig)
-        self._controller = warmed_up(self._config, deadline=self._config.deadline_seconds)
-        follow_changes(self, self._config, self._controller.reconfigure)
-
+        super().__init__("mpc", MpcConfig)
         self._tick: Tick | None = None
-        self._health = HealthReporter(self, self._probe)
-        self._command = self._health.publisher(COMMAND)
-        self._stats = self._health.publisher(STATS)
-        self._predicted_path = self._health.publisher(PREDICTED_PATH)
+        self.start()
+
+    def configure(self, config: MpcConfig) -> None:
+        """Make the controller and listen."""
+        self._controller = warmed_up(config, deadline=config.deadline_seconds)
+        self._standby = Standby()
+        self._command = self.health.publisher(COMMAND)
+        self._stats = self.health.publisher(STATS)
+        self._predicted_path = self.health.publisher(PREDICTED_PATH)
         self._command_message = new_message(COMMAND.type_name)
 
-        self._health.subscription(ODOMETRY, self._on_odometry)
-        self._health.subscription(REFERENCE, self._on_reference)
-        self.create_timer(
-            1.0 / self._config.control_rate,
+        self.health.subscription(ODOMETRY, self._on_odometry)
+        self.health.subscription(REFERENCE, self._on_reference)
+        self.managed_timer(
+            1.0 / config.control_rate,
             self._on_watch,
             clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
 
+    def obstacle(self) -> str | None:
+        """Return what is missing of odometry and reference."""
+        return self._standby.obstacle(self._controller.config, now_ns=self._now_ns())
+
+    def activate(self) -> None:
+        """Answer the odometry that came last."""
+        self._finish(self._standby.begin(self._controller))
+
+    def deactivate(self) -> None:
+        """Forget the flight: another one commands until the next activation."""
+        config, self._tick = self._controller.config, None
+        self._controller = Controller(config, deadline=config.deadline_seconds)
+
+    def cleanup(self) -> None:
+        """Let go of the controller."""
+        del self._controller, self._standby
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over live parameters between two ticks."""
+        self._controller.reconfigure(config)
+
     def _on_odometry(self, message: Any) -> None:
-        odometry = conversions.odometry_from_message(message)
-        self._finish(self._controller.receive_odometry(odometry, now_ns=self._now_ns()))
+        odometry, now_ns = conversions.odometry_from_message(message), self._now_ns()
+        self._standby.receive_odometry(odometry, now_ns=now_ns)
+        if self.active:
+            self._finish(self._controller.receive_odometry(odometry, now_ns=now_ns))
+        else:
+            self.activate_when_ready()
 
     def _on_reference(self, message: Any) -> None:
         try:
@@ -56,10 +88,16 @@ class MpcNode(Node):
         except ValueError as error:
             self._warn(str(error))
             return
-        self._finish(self._controller.receive_reference(window, now_ns=self._now_ns()))
+        now_ns = self._now_ns()
+        self._standby.receive_reference(window, now_ns=now_ns)
+        if self.active:
+            self._finish(self._controller.receive_reference(window, now_ns=now_ns))
+        else:
+            self.activate_when_ready()
 
     def _on_watch(self) -> None:
-        self._finish(self._controller.watch(now_ns=self._now_ns()))
+        if self.active:
+            self._finish(self._controller.watch(now_ns=self._now_ns()))
 
     def _finish(self, tick: Tick | None) -> None:
         """Publish the command first, then what is only to be looked at."""
@@ -82,7 +120,7 @@ class MpcNode(Node):
             conversions.fill_plan(
                 path,
                 stamp_ns=tick.plan.stamp_ns,
-                frame_id=self._config.odometry.frame_id,
+                frame_id=self._controller.config.odometry.frame_id,
                 step_ns=round(tick.plan.step * 1e9),
                 p_WB=tick.plan.p_WB,
                 R_WB=tick.plan.R_WB,
@@ -101,10 +139,11 @@ class MpcNode(Node):
         else:
             self.get_logger().warning(f"{now.name.lower()} takes over: {tick.decision.reason}")
 
-    def _probe(self) -> Health:
+    def report(self) -> Health:
+        """Return who commands."""
         tick = self._tick
         if tick is None:
-            return Health(level=WARN, text="waiting for odometry and reference")
+            return Health(level=WARN, text="waiting for the first plan")
         source = tick.decision.source
         level = {Source.MPC: OK, Source.PLAN: WARN, Source.WAITING: WARN}.get(source, ERROR)
         return Health(

@@ -34,10 +34,15 @@ class ParameterQuery:
             self._values = get_values.call_async(GetParameters.Request(names=names))
         elif self._values is not None and self._values.done():
             self.done = True
-            for client in self._clients:
-                self._node.destroy_client(client)
+            self.close()
             return self._received()
         return None
+
+    def close(self) -> None:
+        """Ask no more."""
+        for client in self._clients:
+            self._node.destroy_client(client)
+        self._clients = []
 
     def _ready(self) -> bool:
         if not self._clients:

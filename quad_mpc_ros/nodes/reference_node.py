@@ -5,46 +5,56 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.analysis.recorded_reference import read_recording
 from quad_mpc_ros.references.catalogue import configured_trajectory, joined_trajectory
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.director import Answer
+from quad_mpc_ros.references.flight_time import FlightTime
 from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 from quad_mpc_ros.ros import conversions
-from quad_mpc_ros.ros.health import OK, WARN, Health, HealthReporter
+from quad_mpc_ros.ros.health import OK, WARN, Health
+from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import decoded, new_message
-from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.topics import GOAL_POSE, ODOMETRY, REFERENCE, REFERENCE_PATH, TRAJECTORY
 
 _BODY_FRAME = "base_link"
+_INACTIVE = Answer(accepted=False, text="the reference node is inactive: activate it first")
 
 
-class ReferenceNode(Node):
+class ReferenceNode(ManagedNode[ReferenceConfig]):
     """Wires the reference of a live flight to its topics and services.
 
     The trajectory begins with the first odometry; until then its beginning is held. With the mode
-    ``on_request`` nothing is published until then, and the vehicle stands.
+    ``on_request`` nothing is published until then, and the vehicle stands. While the node is
+    inactive the time of the flight stands still.
     """
 
+    _config: ReferenceConfig
+    _live: LiveReference
+
     def __init__(self) -> None:
-        super().__init__("reference", automatically_declare_parameters_from_overrides=True)
-        self._config = declare(self, ReferenceConfig)
-        self._live = self._prepared()
+        super().__init__("reference", ReferenceConfig)
         self._newest_ns = 0
+        self.start()
+
+    def configure(self, config: ReferenceConfig) -> None:
+        """Prepare the trajectory and listen."""
+        self._config = config
+        self._live = self._prepared()
+        self._time = FlightTime()
         self._request = ""
-        self._health = HealthReporter(self, self._probe)
-        self._reference = self._health.publisher(REFERENCE)
-        self._path = self._health.publisher(REFERENCE_PATH)
-        self._health.subscription(ODOMETRY, self._on_odometry, raw=True)
-        self._health.subscription(GOAL_POSE, self._on_goal)
-        self._health.subscription(TRAJECTORY, self._on_trajectory)
+        self._reference = self.health.publisher(REFERENCE)
+        self._path = self.health.publisher(REFERENCE_PATH)
+        self.health.subscription(ODOMETRY, self._on_odometry, raw=True)
+        self.health.subscription(GOAL_POSE, self._on_goal)
+        self.health.subscription(TRAJECTORY, self._on_trajectory)
         for name, request in (
             ("takeoff", self._live.take_off),
             ("start", self._live.start),
@@ -52,10 +62,22 @@ class ReferenceNode(Node):
             ("land", self._live.land),
         ):
             serve = functools.partial(self._serve, name, request)
-            self.create_service(Trigger, f"~/{name}", serve)
-        if not self._config.lockstep:
-            self.create_timer(1.0 / self._config.publish_rate, self._on_timer)
-        self._publish_path(self._live.whole())
+            self.managed_service(Trigger, f"~/{name}", serve)
+        if not config.lockstep:
+            self.managed_timer(1.0 / config.publish_rate, self._on_timer)
+
+    def activate(self) -> None:
+        """Begin, or go on where it stopped."""
+        self._time.resume(self._now_ns())
+        self._publish_path(self._live.course(self._flight_ns()))
+
+    def deactivate(self) -> None:
+        """Stop the time of the flight."""
+        self._time.pause(self._now_ns())
+
+    def cleanup(self) -> None:
+        """Let go of the trajectory."""
+        del self._live
 
     def _prepared(self) -> LiveReference:
         joined = functools.cache(
@@ -69,19 +91,22 @@ class ReferenceNode(Node):
         )
 
     def _on_odometry(self, data: bytes) -> None:
-        if not self._config.lockstep and not self._live.needs_odometry(self._now_ns()):
+        if not self.active:
+            return
+        if not self._config.lockstep and not self._live.needs_odometry(self._flight_ns()):
             return  # not decoded: in real time most of them do not matter
         odometry = conversions.odometry_from_message(decoded(ODOMETRY, data))
         starting = not self._live.started
-        answer = self._live.observe(odometry)
+        answer = self._live.observe(replace(odometry, stamp_ns=self._time.at(odometry.stamp_ns)))
         if answer is not None:
-            self._tell("touchdown" if answer.accepted else "odometry", answer)
+            self._tell_request("touchdown" if answer.accepted else "odometry", answer)
         if starting or self._config.lockstep:
             self._newest_ns = odometry.stamp_ns
             self._publish(odometry.stamp_ns)
 
     def _on_timer(self) -> None:
-        self._publish(self._now_ns())
+        if self.active:
+            self._publish(self._now_ns())
 
     def _serve(self, name: str, request: Callable[[int], Answer], _: Any, response: Any) -> Any:
         answer = self._handle(name, request)
@@ -101,20 +126,20 @@ class ReferenceNode(Node):
         try:
             window = conversions.reference_from_message(message)
         except ValueError as error:
-            self._tell("trajectory", Answer(accepted=False, text=str(error)))
+            self._tell_request("trajectory", Answer(accepted=False, text=str(error)))
             return
         self._handle("trajectory", lambda now_ns: self._live.follow(now_ns, window))
 
     def _handle(self, name: str, request: Callable[[int], Answer]) -> Answer:
         """Put a request to the flight, tell what became of it, draw what is flown then."""
-        now_ns = self._now_ns()
-        answer = request(now_ns)
-        self._tell(name, answer)
+        now_ns = self._flight_ns()
+        answer = request(now_ns) if self.active else _INACTIVE
+        self._tell_request(name, answer)
         if answer.accepted:
             self._publish_path(self._live.course(now_ns))
         return answer
 
-    def _tell(self, name: str, answer: Answer) -> None:
+    def _tell_request(self, name: str, answer: Answer) -> None:
         """Log what became of a request and report it, but the same refusal only once."""
         before = self._request
         self._request = f"{name} {'accepted' if answer.accepted else 'refused'}: {answer.text}"
@@ -124,12 +149,13 @@ class ReferenceNode(Node):
             self.get_logger().warning(self._request)
         else:
             return
-        self._health.report()
+        self.health.report()
 
     def _publish(self, stamp_ns: int) -> None:
-        window = self._live.window(stamp_ns)
+        window = self._live.window(self._time.at(stamp_ns))
         if window is None:
             return
+        window = replace(window, stamp_ns=stamp_ns)
         message = new_message(REFERENCE.type_name)
         conversions.fill_reference(message, window, child_frame_id=_BODY_FRAME, new=new_message)
         self._reference.publish(message)
@@ -148,13 +174,18 @@ class ReferenceNode(Node):
         )
         self._path.publish(message)
 
+    def _flight_ns(self) -> int:
+        """Return the time of the flight."""
+        return self._time.at(self._now_ns())
+
     def _now_ns(self) -> int:
-        """Return the time of the flight: in lockstep that of the newest odometry."""
+        """Return the time of the stamps: in lockstep that of the newest odometry."""
         return (
             self._newest_ns if self._config.lockstep else int(self.get_clock().now().nanoseconds)
         )
 
-    def _probe(self) -> Health:
+    def report(self) -> Health:
+        """Return what is flown."""
         if self._live.started:
             text, level = "flying", OK
         elif self._config.mode == "at_once":
@@ -166,7 +197,7 @@ class ReferenceNode(Node):
             text=text,
             values=[
                 ("trajectory", self._config.trajectory),
-                ("mode", self._live.mode(self._now_ns())),
+                ("mode", self._live.mode(self._flight_ns())),
                 ("request", self._request),
             ],
         )

@@ -52,6 +52,13 @@ class TopicRecording:
         """Return the number of publishers that are heard."""
         return int(self._subscription.get_publisher_count())
 
+    def close(self) -> None:
+        """Hear no more."""
+        for subscription in (self._subscription, self._leaving):
+            if subscription is not None:
+                self._node.destroy_subscription(subscription)
+        self._leaving = None
+
     def follow_publishers(self, now_s: float) -> None:
         """Adapt to the publishers there are; ``now_s`` is of a monotonic clock [s]."""
         if self._leaving is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from quad_mpc_ros.configuration import ConfigurationError, parameter
+from quad_mpc_ros.configuration import ConfigurationError, ManagedConfiguration, parameter
 from quad_mpc_ros.core.vehicle import VehicleParameters
 
 TRAJECTORY_NAMES = (
@@ -24,7 +24,7 @@ TRAJECTORY_NAMES = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReferenceConfig(VehicleParameters):
+class ReferenceConfig(ManagedConfiguration, VehicleParameters):
     """Which trajectory to fly, within which limits, and how it is published.
 
     Attitudes and body rates of smooth trajectories are those of the vehicle, which is the paper's

@@ -77,6 +77,15 @@ class HealthReporter:
             raw=raw,
         )
 
+    def destroy_endpoints(self) -> None:
+        """Destroy what was created through it; the health itself is reported on."""
+        for endpoint in self._endpoints.values():
+            if isinstance(endpoint, Publisher):
+                self._node.destroy_publisher(endpoint)
+            else:
+                self._node.destroy_subscription(endpoint)
+        self._endpoints.clear()
+
     def report(self) -> None:
         """Publish the health now."""
         health = self._probe()

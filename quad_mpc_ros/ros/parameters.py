@@ -7,8 +7,8 @@ and what rclpy received is validated by it as a whole before anything is used.
 from __future__ import annotations
 
 import array
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping
+from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -20,6 +20,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, ParameterSpec
+from quad_mpc_ros.configuration.errors import shown
 
 C = TypeVar("C", bound=Configuration)
 
@@ -38,12 +39,13 @@ _FOREIGN_NAMES = ("use_sim_time", "start_type_description_service")
 _FOREIGN_PREFIXES = ("qos_overrides.",)
 
 
-def declare(node: Node, configuration: type[C]) -> C:
+def declare(node: Node, configuration: type[C], *, managed: bool = False) -> C:
     """Declare every parameter of a configuration on a node and return what the user has set.
 
     The node must have been made with ``automatically_declare_parameters_from_overrides=True``:
     that is how a name nobody knows is seen, which rclpy otherwise ignores, and how a whole number
-    given for a real one is accepted, which rclpy otherwise refuses. Raises
+    given for a real one is accepted, which rclpy otherwise refuses. All but live ones are
+    read-only, unless they are ``managed`` by what knows when they may change. Raises
     :class:`ConfigurationError`.
     """
     given = {
@@ -61,50 +63,106 @@ def declare(node: Node, configuration: type[C]) -> C:
             spec.name,
             # An empty array has no type of its own, so the type is given apart.
             Parameter(spec.name, _TYPES[spec.kind], _listed(value)).value,
-            _descriptor(spec),
+            _descriptor(spec, managed=managed),
             ignore_override=True,
         )
     return config
 
 
-def follow_changes(node: Node, initial: C, apply: Callable[[C], None]) -> None:
-    """Let live parameters change in flight: validated together, then applied together.
+class ManagedParameters(Generic[C]):
+    """The parameters of a node with a lifecycle.
 
-    ``apply`` gets the whole new configuration, after rclpy has stored it. Changes that belong
-    together go through ``set_parameters_atomically``.
+    Unconfigured, each may be set, and is validated by itself; :meth:`settle` validates them as a
+    whole. From then on, until :meth:`release`, only live ones change: what is set together through
+    ``set_parameters_atomically`` is one transaction, which is refused or handed to ``apply`` as a
+    whole.
     """
-    current = initial
 
-    def changed(parameters: list[Parameter]) -> C:
-        known = current.flattened()
-        changes = {p.name: _plain(p.value) for p in parameters if p.name in known}
-        return current.updated(changes) if changes else current
+    def __init__(self, node: Node, configuration: type[C], *, apply: Callable[[C], None]) -> None:
+        """Declare them. Raises :class:`ConfigurationError` for what the user has given."""
+        self._node = node
+        self._kind = configuration
+        self._apply = apply
+        self._specs = {spec.name: spec for spec in configuration.specs()}
+        self._settled: C | None = None
+        declare(node, configuration, managed=True)
+        node.add_pre_set_parameters_callback(self._as_declared)
+        node.add_on_set_parameters_callback(self._validate)
+        node.add_post_set_parameters_callback(self._take_over)
 
-    def validate(parameters: list[Parameter]) -> SetParametersResult:
+    def settle(self) -> C:
+        """Return what is set; from now on only live parameters change.
+
+        Raises :class:`ConfigurationError` when what is set does not go together.
+        """
+        parameters = self._node.get_parameters(list(self._specs))
+        self._settled = self._kind.build({p.name: _plain(p.value) for p in parameters})
+        return self._settled
+
+    def release(self) -> None:
+        """Let every parameter be set again."""
+        self._settled = None
+
+    def _as_declared(self, parameters: list[Parameter]) -> list[Parameter]:
+        """Take a whole number for a real one, as everywhere else."""
+        return [self._real(p) if p.name in self._specs else p for p in parameters]
+
+    def _real(self, given: Parameter) -> Parameter:
+        declared = _TYPES[self._specs[given.name].kind]
+        if declared is Parameter.Type.DOUBLE and given.type_ is Parameter.Type.INTEGER:
+            return Parameter(given.name, declared, float(given.value))
+        whole = given.type_ is Parameter.Type.INTEGER_ARRAY
+        if declared is Parameter.Type.DOUBLE_ARRAY and whole:
+            return Parameter(given.name, declared, [float(value) for value in given.value])
+        return given
+
+    def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
+        changes = self._ours(parameters)
         try:
-            changed(parameters)
+            if self._settled is not None:
+                self._changed(self._settled, changes)
+            else:
+                for name, value in changes.items():
+                    self._specs[name].validated(value, owner=self._kind.owner)
         except ConfigurationError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def take_over(parameters: list[Parameter]) -> None:
-        nonlocal current
-        updated = changed(parameters)
-        if updated is not current:
-            current = updated
-            apply(updated)
+    def _take_over(self, parameters: list[Parameter]) -> None:
+        changes = self._ours(parameters)
+        if self._settled is not None and changes:
+            self._settled = self._changed(self._settled, changes)
+            self._apply(self._settled)
 
-    node.add_on_set_parameters_callback(validate)
-    node.add_post_set_parameters_callback(take_over)
+    def _changed(self, settled: C, changes: Mapping[str, object]) -> C:
+        """Return a configuration with live parameters changed, validated as a whole.
+
+        A structural one may be given as it is, as a whole file does.
+        """
+        in_force = settled.flattened()
+        for name, value in changes.items():
+            spec = self._specs[name]
+            if not spec.live and spec.validated(value, owner=self._kind.owner) != in_force[name]:
+                raise ConfigurationError(
+                    f"{self._kind.owner}.{name}",
+                    value,
+                    f"{shown(in_force[name])} as long as the node is configured; to change it, "
+                    "deactivate and clean up the node first, or set it in the parameter file and "
+                    "start again",
+                )
+        return settled.updated(changes)
+
+    def _ours(self, parameters: list[Parameter]) -> dict[str, object]:
+        return {p.name: _plain(p.value) for p in parameters if p.name in self._specs}
 
 
-def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
+def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
     unit = f" [{spec.unit}]" if spec.unit else ""
     descriptor = ParameterDescriptor(
         name=spec.name,
         description=f"{spec.doc}{unit}",
-        additional_constraints=spec.allowed(),
-        read_only=not spec.live,
+        additional_constraints=_constraints(spec) if managed else spec.allowed(),
+        read_only=not (managed or spec.live),
     )
     if spec.minimum is not None and spec.maximum is not None:
         if spec.kind == "double":
@@ -116,6 +174,11 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
                 IntegerRange(from_value=int(spec.minimum), to_value=int(spec.maximum), step=1)
             ]
     return descriptor
+
+
+def _constraints(spec: ParameterSpec) -> str:
+    when = "at any time" if spec.live else "while the node is unconfigured"
+    return f"{spec.allowed()}; may be set {when}"
 
 
 def _plain(value: Any) -> Any:

@@ -34,10 +34,7 @@ def run(
     node: Node | None = None
     try:
         node = create()
-        # What exists now lives as long as the node: a full collection in flight need not look
-        # at it, which would take milliseconds.
-        gc.collect()
-        gc.freeze()
+        settle_memory()
         _spin(node, _executor(message_info=message_info))
         return int(getattr(node, "exit_code", 0))
     except UserError as error:
@@ -54,6 +51,15 @@ def run(
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+
+
+def settle_memory() -> None:
+    """Take what exists now for as long-lived as the process.
+
+    A full collection in flight then need not look at it, which would take milliseconds.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 def stop() -> None:

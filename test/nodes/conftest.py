@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import subprocess
 import sys
@@ -11,10 +12,22 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState, GetState
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
+from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.ros.messages import new_message
 
 
 @contextmanager
@@ -84,3 +97,107 @@ def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
             return stack.enter_context(_node_process(name, *arguments, log=log))
 
         yield start_node
+
+
+class Feed:
+    """Odometry at rest and its reference two metres above, 50 times a second, when switched on."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.odometry = self.reference = True
+        self.yaw = 0.0  # of the reference
+        self._peer = peer
+        self._odometry = peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data)
+        self._reference = peer.node.create_publisher(MultiDOFJointTrajectory, "reference", 10)
+        peer.node.create_timer(0.02, self.send)
+
+    def send(self) -> None:
+        """Send what is switched on, of this moment."""
+        stamp_ns = int(self._peer.node.get_clock().now().nanoseconds)
+        if self.reference:
+            self._reference.publish(self._window(stamp_ns))
+        if self.odometry:
+            odometry = Odometry()
+            conversions.fill_odometry(
+                odometry,
+                OdometrySample(
+                    stamp_ns=stamp_ns,
+                    p_WB=np.zeros(3),
+                    q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+                    v_WB_B=np.zeros(3),
+                    w_WB_B=np.zeros(3),
+                ),
+            )
+            self._odometry.publish(odometry)
+
+    def _window(self, stamp_ns: int) -> MultiDOFJointTrajectory:
+        held = np.array([[0.0, 0.0, 2.0]] * 2)
+        window = ReferenceWindow(
+            stamp_ns=stamp_ns,
+            offset_ns=np.array([0, 10**9]),
+            p_WB=held,
+            q_WB_xyzw=np.array([[0.0, 0.0, math.sin(self.yaw / 2), math.cos(self.yaw / 2)]] * 2),
+            v_WB_W=0.0 * held,
+            a_WB_W=0.0 * held,
+            w_WB_W=0.0 * held,
+        )
+        message = MultiDOFJointTrajectory()
+        conversions.fill_reference(message, window, child_frame_id="b", new=new_message)
+        return message
+
+
+@pytest.fixture
+def feed(peer: Peer) -> Feed:
+    return Feed(peer)
+
+
+class Managed:
+    """A node with a lifecycle as its user sees it: transitions, parameters, health."""
+
+    def __init__(self, peer: Peer, name: str) -> None:
+        self._peer, self._name = peer, name
+        node = peer.node
+        self._change = node.create_client(ChangeState, f"{name}/change_state")
+        self._get = node.create_client(GetState, f"{name}/get_state")
+        self._set = node.create_client(SetParametersAtomically, f"{name}/set_parameters_atomically")
+        self.health: dict[str, str] = {}
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == f"/{self._name}":
+                values = {pair.key: pair.value for pair in status.values}
+                self.health = {"text": status.message, **values}
+
+    def to(self, transition: str | int) -> bool:
+        """Ask for a transition by its label or number; return whether it was carried out."""
+        request = ChangeState.Request()
+        if isinstance(transition, str):
+            request.transition.label = transition
+        else:
+            request.transition.id = transition
+        return bool(self._peer.call(self._change, request).success)
+
+    @property
+    def state(self) -> str:
+        return str(self._peer.call(self._get, GetState.Request()).current_state.label)
+
+    def set(self, **values: Any) -> str:
+        """Set parameters, all in one; return why they were refused, or nothing."""
+        request = SetParametersAtomically.Request()
+        request.parameters = [
+            Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+            for name, value in values.items()
+        ]
+        result = self._peer.call(self._set, request).result
+        return "" if result.successful else str(result.reason)
+
+    def tells(self, state: str, text: str = "") -> bool:
+        """Wait until ``/diagnostics`` shows a state and a text."""
+        return self._peer.wait(
+            lambda: self.health.get("state") == state and text in self.health["text"]
+        )
+
+
+@pytest.fixture
+def managed(peer: Peer) -> Callable[[str], Managed]:
+    return lambda name: Managed(peer, name)

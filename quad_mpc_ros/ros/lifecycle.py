@@ -1,0 +1,253 @@
+"""What the nodes with a lifecycle have in common: transitions, parameters, health, autostart.
+
+A node says in its hooks what it does in a transition; that transitions fail in one line, that
+nothing is left behind by them and that everybody sees the state is here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import traceback
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any, Generic, TypeVar
+
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+
+from quad_mpc_ros.configuration import ManagedConfiguration, UserError
+from quad_mpc_ros.ros.health import WARN, Health, HealthReporter
+from quad_mpc_ros.ros.parameters import ManagedParameters
+from quad_mpc_ros.ros.spin import settle_memory, stop
+
+C = TypeVar("C", bound=ManagedConfiguration)
+
+# In which the answer to the one who asked for the shutdown leaves.
+_FAREWELL = 0.1
+
+
+class _ObstacleError(UserError):
+    """Something is in the way of an activation."""
+
+
+class ManagedNode(LifecycleNode, Generic[C]):
+    """A node that is configured, activated, deactivated and cleaned up, by itself or by others.
+
+    The publishers are plain ones: what must not be sent while the node is inactive is not computed
+    either, so that a controller never counts on a command that nobody got. Hence a derived node
+    asks :attr:`active` and overrides the hooks below. They raise :class:`UserError` for what is
+    the user's to mend: the transition is then refused. ``deactivate`` and ``cleanup`` raise
+    nothing. The derived ``__init__`` ends with :meth:`start`.
+    """
+
+    def __init__(self, name: str, configuration: type[C]) -> None:
+        """Declare the parameters. Raises :class:`ConfigurationError` for what is given wrong."""
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        self.exit_code = 0
+        self.active = False
+        self._configured = False
+        self._autostarting = False
+        self._frozen = False
+        self._fault: Exception | None = None
+        self._made = ExitStack()
+        self._managed_parameters = ManagedParameters(self, configuration, apply=self.reconfigure)
+        self.health = HealthReporter(self, self._probe)
+        # rclpy answers a transition that is not possible with an exception, which ends the node.
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._on_change_state
+
+    def configure(self, config: C) -> None:
+        """Make what the node needs, with ``self.health``, ``managed_timer``, ``managed_service``.
+
+        All of these are destroyed with the cleanup, and when it fails.
+        """
+
+    def obstacle(self) -> str | None:
+        """Return why the node cannot be activated now, or None."""
+        return None
+
+    def activate(self) -> None:
+        """Begin, or go on."""
+
+    def deactivate(self) -> None:
+        """Stop; :attr:`active` is already false."""
+
+    def cleanup(self) -> None:
+        """Let go of what ``configure`` made, apart from what is destroyed by itself."""
+
+    def reconfigure(self, config: C) -> None:
+        """Take over changed live parameters."""
+
+    def report(self) -> Health:
+        """Return the health of the node while it is active."""
+        raise NotImplementedError
+
+    @property
+    def state(self) -> str:
+        """The state of the lifecycle: unconfigured, inactive, active, finalized, or on the way."""
+        return str(self._state_machine.current_state[1])
+
+    def start(self) -> None:
+        """Configure, and activate as soon as nothing is in the way, unless told not to.
+
+        Raises what went wrong instead of logging it, since a node that cannot start ends.
+        """
+        if not self.get_parameter("autostart").value:
+            return
+        self._autostarting = True
+        self._by_itself(self.trigger_configure)
+        if self.obstacle() is None:
+            self._by_itself(self.trigger_activate)
+
+    def activate_when_ready(self) -> None:
+        """Activate, if the node is starting by itself and nothing is in the way any more.
+
+        To be called when that may have changed.
+        """
+        if self._autostarting and self.obstacle() is None:
+            self.trigger_activate()
+            self._autostarting = False
+            self._tell("activate")
+
+    def managed_timer(
+        self, period: float, callback: Callable[[], None], *, clock: Clock | None = None
+    ) -> None:
+        """Create a timer [s] until the cleanup."""
+        timer = self.create_timer(period, callback, clock=clock)
+        self._made.callback(self.destroy_timer, timer)
+
+    def managed_service(self, kind: type[Any], name: str, callback: Callable[..., Any]) -> None:
+        """Create a service until the cleanup."""
+        service = self.create_service(kind, name, callback)
+        self._made.callback(self.destroy_service, service)
+
+    def on_configure(self, _: Any) -> TransitionCallbackReturn:
+        """Take the parameters, validated as a whole, and make what the node needs."""
+        return self._result_of(self._configure)
+
+    def on_activate(self, _: Any) -> TransitionCallbackReturn:
+        """Begin, unless something is in the way."""
+        return self._result_of(self._activate)
+
+    def on_deactivate(self, _: Any) -> TransitionCallbackReturn:
+        """Stop at once."""
+        return self._result_of(self._deactivate)
+
+    def on_cleanup(self, _: Any) -> TransitionCallbackReturn:
+        """Let go of everything, so that the node can be configured anew."""
+        return self._result_of(self._release)
+
+    def on_shutdown(self, _: Any) -> TransitionCallbackReturn:
+        """Let go of everything and end the process."""
+        self.create_timer(_FAREWELL, stop, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        return self._result_of(self._release)
+
+    def on_error(self, _: Any) -> TransitionCallbackReturn:
+        """Let go of everything after a defect; the node can be configured anew."""
+        try:
+            self._release()
+        except Exception:
+            self.get_logger().error(traceback.format_exc())
+        return TransitionCallbackReturn.SUCCESS
+
+    def destroy_node(self) -> None:
+        """Let go of everything, then end the node."""
+        self._release()
+        super().destroy_node()
+
+    def _configure(self) -> None:
+        try:
+            self.configure(self._managed_parameters.settle())
+        except Exception:
+            self._destroy_made()
+            raise
+        self._configured = True
+        if not self._frozen:
+            self._frozen = True
+            settle_memory()
+
+    def _activate(self) -> None:
+        obstacle = self.obstacle()
+        if obstacle is not None:
+            raise _ObstacleError(obstacle)
+        self.activate()
+        self.active = True
+        self._autostarting = False
+
+    def _deactivate(self) -> None:
+        self.active = False
+        self.deactivate()
+
+    def _release(self) -> None:
+        if self.active:
+            self._deactivate()
+        if self._configured:
+            self._configured = False
+            self.cleanup()
+            self._destroy_made()
+
+    def _destroy_made(self) -> None:
+        self._made.close()
+        self.health.destroy_endpoints()
+        self._managed_parameters.release()
+
+    def _result_of(self, transition: Callable[[], None]) -> TransitionCallbackReturn:
+        """Carry out a transition and keep what went wrong, for whoever asked for it to tell."""
+        self._fault = None
+        try:
+            transition()
+        except UserError as error:
+            self._fault = error
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:
+            self._fault = error
+            return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    def _by_itself(self, trigger: Callable[[], object]) -> None:
+        trigger()
+        if self._fault is not None:
+            raise self._fault
+        self._tell("")
+
+    def _on_change_state(self, request: Any, response: Any) -> Any:
+        """Carry out what is asked for when it is possible, and tell what became of it."""
+        wanted = request.transition
+        possible = {
+            number: label for number, label, *_ in self._state_machine.available_transitions
+        }
+        asked = wanted.label or possible.get(wanted.id, str(wanted.id))
+        if asked not in possible.values():
+            self.get_logger().warning(
+                f"transition {asked} refused: {self.state}, from which only "
+                f"{', '.join(possible.values())} is possible"
+            )
+            response.success = False
+            return response
+        self._autostarting = self._autostarting and asked == "activate"
+        response = self._change_state(request, response)
+        self._tell(asked)
+        return response
+
+    def _tell(self, transition: str) -> None:
+        """Log and report the new state, or why a transition has not led to it."""
+        if self._fault is None:
+            self.get_logger().info(self.state)
+        elif isinstance(self._fault, UserError):
+            self.get_logger().warning(f"{transition} refused: {self._fault}")
+        else:
+            trace = "".join(traceback.format_exception(self._fault))
+            self.get_logger().error(f"{transition} failed, which is a defect: {trace}")
+        self.health.report()
+
+    def _probe(self) -> Health:
+        state = ("state", self.state)
+        if self.active:
+            health = self.report()
+            return dataclasses.replace(health, values=[state, *health.values])
+        why = self.obstacle() if self._configured else None
+        if why is None and not isinstance(self._fault, _ObstacleError | None):
+            why = str(self._fault)
+        return Health(
+            level=WARN, text=self.state if why is None else f"{self.state}: {why}", values=[state]
+        )

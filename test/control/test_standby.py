@@ -1,0 +1,94 @@
+"""What has come to a controller that does not command yet: is it enough to begin?"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.standby import Standby
+from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
+
+MakeOdometry = Callable[..., OdometrySample]
+MakeWindow = Callable[..., ReferenceWindow]
+
+MS = 1_000_000
+NOW = 1_700_000_000_000 * MS
+CONFIG = MpcConfig(odom_timeout=0.1, reference_timeout=0.5)
+
+
+@pytest.fixture
+def standby(make_odometry: MakeOdometry, make_window: MakeWindow) -> Standby:
+    """Return one to which both have come just now."""
+    made = Standby()
+    made.receive_odometry(make_odometry(NOW), now_ns=NOW)
+    made.receive_reference(make_window(NOW), now_ns=NOW)
+    return made
+
+
+def test_odometry_and_reference_are_enough(standby: Standby) -> None:
+    assert standby.obstacle(CONFIG, now_ns=NOW) is None
+
+
+def test_what_has_not_come_is_named(
+    make_odometry: MakeOdometry, make_window: MakeWindow
+) -> None:
+    standby = Standby()
+    standby.receive_reference(make_window(NOW), now_ns=NOW)
+    assert standby.obstacle(CONFIG, now_ns=NOW) == "no odometry yet"
+    standby = Standby()
+    standby.receive_odometry(make_odometry(NOW), now_ns=NOW)
+    assert standby.obstacle(CONFIG, now_ns=NOW) == "no reference yet"
+
+
+def test_each_may_be_as_old_as_its_timeout(
+    standby: Standby, make_odometry: MakeOdometry
+) -> None:
+    assert standby.obstacle(CONFIG, now_ns=NOW + 100 * MS) is None
+    too_old = standby.obstacle(CONFIG, now_ns=NOW + 101 * MS)
+    assert too_old is not None
+    assert too_old.startswith("odometry is 0.10 s old")
+    assert "odom_timeout" in too_old
+
+    for age_ms, fresh in ((500, True), (501, False)):
+        later = NOW + age_ms * MS
+        standby.receive_odometry(make_odometry(later), now_ns=later)
+        told = standby.obstacle(CONFIG, now_ns=later)
+        assert (told is None) == fresh
+        assert fresh or (told is not None and told.startswith("reference is 0.50 s old"))
+
+
+def test_a_clock_that_was_set_back_makes_them_unusable(standby: Standby) -> None:
+    assert standby.obstacle(CONFIG, now_ns=NOW - 3_600_000 * MS) is not None
+
+
+def test_what_is_unusable_is_no_start(
+    standby: Standby, make_odometry: MakeOdometry, make_window: MakeWindow
+) -> None:
+    standby.receive_odometry(make_odometry(NOW, p_WB=np.full(3, np.nan)), now_ns=NOW)
+    assert "not finite" in str(standby.obstacle(CONFIG, now_ns=NOW))
+    standby.receive_odometry(make_odometry(NOW), now_ns=NOW)
+    standby.receive_reference(make_window(NOW, frame_id="map"), now_ns=NOW)
+    assert "frame 'map'" in str(standby.obstacle(CONFIG, now_ns=NOW))
+
+
+def test_in_lockstep_the_reference_must_be_that_of_the_odometry(
+    standby: Standby, make_odometry: MakeOdometry
+) -> None:
+    config = dataclasses.replace(CONFIG, lockstep=True)
+    assert standby.obstacle(config, now_ns=NOW) is None
+    standby.receive_odometry(make_odometry(NOW + 20 * MS), now_ns=NOW)
+    assert "no reference yet for the odometry of" in str(standby.obstacle(config, now_ns=NOW))
+
+
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_the_first_command_answers_the_newest_odometry(standby: Standby, lockstep: bool) -> None:
+    tick = standby.begin(Controller(dataclasses.replace(CONFIG, lockstep=lockstep)))
+    assert tick is not None
+    assert tick.stats.source == "mpc"
+    assert tick.command is not None
+    assert tick.command.stamp_ns == NOW
