@@ -45,8 +45,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._predicted_path = self.health.publisher(PREDICTED_PATH)
         self._command_message = new_message(COMMAND.type_name)
 
-        self.health.subscription(ODOMETRY, self._on_odometry)
-        self.health.subscription(REFERENCE, self._on_reference)
+        self.managed_subscription(ODOMETRY, self._on_odometry)
+        self.managed_subscription(REFERENCE, self._on_reference)
         self.managed_timer(
             1.0 / config.control_rate,
             self._on_watch,

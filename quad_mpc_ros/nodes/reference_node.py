@@ -52,9 +52,9 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._request = ""
         self._reference = self.health.publisher(REFERENCE)
         self._path = self.health.publisher(REFERENCE_PATH)
-        self.health.subscription(ODOMETRY, self._on_odometry, raw=True)
-        self.health.subscription(GOAL_POSE, self._on_goal)
-        self.health.subscription(TRAJECTORY, self._on_trajectory)
+        self.managed_subscription(ODOMETRY, self._on_odometry, raw=True)
+        self.managed_subscription(GOAL_POSE, self._on_goal)
+        self.managed_subscription(TRAJECTORY, self._on_trajectory)
         for name, request in (
             ("takeoff", self._live.take_off),
             ("start", self._live.start),

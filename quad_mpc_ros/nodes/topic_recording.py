@@ -44,6 +44,7 @@ class TopicRecording:
         self._leaves_at_s = 0.0
         self._seen: set[tuple[int, bytes]] = set()
         self._told: set[str] = set()
+        self._closed = False
         self._profile = adapted(publishers)
         self._subscription = self._subscribe()
 
@@ -53,7 +54,8 @@ class TopicRecording:
         return int(self._subscription.get_publisher_count())
 
     def close(self) -> None:
-        """Hear no more."""
+        """Hear no more, not even what the executor already holds."""
+        self._closed = True
         for subscription in (self._subscription, self._leaving):
             if subscription is not None:
                 self._node.destroy_subscription(subscription)
@@ -105,6 +107,8 @@ class TopicRecording:
         )
 
     def _on_message(self, data: bytes, info: dict[str, int]) -> None:
+        if self._closed:
+            return
         if self._leaving is not None:
             key = (info["source_timestamp"], data)
             if key in self._seen:

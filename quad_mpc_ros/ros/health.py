@@ -1,4 +1,4 @@
-"""The health of a node on ``/diagnostics``: once a second, and at once when a peer joins.
+"""The health of a node on ``/diagnostics``: once a second, and when a peer joins or leaves.
 
 The counts of matched peers let whoever starts the nodes know when they really hear each other,
 which is later than when they exist.
@@ -6,6 +6,7 @@ which is later than when they exist.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,6 +25,7 @@ from quad_mpc_ros.ros.topics import DIAGNOSTICS, Topic
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 PEERS_KEY = "peers."
 _PERIOD = 1.0
+_POLL_PERIOD = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,32 +38,27 @@ class Health:
 
 
 class HealthReporter:
-    """Publishes a node's health, and counts the peers of the endpoints made through it."""
+    """Publishes a node's health, and counts the peers of the endpoints made through it.
+
+    It looks for peers itself, ten times a second. The events that rclpy has for that cannot be
+    used: its events executor crashes when an endpoint that has a handler of them is destroyed.
+    """
 
     def __init__(self, node: Node, probe: Callable[[], Health]) -> None:
         self._node = node
         self._probe = probe
         self._endpoints: dict[str, Publisher | Subscription] = {}
-        self._publisher = node.create_publisher(
-            message_class(DIAGNOSTICS.type_name),
-            DIAGNOSTICS.name,
-            qos_of(DIAGNOSTICS),
-            event_callbacks=PublisherEventCallbacks(matched=self._on_match),
-        )
+        self._counted: list[tuple[str, str]] = []
+        self._reported_s = 0.0
+        self._unmatched: set[str] = set()
+        self._told: set[str] = set()
+        self._publisher = self._create_publisher(DIAGNOSTICS)
         # A steady clock: in simulated time the health of a node that waits matters most.
-        self._timer = node.create_timer(
-            _PERIOD, self.report, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        node.create_timer(_POLL_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def publisher(self, topic: Topic) -> Publisher:
         """Create a publisher whose matched subscriptions are reported."""
-        endpoint = self._node.create_publisher(
-            message_class(topic.type_name),
-            topic.name,
-            qos_of(topic),
-            event_callbacks=PublisherEventCallbacks(matched=self._on_match),
-        )
-        self._endpoints[topic.name] = endpoint
+        endpoint = self._endpoints[topic.name] = self._create_publisher(topic)
         return endpoint
 
     def subscription(
@@ -73,7 +70,7 @@ class HealthReporter:
             topic.name,
             callback,
             qos_of(topic),
-            event_callbacks=SubscriptionEventCallbacks(matched=self._on_match),
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=raw,
         )
 
@@ -88,7 +85,7 @@ class HealthReporter:
 
     def report(self) -> None:
         """Publish the health now."""
-        health = self._probe()
+        health, peers = self._probe(), self._peers()
         message = new_message(DIAGNOSTICS.type_name)
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.status = [
@@ -96,14 +93,48 @@ class HealthReporter:
                 name=self._node.get_fully_qualified_name(),
                 level=health.level,
                 text=health.text,
-                values=[*self._peers(), *health.values],
+                values=[*peers, *health.values],
                 new=new_message,
             )
         ]
         self._publisher.publish(message)
+        self._reported_s, self._counted = time.monotonic(), peers
 
-    def _on_match(self, _: object) -> None:
-        self.report()
+    def _create_publisher(self, topic: Topic) -> Publisher:
+        return self._node.create_publisher(
+            message_class(topic.type_name),
+            topic.name,
+            qos_of(topic),
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+        )
+
+    def _poll(self) -> None:
+        due = time.monotonic() - self._reported_s >= _PERIOD
+        if due:
+            self._tell_mismatches()
+        if due or self._peers() != self._counted:
+            self.report()
+
+    def _tell_mismatches(self) -> None:
+        """Warn once of a peer that has been there for a period and is not heard."""
+        unmatched = {
+            name
+            for name, endpoint in self._endpoints.items()
+            if _peer_count(endpoint) < self._there(endpoint)
+        }
+        for name in sorted(unmatched & self._unmatched - self._told):
+            self._told.add(name)
+            self._node.get_logger().warning(
+                f"{name}: somebody is on this topic who cannot be heard or does not hear; the "
+                "quality of service or the type does not fit: see ros2 topic info --verbose"
+            )
+        self._unmatched = unmatched
+
+    def _there(self, endpoint: Publisher | Subscription) -> int:
+        """Return how many peers the graph knows."""
+        if isinstance(endpoint, Publisher):
+            return int(self._node.count_subscribers(endpoint.topic_name))
+        return int(self._node.count_publishers(endpoint.topic_name))
 
     def _peers(self) -> list[tuple[str, str]]:
         return [

@@ -19,6 +19,7 @@ from quad_mpc_ros.configuration import ManagedConfiguration, UserError
 from quad_mpc_ros.ros.health import WARN, Health, HealthReporter
 from quad_mpc_ros.ros.parameters import ManagedParameters
 from quad_mpc_ros.ros.spin import settle_memory, stop
+from quad_mpc_ros.ros.topics import Topic
 
 C = TypeVar("C", bound=ManagedConfiguration)
 
@@ -57,9 +58,10 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._service_change_state.callback = self._on_change_state
 
     def configure(self, config: C) -> None:
-        """Make what the node needs, with ``self.health``, ``managed_timer``, ``managed_service``.
+        """Make what the node needs.
 
-        All of these are destroyed with the cleanup, and when it fails.
+        Publishers of ``self.health`` and what the methods ``managed_…`` make are destroyed with
+        the cleanup, and when this fails.
         """
 
     def obstacle(self) -> str | None:
@@ -98,6 +100,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._by_itself(self.trigger_configure)
         if self.obstacle() is None:
             self._by_itself(self.trigger_activate)
+        self.health.report()
 
     def activate_when_ready(self) -> None:
         """Activate, if the node is starting by itself and nothing is in the way any more.
@@ -113,13 +116,33 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self, period: float, callback: Callable[[], None], *, clock: Clock | None = None
     ) -> None:
         """Create a timer [s] until the cleanup."""
-        timer = self.create_timer(period, callback, clock=clock)
+
+        def guarded() -> None:
+            if self._configured:
+                callback()
+
+        timer = self.create_timer(period, guarded, clock=clock)
         self._made.callback(self.destroy_timer, timer)
 
     def managed_service(self, kind: type[Any], name: str, callback: Callable[..., Any]) -> None:
         """Create a service until the cleanup."""
-        service = self.create_service(kind, name, callback)
+
+        def guarded(request: Any, response: Any) -> Any:
+            return callback(request, response) if self._configured else response
+
+        service = self.create_service(kind, name, guarded)
         self._made.callback(self.destroy_service, service)
+
+    def managed_subscription(
+        self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
+    ) -> None:
+        """Create a subscription until the cleanup, whose matched publishers are reported."""
+
+        def guarded(message: Any) -> None:
+            if self._configured:  # the executor may hold one that came before the cleanup
+                callback(message)
+
+        self.health.subscription(topic, guarded, raw=raw)
 
     def on_configure(self, _: Any) -> TransitionCallbackReturn:
         """Take the parameters, validated as a whole, and make what the node needs."""
@@ -208,7 +231,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         trigger()
         if self._fault is not None:
             raise self._fault
-        self._tell("")
+        self.get_logger().info(self.state)
 
     def _on_change_state(self, request: Any, response: Any) -> Any:
         """Carry out what is asked for when it is possible, and tell what became of it."""

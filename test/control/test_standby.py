@@ -34,9 +34,7 @@ def test_odometry_and_reference_are_enough(standby: Standby) -> None:
     assert standby.obstacle(CONFIG, now_ns=NOW) is None
 
 
-def test_what_has_not_come_is_named(
-    make_odometry: MakeOdometry, make_window: MakeWindow
-) -> None:
+def test_what_has_not_come_is_named(make_odometry: MakeOdometry, make_window: MakeWindow) -> None:
     standby = Standby()
     standby.receive_reference(make_window(NOW), now_ns=NOW)
     assert standby.obstacle(CONFIG, now_ns=NOW) == "no odometry yet"
@@ -45,9 +43,7 @@ def test_what_has_not_come_is_named(
     assert standby.obstacle(CONFIG, now_ns=NOW) == "no reference yet"
 
 
-def test_each_may_be_as_old_as_its_timeout(
-    standby: Standby, make_odometry: MakeOdometry
-) -> None:
+def test_each_may_be_as_old_as_its_timeout(standby: Standby, make_odometry: MakeOdometry) -> None:
     assert standby.obstacle(CONFIG, now_ns=NOW + 100 * MS) is None
     too_old = standby.obstacle(CONFIG, now_ns=NOW + 101 * MS)
     assert too_old is not None

@@ -158,7 +158,9 @@ class Managed:
         node = peer.node
         self._change = node.create_client(ChangeState, f"{name}/change_state")
         self._get = node.create_client(GetState, f"{name}/get_state")
-        self._set = node.create_client(SetParametersAtomically, f"{name}/set_parameters_atomically")
+        self._set = node.create_client(
+            SetParametersAtomically, f"{name}/set_parameters_atomically"
+        )
         self.health: dict[str, str] = {}
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
