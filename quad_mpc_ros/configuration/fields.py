@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -210,16 +211,22 @@ def _kind_of(annotation: Any) -> str:
     return _KINDS[annotation]
 
 
+@functools.cache
+def _type_hints(cls: type[Configuration]) -> dict[str, Any]:
+    """Return the types of the fields; to work them out takes milliseconds, too long in flight."""
+    return get_type_hints(cls)
+
+
 def _spec_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> ParameterSpec | None:
     declared: ParameterSpec | None = field.metadata.get(_METADATA_KEY)
     if declared is None:
         return None
-    kind = _kind_of(get_type_hints(cls)[field.name])
+    kind = _kind_of(_type_hints(cls)[field.name])
     return dataclasses.replace(declared, name=field.name, kind=kind)
 
 
 def _group_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> type[Configuration]:
-    group = get_type_hints(cls)[field.name]
+    group = _type_hints(cls)[field.name]
     if not (isinstance(group, type) and issubclass(group, Configuration)):
         raise TypeError(f"{cls.__name__}.{field.name} is neither a parameter nor a group")
     return group

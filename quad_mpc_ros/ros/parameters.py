@@ -85,6 +85,7 @@ class ManagedParameters(Generic[C]):
         self._apply = apply
         self._specs = {spec.name: spec for spec in configuration.specs()}
         self._settled: C | None = None
+        self._accepted: C | None = None
         declare(node, configuration, managed=True)
         node.add_pre_set_parameters_callback(self._as_declared)
         node.add_on_set_parameters_callback(self._validate)
@@ -97,6 +98,7 @@ class ManagedParameters(Generic[C]):
         """
         parameters = self._node.get_parameters(list(self._specs))
         self._settled = self._kind.build({p.name: _plain(p.value) for p in parameters})
+        self._accepted = None
         return self._settled
 
     def release(self) -> None:
@@ -120,7 +122,7 @@ class ManagedParameters(Generic[C]):
         changes = self._ours(parameters)
         try:
             if self._settled is not None:
-                self._changed(self._settled, changes)
+                self._accepted = self._changed(self._settled, changes)
             else:
                 for name, value in changes.items():
                     self._specs[name].validated(value, owner=self._kind.owner)
@@ -128,10 +130,10 @@ class ManagedParameters(Generic[C]):
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _take_over(self, parameters: list[Parameter]) -> None:
-        changes = self._ours(parameters)
-        if self._settled is not None and changes:
-            self._settled = self._changed(self._settled, changes)
+    def _take_over(self, _: list[Parameter]) -> None:
+        """Apply what has just been accepted, and by now is stored."""
+        if self._settled is not None and self._accepted is not None:
+            self._settled, self._accepted = self._accepted, None
             self._apply(self._settled)
 
     def _changed(self, settled: C, changes: Mapping[str, object]) -> C:
@@ -150,7 +152,7 @@ class ManagedParameters(Generic[C]):
                     "deactivate and clean up the node first, or set it in the parameter file and "
                     "start again",
                 )
-        return settled.updated(changes)
+        return settled.updated(changes) if changes else settled
 
     def _ours(self, parameters: list[Parameter]) -> dict[str, object]:
         return {p.name: _plain(p.value) for p in parameters if p.name in self._specs}
