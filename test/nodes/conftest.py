@@ -172,12 +172,19 @@ class Managed:
 
     def to(self, transition: str | int) -> bool:
         """Ask for a transition by its label or number; return whether it was carried out."""
+        asked = self.ask(transition)
+        assert self._peer.wait(asked.done)
+        return bool(asked.result().success)
+
+    def ask(self, transition: str | int) -> Any:
+        """Ask for a transition and return the future of the answer."""
         request = ChangeState.Request()
         if isinstance(transition, str):
             request.transition.label = transition
         else:
             request.transition.id = transition
-        return bool(self._peer.call(self._change, request).success)
+        assert self._peer.wait(self._change.service_is_ready)
+        return self._change.call_async(request)
 
     @property
     def state(self) -> str:
