@@ -12,7 +12,7 @@ import dataclasses
 import difflib
 import functools
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
@@ -211,10 +211,8 @@ def _kind_of(annotation: Any) -> str:
     return _KINDS[annotation]
 
 
-@functools.cache
-def _type_hints(cls: type[Configuration]) -> dict[str, Any]:
-    """Return the types of the fields; to work them out takes milliseconds, too long in flight."""
-    return get_type_hints(cls)
+# To work out the types of the fields takes milliseconds, too long in flight.
+_type_hints: Callable[[Any], dict[str, Any]] = functools.cache(get_type_hints)
 
 
 def _spec_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> ParameterSpec | None:

@@ -285,6 +285,19 @@ def test_bounds_that_only_fit_together_change_together(start: Start, peer: Any) 
     assert "hover throttle" in result.reason
 
 
+def test_a_publisher_that_cannot_be_heard_is_told(start: Start, peer: Any, tmp_path: Path) -> None:
+    """The reference is heard reliably or not at all, the odometry either way."""
+    peer.node.create_publisher(MultiDOFJointTrajectory, "reference", qos_profile_sensor_data)
+    reliable = peer.node.create_publisher(Odometry, "odom", 10)
+    start("mpc")
+    log = tmp_path / "mpc.log"
+    assert peer.wait(lambda: "quality of service" in log.read_text())
+    assert peer.wait(reliable.get_subscription_count)
+    told = [line for line in log.read_text().splitlines() if "quality of service" in line]
+    assert len(told) == 1
+    assert "reference: " in told[0]
+
+
 def test_recorder_records_what_appears_later(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     recorder = start("recorder", "-p", f"directory:={bag}", "-p", "topics:=[odom, /other/odom]")
