@@ -1,0 +1,1 @@
+"""Faults: what is done to the controller's surroundings, and what it must make of it."""

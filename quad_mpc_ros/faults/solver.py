@@ -1,0 +1,89 @@
+"""A stand-in for OSQP that fails, lies or takes long on demand.
+
+It is put in OSQP's place and not into the controller, whose own checks are to be seen working.
+"""
+
+from __future__ import annotations
+
+import enum
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import osqp
+
+
+class SolverFault(enum.Enum):
+    """What the solver does instead of solving."""
+
+    FAIL = "fail"  # it reaches its limit of iterations
+    LIE = "lie"  # it says "solved" of numbers that are none
+    RUN_LONG = "run_long"  # it solves, but not in time
+
+
+class FaultySolver:
+    """Replaces OSQP while :meth:`installed`; ``fault`` may change at any time."""
+
+    def __init__(self, *, long: float) -> None:
+        """Take ``long`` seconds for each solve when that is the fault."""
+        self.fault: SolverFault | None = None
+        self.long = long
+
+    @contextmanager
+    def installed(self) -> Iterator[None]:
+        """Let solvers that are set up from now on be faulty on demand."""
+        original, faults = osqp.OSQP, self
+
+        class FaultyOsqp(original):  # type: ignore[misc, valid-type]
+            def setup(self, *arguments: Any, **settings: Any) -> Any:
+                outcome = super().setup(*arguments, **settings)
+                self._solver = _Compiled(self._solver, faults)
+                return outcome
+
+        osqp.OSQP = FaultyOsqp
+        try:
+            yield
+        finally:
+            osqp.OSQP = original
+
+
+class _Compiled:
+    """OSQP's compiled solver but for the fault."""
+
+    def __init__(self, solver: Any, faults: FaultySolver) -> None:
+        self._solver, self._faults = solver, faults
+
+    def solve(self) -> Any:
+        if self._faults.fault is SolverFault.RUN_LONG:
+            time.sleep(self._faults.long)
+        return self._solver.solve()
+
+    @property
+    def info(self) -> Any:
+        if self._faults.fault is not SolverFault.FAIL:
+            return self._solver.info
+        status = osqp.SolverStatus.OSQP_MAX_ITER_REACHED
+        return _Changed(self._solver.info, status_val=status, status="maximum iterations reached")
+
+    @property
+    def solution(self) -> Any:
+        solution = self._solver.solution
+        if self._faults.fault is not SolverFault.LIE:
+            return solution
+        return _Changed(solution, x=np.full_like(solution.x, np.nan))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._solver, name)
+
+
+class _Changed:
+    """An object but for some attributes."""
+
+    def __init__(self, original: Any, **changes: Any) -> None:
+        self._original = original
+        self.__dict__.update(changes)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._original, name)
