@@ -8,8 +8,10 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import quad_mpc_ros
 from quad_mpc_ros.commands.run_options import SCHEMA, RunConfig
@@ -23,18 +25,36 @@ _ROS_PACKAGES = ("rclpy", "nav_msgs", "trajectory_msgs", "diagnostic_msgs", "std
 
 
 class NodeProcess:
-    """One node, with its parameter file and its log in the folder of the run."""
+    """One node, with its parameter file and its log in the folder of the run.
 
-    def __init__(self, node: str, *, run: RunConfig, use_sim_time: bool) -> None:
+    ``module`` is run instead of the node's own, ``remaps`` are topics by the name that the node
+    knows, ``overrides`` are parameters that win over those of the run.
+    """
+
+    def __init__(
+        self,
+        node: str,
+        *,
+        run: RunConfig,
+        use_sim_time: bool = False,
+        module: str | None = None,
+        remaps: Mapping[str, str] = MappingProxyType({}),
+        overrides: Mapping[str, Any] = MappingProxyType({}),
+    ) -> None:
         self.node = node
         self._log = run.out / "log" / f"{node}.log"
         self._log.parent.mkdir(exist_ok=True)
         parameters = self._log.with_suffix(".yaml")
-        values = {**getattr(run, node).flattened(), **_overrides(node, use_sim_time=use_sim_time)}
+        values = {
+            **getattr(run, node).flattened(),
+            **_overrides(node, use_sim_time=use_sim_time),
+            **overrides,
+        }
         parameters.write_text(files.dump(node, values), encoding="utf-8")
-        with self._log.open("wb") as log:
+        # Appended: a node may be started more than once in a run.
+        with self._log.open("ab") as log:
             self._process = subprocess.Popen(
-                _command_line(node, parameters),
+                _command_line(module or f"{node}_node", parameters, remaps),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -45,9 +65,19 @@ class NodeProcess:
             )
 
     @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    @property
     def exit_code(self) -> int | None:
         """Exit code, or None while it runs."""
         return self._process.poll()
+
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal, if it still runs."""
+        if self._process.poll() is None:
+            self._process.send_signal(number)
 
     def stop(self) -> int:
         """End the node as Ctrl-C would, by force when it does not listen; return the exit code."""
@@ -71,7 +101,7 @@ def run_in_foreground(node: str, ros_arguments: Sequence[str]) -> int:
     Raises ``KeyboardInterrupt`` on Ctrl-C, which the node gets as well, after it has ended.
     """
     process = subprocess.Popen(
-        (*_module(node), "--ros-args", *ros_arguments),
+        (*_module(f"{node}_node"), "--ros-args", *ros_arguments),
         stdin=subprocess.DEVNULL,
         env=_environment(),
         preexec_fn=_die_with_parent,
@@ -115,12 +145,13 @@ def _overrides(node: str, *, use_sim_time: bool) -> dict[str, bool]:
     return overrides
 
 
-def _command_line(node: str, parameters: Path) -> Sequence[str]:
-    return (*_module(node), "--ros-args", "--params-file", str(parameters))
+def _command_line(module: str, parameters: Path, remaps: Mapping[str, str]) -> Sequence[str]:
+    remapped = [word for name, to in remaps.items() for word in ("-r", f"{name}:={to}")]
+    return (*_module(module), "--ros-args", "--params-file", str(parameters), *remapped)
 
 
-def _module(node: str) -> Sequence[str]:
-    return (sys.executable, "-P", "-m", f"quad_mpc_ros.nodes.{node}_node")
+def _module(module: str) -> Sequence[str]:
+    return (sys.executable, "-P", "-m", f"quad_mpc_ros.nodes.{module}")
 
 
 def _environment() -> dict[str, str]:

@@ -52,7 +52,9 @@ class RunConfig:
         return self.out / "bag"
 
 
-def add_configuration_options(parser: argparse.ArgumentParser) -> None:
+def add_configuration_options(
+    parser: argparse.ArgumentParser, *, reference: str = "square"
+) -> None:
     """Add the options that say what is configured to a command."""
     parser.add_argument(
         "--config",
@@ -65,7 +67,7 @@ def add_configuration_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reference",
         metavar="NAME",
-        help=f"trajectory to fly: {', '.join(TRAJECTORY_NAMES)} (default: square)",
+        help=f"trajectory to fly: {', '.join(TRAJECTORY_NAMES)} (default: {reference})",
     )
     parser.add_argument(
         "--set",

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import heapq
 import itertools
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -49,7 +49,8 @@ class FaultFlight:
         self._fault, self._config, self._simulator = fault, mpc, simulator
         self._period_ns = round(_SECOND / mpc.control_rate)
         self._reference_period_ns = round(_SECOND / reference.publish_rate)
-        self._solver = FaultySolver(long=1.5 / mpc.control_rate)
+        self._solver = FaultySolver()
+        self._solver.long = 1.5 / mpc.control_rate
         with self._solver.installed():
             self._controller = Controller(mpc)
             self._server = ReferenceServer(reference)
@@ -62,11 +63,10 @@ class FaultFlight:
             self._order = itertools.count()
             self._odometry: OdometrySample | None = None
             self._window: ReferenceWindow | None = None
-            self._sightings: list[Sighting] = []
-            self._commands: list[float] = []
+            self._kept: dict[str, Callable[[], None]] = {}
+            self._ticks: list[tuple[int, Tick]] = []
             self._unsound: list[str] = []
             self._home_ns: int | None = None
-            self._counts: dict[str, Any] = {}
             self._counted_before: int | None = None
             self._restart()
             # The solver sets itself up in the first solve.
@@ -83,8 +83,19 @@ class FaultFlight:
         latest = self._fault.recovery(self._config) + self._fault.home
         self._fly_until(self._ends_ns + round((latest + _AFTER_HOME) * _SECOND), stop_at_home=True)
         return Record(
-            sightings=self._sightings,
-            commands=self._commands,
+            sightings=[
+                Sighting(
+                    time=self._since_origin(time_ns),
+                    source=tick.stats.source,
+                    reason=tick.stats.reason,
+                )
+                for time_ns, tick in self._ticks
+            ],
+            commands=[
+                self._since_origin(time_ns)
+                for time_ns, tick in self._ticks
+                if tick.command is not None
+            ],
             end=self._since_origin(self._ends_ns),
             home=None if self._home_ns is None else self._since_origin(self._home_ns),
             unsound=self._unsound,
@@ -112,6 +123,8 @@ class FaultFlight:
         self._judge_position(window)
         if self._fault.action is Action.SET_PARAMETERS and self._active:
             self._set_parameters()
+        if self._kept and not self._paused:
+            self._resume()
         if self._time_ns % self._reference_period_ns == 0:
             self._send_reference(window)
         for sent in self._stream.advance_to(self._time_ns - self._plant_started_ns):
@@ -128,12 +141,11 @@ class FaultFlight:
             if self._before and self._fault.reference is not None:
                 self._origin_ns = self._time_ns
             self._window = window
-            self._later(0, lambda: self._receive_reference(window))
+            self._later(0, "reference", lambda: self._receive_reference(window))
             return
         for delivery in self._fault.reference(window, before, self._elapsed_ns):
-            self._later(
-                delivery.delay_ns, lambda d=delivery: self._receive_reference(d.message)
-            )
+            receive = functools.partial(self._receive_reference, delivery.message)
+            self._later(delivery.delay_ns, "reference", receive)
 
     def _send_odometry(self, odometry: OdometrySample) -> None:
         if self._fault.action is Action.RESTART_SIMULATOR and self._active:
@@ -144,17 +156,26 @@ class FaultFlight:
             if self._before and self._fault.reference is None:
                 self._origin_ns = self._time_ns
             self._odometry = odometry
-            self._later(0, lambda: self._receive_odometry(odometry))
+            self._later(0, "odometry", lambda: self._receive_odometry(odometry))
             return
         for delivery in self._fault.odometry(odometry, before, self._elapsed_ns):
-            self._later(delivery.delay_ns, lambda d=delivery: self._receive_odometry(d.message))
+            receive = functools.partial(self._receive_odometry, delivery.message)
+            self._later(delivery.delay_ns, "odometry", receive)
 
-    def _later(self, delay_ns: int, receive: Callable[[], None]) -> None:
-        """Let a message arrive after a delay; what comes to a paused process waits for its end."""
-        arrival_ns = self._time_ns + delay_ns
+    def _later(self, delay_ns: int, topic: str, receive: Callable[[], None]) -> None:
+        """Let a message arrive after a delay; of what comes to a paused process the last stays."""
         if self._paused:
-            arrival_ns = self._ends_ns
-        heapq.heappush(self._waiting, (arrival_ns, next(self._order), receive))
+            self._kept[topic] = receive
+        else:
+            arrival_ns = self._time_ns + delay_ns
+            heapq.heappush(self._waiting, (arrival_ns, next(self._order), receive))
+
+    def _resume(self) -> None:
+        """Let a process that stood still find its timer due and a message on each topic."""
+        self._finish(self._controller.watch(now_ns=self._now_ns))
+        for receive in self._kept.values():
+            receive()
+        self._kept.clear()
 
     def _receive_reference(self, window: ReferenceWindow) -> None:
         self._finish(self._controller.receive_reference(window, now_ns=self._now_ns))
@@ -166,17 +187,11 @@ class FaultFlight:
         """Let the command act, and keep what is to be judged."""
         if tick is None:
             return
-        time = self._since_origin(self._time_ns)
-        stats = dict(tick.stats.items())
-        self._counts = stats
-        self._sightings.append(
-            Sighting(time=time, source=stats["source"], reason=stats["reason"])
-        )
+        self._ticks.append((self._time_ns, tick))
         if tick.command is not None:
-            self._commands.append(time)
             fault = command_fault(tick.command, self._config)
             if fault is not None:
-                self._unsound.append(f"{fault} at {time:.3f} s")
+                self._unsound.append(fault)
             self._plant.apply(tick.command)
 
     def _set_parameters(self) -> None:
@@ -204,8 +219,9 @@ class FaultFlight:
             self._home_ns = self._time_ns
 
     def _count(self) -> int | None:
-        name = self._fault.counter
-        return int(self._counts[name]) if name and name in self._counts else None
+        """Return the fault's counter; None when it has none, or when it is not told."""
+        stats = dict(self._ticks[-1][1].stats.items()) if self._ticks else {}
+        return int(stats[self._fault.counter]) if self._fault.counter in stats else None
 
     def _counted(self) -> int | None:
         after = self._count()

@@ -26,10 +26,10 @@ class SolverFault(enum.Enum):
 class FaultySolver:
     """Replaces OSQP while :meth:`installed`; ``fault`` may change at any time."""
 
-    def __init__(self, *, long: float) -> None:
-        """Take ``long`` seconds for each solve when that is the fault."""
+    def __init__(self) -> None:
         self.fault: SolverFault | None = None
-        self.long = long
+        self.long = 0.03
+        """How many seconds a solve takes that runs long."""
 
     @contextmanager
     def installed(self) -> Iterator[None]:

@@ -1,0 +1,156 @@
+"""Between publisher and MPC: passes a topic's bytes on, or what a fault makes of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import heapq
+import itertools
+import time
+from collections.abc import Callable
+from typing import Any, Generic
+
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+
+from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
+from quad_mpc_ros.faults.distortions import Distortion, M
+from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.ros.messages import decoded, message_class, new_message
+from quad_mpc_ros.ros.qos import qos_of
+from quad_mpc_ros.ros.topics import ODOMETRY, REFERENCE, Topic
+
+PREFIX = "soak/"
+_BODY_FRAME = "base_link"
+
+
+class Relay(Generic[M]):
+    """Subscribes to a topic and publishes it again as ``soak/<topic>``.
+
+    Untouched messages are passed on as the bytes they are; only a fault has them decoded.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: Topic,
+        *,
+        decode: Callable[[bytes], M],
+        encode: Callable[[M], bytes],
+    ) -> None:
+        self._node, self._topic = node, topic
+        self._decode, self._encode = decode, encode
+        self._type = message_class(topic.type_name)
+        self._publisher = self._publisher_again()
+        self._intruder: Any = None
+        self._last = b""
+        self.last_passed_ns = 0
+        """When the last untouched message was passed on, by the system's clock."""
+        self.last_heard_ns = 0
+        """When the last message came, passed on or not."""
+        self._fault: Distortion[M] | None = None
+        self._before: M | None = None
+        self._began_ns = 0
+        self._shift_ns = 0
+        self._waiting: list[tuple[int, int, Any, bytes]] = []
+        self._order = itertools.count()
+        node.create_subscription(self._type, topic.name, self._on_message, qos_of(topic), raw=True)
+
+    @property
+    def last(self) -> M | None:
+        """The last message that came, without its fault."""
+        return self._decode(self._last) if self._last else None
+
+    @property
+    def heard(self) -> bool:
+        """Whether the MPC listens."""
+        publishers = [p for p in (self._publisher, self._intruder) if p is not None]
+        return all(p.get_subscription_count() for p in publishers)
+
+    def begin(self, fault: Distortion[M]) -> None:
+        """Let the fault begin."""
+        self._before, self._began_ns, self._fault = self.last, time.time_ns(), fault
+
+    def end(self) -> None:
+        """End the fault; what it holds back comes when it is due."""
+        self._fault = None
+
+    def shift(self, seconds: float) -> None:
+        """Shift the stamps, as of clocks that were set."""
+        self._shift_ns = round(seconds * 1e9)
+
+    def intrude(self) -> None:
+        """Make the second publisher."""
+        self._intruder = self._publisher_again()
+
+    def withdraw(self) -> None:
+        """Take the second publisher away, if there is one."""
+        if self._intruder is not None:
+            self._node.destroy_publisher(self._intruder)
+            self._intruder = None
+
+    def release(self) -> None:
+        """Publish what was held back and is due."""
+        while self._waiting and self._waiting[0][0] <= time.time_ns():
+            _, _, publisher, data = heapq.heappop(self._waiting)
+            publisher.publish(data)
+
+    def _on_message(self, data: bytes) -> None:
+        now_ns = self.last_heard_ns = time.time_ns()
+        self._last = data
+        if self._fault is not None and self._before is not None:
+            self._distort(self._fault, self._before, self._decode(data), now_ns)
+            return
+        if self._shift_ns:
+            data = self._encode(self._shifted(self._decode(data)))
+        self._publisher.publish(data)
+        self.last_passed_ns = now_ns
+
+    def _distort(self, fault: Distortion[M], before: M, message: M, now_ns: int) -> None:
+        for delivery in fault(message, before, now_ns - self._began_ns):
+            publisher = self._intruder if delivery.intruder else self._publisher
+            data = self._encode(delivery.message)
+            if delivery.delay_ns == 0:
+                publisher.publish(data)
+            else:
+                due_ns = now_ns + delivery.delay_ns
+                heapq.heappush(self._waiting, (due_ns, next(self._order), publisher, data))
+
+    def _shifted(self, message: M) -> M:
+        return dataclasses.replace(message, stamp_ns=message.stamp_ns + self._shift_ns)
+
+    def _publisher_again(self) -> Any:
+        return self._node.create_publisher(
+            self._type, PREFIX + self._topic.name, qos_of(self._topic)
+        )
+
+
+def odometry_relay(node: Node) -> Relay[OdometrySample]:
+    """Return the relay of the odometry."""
+
+    def encode(odometry: OdometrySample) -> bytes:
+        message = new_message(ODOMETRY.type_name)
+        conversions.fill_odometry(message, odometry)
+        return bytes(serialize_message(message))
+
+    return Relay(
+        node,
+        ODOMETRY,
+        decode=lambda data: conversions.odometry_from_message(decoded(ODOMETRY, data)),
+        encode=encode,
+    )
+
+
+def reference_relay(node: Node) -> Relay[ReferenceWindow]:
+    """Return the relay of the reference."""
+
+    def encode(window: ReferenceWindow) -> bytes:
+        message = new_message(REFERENCE.type_name)
+        conversions.fill_reference(message, window, child_frame_id=_BODY_FRAME, new=new_message)
+        return bytes(serialize_message(message))
+
+    return Relay(
+        node,
+        REFERENCE,
+        decode=lambda data: conversions.reference_from_message(decoded(REFERENCE, data)),
+        encode=encode,
+    )

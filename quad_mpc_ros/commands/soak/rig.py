@@ -1,0 +1,187 @@
+"""Simulator, reference and MPC as processes, and a node among them that watches and relays."""
+
+from __future__ import annotations
+
+import functools
+import signal
+import time
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import rclpy
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import SetBool, Trigger
+
+from quad_mpc_ros.commands.processes import NodeProcess
+from quad_mpc_ros.commands.run_options import RunConfig
+from quad_mpc_ros.commands.soak.relay import PREFIX, odometry_relay, reference_relay
+from quad_mpc_ros.commands.soak.watch import Watch
+from quad_mpc_ros.faults.parameter_storm import Change
+from quad_mpc_ros.faults.verdict import is_home
+from quad_mpc_ros.ros.topics import ODOMETRY, REFERENCE
+
+NODES = ("simulator", "reference", "mpc")
+# The first start after an installation compiles, on a small computer for minutes.
+_READY_TIMEOUT = 240.0
+_SETTLE_TIMEOUT = 30.0
+_SPIN = 0.005
+_POSITION_PERIOD = 0.05
+
+
+class SoakError(Exception):
+    """The soak could not go on; the message says why."""
+
+
+class Rig:
+    """The processes of a soak, and this process's node.
+
+    With ``relays`` the MPC hears odometry and reference through this process, and its solver and
+    its clock fail on demand; without, it is the node as it flies.
+    """
+
+    def __init__(self, run: RunConfig, *, relays: bool) -> None:
+        self._run, self._relays = run, relays
+        self.processes: dict[str, NodeProcess] = {}
+        self._position_error: float | None = None
+        self._position_due = 0.0
+
+    def __enter__(self) -> Self:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self.node = rclpy.create_node("quad_mpc_soak")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self.odometry = odometry_relay(self.node)
+        self.reference = reference_relay(self.node)
+        self.watch = Watch(self.node, self._run.mpc)
+        self._parameters = self.node.create_client(
+            SetParametersAtomically, "mpc/set_parameters_atomically"
+        )
+        self._simulator = self.node.create_client(Trigger, "simulator/start")
+        return self
+
+    def __exit__(
+        self,
+        _: type[BaseException] | None,
+        __: BaseException | None,
+        ___: TracebackType | None,
+    ) -> None:
+        for process in self.processes.values():
+            process.send(signal.SIGCONT)
+            process.stop()
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+    def start(self, node: str, **overrides: Any) -> None:
+        """Start a node, with parameters that win over those of the run."""
+        module, remaps = None, {}
+        if node == "mpc" and self._relays:
+            module = "mpc_with_faults"
+            remaps = {topic.name: PREFIX + topic.name for topic in (ODOMETRY, REFERENCE)}
+        self.processes[node] = NodeProcess(
+            node, run=self._run, module=module, remaps=remaps, overrides=overrides
+        )
+
+    def stop(self, node: str) -> None:
+        """End a node while the others go on."""
+        process = self.processes.pop(node)
+        process.send(signal.SIGINT)
+        self.wait(lambda: process.exit_code is not None, f"the end of {node}")
+
+    def fly(self) -> None:
+        """Start all nodes, let the clock run when they hear each other, await the reference."""
+        for node in NODES:
+            self.start(node)
+        self.wait(self._connected, "the nodes to hear each other", timeout=_READY_TIMEOUT)
+        self.call(self._simulator, Trigger.Request())
+        self.settle()
+
+    def settle(self) -> None:
+        """Wait until the MPC flies and the vehicle is at its reference."""
+        self.wait(
+            lambda: self.watch.source_for(0.3) == "mpc" and self.home,
+            "the vehicle to come to its reference",
+            timeout=_SETTLE_TIMEOUT,
+        )
+
+    @property
+    def home(self) -> bool:
+        """Whether the vehicle is at its reference."""
+        return self.position_error is not None and is_home(self.position_error)
+
+    @property
+    def position_error(self) -> float | None:
+        """Distance from the reference [m], now and then looked at."""
+        if time.monotonic() >= self._position_due:
+            self._position_due = time.monotonic() + _POSITION_PERIOD
+            odometry, window = self.odometry.last, self.reference.last
+            if odometry is not None and window is not None:
+                self._position_error = float(np.linalg.norm(window.p_WB[0] - odometry.p_WB))
+        return self._position_error
+
+    def spin(self, seconds: float) -> None:
+        """Relay and watch for a time."""
+        self._spin_until(lambda: False, seconds)
+
+    def wait(self, condition: Callable[[], object], what: str, *, timeout: float = 20.0) -> None:
+        """Relay and watch until something is true; raises :class:`SoakError` if it never is."""
+        if not self._spin_until(condition, timeout):
+            raise SoakError(f"waited {timeout:g} s in vain for {what}")
+
+    def call(self, client: Any, request: Any) -> Any:
+        """Call a service and return its response."""
+        self.wait(client.service_is_ready, f"the service {client.srv_name}")
+        future = client.call_async(request)
+        self.wait(future.done, f"the answer of {client.srv_name}")
+        return future.result()
+
+    def switch(self, fault: str, on: bool) -> None:
+        """Let the MPC's solver or clock fail, or no longer."""
+        self.call(self._switch_client(fault), SetBool.Request(data=on))
+
+    def set_parameters(self, change: Change) -> Any:
+        """Ask the MPC for a change of parameters; the future tells whether it was made."""
+        request = SetParametersAtomically.Request()
+        request.parameters = [
+            Parameter(name, value=value).to_parameter_msg()
+            for name, value in change.values.items()
+        ]
+        return self._parameters.call_async(request)
+
+    @functools.cache  # noqa: B019 a rig lives as long as its process
+    def _switch_client(self, fault: str) -> Any:
+        return self.node.create_client(SetBool, f"mpc/fault/{fault}")
+
+    def _connected(self) -> bool:
+        heard = not self._relays or (self.odometry.heard and self.reference.heard)
+        services: Mapping[str, Any] = {"start": self._simulator, "set": self._parameters}
+        return (
+            heard
+            and self.watch.connected
+            and all(client.service_is_ready() for client in services.values())
+            and bool(self.node.count_publishers(ODOMETRY.name))
+            and bool(self.node.count_publishers(REFERENCE.name))
+        )
+
+    def _spin_until(self, condition: Callable[[], object], seconds: float) -> bool:
+        end = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() >= end:
+                return False
+            self._executor.spin_once(timeout_sec=_SPIN)
+            for relay in (self.odometry, self.reference):
+                relay.release()
+            self._check_alive()
+        return True
+
+    def _check_alive(self) -> None:
+        for name, process in self.processes.items():
+            if process.exit_code is not None:
+                raise SoakError(
+                    f"{name} ended by itself (exit code {process.exit_code})\n"
+                    f"{process.last_words()}"
+                )

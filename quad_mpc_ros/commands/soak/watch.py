@@ -1,0 +1,97 @@
+"""What the MPC's process sends and needs, seen from outside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.faults.verdict import command_fault
+from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.ros.messages import message_class
+from quad_mpc_ros.ros.qos import qos_of
+from quad_mpc_ros.ros.topics import COMMAND, STATS
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TickSeen:
+    """A tick: when its process published it (system's clock), and what it told."""
+
+    sent_ns: int
+    stamp_ns: int
+    source: str
+    reason: str
+
+
+@dataclass
+class Watch:
+    """Listens to ``command`` and ``mpc/stats`` and keeps what is to be judged.
+
+    Times are those at which the MPC's process published, so that a slow listener changes nothing.
+    """
+
+    node: Node
+    config: MpcConfig
+    ticks: list[TickSeen] = field(default_factory=list)
+    commands_ns: list[int] = field(default_factory=list)
+    unsound: list[str] = field(default_factory=list)
+    stats: dict[str, str] = field(default_factory=dict)
+    """The figures of the last tick."""
+
+    def __post_init__(self) -> None:
+        self._subscriptions = [
+            self.node.create_subscription(
+                message_class(topic.type_name), topic.name, callback, qos_of(topic)
+            )
+            for topic, callback in ((COMMAND, self._on_command), (STATS, self._on_stats))
+        ]
+
+    @property
+    def connected(self) -> bool:
+        """Whether the MPC is heard."""
+        names = (COMMAND.name, STATS.name)
+        return all(self.node.count_publishers(name) for name in names)
+
+    def source_for(self, seconds: float) -> str:
+        """Return who has commanded for so long without a break, or nothing."""
+        if not self.ticks:
+            return ""
+        last = self.ticks[-1]
+        for tick in reversed(self.ticks):
+            if tick.source != last.source:
+                return ""
+            if last.sent_ns - tick.sent_ns >= seconds * 1e9:
+                return last.source
+        return ""
+
+    def _on_command(self, message: Any, info: dict[str, int]) -> None:
+        self.commands_ns.append(info["source_timestamp"])
+        fault = command_fault(conversions.command_from_message(message), self.config)
+        if fault is not None:
+            self.unsound.append(fault)
+
+    def _on_stats(self, message: Any, info: dict[str, int]) -> None:
+        self.stats = conversions.stats_from_message(message)
+        self.ticks.append(
+            TickSeen(
+                sent_ns=info["source_timestamp"],
+                stamp_ns=int(self.stats["stamp_ns"]),
+                source=self.stats["source"],
+                reason=self.stats["reason"],
+            )
+        )
+
+
+def resident_memory(pid: int) -> int | None:
+    """Return the memory of a process that is in use [bytes], or None when it has ended."""
+    try:
+        status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+    except OSError:
+        return None
+    for line in status.splitlines():
+        if line.startswith("VmRSS:"):
+            return int(line.split()[1]) * 1024
+    return None

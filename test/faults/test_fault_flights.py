@@ -1,0 +1,32 @@
+"""Every fault flown in one process and in simulated time."""
+
+from __future__ import annotations
+
+import pytest
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.faults.cases import FAULTS, Action, Fault
+from quad_mpc_ros.faults.flight import FaultFlight
+from quad_mpc_ros.faults.verdict import complaints
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+CONFIG = MpcConfig()
+# Between processes only: here there are none to start.
+FLOWN = [fault for fault in FAULTS.values() if fault.action is not Action.START_NODES]
+
+
+def flight(fault: Fault) -> FaultFlight:
+    """Return a flight round the lying eight high above the ground, or one that stands on it."""
+    if fault.grounded:
+        simulator = SimulatorConfig()
+        reference = ReferenceConfig(trajectory="hover", height=0.0)
+    else:
+        simulator = SimulatorConfig(initial_position=(0.0, 0.0, 10.0), initial_throttle=0.3)
+        reference = ReferenceConfig(trajectory="lemniscate", height=10.0)
+    return FaultFlight(fault, mpc=CONFIG, simulator=simulator, reference=reference)
+
+
+@pytest.mark.parametrize("fault", FLOWN, ids=lambda fault: fault.name)
+def test_fault_leads_where_it_must_and_back(fault: Fault) -> None:
+    assert complaints(fault, flight(fault).run(), CONFIG, slack=1e-6) == []
