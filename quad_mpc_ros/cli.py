@@ -119,6 +119,18 @@ COMMANDS = (
         run="bridges:list_bridges",
     ),
     Command(
+        name="soak",
+        help="does it hold: fly for half an hour, or inject faults one after another",
+        description="Fly over DDS with 1 %% of the odometries lost and parameters changed every "
+        "second, and tell whether a tick was late, a rung below the last plan was needed or "
+        "memory grew; or, with --faults, let odometry, reference, solver, clocks and processes "
+        "fail and tell whether each fault led to the rung of the safety ladder that it must, in "
+        "time, and back. Every command is checked: finite, and within its bounds. Exit code 0 "
+        "only when all holds, 1 otherwise, 2 for bad input.",
+        options="soak.options:add_soak_options",
+        run="soak.command:soak",
+    ),
+    Command(
         name="bench",
         help="measure this controller beside acados, cvxpy and OSQP's own time",
         description="Fly the square on the true rigid body with each peer in turn, in one "

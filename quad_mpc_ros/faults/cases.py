@@ -31,8 +31,8 @@ class Fault:
 
     ``course`` says which rungs follow, ``recovery`` how long after the end [s] the MPC must
     command again, ``home`` how long after that [s] the vehicle must be back at its reference.
-    ``counter`` is the key of ``mpc/stats`` that must have grown. ``grounded`` ones are for a
-    vehicle that stands on the ground.
+    ``counter`` is the key of ``mpc/stats`` that must have grown. An ``intruder`` is a second
+    publisher. ``grounded`` ones are for a vehicle that stands on the ground.
     """
 
     name: str
@@ -47,7 +47,15 @@ class Fault:
     solver: SolverFault | None = None
     clock: float = 0.0
     action: Action | None = None
+    intruder: bool = False
     grounded: bool = False
+
+    @property
+    def switch(self) -> str:
+        """What makes the MPC's process fail by itself, if anything: its solver or its clock."""
+        if self.solver is not None:
+            return self.solver.value
+        return self.name if self.clock else ""
 
 
 def _at_once(config: MpcConfig) -> float:
@@ -182,6 +190,7 @@ _ODOMETRY = (
         course=courses.unimpressed,
         recovery=_at_once,
         odometry=distortions.doubled(rubbish.of_another_estimator),
+        intruder=True,
     ),
 )
 
@@ -246,6 +255,7 @@ _REFERENCE = (
         course=courses.unimpressed,
         recovery=_at_once,
         reference=distortions.doubled(rubbish.reference_of_another_server),
+        intruder=True,
     ),
 )
 

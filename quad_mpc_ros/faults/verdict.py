@@ -117,3 +117,15 @@ def _not_counted(fault: Fault, record: Record) -> list[str]:
 
 def _either(sources: Sequence[str]) -> str:
     return " or ".join(dict.fromkeys(sources)) or "nothing"
+
+
+def course_seen(record: Record) -> str:
+    """Return in words which sources followed each other during a fault, and the recovery."""
+    words, last = [], "mpc"
+    for seen in record.sightings:
+        if seen.source != last:
+            when = seen.time if seen.time < record.end else seen.time - record.end
+            sign = "" if seen.time < record.end else "+"
+            words.append(f"{seen.source} {sign}{when:.2f}")
+            last = seen.source
+    return ", ".join(words) or "mpc"

@@ -48,7 +48,7 @@ class MpcNodeWithFaults(MpcNode):
         for case in FAULTS.values():
             if case.clock:
                 serve = functools.partial(self._on_clock_fault, case.clock)
-                self.create_service(SetBool, f"~/fault/{case.name}", serve)
+                self.create_service(SetBool, f"~/fault/{case.switch}", serve)
 
     def get_clock(self) -> Any:
         """Return the clock of the node, as it was set."""

@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool, Trigger
 from quad_mpc_ros.commands.processes import NodeProcess
 from quad_mpc_ros.commands.run_options import RunConfig
 from quad_mpc_ros.commands.soak.relay import PREFIX, odometry_relay, reference_relay
-from quad_mpc_ros.commands.soak.watch import Watch
+from quad_mpc_ros.commands.soak.watch import Watch, resident_memory
 from quad_mpc_ros.faults.parameter_storm import Change
 from quad_mpc_ros.faults.verdict import is_home
 from quad_mpc_ros.ros.topics import ODOMETRY, REFERENCE
@@ -31,6 +31,7 @@ _READY_TIMEOUT = 240.0
 _SETTLE_TIMEOUT = 30.0
 _SPIN = 0.005
 _POSITION_PERIOD = 0.05
+_MEMORY_PERIOD = 1.0
 
 
 class SoakError(Exception):
@@ -47,6 +48,9 @@ class Rig:
     def __init__(self, run: RunConfig, *, relays: bool) -> None:
         self._run, self._relays = run, relays
         self.processes: dict[str, NodeProcess] = {}
+        self.memory: list[tuple[int, int]] = []
+        """When, by the system's clock [ns], the MPC's process took how much memory [bytes]."""
+        self._memory_due = 0.0
         self._position_error: float | None = None
         self._position_due = 0.0
 
@@ -123,6 +127,10 @@ class Rig:
                 self._position_error = float(np.linalg.norm(window.p_WB[0] - odometry.p_WB))
         return self._position_error
 
+    def node_names(self) -> set[str]:
+        """Return the names of the nodes that are there."""
+        return set(self.node.get_node_names())
+
     def spin(self, seconds: float) -> None:
         """Relay and watch for a time."""
         self._spin_until(lambda: False, seconds)
@@ -176,7 +184,16 @@ class Rig:
             for relay in (self.odometry, self.reference):
                 relay.release()
             self._check_alive()
+            self._weigh()
         return True
+
+    def _weigh(self) -> None:
+        """Look at the memory now and then."""
+        if "mpc" in self.processes and time.monotonic() >= self._memory_due:
+            self._memory_due = time.monotonic() + _MEMORY_PERIOD
+            memory = resident_memory(self.processes["mpc"].pid)
+            if memory is not None:
+                self.memory.append((time.time_ns(), memory))
 
     def _check_alive(self) -> None:
         for name, process in self.processes.items():

@@ -55,6 +55,12 @@ class Watch:
         names = (COMMAND.name, STATS.name)
         return all(self.node.count_publishers(name) for name in names)
 
+    def forget(self) -> None:
+        """Forget the ticks and commands of nodes that are no more."""
+        self.ticks.clear()
+        self.commands_ns.clear()
+        self.stats.clear()
+
     def source_for(self, seconds: float) -> str:
         """Return who has commanded for so long without a break, or nothing."""
         if not self.ticks:

@@ -1,0 +1,156 @@
+"""Flying on and on, with odometries lost and parameters changed: does anything wear out?"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.commands.soak.rig import Rig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.faults.parameter_storm import mild_changes
+from quad_mpc_ros.ros.messages import message_class
+from quad_mpc_ros.ros.qos import qos_of
+from quad_mpc_ros.ros.topics import ODOMETRY
+
+_MEGABYTE = 1e6
+_GROWTH_ALLOWED = 5.0  # MB
+_LATE_ALLOWED = 1e-4  # of the ticks
+_WARM_UP_SHARE, _LONGEST_WARM_UP = 0.2, 60.0  # of the duration; s
+_PERIOD = 1.0  # s between two changes of parameters
+_END_SHARE = 0.1  # of what follows the warm-up, whose memory is compared
+
+
+@dataclass
+class Endurance:
+    """What was seen; times by the system's clock in nanoseconds."""
+
+    began_ns: int
+    ended_ns: int = 0
+    stamps_ns: list[int] = field(default_factory=list)  # of the odometries that were sent
+    changes: int = 0
+    refused: list[str] = field(default_factory=list)
+
+
+def endure(rig: Rig, config: MpcConfig, *, duration: float) -> Endurance:
+    """Fly for ``duration`` seconds; raises :class:`SoakError` when the flight comes to an end."""
+    rig.fly()
+    rig.watch.forget()
+    seen = Endurance(began_ns=time.time_ns())
+    listener = rig.node.create_subscription(
+        message_class(ODOMETRY.type_name),
+        ODOMETRY.name,
+        lambda data: seen.stamps_ns.append(_stamp_of(data)),
+        qos_of(ODOMETRY),
+        raw=True,
+    )
+    changes = mild_changes(config)
+    progress = Progress(duration)
+    started = time.monotonic()
+    while time.monotonic() - started < duration:
+        change = next(changes)
+        answer = rig.set_parameters(change)
+        due = started + (seen.changes + 1) * _PERIOD
+        rig.spin(max(min(due, started + duration) - time.monotonic(), 0.0))
+        rig.wait(answer.done, "the answer to a change of parameters")
+        seen.changes += 1
+        if not answer.result().result.successful:
+            seen.refused.append(answer.result().result.reason)
+        if progress.due:
+            progress.show(time.monotonic() - started, rig.position_error)
+    progress.close()
+    rig.node.destroy_subscription(listener)
+    # What answers the last odometry is still on its way.
+    rig.spin(0.2)
+    seen.ended_ns = time.time_ns()
+    return seen
+
+
+def figures(rig: Rig, seen: Endurance, config: MpcConfig) -> dict[str, Any]:
+    """Return the figures of an endurance."""
+    period_ms = 1e3 / config.control_rate
+    lateness = lateness_ms(rig)
+    answered = {tick.stamp_ns for tick in rig.watch.ticks}
+    # The first and the last may belong to ticks before and after.
+    unanswered = sum(stamp not in answered for stamp in seen.stamps_ns[1:-1])
+    sources = Counter(tick.source for tick in rig.watch.ticks)
+    return {
+        "duration_s": (seen.ended_ns - seen.began_ns) * 1e-9,
+        "ticks": len(rig.watch.ticks),
+        "sources": dict(sources),
+        "late_ticks": int(np.sum(lateness > period_ms)),
+        "unanswered_odometries": int(unanswered),
+        "odom_to_stats_ms": _percentiles(lateness),
+        "memory_mb": _memory(rig, seen),
+        "parameter_changes": seen.changes,
+        "parameters_refused": seen.refused,
+        "unsound_commands": len(rig.watch.unsound),
+    }
+
+
+def endurance_complaints(figures: dict[str, Any], unsound: list[str]) -> list[str]:
+    """Return all that is wrong with the figures of an endurance."""
+    wrong = list(unsound[:1])
+    beyond = {s: n for s, n in figures["sources"].items() if s not in ("mpc", "plan")}
+    if beyond:
+        wrong.append("ticks beyond the last plan: " + _listed(beyond))
+    if not figures["sources"].get("mpc"):
+        wrong.append("the MPC never commanded")
+    late = figures["late_ticks"] + figures["unanswered_odometries"]
+    if late >= _LATE_ALLOWED * figures["ticks"] and late > 0:
+        share = late / max(figures["ticks"], 1)
+        wrong.append(
+            f"{late} of {figures['ticks']} ticks late by more than a period or missing: "
+            f"{share:.3%}, expected less than {_LATE_ALLOWED:.2%}"
+        )
+    memory = figures["memory_mb"]
+    if memory["growth"] is None:
+        wrong.append("too short to tell how the memory grows")
+    elif memory["growth"] >= _GROWTH_ALLOWED:
+        wrong.append(
+            f"memory grew by {memory['growth']:.1f} MB, expected less than {_GROWTH_ALLOWED:g} MB"
+        )
+    if figures["parameters_refused"]:
+        wrong.append(f"a change of parameters was refused: {figures['parameters_refused'][0]}")
+    return wrong
+
+
+def lateness_ms(rig: Rig) -> np.ndarray:
+    """Return how long after the stamp of its odometry each tick was told [ms].
+
+    A tick without an odometry has the stamp of its own time.
+    """
+    return np.array([1e-6 * (tick.sent_ns - tick.stamp_ns) for tick in rig.watch.ticks])
+
+
+def _memory(rig: Rig, seen: Endurance) -> dict[str, float | None]:
+    """Return the memory after warming up, and how much it has grown since [MB]."""
+    warm_up = min(_WARM_UP_SHARE * (seen.ended_ns - seen.began_ns), _LONGEST_WARM_UP * 1e9)
+    warm = [memory for when, memory in rig.memory if when >= seen.began_ns + warm_up]
+    if len(warm) < 2:
+        return {"warm": None, "growth": None}
+    share = max(round(_END_SHARE * len(warm)), 1)
+    before, after = np.median(warm[:share]), np.median(warm[-share:])
+    return {"warm": float(before) / _MEGABYTE, "growth": float(after - before) / _MEGABYTE}
+
+
+def _percentiles(values: np.ndarray) -> dict[str, float]:
+    if not len(values):
+        return {}
+    p50, p99 = np.percentile(values, (50, 99))
+    return {"p50": float(p50), "p99": float(p99), "max": float(values.max())}
+
+
+def _stamp_of(data: bytes) -> int:
+    """Return the stamp of a message that begins with a header, without decoding the rest."""
+    sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    return int(sec) * 1_000_000_000 + int(nanosec)
+
+
+def _listed(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items())

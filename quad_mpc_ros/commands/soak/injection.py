@@ -1,0 +1,93 @@
+"""Doing to messages and processes what a fault says."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+from quad_mpc_ros.commands.soak.rig import Rig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.faults.cases import Action, Fault
+from quad_mpc_ros.faults.parameter_storm import storm
+
+_CHANGE_PERIOD = 0.02  # s
+
+
+def inject(fault: Fault, rig: Rig, config: MpcConfig) -> tuple[int, list[str]]:
+    """Let a fault happen from its beginning to its end.
+
+    Returns when the last good message before it was passed on, or when it began where it is not
+    one of messages, by the system's clock in nanoseconds; and complaints.
+    """
+    match fault.action:
+        case Action.PAUSE_MPC:
+            return _pause(fault, rig), []
+        case Action.RESTART_SIMULATOR:
+            return _restart(rig), []
+        case Action.SET_PARAMETERS:
+            return _set_parameters(fault, rig, config)
+        case _:
+            return _distort(fault, rig), []
+
+
+def _distort(fault: Fault, rig: Rig) -> int:
+    """Let messages, solver or clock fail."""
+    relayed = [(rig.odometry, fault.odometry), (rig.reference, fault.reference)]
+    distorted = [(relay, distortion) for relay, distortion in relayed if distortion is not None]
+    if fault.intruder:
+        for relay, _ in distorted:
+            relay.intrude()
+        rig.wait(
+            lambda: all(relay.heard for relay, _ in distorted), "the MPC to hear two publishers"
+        )
+    if fault.switch:
+        rig.switch(fault.switch, True)
+    origin_ns = time.time_ns()
+    for relay, _ in relayed:
+        relay.shift(fault.clock)
+    for relay, distortion in distorted:
+        origin_ns = relay.last_passed_ns
+        relay.begin(distortion)
+    rig.spin(fault.duration)
+    if fault.switch:
+        rig.switch(fault.switch, False)
+    for relay, _ in relayed:
+        relay.end()
+        relay.shift(0.0)
+        relay.withdraw()
+    return origin_ns
+
+
+def _pause(fault: Fault, rig: Rig) -> int:
+    rig.processes["mpc"].send(signal.SIGSTOP)
+    began_ns = time.time_ns()
+    rig.spin(fault.duration)
+    rig.processes["mpc"].send(signal.SIGCONT)
+    return began_ns
+
+
+def _restart(rig: Rig) -> int:
+    rig.stop("simulator")
+    origin_ns = rig.odometry.last_heard_ns
+    rig.start("simulator", autostart=True)
+    rig.wait(
+        lambda: rig.odometry.last_heard_ns > origin_ns, "the odometry of another simulator"
+    )
+    return origin_ns
+
+
+def _set_parameters(fault: Fault, rig: Rig, config: MpcConfig) -> tuple[int, list[str]]:
+    began_ns, asked = time.time_ns(), []
+    changes = storm(config)
+    for _ in range(round(fault.duration / _CHANGE_PERIOD / 2)):
+        # In pairs, so that the last good one gives back what was there.
+        for change in (next(changes), next(changes)):
+            asked.append((change, rig.set_parameters(change)))
+            rig.spin(_CHANGE_PERIOD)
+    rig.wait(lambda: all(answer.done() for _, answer in asked), "answers to changed parameters")
+    wrong = [
+        f"{'refused' if change.good else 'accepted'}: {dict(change.values)}"
+        for change, answer in asked
+        if answer.result().result.successful is not change.good
+    ]
+    return began_ns, wrong

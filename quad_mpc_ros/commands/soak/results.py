@@ -1,0 +1,107 @@
+"""What a soak leaves behind: the table on the screen, ``soak.json`` and one picture."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.analysis.soak_figure import SoakSeries, write_soak_figure
+from quad_mpc_ros.commands.soak.campaign import Outcome
+from quad_mpc_ros.commands.soak.endurance import lateness_ms
+from quad_mpc_ros.commands.soak.options import PICTURE, RESULT
+from quad_mpc_ros.commands.soak.rig import Rig
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.config import MpcConfig
+
+_WIDTH, _NAME = 99, 26
+GOOD, BAD = "holds", "FAILS"
+
+
+def write_results(
+    out: Path,
+    result: dict[str, Any],
+    rig: Rig,
+    *,
+    config: MpcConfig,
+    outcomes: Sequence[Outcome] = (),
+) -> None:
+    """Write figures and picture of a soak into its folder; raises :class:`UserError`."""
+    try:
+        text = json.dumps(result, indent=2, allow_nan=False)
+        (out / RESULT).write_text(text + "\n", encoding="utf-8")
+        if rig.watch.ticks:
+            write_soak_figure(_series(rig, config, outcomes), out / PICTURE)
+    except OSError as error:
+        raise UserError(f"{out}: results cannot be written: {error.strerror}") from error
+
+
+def outcome_lines(outcome: Outcome) -> list[str]:
+    """Return a fault's row of the table, and what there is to complain of."""
+    word = BAD if outcome.complaints else GOOD
+    lines = _row(f"{outcome.fault.name:<{_NAME}} {word}  ", outcome.seen)
+    for complaint in outcome.complaints:
+        lines += _row(f"{'':<{_NAME}} ", complaint)
+    return lines
+
+
+def outcome_figures(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Return what became of each fault, for ``soak.json``."""
+    return {
+        outcome.fault.name: {
+            "holds": not outcome.complaints,
+            "complaints": outcome.complaints,
+            "seen": outcome.seen,
+        }
+        for outcome in outcomes
+    }
+
+
+def endurance_table(figures: dict[str, Any]) -> str:
+    """Return the figures of an endurance as lines of text."""
+    latency, memory = figures["odom_to_stats_ms"], figures["memory_mb"]
+    sources = ", ".join(f"{source} {count}" for source, count in figures["sources"].items())
+    rows = {
+        "flight": f"{figures['duration_s']:.0f} s, {figures['parameter_changes']} changes of "
+        "parameters",
+        "ticks": f"{figures['ticks']}: {sources}",
+        "late by a period": f"{figures['late_ticks']}, and {figures['unanswered_odometries']} "
+        "odometries unanswered",
+        "odometry to tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in latency.items()),
+        "unsound commands": f"{figures['unsound_commands']}",
+        "memory": _memory_text(memory),
+    }
+    return "\n".join(f"{name:<20} {value}" for name, value in rows.items())
+
+
+def _memory_text(memory: dict[str, float | None]) -> str:
+    if memory["warm"] is None or memory["growth"] is None:
+        return "too short to tell"
+    return f"{memory['warm']:.1f} MB once warm, grown by {memory['growth']:+.2f} MB since"
+
+
+def _series(rig: Rig, config: MpcConfig, outcomes: Sequence[Outcome]) -> SoakSeries:
+    start_ns = rig.watch.ticks[0].sent_ns
+
+    def seconds(when_ns: int) -> float:
+        return (when_ns - start_ns) * 1e-9
+
+    return SoakSeries(
+        time=np.array([seconds(tick.sent_ns) for tick in rig.watch.ticks]),
+        sources=[tick.source for tick in rig.watch.ticks],
+        lateness=np.maximum(lateness_ms(rig), 1e-2),
+        memory_time=np.array([seconds(when_ns) for when_ns, _ in rig.memory]),
+        memory_mb=np.array([1e-6 * used for _, used in rig.memory]),
+        spans=[(o.fault.name, seconds(o.began_ns), seconds(o.ended_ns)) for o in outcomes],
+        period=1e3 / config.control_rate,
+    )
+
+
+def _row(head: str, text: str) -> list[str]:
+    return textwrap.wrap(
+        text, width=_WIDTH, initial_indent=head, subsequent_indent=" " * len(head)
+    ) or [head.rstrip()]
