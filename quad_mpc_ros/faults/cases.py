@@ -160,7 +160,7 @@ _ODOMETRY = (
     ),
     Fault(
         name="odometry_stamp_outliers",
-        injected="one stamp in five from 10 s in the future",
+        injected="one stamp in ten from 10 s in the future",
         duration=1.0,
         course=courses.unimpressed,
         recovery=_at_once,
@@ -292,19 +292,19 @@ _SOLVER = (
 _MACHINE = (
     Fault(
         name="clock_forward",
-        injected="every clock is set 10 s on, and back",
+        injected="every clock is set a day on, and back",
         duration=1.0,
         course=courses.accepted_after_timeout,
         recovery=_when_believed,
-        clock=10.0,
+        clock=86400.0,
     ),
     Fault(
         name="clock_backward",
-        injected="every clock is set 10 s back, and on",
+        injected="every clock is set a day back, and on",
         duration=1.0,
         course=courses.accepted_after_timeout,
         recovery=_when_believed,
-        clock=-10.0,
+        clock=-86400.0,
     ),
     Fault(
         name="mpc_pauses",

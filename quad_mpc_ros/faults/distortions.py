@@ -71,7 +71,7 @@ def sometimes_from_the_future(
     message: OdometrySample, before: OdometrySample, elapsed_ns: int
 ) -> Sequence[Delivery[OdometrySample]]:
     """Stamp one odometry in five as of ten seconds later."""
-    if elapsed_ns // 20_000_000 % 5:
+    if elapsed_ns // 20_000_000 % 10:
         return (Delivery(message),)
     return (Delivery(dataclasses.replace(message, stamp_ns=message.stamp_ns + 10 * _SECOND)),)
 

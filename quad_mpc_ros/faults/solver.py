@@ -6,6 +6,7 @@ It is put in OSQP's place and not into the controller, whose own checks are to b
 from __future__ import annotations
 
 import enum
+import functools
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,19 +35,28 @@ class FaultySolver:
     @contextmanager
     def installed(self) -> Iterator[None]:
         """Let solvers that are set up from now on be faulty on demand."""
-        original, faults = osqp.OSQP, self
-
-        class FaultyOsqp(original):  # type: ignore[misc, valid-type]
-            def setup(self, *arguments: Any, **settings: Any) -> Any:
-                outcome = super().setup(*arguments, **settings)
-                self._solver = _Compiled(self._solver, faults)
-                return outcome
-
-        osqp.OSQP = FaultyOsqp
+        original = osqp.OSQP
+        osqp.OSQP = functools.partial(_FaultyOsqp, original, self)
         try:
             yield
         finally:
             osqp.OSQP = original
+
+
+class _FaultyOsqp:
+    """OSQP but for its compiled solver."""
+
+    def __init__(self, original: Any, faults: FaultySolver) -> None:
+        self._osqp, self._faults = original(), faults
+        self._solver: Any = None
+
+    def setup(self, *arguments: Any, **settings: Any) -> Any:
+        outcome = self._osqp.setup(*arguments, **settings)
+        self._solver = _Compiled(self._osqp._solver, self._faults)
+        return outcome
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._osqp, name)
 
 
 class _Compiled:

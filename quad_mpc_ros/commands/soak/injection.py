@@ -32,30 +32,32 @@ def inject(fault: Fault, rig: Rig, config: MpcConfig) -> tuple[int, list[str]]:
 
 def _distort(fault: Fault, rig: Rig) -> int:
     """Let messages, solver or clock fail."""
-    relayed = [(rig.odometry, fault.odometry), (rig.reference, fault.reference)]
-    distorted = [(relay, distortion) for relay, distortion in relayed if distortion is not None]
-    if fault.intruder:
-        for relay, _ in distorted:
+    for relay, distortion in ((rig.odometry, fault.odometry), (rig.reference, fault.reference)):
+        if fault.intruder and distortion is not None:
             relay.intrude()
-        rig.wait(
-            lambda: all(relay.heard for relay, _ in distorted), "the MPC to hear two publishers"
-        )
+    rig.wait(lambda: rig.odometry.heard and rig.reference.heard, "the MPC to hear the second one")
     if fault.switch:
         rig.switch(fault.switch, True)
-    origin_ns = time.time_ns()
-    for relay, _ in relayed:
-        relay.shift(fault.clock)
-    for relay, distortion in distorted:
-        origin_ns = relay.last_passed_ns
-        relay.begin(distortion)
+    origin_ns = _begin(fault, rig)
     rig.spin(fault.duration)
     if fault.switch:
         rig.switch(fault.switch, False)
-    for relay, _ in relayed:
+    for relay in (rig.odometry, rig.reference):
         relay.end()
-        relay.shift(0.0)
-        relay.withdraw()
     return origin_ns
+
+
+def _begin(fault: Fault, rig: Rig) -> int:
+    """Let relayed messages fail and return the time from which on timeouts count."""
+    for relay in (rig.odometry, rig.reference):
+        relay.shift(fault.clock)
+    if fault.odometry is not None:
+        rig.odometry.begin(fault.odometry)
+        return rig.odometry.last_passed_ns
+    if fault.reference is not None:
+        rig.reference.begin(fault.reference)
+        return rig.reference.last_passed_ns
+    return time.time_ns()
 
 
 def _pause(fault: Fault, rig: Rig) -> int:
@@ -70,9 +72,7 @@ def _restart(rig: Rig) -> int:
     rig.stop("simulator")
     origin_ns = rig.odometry.last_heard_ns
     rig.start("simulator", autostart=True)
-    rig.wait(
-        lambda: rig.odometry.last_heard_ns > origin_ns, "the odometry of another simulator"
-    )
+    rig.wait(lambda: rig.odometry.last_heard_ns > origin_ns, "the odometry of another simulator")
     return origin_ns
 
 

@@ -38,7 +38,8 @@ class Relay(Generic[M]):
         encode: Callable[[M], bytes],
     ) -> None:
         self._node, self._topic = node, topic
-        self._decode, self._encode = decode, encode
+        self._decode: Callable[[bytes], M] = decode
+        self._encode: Callable[[M], bytes] = encode
         self._type = message_class(topic.type_name)
         self._publisher = self._publisher_again()
         self._intruder: Any = None
@@ -71,8 +72,11 @@ class Relay(Generic[M]):
         self._before, self._began_ns, self._fault = self.last, time.time_ns(), fault
 
     def end(self) -> None:
-        """End the fault; what it holds back comes when it is due."""
-        self._fault = None
+        """End whatever was done to the messages; what is held back comes when it is due."""
+        self._fault, self._shift_ns = None, 0
+        if self._intruder is not None:
+            self._node.destroy_publisher(self._intruder)
+            self._intruder = None
 
     def shift(self, seconds: float) -> None:
         """Shift the stamps, as of clocks that were set."""
@@ -81,12 +85,6 @@ class Relay(Generic[M]):
     def intrude(self) -> None:
         """Make the second publisher."""
         self._intruder = self._publisher_again()
-
-    def withdraw(self) -> None:
-        """Take the second publisher away, if there is one."""
-        if self._intruder is not None:
-            self._node.destroy_publisher(self._intruder)
-            self._intruder = None
 
     def release(self) -> None:
         """Publish what was held back and is due."""

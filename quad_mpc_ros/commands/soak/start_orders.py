@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 
 from quad_mpc_ros.commands.soak.rig import NODES, Rig, SoakError
@@ -25,9 +26,13 @@ def start_in_every_order(rig: Rig) -> list[str]:
 
 
 def _start(rig: Rig, order: tuple[str, ...]) -> None:
+    rig.wait(lambda: rig.node_names().isdisjoint(NODES), "the last ones to be gone")
     rig.watch.forget()
     for node in order:
-        rig.wait(lambda: not set(NODES) & rig.node_names() - set(rig.processes), "the last ones")
         rig.start(node, **({"autostart": True} if node == "simulator" else {}))
-        rig.wait(lambda name=node: name in rig.node_names(), f"{node} to start", timeout=_TIMEOUT)
+        rig.wait(functools.partial(_is_there, rig, node), f"{node} to start", timeout=_TIMEOUT)
     rig.wait(lambda: rig.watch.source_for(_FLYING) == "mpc", "the MPC to fly")
+
+
+def _is_there(rig: Rig, node: str) -> bool:
+    return node in rig.node_names()
