@@ -32,8 +32,11 @@ class CommandHistory:
         self._sent: deque[tuple[int, Input]] = deque()
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
-        """Remember a command."""
-        self._sent.append((stamp_ns + self._delay_ns, command))
+        """Remember a command; those that would act after it are of a clock that was set back."""
+        acts_ns = stamp_ns + self._delay_ns
+        while self._sent and self._sent[-1][0] > acts_ns:
+            self._sent.pop()
+        self._sent.append((acts_ns, command))
         while len(self._sent) > 1 and self._sent[1][0] < stamp_ns - _KEPT_NS:
             self._sent.popleft()
 

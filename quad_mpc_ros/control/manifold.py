@@ -315,10 +315,14 @@ def _linearise(
 
 @compiled
 def _shifted(inputs: Array, elapsed: float) -> Array:
-    """Return inputs (N, 4) as they are ``elapsed`` stages later, the last one held."""
+    """Return inputs (N, 4) as they are ``elapsed`` stages later, the last one held.
+
+    A time before the plan, of a clock that was set back, is its beginning: there is no other.
+    """
     last = len(inputs) - 1
-    whole = int(min(elapsed, len(inputs)))
-    share = min(elapsed, len(inputs)) - whole
+    elapsed = min(max(elapsed, 0.0), float(len(inputs)))
+    whole = int(elapsed)
+    share = elapsed - whole
     shifted = np.empty_like(inputs)
     for i in range(len(inputs)):
         now, then = min(i + whole, last), min(i + whole + 1, last)

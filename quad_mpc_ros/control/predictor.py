@@ -21,6 +21,8 @@ from quad_mpc_ros.core.state import Input
 
 # Longest stretch predicted at once; the error is of the third order in the turn of a stretch.
 _LONGEST = 0.005
+# Beyond it what the vehicle did between two odometries is not known well enough to learn from.
+_LONGEST_GAP_NS = 500_000_000
 
 
 class StatePredictor:
@@ -88,7 +90,7 @@ class StatePredictor:
         if not self._learning and self._model.thrust_time_constant == 0.0:
             return  # nothing to follow
         R_WB = now.R_WB[0].copy()  # what is predicted from here on overwrites it
-        if self._previous is None:
+        if self._previous is None or not self._follows(odometry, self._previous[0]):
             self._estimator.start(now.v_WB_W[0])
         else:
             before, R_before = self._previous
@@ -105,3 +107,11 @@ class StatePredictor:
                 frozen=saturated or not self._history.knows(before.stamp_ns),
             )
         self._previous = (odometry, R_WB)
+
+    @staticmethod
+    def _follows(odometry: OdometrySample, before: OdometrySample) -> bool:
+        """Whether there is something to be learned from one odometry to the next.
+
+        Not across a long silence, nor from a clock to one that was set.
+        """
+        return 0 <= odometry.stamp_ns - before.stamp_ns <= _LONGEST_GAP_NS

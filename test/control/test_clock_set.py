@@ -1,0 +1,67 @@
+"""A clock that is set, back or on: nothing is read that is not there, nothing wrong is learned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from quad_mpc_ros.control.command_history import CommandHistory
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.mpc import Mpc
+from quad_mpc_ros.control.predictor import StatePredictor
+from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
+from quad_mpc_ros.core.state import Input
+
+MakeOdometry = Callable[..., OdometrySample]
+MakeWindow = Callable[..., ReferenceWindow]
+
+MS = 1_000_000
+START = 1_700_000_000_000 * MS
+DAY = 86_400_000 * MS
+HOVER = Input(throttle=0.3, w_WB_B=np.zeros(3))
+
+
+@pytest.mark.parametrize("shift", [-DAY, -100 * MS])
+def test_plan_from_before_the_change_is_no_trap(
+    shift: int, make_odometry: MakeOdometry, make_window: MakeWindow
+) -> None:
+    aside = np.array([-1.0, 0.5, 2.0])
+    mpc, fresh = Mpc(MpcConfig()), Mpc(MpcConfig())
+    mpc.step(make_odometry(START, p_WB=aside), make_window(START))
+    stamp = START + shift
+    step = mpc.step(make_odometry(stamp, p_WB=aside), make_window(stamp))
+    cold = fresh.step(make_odometry(stamp, p_WB=aside), make_window(stamp))
+    assert step.plan is not None
+    assert cold.plan is not None
+    assert_allclose(step.plan.inputs[0], cold.plan.inputs[0], atol=0.2)
+
+
+def test_commands_from_the_future_are_forgotten() -> None:
+    history = CommandHistory(delay_ns=0, initial=HOVER)
+    history.record(Input(throttle=0.9, w_WB_B=np.zeros(3)), stamp_ns=START)
+    sent = Input(throttle=0.4, w_WB_B=np.zeros(3))
+    for tick in range(10_000):
+        history.record(sent, stamp_ns=START - DAY + tick * 20 * MS)
+    now = START - DAY + 10_000 * 20 * MS
+    acting = list(history.between(now - 1000 * MS, now))
+    assert {interval.command for interval in acting} == {sent}
+    # What is kept is of the last seconds: nothing grows until the clock is where it was.
+    assert not history.knows(now - 5000 * MS)
+
+
+@pytest.mark.parametrize("shift", [-5000 * MS, 5000 * MS])
+def test_nothing_is_learned_across_a_jump_of_the_stamps(
+    shift: int, make_odometry: MakeOdometry
+) -> None:
+    predictor = StatePredictor(MpcConfig())
+    hover = Input(throttle=MpcConfig().vehicle().hover_throttle, w_WB_B=np.zeros(3))
+    rising = {"v_WB_B": np.array([0.0, 0.0, 2.0])}
+    for stamp in (START, START + 20 * MS, START + shift, START + shift + 20 * MS):
+        # 0.4 m/s^2 of drag in a period is little; across five seconds it would be all of it.
+        disturbance = predictor.predict(make_odometry(stamp, **rising)).disturbance
+        predictor.record(hover, stamp_ns=stamp)
+    assert_allclose(disturbance.a_W, np.zeros(3), atol=0.1)
+    assert disturbance.thrust_scale == pytest.approx(1.0, abs=0.05)
