@@ -13,7 +13,7 @@ from quad_mpc_ros.core.messages import Array
 
 _RUNGS = ("mpc", "plan", "hover", "blind", "idle", "silent", "waiting")
 _WIDTH, _HEIGHT = 10.0, 6.0  # inch
-_MOST_NAMED = 40
+_LATENESS = (0.1, 1e3)  # ms, on the axis
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,6 +42,7 @@ def write_soak_figure(series: SoakSeries, path: Path) -> Path:
     late.plot(series.time, series.lateness, color=style.FLOWN, linewidth=0.6)
     late.axhline(series.period, **style.BOUND_LINE)
     late.set_yscale("log")
+    late.set_ylim(*_LATENESS)
     late.set_ylabel("odometry to tick [ms]", fontsize=9, color=style.INK)
     memory.plot(series.memory_time, series.memory_mb, **style.FLOWN_LINE)
     memory.set_ylabel("memory [MB]", fontsize=9, color=style.INK)
@@ -50,7 +51,8 @@ def write_soak_figure(series: SoakSeries, path: Path) -> Path:
         style.tidy(axes)
         for _, begin, end in series.spans:
             axes.axvspan(begin, end, color=style.REFERENCE, alpha=0.25, linewidth=0.0)
-    for name, begin, _ in series.spans[:_MOST_NAMED]:
-        rungs.text(begin, len(_RUNGS) - 0.6, name, fontsize=5, rotation=90, va="top", ha="right")
+    for name, begin, _ in series.spans:
+        rungs.text(begin, len(_RUNGS), name, fontsize=5, rotation=90, va="top", ha="right")
+    rungs.set_ylim(-0.3, len(_RUNGS))
     style.title(rungs, "Who commanded")
     return style.save(figure, path)

@@ -27,7 +27,8 @@ from quad_mpc_ros.simulation.plants import AnyPlant, make_plant
 _SECOND = 1_000_000_000
 _STEP_NS = 5_000_000
 _START_NS = 1_700_000_000 * _SECOND
-_SETTLED = 2.0  # s of flight before the fault
+# s of flight before the fault, which begins just after an odometry and just before the timer
+_SETTLED = 2.005
 _AFTER_HOME = 0.5  # s of flight after the vehicle is back
 
 
@@ -119,13 +120,13 @@ class FaultFlight:
                 return
 
     def _step(self) -> None:
-        window = self._server.window(_START_NS + self._time_ns)
-        self._judge_position(window)
         if self._fault.action is Action.SET_PARAMETERS and self._active:
             self._set_parameters()
         if self._kept and not self._paused:
             self._resume()
         if self._time_ns % self._reference_period_ns == 0:
+            window = self._server.window(_START_NS + self._time_ns)
+            self._judge_position(window)
             self._send_reference(window)
         for sent in self._stream.advance_to(self._time_ns - self._plant_started_ns):
             self._send_odometry(sent.odometry)

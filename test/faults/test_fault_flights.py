@@ -29,4 +29,5 @@ def flight(fault: Fault) -> FaultFlight:
 
 @pytest.mark.parametrize("fault", FLOWN, ids=lambda fault: fault.name)
 def test_fault_leads_where_it_must_and_back(fault: Fault) -> None:
-    assert complaints(fault, flight(fault).run(), CONFIG, slack=1e-6) == []
+    wrong = complaints(fault, flight(fault).run(), CONFIG, slack=1e-6)
+    assert not wrong, "\n".join(wrong)

@@ -13,8 +13,9 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.faults.cases import Action, Fault
 from quad_mpc_ros.faults.verdict import Record, Sighting, complaints, course_seen
 
-# What a course may be off by: how late this process acts, and how late that of the MPC wakes.
-SLACK = 0.05  # s
+# What a course may be off by [s]: how late this process acts, and how late that of the MPC wakes;
+# and besides for as long as this one was seen to be kept waiting.
+SLACK = 0.05
 _AFTER_HOME = 0.3  # s
 
 
@@ -62,7 +63,7 @@ def _started(fault: Fault, rig: Rig) -> Outcome:
 
 def _flown(fault: Fault, rig: Rig, config: MpcConfig) -> Outcome:
     counted, unsound = _count(fault, rig), len(rig.watch.unsound)
-    began_ns = time.time_ns()
+    began_ns, rig.stall = time.time_ns(), 0.0
     origin_ns, wrong = inject(fault, rig, config)
     ended_ns = time.time_ns()
     home_ns = _come_home(fault, rig, config)
@@ -82,7 +83,7 @@ def _flown(fault: Fault, rig: Rig, config: MpcConfig) -> Outcome:
     )
     return Outcome(
         fault=fault,
-        complaints=complaints(fault, record, config, slack=SLACK),
+        complaints=complaints(fault, record, config, slack=SLACK + rig.stall),
         seen=course_seen(record),
         began_ns=began_ns,
         ended_ns=ended_ns,
@@ -91,8 +92,7 @@ def _flown(fault: Fault, rig: Rig, config: MpcConfig) -> Outcome:
 
 def _come_home(fault: Fault, rig: Rig, config: MpcConfig) -> int | None:
     """Fly until the vehicle is back at its reference and return when that was, if it was."""
-    recovery = fault.recovery(config) + SLACK
-    rig.spin(recovery)
+    rig.spin(fault.recovery(config) + SLACK)
     deadline = time.monotonic() + fault.home
     while not rig.home and time.monotonic() < deadline:
         rig.spin(0.02)

@@ -85,7 +85,8 @@ def _memory_text(memory: dict[str, float | None]) -> str:
 
 
 def _series(rig: Rig, config: MpcConfig, outcomes: Sequence[Outcome]) -> SoakSeries:
-    start_ns = rig.watch.ticks[0].sent_ns
+    start_ns = rig.watch.ticks[0].sent_ns  # that of the flight, not of starts before it
+    memory = [(when_ns, used) for when_ns, used in rig.memory if when_ns >= start_ns]
 
     def seconds(when_ns: int) -> float:
         return (when_ns - start_ns) * 1e-9
@@ -94,9 +95,13 @@ def _series(rig: Rig, config: MpcConfig, outcomes: Sequence[Outcome]) -> SoakSer
         time=np.array([seconds(tick.sent_ns) for tick in rig.watch.ticks]),
         sources=[tick.source for tick in rig.watch.ticks],
         lateness=np.maximum(lateness_ms(rig), 1e-2),
-        memory_time=np.array([seconds(when_ns) for when_ns, _ in rig.memory]),
-        memory_mb=np.array([1e-6 * used for _, used in rig.memory]),
-        spans=[(o.fault.name, seconds(o.began_ns), seconds(o.ended_ns)) for o in outcomes],
+        memory_time=np.array([seconds(when_ns) for when_ns, _ in memory]),
+        memory_mb=np.array([1e-6 * used for _, used in memory]),
+        spans=[
+            (outcome.fault.name, seconds(outcome.began_ns), seconds(outcome.ended_ns))
+            for outcome in outcomes
+            if outcome.began_ns >= start_ns
+        ],
         period=1e3 / config.control_rate,
     )
 

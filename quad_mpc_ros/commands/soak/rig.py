@@ -51,6 +51,8 @@ class Rig:
         self.memory: list[tuple[int, int]] = []
         """When, by the system's clock [ns], the MPC's process took how much memory [bytes]."""
         self._memory_due = 0.0
+        self.stall = 0.0
+        """Longest time [s] for which the machine kept this process from looking; may be reset."""
         self._position_error: float | None = None
         self._position_due = 0.0
 
@@ -180,7 +182,9 @@ class Rig:
         while not condition():
             if time.monotonic() >= end:
                 return False
+            began = time.monotonic()
             self._executor.spin_once(timeout_sec=_SPIN)
+            self.stall = max(self.stall, time.monotonic() - began - _SPIN)
             for relay in (self.odometry, self.reference):
                 relay.release()
             self._check_alive()

@@ -22,6 +22,7 @@ def start_in_every_order(rig: Rig) -> list[str]:
         for node in order:
             if node in rig.processes:
                 rig.stop(node)
+    rig.watch.forget()
     return [*wrong, *rig.watch.unsound]
 
 
