@@ -1,6 +1,7 @@
-"""Write config/<node>.yaml and docs/parameters.md from the configuration dataclasses.
+"""Write config/<node>.yaml, docs/parameters.md and the table of docs/soak.md from the code.
 
-Run it after changing a parameter; a test fails while the files are not what it would write.
+The table of faults of docs/soak.md is written from the faults. Run it after changing one of either;
+a test fails while the files are not what it would write.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
 from quad_mpc_ros.bridges.rates_bridge import RatesBridge
 from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
 from quad_mpc_ros.commands.parameter_tables import NODES, as_markdown, as_yaml
+from quad_mpc_ros.faults.table import fault_table
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -26,6 +28,9 @@ BRIDGES = (
     RatesBridge,
 )
 ALL_NODES = {**NODES, **{bridge.name: bridge.Config for bridge in BRIDGES}}
+
+_SOAK_PAGE = Path("docs", "soak.md")
+_TABLE_BEGINS, _TABLE_ENDS = "<!-- faults -->", "<!-- end of faults -->"
 
 _PAGE = """\
 # Parameters
@@ -48,7 +53,15 @@ def files() -> dict[Path, str]:
     }
     sections = [as_markdown(node, kind.specs()) for node, kind in ALL_NODES.items()]
     texts[Path("docs", "parameters.md")] = "\n".join([_PAGE, *sections])
+    texts[_SOAK_PAGE] = _soak_page()
     return texts
+
+
+def _soak_page() -> str:
+    """Return the page with the table of faults renewed."""
+    before, rest = (ROOT / _SOAK_PAGE).read_text(encoding="utf-8").split(_TABLE_BEGINS)
+    _, after = rest.split(_TABLE_ENDS)
+    return f"{before}{_TABLE_BEGINS}\n{fault_table()}\n{_TABLE_ENDS}{after}"
 
 
 if __name__ == "__main__":

@@ -335,7 +335,7 @@ _MACHINE = (
         name="start_orders",
         injected="simulator, reference and MPC started one after another, in every order",
         duration=0.0,
-        course=courses.anything,
+        course=courses.unimpressed,
         recovery=_at_once,
         action=Action.START_NODES,
     ),

@@ -114,10 +114,12 @@ def certain(course: Course, end: float, *, slack: float) -> Sequence[tuple[Phase
     return [(phase, start, until) for phase, start, until in spans if start < until]
 
 
-def described(course: Course) -> str:
-    """Return a course in words."""
+def described(course: Course, end: float) -> str:
+    """Return in words what a course is until ``end``."""
     words = []
     for phase in course:
+        if phase.begins > end:
+            break
         sources = " or ".join(phase.sources) if phase.sources != _ANY else "any"
         if phase.reached > 0.0:
             sources += f" by {phase.reached:.2f} s"

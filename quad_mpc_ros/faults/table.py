@@ -13,7 +13,7 @@ def fault_table() -> str:
     lines = ["| fault | injected | s | must lead to | MPC again within |", "|---|---|---|---|---|"]
     lines += [
         f"| `{fault.name}` | {fault.injected} | {fault.duration:g} | "
-        f"{described(fault.course(config))} | {fault.recovery(config):.2f} s |"
+        f"{described(fault.course(config), fault.duration)} | {fault.recovery(config):.2f} s |"
         for fault in FAULTS.values()
     ]
     return "\n".join(lines)

@@ -25,6 +25,7 @@ def soak(options: argparse.Namespace) -> int:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     holds = _faults_hold(config) if config.faults else _endures(config)
     print(f"\nresult   {config.run.out / RESULT}\npicture  {config.run.out / PICTURE}")
+    print("All holds." if holds else "It does not hold.")
     return 0 if holds else EXIT_FAILED
 
 
@@ -71,14 +72,14 @@ def _endures(config: SoakConfig) -> bool:
 
     mpc = config.run.mpc
     print(f"flying for {config.duration:g} s into {config.run.out}", file=sys.stderr)
+    found: dict[str, Any] = {}
     with Rig(config.run, relays=False) as rig:
         try:
             seen = endure(rig, mpc, duration=config.duration)
+            found = figures(rig, seen, mpc)
+            wrong = endurance_complaints(found, rig.watch.unsound)
         except SoakError as error:
-            print(f"\nerror: {error}", file=sys.stderr)
-            return False
-        found = figures(rig, seen, mpc)
-        wrong = endurance_complaints(found, rig.watch.unsound)
+            wrong = [str(error)]
         result = {
             "holds": not wrong,
             "complaints": wrong,
@@ -86,7 +87,8 @@ def _endures(config: SoakConfig) -> bool:
             "config": _parameters(config),
         }
         write_results(config.run.out, result, rig, config=mpc)
-    print(endurance_table(found))
+    if found:
+        print(endurance_table(found))
     for complaint in wrong:
         print(f"error: {complaint}", file=sys.stderr)
     return not wrong

@@ -14,7 +14,7 @@ from quad_mpc_ros.commands.run_options import (
     prepared_out,
     resolve,
 )
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.faults.cases import FAULTS, Fault
 
 RESULT, PICTURE = "soak.json", "soak.png"
@@ -50,14 +50,12 @@ def add_soak_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--duration",
         type=float,
-        default=_ENDURANCE,
         metavar="S",
         help=f"length of the flight without faults in seconds (default: {_ENDURANCE:g})",
     )
     parser.add_argument(
         "--dropout",
         type=float,
-        default=_DROPOUT,
         metavar="SHARE",
         help=f"share of the odometries lost in that flight (default: {_DROPOUT:g})",
     )
@@ -74,11 +72,7 @@ def add_soak_options(parser: argparse.ArgumentParser) -> None:
 def resolve_soak(options: argparse.Namespace) -> SoakConfig:
     """Return what the options ask for, its folder made; raises :class:`UserError`."""
     faults = _faults(options.faults)
-    if not 0.0 <= options.dropout < 1.0:
-        raise UserError(f"--dropout: given {options.dropout}, expected a number >= 0 and < 1")
-    if not (math.isfinite(options.duration) and options.duration > 0.0):
-        raise UserError(f"--duration: given {options.duration}, expected a number > 0")
-    dropout = 0.0 if faults else options.dropout
+    duration, dropout = _endurance(options, faults)
     options.reference = options.reference or _REFERENCE
     options.assignments = [
         # It is ended from outside.
@@ -89,9 +83,27 @@ def resolve_soak(options: argparse.Namespace) -> SoakConfig:
     ]
     options.out = prepared_out(options.out or default_out("soak"), holds=(RESULT, PICTURE, "log"))
     options.start = options.plant = None
-    return SoakConfig(
-        run=resolve(options, lockstep=False), faults=faults, duration=options.duration
-    )
+    options.duration = duration
+    run = resolve(options, lockstep=False)
+    if run.reference.mode != "at_once":
+        raise ConfigurationError(
+            "reference.mode", run.reference.mode, "at_once: soak makes no requests"
+        )
+    return SoakConfig(run=run, faults=faults, duration=duration)
+
+
+def _endurance(options: argparse.Namespace, faults: tuple[Fault, ...]) -> tuple[float, float]:
+    """Return duration and drop-outs of a flight without faults; with faults there are none."""
+    for name, given in (("duration", options.duration), ("dropout", options.dropout)):
+        if faults and given is not None:
+            raise UserError(f"--{name}: goes with a flight without --faults, which say their own")
+    dropout = _DROPOUT if options.dropout is None else options.dropout
+    duration = _ENDURANCE if options.duration is None else options.duration
+    if not 0.0 <= dropout < 1.0:
+        raise UserError(f"--dropout: given {dropout}, expected a number >= 0 and < 1")
+    if not (math.isfinite(duration) and duration > 0.0):
+        raise UserError(f"--duration: given {duration}, expected a number > 0")
+    return duration, 0.0 if faults else dropout
 
 
 def _faults(names: str | None) -> tuple[Fault, ...]:

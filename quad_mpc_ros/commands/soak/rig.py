@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import functools
 import signal
+import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
@@ -100,6 +101,7 @@ class Rig:
 
     def fly(self) -> None:
         """Start all nodes, let the clock run when they hear each other, await the reference."""
+        print("  waiting for the nodes to hear each other", file=sys.stderr, flush=True)
         for node in NODES:
             self.start(node)
         self.wait(self._connected, "the nodes to hear each other", timeout=_READY_TIMEOUT)
@@ -168,13 +170,17 @@ class Rig:
 
     def _connected(self) -> bool:
         heard = not self._relays or (self.odometry.heard and self.reference.heard)
-        services: Mapping[str, Any] = {"start": self._simulator, "set": self._parameters}
+        publishers = [self.node.count_publishers(topic.name) for topic in (ODOMETRY, REFERENCE)]
+        if max(publishers) > 1:
+            raise SoakError(
+                "another flight on this ROS domain; end it or set ROS_DOMAIN_ID to another number"
+            )
         return (
             heard
             and self.watch.connected
-            and all(client.service_is_ready() for client in services.values())
-            and bool(self.node.count_publishers(ODOMETRY.name))
-            and bool(self.node.count_publishers(REFERENCE.name))
+            and min(publishers) == 1
+            and bool(self._simulator.service_is_ready())
+            and bool(self._parameters.service_is_ready())
         )
 
     def _spin_until(self, condition: Callable[[], object], seconds: float) -> bool:
