@@ -1,7 +1,7 @@
 """Write config/<node>.yaml, docs/parameters.md and the table of docs/soak.md from the code.
 
-The table of faults of docs/soak.md is written from the faults. Run it after changing one of either;
-a test fails while the files are not what it would write.
+The table of docs/soak.md is written from the faults. Run it after changing one of either; a test
+fails while the files are not what it would write.
 """
 
 from __future__ import annotations

@@ -18,6 +18,8 @@ from quad_mpc_ros.faults.solver import FaultySolver, SolverFault
 from quad_mpc_ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.ros.spin import run
 
+_LONG = 1.5  # control periods
+
 
 class ShiftedClock:
     """A clock that was set; otherwise the one that it stands for."""
@@ -41,7 +43,6 @@ class MpcNodeWithFaults(MpcNode):
         self._shifted: ShiftedClock | None = None
         super().__init__()
         self._faulty_solver = solver
-        solver.long = 1.5 / self.get_parameter("control_rate").value
         for fault in SolverFault:
             serve = functools.partial(self._on_solver_fault, fault)
             self.create_service(SetBool, f"~/fault/{fault.value}", serve)
@@ -57,6 +58,7 @@ class MpcNodeWithFaults(MpcNode):
         return self._shifted
 
     def _on_solver_fault(self, fault: SolverFault, request: Any, response: Any) -> Any:
+        self._faulty_solver.long = _LONG / self.get_parameter("control_rate").value
         self._faulty_solver.fault = fault if request.data else None
         response.success = True
         return response
