@@ -103,15 +103,20 @@ def allowed(course: Course, time: float, *, slack: float) -> tuple[str, ...]:
     )
 
 
-def certain(course: Course, end: float, *, slack: float) -> Sequence[tuple[Phase, float, float]]:
-    """Return the phases that must be seen before ``end``, and from when to when they are alone."""
+def certain(
+    course: Course, end: float, *, slack: float, least: float
+) -> Sequence[tuple[Phase, float, float]]:
+    """Return the phases that must be seen before ``end``, and from when to when they are alone.
+
+    Those are left out that are alone for less than ``least`` seconds.
+    """
     ends = [*(phase.begins for phase in course[1:]), end]
     spans = [
         (phase, phase.reached + slack, min(until, end) - slack)
         for phase, until in zip(course, ends, strict=True)
         if phase.reached > 0.0
     ]
-    return [(phase, start, until) for phase, start, until in spans if start < until]
+    return [(phase, start, until) for phase, start, until in spans if until - start >= least]
 
 
 def described(course: Course, end: float) -> str:

@@ -182,6 +182,7 @@ class FaultFlight:
             ],
             commands=[since(time_ns) for time_ns, tick in self._ticks if tick.command is not None],
             end=since(self._end_ns),
+            over=since(self._end_ns),
             home=None if self._home_ns is None else since(self._home_ns),
             unsound=self._unsound,
             counted=None if counted is None else (self._count() or 0) - counted,

@@ -12,6 +12,7 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.core.messages import CommandSample
 from quad_mpc_ros.faults import courses
 from quad_mpc_ros.faults.cases import Fault
+from quad_mpc_ros.faults.courses import Phase
 
 _HOME = 0.3  # m: nearer to the reference the vehicle is back
 _ROUNDING = 1e-6
@@ -30,14 +31,16 @@ class Sighting:
 class Record:
     """What was seen of a fault, in seconds since the last good message before it.
 
-    ``commands`` are the times of commands, ``end`` is the time at which the fault ended and
-    ``home`` at which the vehicle was back at its reference, None if never. ``unsound`` are
-    complaints about commands, ``counted`` how much the fault's counter grew, None without one.
+    ``commands`` are the times of commands. The fault lasted until ``end`` and was ``over`` a
+    little later, which is the same where it is known exactly; at ``home`` the vehicle was back at
+    its reference, None if never. ``unsound`` are complaints about commands, ``counted`` is how
+    much the fault's counter grew, None without one.
     """
 
     sightings: Sequence[Sighting]
     commands: Sequence[float]
     end: float
+    over: float
     home: float | None
     unsound: Sequence[str] = ()
     counted: int | None = None
@@ -81,15 +84,24 @@ def _off_course(fault: Fault, record: Record, config: MpcConfig, slack: float) -
     ]
     missing = [
         f"{_either(phase.sources)} never seen between {start:.3f} s and {until:.3f} s"
-        for phase, start, until in courses.certain(course, record.end, slack=slack)
+        for phase, start, until in _certain(fault, record, config, slack)
         if not any(start <= s.time <= until and s.source in phase.sources for s in during)
     ]
     return [*wrong[:1], *missing]
 
 
+def _certain(
+    fault: Fault, record: Record, config: MpcConfig, slack: float
+) -> Sequence[tuple[Phase, float, float]]:
+    """Return the phases long enough for a tick to fall into them."""
+    return courses.certain(
+        fault.course(config), record.end, slack=slack, least=2.0 / config.control_rate
+    )
+
+
 def _not_silent(fault: Fault, record: Record, config: MpcConfig, slack: float) -> list[str]:
     """Where the ladder says stop, nothing is sent."""
-    for phase, start, until in courses.certain(fault.course(config), record.end, slack=slack):
+    for phase, start, until in _certain(fault, record, config, slack):
         if phase.sources == ("silent",):
             sent = sum(start < time < until for time in record.commands)
             return [f"{sent} commands while silent"] if sent else []
@@ -97,7 +109,7 @@ def _not_silent(fault: Fault, record: Record, config: MpcConfig, slack: float) -
 
 
 def _not_recovered(fault: Fault, record: Record, config: MpcConfig, slack: float) -> list[str]:
-    due = record.end + fault.recovery(config) + slack
+    due = record.over + fault.recovery(config) + slack
     after = [sighting for sighting in record.sightings if sighting.time >= due]
     if not after:
         return [f"no tick after {due:.3f} s"]

@@ -29,6 +29,7 @@ def silent_flight(**changes: object) -> Record:
         sightings=[Sighting(time=time, source=source(time)) for time in times],
         commands=[time for time in times if source(time) != "silent"],
         end=1.5,
+        over=1.5,
         home=1.6,
     )
     return dataclasses.replace(right, **changes)  # type: ignore[arg-type]

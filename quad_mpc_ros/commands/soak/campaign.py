@@ -64,7 +64,7 @@ def _started(fault: Fault, rig: Rig) -> Outcome:
 def _flown(fault: Fault, rig: Rig, config: MpcConfig) -> Outcome:
     counted, unsound = _count(fault, rig), len(rig.watch.unsound)
     began_ns, rig.stall = time.time_ns(), 0.0
-    origin_ns, wrong = inject(fault, rig, config)
+    origin_ns, end_ns, wrong = inject(fault, rig, config)
     ended_ns = time.time_ns()
     home_ns = _come_home(fault, rig, config)
     record = Record(
@@ -76,7 +76,8 @@ def _flown(fault: Fault, rig: Rig, config: MpcConfig) -> Outcome:
             if tick.sent_ns >= origin_ns
         ],
         commands=[(sent_ns - origin_ns) * 1e-9 for sent_ns in rig.watch.commands_ns],
-        end=(ended_ns - origin_ns) * 1e-9,
+        end=(end_ns - origin_ns) * 1e-9,
+        over=(ended_ns - origin_ns) * 1e-9,
         home=None if home_ns is None else (home_ns - origin_ns) * 1e-9,
         unsound=[*wrong, *rig.watch.unsound[unsound:]],
         counted=_count(fault, rig) - counted,

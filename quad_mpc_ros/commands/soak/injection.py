@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from typing import NamedTuple
 
 from quad_mpc_ros.commands.soak.rig import Rig
 from quad_mpc_ros.control.config import MpcConfig
@@ -13,24 +14,36 @@ from quad_mpc_ros.faults.parameter_storm import storm
 _CHANGE_PERIOD = 0.02  # s
 
 
-def inject(fault: Fault, rig: Rig, config: MpcConfig) -> tuple[int, list[str]]:
-    """Let a fault happen from its beginning to its end.
+# After its first odometry a simulator takes a moment to run evenly.
+_WARM_UP = 0.5  # s
 
-    Returns when the last good message before it was passed on, or when it began where it is not
-    one of messages, by the system's clock in nanoseconds; and complaints.
+
+class Injected(NamedTuple):
+    """When it was, by the system's clock in nanoseconds, and what is to be complained of.
+
+    Timeouts count from ``origin_ns``: when the last good message was passed on, or when the fault
+    began where it is not one of messages. It may have ended from ``end_ns`` on.
     """
+
+    origin_ns: int
+    end_ns: int
+    complaints: list[str]
+
+
+def inject(fault: Fault, rig: Rig, config: MpcConfig) -> Injected:
+    """Let a fault happen from its beginning to its end."""
     match fault.action:
         case Action.PAUSE_MPC:
-            return _pause(fault, rig), []
+            return _pause(fault, rig)
         case Action.RESTART_SIMULATOR:
-            return _restart(rig), []
+            return _restart(rig)
         case Action.SET_PARAMETERS:
             return _set_parameters(fault, rig, config)
         case _:
-            return _distort(fault, rig), []
+            return _distort(fault, rig)
 
 
-def _distort(fault: Fault, rig: Rig) -> int:
+def _distort(fault: Fault, rig: Rig) -> Injected:
     """Let messages, solver or clock fail."""
     for relay, distortion in ((rig.odometry, fault.odometry), (rig.reference, fault.reference)):
         if fault.intruder and distortion is not None:
@@ -40,11 +53,12 @@ def _distort(fault: Fault, rig: Rig) -> int:
         rig.switch(fault.switch, True)
     origin_ns = _begin(fault, rig)
     rig.spin(fault.duration)
+    end_ns = time.time_ns()
     if fault.switch:
         rig.switch(fault.switch, False)
     for relay in (rig.odometry, rig.reference):
         relay.end()
-    return origin_ns
+    return Injected(origin_ns, end_ns, [])
 
 
 def _begin(fault: Fault, rig: Rig) -> int:
@@ -60,23 +74,26 @@ def _begin(fault: Fault, rig: Rig) -> int:
     return time.time_ns()
 
 
-def _pause(fault: Fault, rig: Rig) -> int:
-    rig.processes["mpc"].send(signal.SIGSTOP)
+def _pause(fault: Fault, rig: Rig) -> Injected:
     began_ns = time.time_ns()
+    rig.processes["mpc"].send(signal.SIGSTOP)
     rig.spin(fault.duration)
+    end_ns = time.time_ns()
     rig.processes["mpc"].send(signal.SIGCONT)
-    return began_ns
+    return Injected(began_ns, end_ns, [])
 
 
-def _restart(rig: Rig) -> int:
+def _restart(rig: Rig) -> Injected:
     rig.stop("simulator")
     origin_ns = rig.odometry.last_heard_ns
     rig.start("simulator", autostart=True)
-    rig.wait(lambda: rig.odometry.last_heard_ns > origin_ns, "the odometry of another simulator")
-    return origin_ns
+    rig.wait(lambda: rig.odometry.last_heard_ns > origin_ns, "odometry of another simulator")
+    end_ns = rig.odometry.last_heard_ns
+    rig.spin(_WARM_UP)
+    return Injected(origin_ns, end_ns, [])
 
 
-def _set_parameters(fault: Fault, rig: Rig, config: MpcConfig) -> tuple[int, list[str]]:
+def _set_parameters(fault: Fault, rig: Rig, config: MpcConfig) -> Injected:
     began_ns, asked = time.time_ns(), []
     changes = storm(config)
     for _ in range(round(fault.duration / _CHANGE_PERIOD / 2)):
@@ -90,4 +107,4 @@ def _set_parameters(fault: Fault, rig: Rig, config: MpcConfig) -> tuple[int, lis
         for change, answer in asked
         if answer.result().result.successful is not change.good
     ]
-    return began_ns, wrong
+    return Injected(began_ns, time.time_ns(), wrong)
