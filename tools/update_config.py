@@ -37,8 +37,8 @@ _PAGE = """\
 
 What can be set, node by node; `quad_mpc params` prints the same. Written by
 `tools/update_config.py` from the dataclasses that declare the parameters; edit those. *Live*
-parameters may change in flight (`ros2 param set`), the others only at the start, or, of a node with
-a [lifecycle](lifecycle.md), while it is unconfigured.
+parameters may change in flight (`ros2 param set`), the others only at the start, or, of a node
+with a [lifecycle](lifecycle.md), while it is unconfigured.
 """
 
 
