@@ -128,6 +128,10 @@ class Aerostack2Bridge(Bridge):
             return f"the platform is in control mode {mode}, not 6 (body rates)"
         return None
 
+    def _acts(self, now_ns: int) -> bool:
+        info = self._info.value(now_ns=now_ns)
+        return info is not None and bool(info.armed)
+
     def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
         thrust, rates = self._new(self._thrust.type_name), self._new(self._rates.type_name)
         codec.fill_thrust(

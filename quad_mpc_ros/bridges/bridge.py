@@ -26,9 +26,12 @@ from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.jumps import PositionJumps
 from quad_mpc_ros.bridges.stamps import OdometryStamps
 from quad_mpc_ros.bridges.thrust import ThrustMap
+from quad_mpc_ros.control.validation import odometry_fault
 from quad_mpc_ros.core.messages import CommandSample, OdometrySample
 from quad_mpc_ros.ros.conversions import NewMessage
 from quad_mpc_ros.ros.topics import Topic
+
+_FASTEST_TURN = 100.0  # rad/s, which no gyroscope of a vehicle measures
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,6 +122,10 @@ class Bridge(ABC):
     def _reason_for_silence(self, now_ns: int) -> str | None:
         """Return why the stack must hear nothing now, or None."""
 
+    def _acts(self, now_ns: int) -> bool:
+        """Return whether the vehicle acts on what it hears, as far as the stack tells."""
+        return True
+
     @abstractmethod
     def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
         """Return what the stack is to hear of a fresh command."""
@@ -134,6 +141,10 @@ class Bridge(ABC):
         self.passed += 1
         return self._messages(command, now_ns)
 
+    def engaged(self, *, now_ns: int) -> bool:
+        """Return whether the vehicle acts on commands: armed, in the mode that takes them."""
+        return self._reason_for_silence(now_ns) is None and self._acts(now_ns)
+
     @property
     def jumps(self) -> int:
         """How often the estimated position stepped."""
@@ -148,20 +159,21 @@ class Bridge(ABC):
         self, odometry: OdometrySample, *, now_ns: int, cause: str | None = None
     ) -> OdometrySample | None:
         """Return an odometry stamped and named for the MPC, or None with the reason told."""
-        values = (*odometry.p_WB, *odometry.q_WB_xyzw, *odometry.v_WB_B, *odometry.w_WB_B)
-        if not all(map(math.isfinite, values)):
-            self._refuse("the stack's state is not valid: a number is not finite")
+        odometry = dataclasses.replace(
+            odometry,
+            frame_id=self._config.frame_id,
+            child_frame_id=self._config.child_frame_id,
+        )
+        # What the MPC would refuse; its stamp is another matter.
+        fault = odometry_fault(odometry, frame_id=odometry.frame_id)
+        if fault is not None:
+            self._refuse(f"the stack's state is not valid: {fault}")
             return None
         stamp_ns = self._stamps.stamp(odometry.stamp_ns, now_ns=now_ns)
         if stamp_ns is None:
             self.refused += 1
             return None
-        odometry = dataclasses.replace(
-            odometry,
-            stamp_ns=stamp_ns,
-            frame_id=self._config.frame_id,
-            child_frame_id=self._config.child_frame_id,
-        )
+        odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
         warning = self._jumps.check(odometry, cause=cause)
         if warning is not None:
             self._warnings.append(warning)
@@ -176,6 +188,9 @@ class Bridge(ABC):
             return "the command is not finite"
         if not 0.0 <= command.throttle <= 1.0:
             return f"the command's throttle {command.throttle:.3g} is outside [0, 1]"
+        fastest = max(map(abs, command.w_WB_B.tolist()))
+        if fastest > _FASTEST_TURN:
+            return f"the command's body rate {fastest:.3g} rad/s is beyond {_FASTEST_TURN:g} rad/s"
         age = (now_ns - command.stamp_ns) * 1e-9
         if abs(age) > self._config.command_timeout:
             return f"the command is {age:.3f} s old, by its stamp"

@@ -102,6 +102,13 @@ class Crazyswarm2Bridge(SwitchedBridge):
             return "the Crazyflie is locked: restart it"
         return super()._reason_for_silence(now_ns)
 
+    def _acts(self, now_ns: int) -> bool:
+        """Return whether it is unlocked and, where its status comes, armed."""
+        status = self._status.value(now_ns=now_ns)
+        armed = status is None or bool(status.supervisor_info & codec.SUPERVISOR_IS_ARMED)
+        locked = self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS
+        return armed and not locked and self._unlocking == 0
+
     def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
         if self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS:
             self._unlocking = _UNLOCKING_SETPOINTS

@@ -20,6 +20,7 @@ from quad_mpc_ros.ros.conversions import nanoseconds, odometry_from_message
 
 PWM_FULL = 65535.0
 PWM_LARGEST = 60000.0  # where the server cuts
+SUPERVISOR_IS_ARMED = 2
 SUPERVISOR_IS_TUMBLED = 32
 SUPERVISOR_IS_LOCKED = 64
 

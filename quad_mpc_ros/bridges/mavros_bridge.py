@@ -120,6 +120,10 @@ class MavrosBridge(Bridge):
             return f"the mode is {state.mode}, not {self._modes[0]}"
         return None
 
+    def _acts(self, now_ns: int) -> bool:
+        state = self._state.value(now_ns=now_ns)
+        return state is not None and bool(state.armed) and state.mode in self._modes
+
     def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
         self._stream.sent(now_ns=now_ns)
         message = self._new(self._target.type_name)

@@ -17,7 +17,7 @@ from quad_mpc_ros.ros.health import OK, WARN, Health, HealthReporter
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.topics import COMMAND, ODOMETRY
+from quad_mpc_ros.ros.topics import COMMAND, ENGAGED, ODOMETRY
 
 _WARNING_PERIOD = 5.0
 _QUIET_NS = 500_000_000
@@ -36,6 +36,9 @@ class BridgeNode(Node):
         self._odometry = self._health.publisher(ODOMETRY)
         self._odometry_message = new_message(ODOMETRY.type_name)
         self._odometries = 0
+        self._engaged = self._health.publisher(ENGAGED)
+        self._engaged_message = new_message(ENGAGED.type_name)
+        self._tell_engaged(False)
         self._stack = {
             topic.name: self._health.publisher(topic) for topic in self._bridge.publications
         }
@@ -56,6 +59,7 @@ class BridgeNode(Node):
         command = conversions.command_from_message(message)
         for sending in self._bridge.receive_command(command, now_ns=now_ns):
             self._send(sending)
+        self._follow_engagement(now_ns)
         if self._bridge.silence != self._silence:
             self._silence = self._bridge.silence
             # Ages differ from one to the next.
@@ -64,7 +68,9 @@ class BridgeNode(Node):
             )
 
     def _on_stack(self, subscription: Subscription, message: Any) -> None:
-        odometry = subscription.receive(message, self._now_ns())
+        now_ns = self._now_ns()
+        odometry = subscription.receive(message, now_ns)
+        self._follow_engagement(now_ns)
         if odometry is not None:
             self._publish_odometry(odometry)
         for warning in self._bridge.take_warnings():
@@ -74,6 +80,16 @@ class BridgeNode(Node):
         conversions.fill_odometry(self._odometry_message, odometry)
         self._odometry.publish(self._odometry_message)
         self._odometries += 1
+
+    def _follow_engagement(self, now_ns: int) -> None:
+        """Let the MPC know when the vehicle begins to act on commands, and when it ceases to."""
+        engaged = self._bridge.engaged(now_ns=now_ns)
+        if engaged is not self._engaged_message.data:
+            self._tell_engaged(engaged)
+
+    def _tell_engaged(self, engaged: bool) -> None:
+        self._engaged_message.data = engaged
+        self._engaged.publish(self._engaged_message)
 
     def _on_arm(self, request: Any, response: Any) -> Any:
         return self._carry_out(
@@ -125,6 +141,7 @@ class BridgeNode(Node):
                 ("jumps", str(bridge.jumps)),
                 ("commands", str(bridge.commands)),
                 ("passed_commands", str(bridge.passed)),
+                ("engaged", str(self._engaged_message.data).lower()),
                 ("battery_scale", f"{bridge.thrust.battery_scale:.3f}"),
             ],
         )

@@ -129,6 +129,14 @@ class Px4Bridge(Bridge):
             return f"no vehicle_status within {_STATUS_TIMEOUT:g} s on {self._status_topic.name}"
         return None
 
+    def _acts(self, now_ns: int) -> bool:
+        status = self._status.value(now_ns=now_ns)
+        return (
+            status is not None
+            and status.nav_state == px4_codec.NAVIGATION_STATE_OFFBOARD
+            and status.arming_state == px4_codec.ARMING_STATE_ARMED
+        )
+
     def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
         heartbeat = self._new(self._heartbeat.type_name)
         px4_codec.fill_offboard_control_mode(heartbeat)

@@ -104,6 +104,10 @@ class RosflightBridge(Bridge):
             return f"no status within {_STATUS_TIMEOUT:g} s on {self._config.status_topic}"
         return "ROSflight is in failsafe" if status.failsafe else None
 
+    def _acts(self, now_ns: int) -> bool:
+        status = self._status.value(now_ns=now_ns)
+        return status is not None and bool(status.armed) and bool(status.offboard)
+
     def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
         message = self._new(self._command.type_name)
         rosflight_codec.fill_command(

@@ -40,6 +40,10 @@ class CommandHistory:
         while len(self._sent) > 1 and self._sent[1][0] < stamp_ns - _KEPT_NS:
             self._sent.popleft()
 
+    def forget(self) -> None:
+        """Forget what was sent: it did not act."""
+        self._sent.clear()
+
     def knows(self, time_ns: int) -> bool:
         """Whether what acted at a time was sent from here, as far as is remembered."""
         return bool(self._sent) and self._sent[0][0] <= time_ns

@@ -158,6 +158,10 @@ class Controller:
         self._sent_ns = now_ns
         self._mpc.sent(self._input, stamp_ns=command.stamp_ns)
 
+    def engage(self, engaged: bool) -> None:
+        """Tell whether commands act on the vehicle: armed, and in the mode that takes them."""
+        self._mpc.engage(engaged)
+
     def _is_answered(self) -> bool:
         """Whether the last tick belongs to the newest odometry."""
         if self._last_tick is None or self._odometry is None:

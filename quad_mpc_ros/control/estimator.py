@@ -35,7 +35,7 @@ _ACCELERATION_WALK = 1.5  # m/s^2 / sqrt(s)
 _SCALE_WALK = 0.05  # 1 / sqrt(s)
 _ACCELERATION_SPREAD, _SCALE_SPREAD = 1.0, 0.2  # at the start
 _ACCELERATION_BOUND = 5.0  # m/s^2
-_SCALE_BOUNDS = (0.5, 1.5)
+SCALE_BOUNDS = (0.5, 1.5)
 
 _RATE_NOISE = 0.1  # rad/s, of a measured rate against the model
 _LAG_SPREAD = 0.5  # of a time constant at the start, relative
@@ -77,6 +77,7 @@ class VehicleEstimator:
     def __init__(self, model: Model, *, throttle: float, learning: bool) -> None:
         self._modelled = model
         self._learning = learning
+        self._throttle = throttle
         self._memory = _Memory(
             x=np.zeros(_SIZE),
             P=np.zeros((_SIZE, _SIZE)),
@@ -112,8 +113,10 @@ class VehicleEstimator:
         )
 
     def start(self, v_WB_W: Array) -> None:
-        """Believe a velocity (3,), and keep what was learned."""
+        """Believe a velocity (3,), perhaps on the ground, and keep what was learned."""
         _restart(self._memory, v_WB_W)
+        self._memory.throttle[:] = self._throttle, 0.0
+        self._flown = False
 
     def follow(
         self,
@@ -244,7 +247,7 @@ def _learn(
         _correct(x, P, i, v_WB_W[i])
     for i in range(3):
         x[_D + i] = min(max(x[_D + i], -_ACCELERATION_BOUND), _ACCELERATION_BOUND)
-    x[_K] = min(max(x[_K], _SCALE_BOUNDS[0]), _SCALE_BOUNDS[1])
+    x[_K] = min(max(x[_K], SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
     x[_TAU] = _bounded_lag(x[_TAU], model.thrust_time_constant)
     memory.throttle[0] += memory.throttle[1] * (x[_TAU] - before)
     _correct_rate_lag(

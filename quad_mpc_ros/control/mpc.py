@@ -81,6 +81,10 @@ class Mpc:
         """Tell the controller which command was sent, by whichever rung of the ladder."""
         self._predictor.record(command, stamp_ns=stamp_ns)
 
+    def engage(self, engaged: bool) -> None:
+        """Tell the controller whether what is sent acts on the vehicle."""
+        self._predictor.engage(engaged)
+
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over new weights and bounds; pattern, plan and warm start stay."""
         self._formulation.reconfigure(config)

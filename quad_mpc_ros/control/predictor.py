@@ -23,6 +23,11 @@ from quad_mpc_ros.core.state import Input
 _LONGEST = 0.005
 # Beyond it what the vehicle did between two odometries is not known well enough to learn from.
 _LONGEST_GAP_NS = 500_000_000
+# How long commands must have acted before they teach something, once they had not acted: the
+# actuators are on their way from wherever another had them. And longer while the vehicle rests:
+# autopilots let the motors spool up for a second before they let them do as commanded.
+_SETTLING_NS, _SPOOLING_NS = 300_000_000, 1_500_000_000
+_REST_SPEED = 0.1
 
 
 class StatePredictor:
@@ -40,6 +45,7 @@ class StatePredictor:
         hover = Input(throttle=vehicle.hover_throttle, w_WB_B=np.zeros(3))
         self._history = CommandHistory(delay_ns=self._delay_ns, initial=hover)
         self._sent = hover
+        self._engaged, self._was_idle = True, False
         self._estimator = VehicleEstimator(
             self._model, throttle=hover.throttle, learning=self._learning
         )
@@ -59,6 +65,18 @@ class StatePredictor:
         """Remember a command by the stamp of the odometry that it answers."""
         self._sent = command
         self._history.record(command, stamp_ns=stamp_ns)
+
+    def engage(self, engaged: bool) -> None:
+        """Tell whether commands act on the vehicle; they are supposed to.
+
+        While they do not, nothing is learned, and what was learned is kept. What is sent in that
+        time is remembered all the same: who tells may be late.
+        """
+        if engaged and not self._engaged:
+            self._history.forget()
+            self._previous = None
+            self._was_idle = True
+        self._engaged = engaged
 
     def predict(self, odometry: OdometrySample) -> Situation:
         """Return the situation in which a command sent now will begin to act."""
@@ -104,7 +122,7 @@ class StatePredictor:
                 w_after=odometry.w_WB_B,
                 v_after=now.v_WB_W[0],
                 acting=acting,
-                frozen=saturated or not self._history.knows(before.stamp_ns),
+                frozen=saturated or not self._have_acted(before.stamp_ns, now.v_WB_W[0]),
             )
         self._previous = (odometry, R_WB)
 
@@ -115,3 +133,11 @@ class StatePredictor:
         Not across a long silence, nor from a clock to one that was set.
         """
         return 0 <= odometry.stamp_ns - before.stamp_ns <= _LONGEST_GAP_NS
+
+    def _have_acted(self, time_ns: int, v_WB_W: Array) -> bool:
+        """Whether the commands sent from here act, and have for long enough to be judged by."""
+        settling_ns = 0
+        if self._was_idle:
+            resting = float(v_WB_W @ v_WB_W) < _REST_SPEED**2
+            settling_ns = _SPOOLING_NS if resting else _SETTLING_NS
+        return self._engaged and self._history.knows(time_ns - settling_ns)

@@ -12,12 +12,20 @@ from quad_mpc_ros.control.controller import Controller, Tick
 from quad_mpc_ros.control.ladder import Source
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.warm_up import warmed_up
+from quad_mpc_ros.nodes.engagement import Engagement
 from quad_mpc_ros.ros import conversions
 from quad_mpc_ros.ros.health import ERROR, OK, WARN, Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.topics import COMMAND, ODOMETRY, PREDICTED_PATH, REFERENCE, STATS
+from quad_mpc_ros.ros.topics import (
+    COMMAND,
+    ENGAGED,
+    ODOMETRY,
+    PREDICTED_PATH,
+    REFERENCE,
+    STATS,
+)
 
 _WARNING_PERIOD = 5.0
 
@@ -47,6 +55,10 @@ class MpcNode(ManagedNode[MpcConfig]):
 
         self.managed_subscription(ODOMETRY, self._on_odometry)
         self.managed_subscription(REFERENCE, self._on_reference)
+        self._engagement = Engagement(
+            self.get_logger(), lambda engaged: self._controller.engage(engaged)
+        )
+        self.managed_subscription(ENGAGED, self._engagement.on_message, expected=False)
         self.managed_timer(
             1.0 / config.control_rate,
             self._on_watch,
@@ -65,10 +77,11 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Forget the flight: another one commands until the next activation."""
         config, self._tick = self._controller.config, None
         self._controller = Controller(config, deadline=config.deadline_seconds)
+        self._engagement.repeat()
 
     def cleanup(self) -> None:
         """Let go of the controller."""
-        del self._controller, self._standby
+        del self._controller, self._standby, self._engagement
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over live parameters between two ticks."""
@@ -147,7 +160,9 @@ class MpcNode(ManagedNode[MpcConfig]):
         source = tick.decision.source
         level = {Source.MPC: OK, Source.PLAN: WARN, Source.WAITING: WARN}.get(source, ERROR)
         return Health(
-            level=level, text=tick.decision.reason or "flying", values=tick.stats.items()
+            level=level,
+            text=tick.decision.reason or "flying",
+            values=[*tick.stats.items(), ("engaged", self._engagement.told)],
         )
 
     def _warn(self, text: str) -> None:

@@ -48,6 +48,7 @@ class HealthReporter:
         self._node = node
         self._probe = probe
         self._endpoints: dict[str, Publisher | Subscription] = {}
+        self._others: dict[str, Subscription] = {}
         self._counted: list[tuple[str, str]] = []
         self._reported_s = 0.0
         self._unmatched: set[str] = set()
@@ -62,10 +63,19 @@ class HealthReporter:
         return endpoint
 
     def subscription(
-        self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
+        self,
+        topic: Topic,
+        callback: Callable[[Any], None],
+        *,
+        raw: bool = False,
+        expected: bool = True,
     ) -> None:
-        """Create a subscription whose matched publishers are reported; ``raw`` gives bytes."""
-        self._endpoints[topic.name] = self._node.create_subscription(
+        """Create a subscription; ``raw`` gives bytes.
+
+        Its matched publishers are reported where there are ``expected`` to be some.
+        """
+        endpoints = self._endpoints if expected else self._others
+        endpoints[topic.name] = self._node.create_subscription(
             message_class(topic.type_name),
             topic.name,
             callback,
@@ -76,12 +86,13 @@ class HealthReporter:
 
     def destroy_endpoints(self) -> None:
         """Destroy what was created through it; the health itself is reported on."""
-        for endpoint in self._endpoints.values():
+        for endpoint in (*self._endpoints.values(), *self._others.values()):
             if isinstance(endpoint, Publisher):
                 self._node.destroy_publisher(endpoint)
             else:
                 self._node.destroy_subscription(endpoint)
         self._endpoints.clear()
+        self._others.clear()
 
     def report(self) -> None:
         """Publish the health now."""

@@ -134,15 +134,20 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._made.callback(self.destroy_service, service)
 
     def managed_subscription(
-        self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
+        self,
+        topic: Topic,
+        callback: Callable[[Any], None],
+        *,
+        raw: bool = False,
+        expected: bool = True,
     ) -> None:
-        """Create a subscription until the cleanup, whose matched publishers are reported."""
+        """Create a subscription until the cleanup; a publisher may be ``expected`` to be there."""
 
         def guarded(message: Any) -> None:
             if self._configured:  # the executor may hold one that came before the cleanup
                 callback(message)
 
-        self.health.subscription(topic, guarded, raw=raw)
+        self.health.subscription(topic, guarded, raw=raw, expected=expected)
 
     def on_configure(self, _: Any) -> TransitionCallbackReturn:
         """Take the parameters, validated as a whole, and make what the node needs."""

@@ -22,6 +22,8 @@ class Topic:
 # Sensor-data style: the newest value counts, a lost one is not worth waiting for.
 ODOMETRY = Topic(name="odom", type_name="nav_msgs/msg/Odometry", reliable=False)
 COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", reliable=False)
+# Whether the vehicle acts on commands. Where nobody says so, it does.
+ENGAGED = Topic(name="engaged", type_name="std_msgs/msg/Bool", reliable=True, latched=True)
 
 REFERENCE = Topic(
     name="reference", type_name="trajectory_msgs/msg/MultiDOFJointTrajectory", reliable=True

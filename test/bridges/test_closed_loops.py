@@ -42,6 +42,7 @@ SECOND = 1_000_000_000
 GROUND_TIME_NS = int(1.5 * SECOND)  # before the pilot asks for anything
 DURATION = 9.0
 VEHICLE = VehicleParameters().vehicle()
+SQUARE = ReferenceConfig()
 
 ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
@@ -178,6 +179,21 @@ class FakePx4(FakeStack):
             assert (message.command, message.param1, message.param2) == (176, 1.0, 6.0)
             self.engaged = True
         self.status_due_ns = now_ns
+
+
+class SpoolingPx4(FakePx4):
+    """Lets the motors spool up for a second after arming, before it does as it is told."""
+
+    armed_ns = 0
+
+    @property
+    def acts(self) -> bool:
+        return super().acts and (self.heard_ns or 0) - self.armed_ns >= SECOND
+
+    def obey(self, message: Any, now_ns: int) -> None:
+        super().obey(message, now_ns)
+        if self.armed:
+            self.armed_ns = now_ns
 
 
 class FakeMavros(FakeStack):
@@ -433,6 +449,9 @@ class Bridged:
         self.stack.check_timeout(now_ns)
         return done if self.stack.acts else None
 
+    def engaged(self, now_ns: int) -> bool:
+        return self.bridge.engaged(now_ns=now_ns)
+
     def ask(self, now_ns: int) -> None:
         for answer in (
             self.bridge.engage(True, now_ns=now_ns),
@@ -457,18 +476,25 @@ class Direct:
     def command(self, command: CommandSample, now_ns: int) -> CommandSample | None:
         return command if now_ns >= self.acts_from_ns else None
 
+    def engaged(self, now_ns: int) -> bool:
+        return now_ns >= self.acts_from_ns
+
     def ask(self, now_ns: int) -> None:
         pass
 
 
 @dataclasses.dataclass
 class Flight:
-    """``errors`` (n,) [m] from the first command that acted, at ``acting_ns``."""
+    """``errors`` (n,) [m] from the first command that acted, at ``acting_ns``.
+
+    ``thrust_scales`` are what the MPC believed, from its first command on.
+    """
 
     errors: list[float]
     acting_ns: int
     controller: Controller
     sources: set[Source]
+    thrust_scales: list[float]
 
     @property
     def rmse(self) -> float:
@@ -481,29 +507,33 @@ def fly(
     odom_rate: float,
     throttle_max: float = 1.0,
     duration: float = DURATION,
+    ground_time_ns: int = GROUND_TIME_NS,
+    reference: ReferenceConfig = SQUARE,
     at: Callable[[int], None] = lambda now_ns: None,
 ) -> Flight:
     """Fly the square, which begins when the vehicle first acts; ``at`` is called every time."""
     simulator = SimulatorConfig(duration=duration, odom_rate=odom_rate)
     plant = make_plant(simulator)
     controller = warmed_up(MpcConfig(throttle_max=throttle_max))
-    server = ReferenceServer(ReferenceConfig())
+    server = ReferenceServer(reference)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
-    flight = Flight(errors=[], acting_ns=0, controller=controller, sources=set())
+    flight = Flight(errors=[], acting_ns=0, controller=controller, sources=set(), thrust_scales=[])
     asked = False
     while (sent := stream.step()) is not None:
         now_ns = SIMULATION_START_NS + sent.time_ns
         at(now_ns)
-        if not asked and sent.time_ns >= GROUND_TIME_NS:
+        if not asked and sent.time_ns >= ground_time_ns:
             way.ask(now_ns)
             asked = True
         window = server.window(sent.truth.stamp_ns)
         controller.receive_reference(window, now_ns=now_ns)
         for odometry in way.odometries(sent.truth, now_ns):
+            controller.engage(way.engaged(now_ns))
             tick = controller.receive_odometry(odometry, now_ns=now_ns)
             if tick is None or tick.command is None:
                 continue
             flight.sources.add(tick.decision.source)
+            flight.thrust_scales.append(tick.stats.thrust_scale)
             done = way.command(tick.command, now_ns)
             if done is not None:
                 plant.apply(done)
@@ -570,6 +600,30 @@ def test_silent_at_once_when_the_mpc_dies_or_repeats_itself(case: str, new: New)
 
     assert way.sent_ns[-1] - died_ns <= SECOND // 10
     assert "old" in way.bridge.silence
+
+
+@pytest.mark.parametrize("case", ["px4", "mavros with px4", "crazyswarm2"])
+def test_ten_seconds_disarmed_under_commands_leave_the_estimate_and_the_flight_unharmed(
+    case: str, new: New
+) -> None:
+    """Asked to climb a little, the vehicle stays on the ground: not for lack of thrust."""
+    way = bridged(case, new)
+    if case == "px4":
+        way.stack = SpoolingPx4(new)
+    flight = fly(
+        way,
+        odom_rate=way.stack.odom_rate,
+        throttle_max=0.9,
+        ground_time_ns=10 * SECOND,
+        duration=14.0,
+        reference=ReferenceConfig(trajectory="hover", height=0.1),
+    )
+    assert len(flight.thrust_scales) > 13.0 * min(way.stack.odom_rate, 50.0)
+    assert flight.sources == {Source.MPC}
+    assert max(abs(scale - 1.0) for scale in flight.thrust_scales) < 0.01
+    # The error of the height at which it began, and no more, soon gone.
+    assert max(flight.errors) <= 0.101
+    assert max(flight.errors[-50:]) <= 0.001
 
 
 def test_a_reset_of_the_estimator_is_flown_on_from(new: New) -> None:

@@ -70,6 +70,53 @@ def test_rates_in_flight_turn_the_state_ahead() -> None:
     np.testing.assert_allclose(so3.log(situation.x.R_WB), [0.0, 0.0, 2.0 * 0.010], atol=1e-12)
 
 
+def test_what_did_not_act_is_forgotten_when_commands_begin_to() -> None:
+    predictor = StatePredictor(MpcConfig(input_delay=0.03))
+    spin = Input(throttle=0.9, w_WB_B=np.array([0.0, 0.0, 5.0]))
+    predictor.engage(False)
+    for stamp_ns in range(-100 * MS, 0, 20 * MS):
+        predictor.record(spin, stamp_ns=stamp_ns)
+    predictor.engage(True)
+    ahead = predictor.predict(_odometry(stamp_ns=0)).x
+    np.testing.assert_allclose(ahead.R_WB, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(ahead.v_WB_W, 0.0, atol=1e-9)  # at hover, where another flew it
+
+
+@pytest.mark.parametrize(
+    ("engagements", "first", "last"),
+    [
+        ({}, 1, 99),
+        ({0: False, 20: True}, 20 + 16, 99),  # 0.3 s after the first of them acts
+        ({20: False}, 1, 19),
+        ({0: False}, None, None),
+    ],
+)
+def test_only_commands_that_act_teach(
+    engagements: dict[int, bool], first: int | None, last: int | None
+) -> None:
+    """A vehicle that drifts at a steady speed, whatever is asked of it."""
+    predictor = StatePredictor(MpcConfig())
+    learned = []
+    for k in range(100):
+        if k in engagements:
+            predictor.engage(engagements[k])
+        odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=np.array([1.0, 0.0, 0.0]))
+        learned.append(float(predictor.predict(odometry).disturbance.a_W[0]))
+        predictor.record(throttle(0.3), stamp_ns=20 * MS * k)
+    changes = np.flatnonzero(np.diff(learned)) + 1
+    assert (min(changes, default=None), max(changes, default=None)) == (first, last)
+
+
+def test_a_clock_that_is_set_back_is_no_end_of_knowing() -> None:
+    history = CommandHistory(delay_ns=10 * MS, initial=throttle(0.3))
+    for stamp in range(10**12, 10**12 + 500 * MS, 20 * MS):
+        history.record(throttle(0.5), stamp_ns=stamp)
+    history.record(throttle(0.7), stamp_ns=20 * MS)
+    assert history.knows(30 * MS)
+    (interval,) = history.between(30 * MS, 50 * MS)
+    assert interval.command.throttle == 0.7
+
+
 def _odometry(*, stamp_ns: int, v_WB_B: np.ndarray | None = None) -> OdometrySample:
     return OdometrySample(
         stamp_ns=stamp_ns,
