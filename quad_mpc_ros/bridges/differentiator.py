@@ -26,6 +26,7 @@ class PoseDifferentiator:
 
         Raises ``ValueError`` for a quaternion without a rotation.
         """
+        R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
         before, self._before = self._before, odometry
         if before is None:
             return None
@@ -33,7 +34,6 @@ class PoseDifferentiator:
         if not 0 < gap_ns <= _LONGEST_GAP_NS:
             return None
         per_second = 1e9 / gap_ns
-        R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
         R_before = so3.rotation_from_quaternion_xyzw(before.q_WB_xyzw)
         w_WB_B = per_second * so3.log(R_before.T @ R_WB)
         if not self._velocity_too:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -177,10 +178,11 @@ class StrictMessage:
     """Has the fields of its definition and no others, of their types, as rclpy's messages do."""
 
     FIELDS: dict[str, Any]
+    COMPOUND: tuple[str, ...]  # whose values no two messages share
 
     def __init__(self) -> None:
-        for name, kind in self.FIELDS.items():
-            object.__setattr__(self, name, _empty(kind))
+        for name in self.COMPOUND:
+            object.__setattr__(self, name, _empty(self.FIELDS[name]))
 
     def __setattr__(self, name: str, value: Any) -> None:
         kind = self.FIELDS[name]
@@ -200,8 +202,14 @@ def _checked(base: str, value: Any) -> Any:
         assert isinstance(value, float), (base, value)
         return float(np.float32(value)) if base == "float32" else value
     assert type(value) is int, (base, value)
-    assert np.iinfo(base).min <= value <= np.iinfo(base).max, (base, value)
+    low, high = _bounds(base)
+    assert low <= value <= high, (base, value)
     return value
+
+
+@functools.cache
+def _bounds(base: str) -> tuple[int, int]:
+    return int(np.iinfo(base).min), int(np.iinfo(base).max)
 
 
 def _empty(kind: Any) -> Any:
@@ -223,12 +231,12 @@ _CLASSES: dict[str, type[StrictMessage]] = {}
 def new_message(type_name: str) -> Any:
     if type_name not in _CLASSES:
         constants, fields = _STORE.fielddefs[type_name.replace("/srv/", "/msg/")]
-        members = {name: value for name, _, value in constants}
-        _CLASSES[type_name] = type(
-            type_name.rsplit("/", 1)[-1],
-            (StrictMessage,),
-            {**members, "FIELDS": dict(fields)},
-        )
+        members: dict[str, Any] = {name: value for name, _, value in constants}
+        plain = {name: kind for name, kind in fields if kind[0] is Nodetype.BASE}
+        members |= {name: _empty(kind) for name, kind in plain.items()}
+        members["FIELDS"] = dict(fields)
+        members["COMPOUND"] = tuple(name for name, _ in fields if name not in plain)
+        _CLASSES[type_name] = type(type_name.rsplit("/", 1)[-1], (StrictMessage,), members)
     return _CLASSES[type_name]()
 
 
@@ -236,3 +244,50 @@ def new_message(type_name: str) -> Any:
 def new() -> Callable[[str], Any]:
     """Make empty messages and requests by type name."""
     return new_message
+
+
+# What makes a message of the stack one that is taken; the rest is as in an empty one.
+SOUND: dict[str, dict[str, Any]] = {
+    "px4_msgs/msg/VehicleOdometry": {
+        "pose_frame": 1,
+        "velocity_frame": 1,
+        "q": [1.0, 0.0, 0.0, 0.0],
+    },
+    "px4_msgs/msg/VehicleStatus": {"nav_state": 14, "arming_state": 2},
+    "px4_msgs/msg/BatteryStatus": {"voltage_v": 15.0},
+    "mavros_msgs/msg/State": {"connected": True, "armed": True, "mode": "OFFBOARD"},
+    "nav_msgs/msg/Odometry": {"pose.pose.orientation.w": 1.0},
+    "sensor_msgs/msg/BatteryState": {"voltage": 15.0},
+    "rosflight_msgs/msg/Status": {"armed": True, "offboard": True},
+    "rosflight_msgs/msg/BatteryStatus": {"voltage": 15.0},
+    "rosflight_msgs/msg/SimState": {"pose.orientation.w": 1.0},
+    "roscopter_msgs/msg/State": {"quat.w": 1.0},
+    "geometry_msgs/msg/PoseStamped": {"pose.orientation.w": 1.0},
+    "geometry_msgs/msg/TwistStamped": {"header.frame_id": "base_link", "twist.linear.z": 0.4},
+    "as2_msgs/msg/PlatformInfo": {
+        "connected": True,
+        "armed": True,
+        "offboard": True,
+        "current_control_mode.control_mode": 6,
+    },
+    "crazyflie_interfaces/msg/Status": {"supervisor_info": 2, "battery_voltage": 4.0},
+}
+
+
+def sound_message(type_name: str, stamp_ns: int) -> Any:
+    """Make a message of a vehicle that stands level, armed, and takes setpoints."""
+    message = new_message(type_name)
+    for name, value in SOUND.get(type_name, {}).items():
+        *groups, last = name.split(".")
+        setattr(functools.reduce(getattr, groups, message), last, value)
+    if hasattr(message, "timestamp"):
+        message.timestamp = stamp_ns // 1000
+    else:
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+    return message
+
+
+@pytest.fixture(scope="session")
+def sound() -> Callable[[str, int], Any]:
+    """Make messages of the stacks by type name and stamp [ns], as they are when all is well."""
+    return sound_message

@@ -103,6 +103,7 @@ def test_passes_a_fresh_command_and_says_so(kind: type[Bridge], new: New) -> Non
         (command(T0, w=math.inf), "not finite"),
         (command(T0, throttle=1.1), "outside"),
         (command(T0, throttle=-0.1), "outside"),
+        (command(T0, w=-101.0), "101 rad/s"),
     ],
 )
 def test_passes_nothing_stale_or_senseless(
@@ -189,7 +190,9 @@ def test_px4_state_marked_invalid_is_not_passed_on(new: New, field: str) -> None
     bridge = px4(new)
     message = px4_odometry(new, T0, **{field: [math.nan, 0.0, 0.0]})
     assert tell(bridge, "/fmu/out/vehicle_odometry", message, T0) is None
-    assert bridge.take_warnings() == ["the stack's state is not valid: a number is not finite"]
+    (warning,) = bridge.take_warnings()
+    assert "the stack's state is not valid" in warning
+    assert "not finite" in warning
 
 
 def test_px4_frame_changes_are_passed_on_as_a_jump(new: New) -> None:
