@@ -16,10 +16,30 @@ from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
+from quad_mpc_ros.bridges import node as node_module
+from quad_mpc_ros.bridges.aerostack2_bridge import Aerostack2Bridge
+from quad_mpc_ros.bridges.bridge import Bridge
+from quad_mpc_ros.bridges.crazyswarm2_bridge import Crazyswarm2Bridge
+from quad_mpc_ros.bridges.mavros_bridge import MavrosBridge
 from quad_mpc_ros.bridges.node import run_bridge
+from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
 from quad_mpc_ros.bridges.rates_bridge import RatesBridge
+from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
+from quad_mpc_ros.ros.health import HealthReporter
+from quad_mpc_ros.ros.qos import qos_of
+from quad_mpc_ros.ros.topics import COMMAND, ENGAGED, ODOMETRY, Topic
+
+BRIDGES: list[type[Bridge]] = [
+    Px4Bridge,
+    MavrosBridge,
+    RosflightBridge,
+    Aerostack2Bridge,
+    Crazyswarm2Bridge,
+    RatesBridge,
+]
 
 
 def start(bridge: str, *arguments: str, log: Path) -> subprocess.Popen[bytes]:
@@ -132,3 +152,84 @@ def test_passes_odometry_always_and_commands_when_engaged(peer: Peer, tmp_path: 
         code = end(process)
     assert code == 0
     assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+class StandIn:
+    """In place of a publisher to a stack whose messages are not installed: when was it used?"""
+
+    def __init__(self, used: dict[str, list[float]], name: str) -> None:
+        self._times = used.setdefault(name, [])
+
+    def publish(self, message: Any) -> None:
+        self._times.append(time.monotonic())
+
+
+@pytest.mark.parametrize("kind", BRIDGES)
+def test_every_node_is_silent_when_commands_stop_and_the_state_goes_on(
+    kind: type[Bridge],
+    new: Callable[[str], Any],
+    sound: Callable[[str, int], Any],
+    peer: Peer,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    used: dict[str, list[float]] = {}
+    receivers: dict[str, tuple[str, Callable[[Any], None]]] = {}
+    publisher, subscription = HealthReporter.publisher, HealthReporter.subscription
+
+    def made_publisher(self: HealthReporter, topic: Topic) -> Any:
+        ours = topic in (ODOMETRY, ENGAGED)
+        return publisher(self, topic) if ours else StandIn(used, topic.name)
+
+    def made_subscription(
+        self: HealthReporter, topic: Topic, callback: Callable[[Any], None]
+    ) -> None:
+        if topic == COMMAND:
+            subscription(self, topic, callback)
+        else:
+            receivers[topic.name] = topic.type_name, callback
+
+    monkeypatch.setattr(HealthReporter, "publisher", made_publisher)
+    monkeypatch.setattr(HealthReporter, "subscription", made_subscription)
+    monkeypatch.setattr(node_module, "_require", lambda kind: None)
+    monkeypatch.setattr(node_module, "_new", new)
+    monkeypatch.setattr(node_module, "message_class", lambda type_name: SetBool)  # of services
+    engaged: list[bool] = []
+    peer.node.create_subscription(
+        Bool, "engaged", lambda message: engaged.append(message.data), qos_of(ENGAGED)
+    )
+    node = node_module.BridgeNode(kind)
+    peer.executor.add_node(node)
+    try:
+        node._on_engage(SetBool.Request(data=True), SetBool.Response())
+
+        def state_comes() -> None:
+            for type_name, receive in receivers.values():
+                receive(sound(type_name, node._now_ns()))
+
+        def command_comes() -> bool:
+            state_comes()
+            command = TwistStamped()
+            command.header.stamp = peer.node.get_clock().now().to_msg()
+            command.twist.linear.z = 0.25
+            peer.command.publish(command)
+            return all(len(times) >= 5 for times in used.values() if times is not asked(used))
+
+        assert peer.spin(command_comes)
+        assert peer.spin(lambda: engaged and engaged[-1])
+        stopped = time.monotonic()
+        ended = stopped + 0.4
+
+        def state_goes_on() -> bool:
+            state_comes()
+            return time.monotonic() > ended
+
+        assert peer.spin(state_goes_on)
+        assert max(max(times, default=0.0) for times in used.values()) - stopped <= 0.1
+    finally:
+        peer.executor.remove_node(node)
+        node.destroy_node()
+
+
+def asked(used: dict[str, list[float]]) -> list[float]:
+    """Return the use of the topic on which PX4 is only asked to arm and to change its mode."""
+    return used.get("/fmu/in/vehicle_command", [])

@@ -1,0 +1,139 @@
+"""The controller dies, or hangs, in flight: the stack hears nothing more."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import qos_profile_sensor_data
+from std_srvs.srv import SetBool
+
+from quad_mpc_ros.ros import conversions
+
+SECOND = 1_000_000_000
+SILENT_AFTER_NS = SECOND // 10
+
+# The simulator plays the stack: it says where it is on a topic of its own, and acts on setpoints.
+NODES: dict[str, tuple[str, ...]] = {
+    "nodes.simulator_node": ("-r", "odom:=stack_odom", "-r", "command:=rates_setpoint"),
+    "nodes.reference_node": ("-p", "trajectory:=hover", "-p", "height:=1.0"),
+    "bridges.rates_bridge": (),
+    "nodes.mpc_node": (),
+}
+
+
+class Listener:
+    """A node that hears the stack's setpoints and what the bridge says of itself."""
+
+    def __init__(self) -> None:
+        rclpy.init()
+        self.node = rclpy.create_node("test_listener")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.sent_ns: list[int] = []
+        self.height = 0.0
+        self.told: dict[str, str] = {}
+        make = self.node.create_subscription
+        make(TwistStamped, "rates_setpoint", self.on_setpoint, 100)
+        make(Odometry, "stack_odom", self.on_odometry, qos_profile_sensor_data)
+        make(DiagnosticArray, "/diagnostics", self.on_diagnostics, 10)
+        self.engage = self.node.create_client(SetBool, "rates_bridge/engage")
+
+    def close(self) -> None:
+        self.node.destroy_node()
+        rclpy.shutdown()
+
+    def on_setpoint(self, message: Any) -> None:
+        # The bridge stamps a setpoint with the time at which it sends it.
+        self.sent_ns.append(conversions.nanoseconds(message.header.stamp))
+
+    def on_odometry(self, message: Any) -> None:
+        self.height = message.pose.pose.position.z
+
+    def on_diagnostics(self, message: Any) -> None:
+        for status in message.status:
+            if status.name.endswith("rates_bridge"):
+                self.told = {pair.key: pair.value for pair in status.values}
+                self.told["text"] = status.message
+
+    def spin(self, until: Callable[[], object], timeout: float = 20.0) -> bool:
+        deadline = time.monotonic() + timeout
+        while not until():
+            if time.monotonic() > deadline:
+                return False
+            self.executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def take_over(self) -> None:
+        assert self.spin(self.engage.service_is_ready)
+        future = self.engage.call_async(SetBool.Request(data=True))
+        assert self.spin(future.done)
+
+
+@pytest.fixture
+def listener() -> Iterator[Listener]:
+    made = Listener()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def processes(tmp_path: Path) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
+    """The nodes, each a process of its own, ended one by one."""
+    with ExitStack() as stack:
+        running = {}
+        for module, arguments in NODES.items():
+            log = stack.enter_context((tmp_path / f"{module}.log").open("wb"))
+            command = [sys.executable, "-m", f"quad_mpc_ros.{module}", "--ros-args", *arguments]
+            running[module] = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
+            stack.callback(end, running[module])
+        yield running
+
+
+def end(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        process.send_signal(signal.SIGCONT)
+        process.send_signal(signal.SIGINT)
+    try:
+        process.wait(10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_stack_hears_nothing_more_when_the_controller_is_killed_or_hangs(
+    number: int, listener: Listener, processes: dict[str, subprocess.Popen[bytes]]
+) -> None:
+    listener.take_over()
+    assert listener.spin(lambda: listener.height > 0.5), "it does not fly"
+    assert listener.spin(lambda: listener.told.get("engaged") == "true")
+    before = len(listener.sent_ns)
+    assert listener.spin(lambda: len(listener.sent_ns) >= before + 10)
+
+    signalled_ns = time.time_ns()
+    os.kill(processes["nodes.mpc_node"].pid, number)
+    listener.spin(lambda: False, timeout=0.7)
+
+    assert listener.sent_ns[-1] - signalled_ns <= SILENT_AFTER_NS
+    # It was flying until then, and the bridge has not gone with it.
+    assert signalled_ns - listener.sent_ns[-1] <= SECOND // 2
+    assert listener.spin(lambda: listener.told["text"] == "silent: no command comes")
+    assert processes["bridges.rates_bridge"].poll() is None
+    if number == signal.SIGSTOP:
+        heard = len(listener.sent_ns)
+        processes["nodes.mpc_node"].send_signal(signal.SIGCONT)
+        assert listener.spin(lambda: len(listener.sent_ns) > heard + 10), "it does not fly again"

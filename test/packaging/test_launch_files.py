@@ -1,0 +1,369 @@
+"""The launch files, executed against a stand-in of the launch API, which no wheel brings.
+
+The stand-in takes what launch and launch_ros of Jazzy take, as far as the files use it, and
+refuses everything else. It resolves substitutions and conditions in order, as ``ros2 launch``
+does, and starts nothing.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import importlib
+import runpy
+import sys
+import types
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+import yaml
+
+from quad_mpc_ros.commands.run_options import SCHEMA
+from quad_mpc_ros.configuration import Configuration, files
+from quad_mpc_ros.nodes.mpc_node import MpcNode
+from quad_mpc_ros.nodes.reference_node import ReferenceNode
+from quad_mpc_ros.ros.visualisation_config import VisualisationConfig
+
+ROOT = Path(__file__).parents[2]
+LAUNCH_FILES = sorted(path.name for path in (ROOT / "launch").glob("*.launch.py"))
+TRUE, FALSE = ("true", "1"), ("false", "0")
+
+
+class LaunchError(Exception):
+    """What ``ros2 launch`` would end with."""
+
+
+@dataclass
+class Context:
+    """Arguments given on the command line, and what has been declared so far."""
+
+    given: dict[str, str]
+    values: dict[str, str] = field(default_factory=dict)
+    used: set[str] = field(default_factory=set)
+
+    def text(self, value: Any) -> str:
+        """Resolve a substitution, a text, or a list of them, which is joined."""
+        match value:
+            case str():
+                return value
+            case LaunchConfiguration():
+                if value.name not in self.values:
+                    raise LaunchError(f"launch configuration '{value.name}' does not exist")
+                self.used.add(value.name)
+                return self.values[value.name]
+            case list() | tuple():
+                return "".join(map(self.text, value))
+        raise LaunchError(f"neither a text nor a substitution: {value!r}")
+
+
+@dataclass
+class LaunchConfiguration:
+    name: str
+
+
+@dataclass
+class IfCondition:
+    predicate: Any
+
+    def holds(self, context: Context) -> bool:
+        text = context.text(self.predicate).lower()
+        if text not in (*TRUE, *FALSE):
+            raise LaunchError(f"not a condition: {text!r}")
+        return text in TRUE
+
+
+class DeclareLaunchArgument:
+    def __init__(
+        self,
+        name: str,
+        *,
+        default_value: Any = None,
+        description: str | None = None,
+        choices: list[str] | None = None,
+        condition: IfCondition | None = None,
+    ) -> None:
+        assert description, f"argument {name} is not described"
+        if choices is not None and default_value is not None:
+            assert default_value in choices
+        self.name, self.default, self.choices = name, default_value, choices
+
+    def execute(self, context: Context) -> None:
+        if self.name in context.given:
+            value = context.given[self.name]
+        elif self.default is None:
+            raise LaunchError(f"required launch argument '{self.name}' was not provided")
+        else:
+            value = context.text(self.default)
+        if self.choices is not None and value not in self.choices:
+            raise LaunchError(f"argument '{self.name}' is not one of {self.choices}: {value}")
+        context.values[self.name] = value
+
+
+@dataclass
+class ParameterValue:
+    value: Any
+    value_type: type | None = None
+
+    def resolved(self, context: Context) -> Any:
+        value = yaml.safe_load(context.text(self.value))
+        if self.value_type is float and isinstance(value, int) and not isinstance(value, bool):
+            value = float(value)
+        if self.value_type is not None and type(value) is not self.value_type:
+            raise LaunchError(f"{value!r} is not of type {self.value_type.__name__}")
+        return value
+
+
+@dataclass(kw_only=True)
+class Node:
+    """Takes what launch_ros takes, as far as these files give it."""
+
+    executable: Any
+    package: Any
+    name: Any
+    namespace: Any
+    parameters: list[Any]
+    output: str
+    remappings: list[tuple[Any, Any]] = field(default_factory=list)
+    condition: IfCondition | None = None
+
+
+@dataclass(kw_only=True)
+class Shutdown:
+    reason: str = "reason not given"
+
+
+@dataclass(kw_only=True)
+class EmitEvent:
+    event: Shutdown
+
+
+@dataclass(kw_only=True)
+class OnProcessExit:
+    target_action: Node
+    on_exit: list[EmitEvent]
+
+
+@dataclass
+class RegisterEventHandler:
+    event_handler: OnProcessExit
+
+
+@dataclass
+class LaunchDescription:
+    entities: list[Any]
+
+
+MODULES = {
+    "launch": [LaunchDescription],
+    "launch.actions": [DeclareLaunchArgument, EmitEvent, RegisterEventHandler],
+    "launch.conditions": [IfCondition],
+    "launch.event_handlers": [OnProcessExit],
+    "launch.events": [Shutdown],
+    "launch.substitutions": [LaunchConfiguration],
+    "launch_ros": [],
+    "launch_ros.actions": [Node],
+    "launch_ros.parameter_descriptions": [ParameterValue],
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Started:
+    """A node as it would be started; ``parameters`` are files and values, later ones win."""
+
+    executable: str
+    name: str
+    namespace: str
+    parameters: tuple[Path | dict[str, Any], ...]
+    remappings: dict[str, str]
+
+
+def started(node: Node, context: Context) -> Started:
+    assert context.text(node.package) == "quad_mpc_ros"
+    assert node.output == "screen"
+    return Started(
+        executable=context.text(node.executable),
+        name=context.text(node.name),
+        namespace=context.text(node.namespace),
+        parameters=tuple(
+            {name: value.resolved(context) for name, value in each.items()}
+            if isinstance(each, dict)
+            else Path(context.text(each))
+            for each in node.parameters
+        ),
+        remappings={context.text(a): context.text(b) for a, b in node.remappings},
+    )
+
+
+Launch = Callable[..., list[Started]]
+
+
+@pytest.fixture
+def launch(monkeypatch: pytest.MonkeyPatch) -> Launch:
+    """Execute a launch file with arguments; every argument that it declares must be of use."""
+    for name, members in MODULES.items():
+        module = types.ModuleType(name)
+        for member in members:
+            setattr(module, member.__name__, member)
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr(
+        "ament_index_python.packages.get_package_share_directory",
+        lambda package: {"quad_mpc_ros": str(ROOT)}[package],
+    )
+
+    def execute(file: str, **arguments: str) -> list[Started]:
+        described = runpy.run_path(str(ROOT / "launch" / file))["generate_launch_description"]()
+        context = Context(given=arguments)
+        nodes: dict[int, Started] = {}
+        for entity in described.entities:
+            match entity:
+                case DeclareLaunchArgument():
+                    entity.execute(context)
+                case Node():
+                    runs = entity.condition is None or entity.condition.holds(context)
+                    resolved = started(entity, context)
+                    if runs:
+                        nodes[id(entity)] = resolved
+                case RegisterEventHandler():
+                    assert id(entity.event_handler.target_action) in nodes
+                case _:
+                    raise LaunchError(f"no action: {entity!r}")
+        assert arguments.keys() <= context.values.keys(), "an argument that nobody declared"
+        assert context.used == context.values.keys(), "an argument that nobody uses"
+        return list(nodes.values())
+
+    return execute
+
+
+def declared() -> dict[str, list[str]]:
+    """Return the entry points of setup.py by group."""
+    for node in ast.walk(ast.parse((ROOT / "setup.py").read_text())):
+        if isinstance(node, ast.keyword) and node.arg == "entry_points":
+            found: dict[str, list[str]] = ast.literal_eval(node.value)
+            return found
+    raise AssertionError("setup.py has no entry points")
+
+
+def bridge_configs() -> Iterator[tuple[str, type[Configuration]]]:
+    for entry in declared()["quad_mpc_ros.bridges"]:
+        name, target = entry.split(" = ")
+        module, kind = target.split(":")
+        yield name, getattr(importlib.import_module(module), kind).Config
+
+
+CONFIGS = {**SCHEMA, "visualisation": VisualisationConfig, **dict(bridge_configs())}
+BRIDGES = [name.removesuffix("_bridge") for name, _ in bridge_configs()]
+
+
+@functools.cache
+def loaded(path: Path) -> dict[str, Configuration]:
+    """Return what a parameter file makes of every node."""
+    return files.load([str(path)], [], schema=CONFIGS)
+
+
+CALLS: list[tuple[str, dict[str, str]]] = [
+    ("square.launch.py", {}),
+    ("square.launch.py", {"record": "false", "lockstep": "true", "duration": "10.0"}),
+    ("square.launch.py", {"visualise": "true", "namespace": "uav1", "duration": "10"}),
+    ("mpc.launch.py", {}),
+    ("mpc.launch.py", {"with_reference": "false", "odom": "/uav1/odometry/filtered"}),
+    *(("bridge.launch.py", {"bridge": bridge}) for bridge in BRIDGES),
+    ("bridge.launch.py", {"bridge": "px4", "with_reference": "false", "namespace": "uav1"}),
+]
+IDS = ["-".join((file.partition(".")[0], *given.values())) for file, given in CALLS]
+
+
+def test_every_launch_file_is_called() -> None:
+    assert {file for file, _ in CALLS} == set(LAUNCH_FILES)
+
+
+@pytest.mark.parametrize(("file", "given"), CALLS, ids=IDS)
+def test_every_node_exists_and_takes_its_parameters(
+    file: str, given: dict[str, str], launch: Launch
+) -> None:
+    executables = {script.split(" = ")[0] for script in declared()["console_scripts"]}
+    nodes = launch(file, **given)
+    assert nodes
+    for node in nodes:
+        assert node.executable in executables
+        # Parameter files speak of nodes by their names, and those are told apart by them.
+        assert node.executable in (f"{node.name}_node", node.name)
+        assert node.namespace == given.get("namespace", "")
+        config = CONFIGS[node.name]()
+        for source in node.parameters:
+            if isinstance(source, Path):
+                config = loaded(source)[node.name]
+            else:
+                values = {name: value for name, value in source.items() if name != "use_sim_time"}
+                config = config.updated(values)
+
+
+@pytest.mark.parametrize("node", CONFIGS)
+def test_the_parameter_file_of_every_node_is_accepted_by_it(node: str) -> None:
+    path = ROOT / "config" / f"{node}.yaml"
+    assert files.load([str(path)], [], schema={node: CONFIGS[node]})[node] == CONFIGS[node]()
+
+
+@pytest.mark.parametrize("bridge", BRIDGES)
+def test_one_vehicle_file_serves_every_node_beside_a_bridge(
+    bridge: str, launch: Launch, tmp_path: Path
+) -> None:
+    vehicle = tmp_path / "my_vehicle.yaml"
+    vehicle.write_text("/**:\n  ros__parameters: {mass: 0.5, thrust_curve: [2.0, 3.0, 0.0]}\n")
+    names = set()
+    for node in launch("bridge.launch.py", bridge=bridge, config=str(vehicle)):
+        assert node.parameters == (vehicle,)
+        config = files.load([str(vehicle)], [], schema={node.name: CONFIGS[node.name]})[node.name]
+        assert config.flattened()["mass"] == 0.5
+        names.add(node.name)
+    assert names == {f"{bridge}_bridge", "mpc", "reference"}
+
+
+def test_what_is_wrong_is_refused(launch: Launch) -> None:
+    with pytest.raises(LaunchError, match="'bridge' was not provided"):
+        launch("bridge.launch.py")
+    with pytest.raises(LaunchError, match="not one of"):
+        launch("bridge.launch.py", bridge="kite")
+    with pytest.raises(LaunchError, match="not of type float"):
+        launch("square.launch.py", duration="long")
+
+
+def test_bridges_to_choose_from_are_those_that_are_installed() -> None:
+    assert runpy_constant("bridge.launch.py", "BRIDGES") == BRIDGES
+
+
+def runpy_constant(file: str, name: str) -> Any:
+    for node in ast.parse((ROOT / "launch" / file).read_text()).body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == name:
+            return ast.literal_eval(node.value)
+    raise AssertionError(f"{file} has no {name}")
+
+
+def test_remapped_topics_are_those_of_the_nodes(launch: Launch) -> None:
+    """Each remapping moves a topic of a node that it is given to, in the node itself."""
+    topics = {name: f"/elsewhere/{name}" for name in ("odom", "reference", "command")}
+    moved: set[str] = set()
+    for node in launch("mpc.launch.py", namespace="uav1", **topics):
+        rules = [("__ns", f"/{node.namespace}"), ("__node", node.name), *node.remappings.items()]
+        arguments = [part for a, b in rules for part in ("-r", f"{a}:={b}")]
+        files_given = [part for each in node.parameters for part in ("--params-file", str(each))]
+        rclpy.init(args=["--ros-args", *arguments, *files_given])
+        made = {"mpc": MpcNode, "reference": ReferenceNode}[node.name]()
+        try:
+            assert made.get_fully_qualified_name() == f"/uav1/{node.name}"
+            name, namespace = made.get_name(), made.get_namespace()
+            ends = (
+                *made.get_publisher_names_and_types_by_node(name, namespace),
+                *made.get_subscriber_names_and_types_by_node(name, namespace),
+            )
+            found = {topic for topic, _ in ends}
+        finally:
+            made.destroy_node()
+            rclpy.shutdown()
+        assert found & set(topics.values())
+        assert not found & {f"/uav1/{topic}" for topic in topics}
+        moved |= found & set(topics.values())
+    assert moved == set(topics.values())
