@@ -77,6 +77,16 @@ COMMANDS = (
         run="identify:identify_command",
     ),
     Command(
+        name="save-vehicle",
+        help="save what a flying controller has learned of thrust and lags to a parameter file",
+        description="Watch the estimates of a running MPC node for a few seconds of flight, and "
+        "print its vehicle with them as a ROS parameter file for --config. The vehicle flies on "
+        "as it was: the file is for the next start. Exit code 2 when the MPC does not fly or the "
+        "estimates have not settled.",
+        options="vehicle_options:add_save_vehicle_options",
+        run="save_vehicle:save_vehicle",
+    ),
+    Command(
         name="resolve",
         help="feed a recorded flight to the controller: what would it have commanded?",
         description="Feed the recorded odometry and reference to the controller, without ROS, and "

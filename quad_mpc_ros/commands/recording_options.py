@@ -1,24 +1,17 @@
-"""The options of the commands that work on a recording; nothing is imported for them."""
+"""The options of the commands that work on a recording."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
+from quad_mpc_ros.commands.vehicle_options import add_vehicle_file_options
+
 
 def add_identify_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``identify``."""
     _add_recording_options(parser)
-    parser.add_argument(
-        "--keep",
-        choices=("mass", "curve"),
-        default="mass",
-        help="what is believed of thrust per mass, of which a flight shows the quotient only: "
-        "mass scales the thrust curve, curve the mass (default: mass)",
-    )
-    parser.add_argument(
-        "--out", type=Path, metavar="FILE", help="parameter file to write, instead of printing it"
-    )
+    add_vehicle_file_options(parser)
     parser.add_argument(
         "--plot", type=Path, metavar="PNG", help="draw measured and fitted rates and thrust"
     )

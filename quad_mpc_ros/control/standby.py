@@ -48,9 +48,9 @@ class Standby:
             return "no reference yet"
         odometry, window = self._odometry.sample, self._reference.window
         frame_id = config.odometry.frame_id
-        unusable = odometry_fault(
-            odometry, frame_id=frame_id, newest_stamp_ns=None
-        ) or reference_fault(window, frame_id=frame_id)
+        unusable = odometry_fault(odometry, frame_id=frame_id) or reference_fault(
+            window, frame_id=frame_id
+        )
         if unusable is not None:
             return unusable
         if config.lockstep:

@@ -2,10 +2,12 @@
 
 :func:`measurements_of` takes what is needed from a recording, :func:`identify` fits,
 :func:`identification_table` and :func:`parameter_file` tell, :func:`write_fit_figure` shows.
+:func:`learned` takes what the controller itself has estimated, :func:`learned_file` tells it.
 """
 
 from quad_mpc_ros.analysis.identification.figure import write_fit_figure
 from quad_mpc_ros.analysis.identification.fit import identify
+from quad_mpc_ros.analysis.identification.learned import Learned, learned, learned_file
 from quad_mpc_ros.analysis.identification.measurements import Measurements, measurements_of
 from quad_mpc_ros.analysis.identification.report import identification_table, parameter_file
 from quad_mpc_ros.analysis.identification.result import Estimate, Identification
@@ -13,9 +15,12 @@ from quad_mpc_ros.analysis.identification.result import Estimate, Identification
 __all__ = [
     "Estimate",
     "Identification",
+    "Learned",
     "Measurements",
     "identification_table",
     "identify",
+    "learned",
+    "learned_file",
     "measurements_of",
     "parameter_file",
     "write_fit_figure",

@@ -6,16 +6,18 @@ import math
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
 
 from quad_mpc_ros.analysis.identification.result import Estimate, Identification
+from quad_mpc_ros.analysis.identification.vehicle_file import (
+    Entries,
+    Kept,
+    found_entry,
+    thrust_entries,
+    vehicle_file,
+)
 from quad_mpc_ros.control.config import MpcConfig
 
-Kept = Literal["mass", "curve"]
-"""What is believed of thrust per mass, of which a flight shows the quotient only."""
-
 _WIDTH = 80
-_DIGITS, _DECIMALS = 4, 7  # of what is written
 _LEAST_EXPLAINED = 0.8
 
 _MANOEUVRE = {
@@ -86,36 +88,23 @@ def parameter_file(found: Identification, given: MpcConfig, *, bag: Path, keep: 
     With ``keep`` mass the thrust curve is scaled, with curve the mass. Raises
     ``ConfigurationError`` when the controller would refuse the values.
     """
-    values: dict[str, tuple[float | list[float], str]] = {}
+    entries: Entries = {}
     left_out = []
     for name in ("rate_time_constant", "thrust_time_constant", "input_delay", "drag"):
         estimate: Estimate = getattr(found, name)
         if estimate.observable:
-            values[name] = (_rounded(estimate.value), f"+- {estimate.half_width:.2g}")
+            entries[name] = found_entry(estimate)
         else:
             left_out.append(name)
-    scale = found.thrust_scale
-    if scale.observable:
-        spread = f"thrust per mass x {scale.value:.4f} +- {scale.half_width:.2g}"
-        if keep == "mass":
-            curve = [_rounded(scale.value * c) for c in given.thrust_curve]
-            values |= {"mass": (given.mass, "kept"), "thrust_curve": (curve, spread)}
-        else:
-            kept = list(given.thrust_curve)
-            values |= {"mass": (_rounded(given.mass / scale.value), spread)}
-            values |= {"thrust_curve": (kept, "kept")}
-        values |= {"motor_count": (given.motor_count, "kept")}
+    if found.thrust_scale.observable:
+        entries |= thrust_entries(found.thrust_scale, given, keep=keep)
     else:
         left_out.append("thrust_curve")
-    given.updated({name: value for name, (value, _) in values.items()})
-    lines = [
-        f"# Identified from {bag}, {found.flown:.1f} s of flight under commands; +- is 95 %.",
-        *(f"# {name}: not told by this flight." for name in left_out),
-        "/**/mpc:",
-        "  ros__parameters:" + ("" if values else " {}"),
-        *(f"    {name}: {value}  # {note}" for name, (value, note) in values.items()),
+    remarks = [
+        f"Identified from {bag}, {found.flown:.1f} s of flight under commands; +- is 95 %.",
+        *(f"{name}: not told by this flight." for name in left_out),
     ]
-    return "\n".join(lines) + "\n"
+    return vehicle_file(entries, given, remarks=remarks)
 
 
 def _row(name: str, unit: str, given: float, estimate: Estimate) -> str:
@@ -146,10 +135,6 @@ def _age_note(found: Identification, command_age: float) -> list[str]:
         f"input_delay counts from the stamp of the odometry to the effect of the command; "
         f"{1e3 * command_age:.1f} ms of it (median) pass until the command is published"
     ]
-
-
-def _rounded(value: float) -> float:
-    return round(float(f"{value:.{_DIGITS}g}"), _DECIMALS)
 
 
 def _signed(value: float) -> str:
