@@ -246,7 +246,7 @@ def test_no_state_message_breaks_a_bridge(case: str, new: New, sound: Sound) -> 
     passed = 0
     for now_ns in run:
         bridge = run.bridge
-        subscription = run.random.choice(bridge.subscriptions)
+        subscription = bridge.subscriptions[run.number % len(bridge.subscriptions)]
         with np.errstate(all="ignore"):  # what comes of it is refused
             message = run.messages.make(subscription.topic.type_name, now_ns)
             try:
@@ -259,7 +259,7 @@ def test_no_state_message_breaks_a_bridge(case: str, new: New, sound: Sound) -> 
                 assert all(isinstance(text, str) for text in bridge.take_warnings())
             except Exception as error:
                 raise run.failed(error, message) from error
-    assert passed > MESSAGES // 20  # else little more than the front door was tried
+    assert passed > MESSAGES // 50  # else little more than the front door was tried
 
 
 @pytest.mark.parametrize("case", CASES)
