@@ -21,7 +21,15 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.stats import TickStats
 from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros import conversions
-from quad_mpc_ros.ros.topics import COMMAND, ODOMETRY, RECORDED_COMMAND, REFERENCE, STATS, Topic
+from quad_mpc_ros.ros.topics import (
+    COMMAND,
+    ENGAGED,
+    ODOMETRY,
+    RECORDED_COMMAND,
+    REFERENCE,
+    STATS,
+    Topic,
+)
 
 T = TypeVar("T")
 
@@ -65,7 +73,8 @@ class RecordedRun:
 
     ``odometries`` holds at least one. Nothing is left out or judged here: what a controller
     refuses is still among them. ``commands`` are those that were flown, ``stats`` the figures of
-    the ticks, ``parameters`` those recorded, by node.
+    the ticks, ``parameters`` those recorded, by node. ``engagements`` tell from when on the
+    vehicle acted on commands, and from when on it did not; before the first of them it did.
     """
 
     bag: Path
@@ -74,10 +83,14 @@ class RecordedRun:
     commands: Sequence[Received[CommandSample]]
     stats: Sequence[TickStats]
     parameters: Mapping[str, Mapping[str, Any]]
+    engagements: Sequence[Received[bool]] = ()
 
 
 def read_run(
-    bag: Path, names: TopicNames, *, topics: Collection[Topic] = (REFERENCE, COMMAND, STATS)
+    bag: Path,
+    names: TopicNames,
+    *,
+    topics: Collection[Topic] = (REFERENCE, COMMAND, ENGAGED, STATS),
 ) -> RecordedRun:
     """Read the odometry of a vehicle and ``topics`` of its controller, the others left empty.
 
@@ -120,6 +133,7 @@ def read_run(
         commands=_received(flown, conversions.command_from_message),
         stats=recorded_stats(bag, recorded[STATS]),
         parameters=read_parameters(BagReader(bag)),
+        engagements=_received(recorded[ENGAGED], lambda message: bool(message.data)),
     )
 
 

@@ -8,6 +8,7 @@ the controller knew and when.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -59,7 +60,10 @@ def resolve(
     controller = Controller(config)
     sent = _first_by_stamp(run.commands)
     window: ReferenceWindow | None = None
+    engagements = deque(run.engagements)
     for event in _events(run, config, windows):
+        while engagements and engagements[0].publish_time_ns <= event.now_ns:
+            controller.engage(engagements.popleft().value)
         # Windows that no tick used change nothing.
         if event.window is not None and event.window is not window:
             window = event.window

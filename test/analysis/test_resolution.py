@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -36,12 +37,15 @@ def recorded(value: object, time_ns: int, *, later_ns: int = 0) -> Received:
 
 
 def flown_in_real_time(
-    *, odom_rate: float = 50.0, silent: tuple[float, float] = (9.0, 9.0)
+    *,
+    odom_rate: float = 50.0,
+    silent: tuple[float, float] = (9.0, 9.0),
+    engaged: dict[int, bool] | None = None,
 ) -> tuple[RecordedRun, list[Tick]]:
     """Fly as the node does: everything arrives when it does, and the recorder hears it later.
 
     Odometry is withheld from the controller over ``silent`` seconds, when its watchdog acts; the
-    first ones come before any reference.
+    first ones come before any reference. ``engaged`` are by the time in milliseconds.
     """
     random = np.random.default_rng(1)
     simulator = SimulatorConfig(
@@ -62,7 +66,13 @@ def flown_in_real_time(
             plant.apply(tick.command)
             commands.append(recorded(tick.command, now_ns, later_ns=MS // 2))
 
+    engagements = [
+        recorded(told, START_NS + time_ms * MS) for time_ms, told in (engaged or {}).items()
+    ]
+    due = list(engagements)
     while (sent := stream.step()) is not None:
+        while due and due[0].publish_time_ns < START_NS + sent.time_ns:
+            controller.engage(due.pop(0).value)
         now_ns = START_NS + sent.time_ns + int(random.uniform(0.2, 3.0) * MS)
         while next_window_ns < now_ns:
             window = server.window(next_window_ns)
@@ -87,6 +97,7 @@ def flown_in_real_time(
         commands=commands,
         stats=[tick.stats for tick in ticks],
         parameters={"/uav1/mpc": MPC.flattened()},
+        engagements=engagements,
     )
     return run, ticks
 
@@ -100,6 +111,14 @@ def as_bytes(commands: list[CommandSample]) -> list[tuple[int, bytes]]:
         (command.stamp_ns, np.array([command.throttle, *command.w_WB_B]).tobytes())
         for command in commands
     ]
+
+
+def test_commands_that_did_not_act_are_resolved_as_such() -> None:
+    run, ticks = flown_in_real_time(engaged={50: False, 1205: True})
+    flown = as_bytes([tick.command for tick in ticks if tick.command])
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == flown
+    unknowing = dataclasses.replace(run, engagements=())
+    assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
 
 
 @pytest.mark.parametrize("odom_rate", [50.0, 120.0])
