@@ -11,6 +11,7 @@ What every bridge obeys:
 - What is not finite or not in a frame it knows is refused with a reason.
 - A reset of the estimator is passed on: the same frame, the next stamp, another position.
 - It arms and switches modes only when it is asked to.
+- It says whether the vehicle acts on commands, from which the MPC learns.
 """
 
 from __future__ import annotations
