@@ -134,7 +134,7 @@ class Controller:
             self._reject(refusal)
             return None
         odometry = self._with_body_twist(odometry)
-        self._odometry, self._odometry_received_ns = odometry, now_ns
+        self._odometry, self._odometry_received_ns = odometry, self._gate.news_ns
         if self._config.lockstep:
             return self._answer_in_lockstep(odometry)
         due = self._decimation.is_due(odometry.stamp_ns)

@@ -40,6 +40,11 @@ class OdometryGate:
         """Take over a changed timeout."""
         self._timeout_ns = round(config.odom_timeout * _SECOND)
 
+    @property
+    def news_ns(self) -> int:
+        """When the last odometry arrived that told of something new."""
+        return self._changed_ns
+
     def refusal(self, odometry: OdometrySample, *, now_ns: int) -> str | None:
         """Return why an odometry that arrives now is not to be used; None when it is taken."""
         reason = odometry_fault(odometry, frame_id=self._frame_id)
@@ -86,11 +91,10 @@ class OdometryGate:
         return f"odometry stamp is {abs(ahead_ns) / _SECOND:.2f} s {side} its arrival"
 
     def _has_persisted(self, offset_ns: int, now_ns: int) -> bool:
-        """Whether stamps have been off alike for longer than the timeout."""
+        """Whether stamps have been off by the same for longer than the timeout."""
         alike = abs(offset_ns - self._odd_offset_ns) <= self._timeout_ns
         if self._odd_since_ns is None or not alike:
-            self._odd_since_ns = now_ns
-        self._odd_offset_ns = offset_ns
+            self._odd_since_ns, self._odd_offset_ns = now_ns, offset_ns
         return now_ns - self._odd_since_ns > self._timeout_ns
 
 

@@ -64,6 +64,27 @@ def odometry_lost(config: MpcConfig, *, hold: str = "blind") -> Course:
     )
 
 
+def clocks_apart(config: MpcConfig) -> Course:
+    """The new stamps are believed after the timeout, but the reference is of another time."""
+    late = 1.0 / config.control_rate
+    end = config.plan_hold_time
+    return (
+        Phase(sources=("mpc", "plan"), begins=0.0, reached=0.0),
+        Phase(sources=("hover",), begins=end, reached=end + late),
+    )
+
+
+def odometry_frozen(config: MpcConfig) -> Course:
+    """As when it is lost, but plans are made of it until the timeout."""
+    late = 1.0 / config.control_rate
+    blind = config.odom_timeout + config.plan_hold_time
+    return (
+        Phase(sources=("mpc",), begins=0.0, reached=0.0),
+        *_lasting("plan", config.odom_timeout, blind, late),
+        Phase(sources=("blind",), begins=blind - late, reached=blind + late),
+    )
+
+
 def reference_lost(config: MpcConfig, *, hold: str = "hover") -> Course:
     """Plan, then hover (standing on the ground: idle)."""
     late = 1.0 / config.control_rate

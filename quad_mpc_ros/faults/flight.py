@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.faults.cases import Action, Fault
 from quad_mpc_ros.faults.channel import Channel
 from quad_mpc_ros.faults.parameter_storm import storm
-from quad_mpc_ros.faults.solver import FaultySolver
+from quad_mpc_ros.faults.solver import FaultySolver, SolverFault
 from quad_mpc_ros.faults.verdict import Record, Sighting, command_fault, is_home
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
@@ -50,7 +51,10 @@ class FaultFlight:
         self._window_period_ns = round(_SECOND / reference.publish_rate)
         self._server = ReferenceServer(reference)
         self._server.start(_START_NS)
-        self._controller = Controller(mpc)
+        runs_long = fault.solver is SolverFault.RUN_LONG
+        self._controller = Controller(
+            mpc, deadline=mpc.deadline_seconds if runs_long else math.inf
+        )
         self._windows = Channel(fault.reference, self._receive_window)
         self._odometries = Channel(fault.odometry, self._receive_odometry)
         self._solver = FaultySolver()
@@ -125,7 +129,7 @@ class FaultFlight:
         window = self._server.window(_START_NS + self._time_ns)
         if self._time_ns >= self._end_ns:
             self._look_for_home(window)
-        stamped = dataclasses.replace(window, stamp_ns=self._now_ns)
+        stamped = dataclasses.replace(window, stamp_ns=self._now_ns + self._clock_ns)
         self._windows.send(stamped, time_ns=self._time_ns, elapsed_ns=self._elapsed_ns)
 
     def _send_odometries(self) -> None:
@@ -207,4 +211,5 @@ class FaultFlight:
 
     @property
     def _now_ns(self) -> int:
-        return _START_NS + self._time_ns + self._clock_ns
+        """The time of the controller, which a clock that is set does not move."""
+        return _START_NS + self._time_ns

@@ -13,11 +13,13 @@ from quad_mpc_ros.control.ladder import Source
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.nodes.engagement import Engagement
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.ros import conversions, realtime
 from quad_mpc_ros.ros.health import ERROR, OK, WARN, Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.ros.steady_time import SteadyTime
 from quad_mpc_ros.ros.topics import (
     COMMAND,
     ENGAGED,
@@ -42,10 +44,15 @@ class MpcNode(ManagedNode[MpcConfig]):
     def __init__(self) -> None:
         super().__init__("mpc", MpcConfig)
         self._tick: Tick | None = None
+        self._time = SteadyTime(self.get_clock())
         self.start()
 
     def configure(self, config: MpcConfig) -> None:
         """Make the controller and listen."""
+        for refusal in realtime.apply(config.realtime):
+            self.get_logger().warning(refusal)
+        between_ticks = config.realtime.garbage_collection == "between_ticks"
+        self._garbage = GarbageCollection(between_ticks=between_ticks)
         self._controller = warmed_up(config, deadline=config.deadline_seconds)
         self._standby = Standby()
         self._command = self.health.publisher(COMMAND)
@@ -121,6 +128,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._log_change(tick)
             self._publish_insight(tick)
             self._tick = tick
+            self._garbage.after_tick()
         for warning in self._controller.take_warnings():
             self._warn(warning)
 
@@ -169,7 +177,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
 
     def _now_ns(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
+        return self._time.now_ns()
 
 
 def main(args: list[str] | None = None) -> None:

@@ -32,10 +32,14 @@ def test_the_top_of_a_throw_is_not_standing() -> None:
         assert not ground.update(speed=speed, lift=0.0, now_ns=at * MS)
 
 
-@pytest.mark.parametrize(("speed", "lift"), [(0.0, 0.96), (0.2, 0.5)])
-def test_it_stands_until_it_is_lifted_or_moves(speed: float, lift: float) -> None:
+def test_it_stands_until_it_moves_or_has_been_lifted_for_a_while() -> None:
     ground = GroundContact()
     judged(ground, range(0, 600, 20), speed=0.0, lift=0.1)
     assert ground.update(speed=0.0, lift=0.9, now_ns=600 * MS)  # spinning up
-    assert not ground.update(speed=speed, lift=lift, now_ns=620 * MS)
-    assert not ground.update(speed=0.0, lift=0.1, now_ns=640 * MS)
+    assert judged(ground, range(620, 920, 20), speed=0.0, lift=1.0) == [True] * 15
+    assert judged(ground, range(920, 1220, 20), speed=0.0, lift=1.0)[-1] is False
+    assert not ground.update(speed=0.0, lift=0.1, now_ns=1240 * MS)
+
+    judged(ground, range(1260, 1900, 20), speed=0.0, lift=0.1)
+    assert not ground.update(speed=0.2, lift=0.5, now_ns=1900 * MS)
+    assert not ground.update(speed=0.0, lift=0.1, now_ns=1920 * MS)

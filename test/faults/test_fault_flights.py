@@ -19,7 +19,8 @@ FLOWN = [fault for fault in FAULTS.values() if fault.action is not Action.START_
 def flight(fault: Fault) -> FaultFlight:
     """Return a flight round the lying eight high above the ground, or one that stands on it."""
     if fault.grounded:
-        simulator = SimulatorConfig()
+        # Its odometry is half a metre high, so that the MPC wants to go down to where it stands.
+        simulator = SimulatorConfig(position_bias=(0.0, 0.0, 0.5))
         reference = ReferenceConfig(trajectory="hover", height=0.0)
     else:
         simulator = SimulatorConfig(initial_position=(0.0, 0.0, 10.0), initial_throttle=0.3)
