@@ -207,11 +207,14 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.deactivate()
 
     def _release(self) -> None:
-        if self.active:
-            self._deactivate()
-        if self._configured:
-            self._configured = False
+        if not self._configured:
+            return
+        self._configured = False
+        try:
+            if self.active:
+                self._deactivate()
             self.cleanup()
+        finally:
             self._destroy_made()
 
     def _destroy_made(self) -> None:
