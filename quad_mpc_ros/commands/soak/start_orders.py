@@ -27,7 +27,11 @@ def start_in_every_order(rig: Rig) -> list[str]:
 
 
 def _start(rig: Rig, order: tuple[str, ...]) -> None:
-    rig.wait(lambda: rig.node_names().isdisjoint(NODES), "the last ones to be gone")
+    rig.wait(
+        lambda: rig.node_names().isdisjoint(NODES),
+        f"no node named {', '.join(NODES)} to be on this ROS domain",
+        timeout=_TIMEOUT,
+    )
     rig.watch.forget()
     for node in order:
         rig.start(node, **({"autostart": True} if node == "simulator" else {}))
