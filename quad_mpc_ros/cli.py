@@ -131,7 +131,7 @@ COMMANDS = (
     Command(
         name="soak",
         help="does it hold: fly for half an hour, or inject faults one after another",
-        description="Fly over DDS with 1 %% of the odometries lost and parameters changed every "
+        description="Fly over DDS with 1 % of the odometries lost and parameters changed every "
         "second, and tell whether a tick was late, a rung below the last plan was needed or "
         "memory grew; or, with --faults, let odometry, reference, solver, clocks and processes "
         "fail and tell whether each fault led to the rung of the safety ladder that it must, in "

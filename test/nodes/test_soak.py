@@ -15,7 +15,6 @@ from quad_mpc_ros.faults.cases import FAULTS
 CAMPAIGN = (
     "odometry_stops",
     "odometry_nan",
-    "odometry_dropouts",
     "two_odometries",
     "reference_empty",
     "solver_fails",
