@@ -127,7 +127,7 @@ def _rung(
         return Decision(Source.IDLE if inputs.standing else Source.HOVER, breach.reason)
     if not fault:
         return Decision(Source.MPC, breach.reason if breach is not None else "")
-    if holding:
+    if holding and not inputs.standing:  # a plan may take off later
         return Decision(Source.PLAN, fault)
     if memory.blind_since_ns is None:
         return Decision(Source.IDLE if inputs.standing else Source.HOVER, fault)

@@ -50,14 +50,15 @@ def accepted_after_timeout(config: MpcConfig) -> Course:
     )
 
 
-def odometry_lost(config: MpcConfig, *, hold: str = "blind") -> Course:
-    """Plan, then blind (standing on the ground: idle), then silence."""
+def odometry_lost(config: MpcConfig, *, standing: bool = False) -> Course:
+    """Plan, then blind (standing on the ground: idle at once), then silence."""
     late = 1.0 / config.control_rate
+    plan, hold = _while_lost("blind", standing=standing)
     blind = max(config.odom_timeout, config.plan_hold_time)
     silent = blind + config.blind_time
     return (
         Phase(sources=("mpc",), begins=0.0, reached=0.0),
-        *_lasting("plan", config.odom_timeout, blind, late),
+        *_lasting(plan, config.odom_timeout, blind, late),
         Phase(sources=(hold,), begins=blind, reached=blind + late),
         # The time of blindness counts from its first tick, which may be late by a period itself.
         Phase(sources=("silent",), begins=silent, reached=silent + 2.0 * late),
@@ -85,25 +86,27 @@ def odometry_frozen(config: MpcConfig) -> Course:
     )
 
 
-def reference_lost(config: MpcConfig, *, hold: str = "hover") -> Course:
-    """Plan, then hover (standing on the ground: idle)."""
+def reference_lost(config: MpcConfig, *, standing: bool = False) -> Course:
+    """Plan, then hover (standing on the ground: idle at once)."""
     late = 1.0 / config.control_rate
+    plan, hold = _while_lost("hover", standing=standing)
     # The last plan is made just before the reference is too old.
     end = config.reference_timeout + config.plan_hold_time
     return (
         Phase(sources=("mpc",), begins=0.0, reached=0.0),
-        *_lasting("plan", config.reference_timeout, end, late),
+        *_lasting(plan, config.reference_timeout, end, late),
         Phase(sources=(hold,), begins=end - late, reached=end + late),
     )
 
 
-def solver_lost(config: MpcConfig, *, hold: str = "hover") -> Course:
-    """Plan at once, then hover (standing on the ground: idle)."""
+def solver_lost(config: MpcConfig, *, standing: bool = False) -> Course:
+    """Plan at once, then hover (standing on the ground: idle at once)."""
     late = 1.0 / config.control_rate
+    plan, hold = _while_lost("hover", standing=standing)
     end = config.plan_hold_time
     return (
         Phase(sources=("mpc",), begins=0.0, reached=0.0),
-        *_lasting("plan", 0.0, end, late),
+        *_lasting(plan, 0.0, end, late),
         Phase(sources=(hold,), begins=end - late, reached=end + late),
     )
 
@@ -151,6 +154,11 @@ def described(course: Course, end: float) -> str:
             sources += f" by {phase.reached:.2f} s"
         words.append(sources)
     return ", ".join(words)
+
+
+def _while_lost(hold: str, *, standing: bool) -> tuple[str, str]:
+    """Return who commands at first and after the plan."""
+    return ("idle", "idle") if standing else ("plan", hold)
 
 
 def _lasting(source: str, begins: float, ends: float, late: float) -> Course:

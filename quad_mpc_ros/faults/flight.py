@@ -27,6 +27,7 @@ _STEP_NS = 5_000_000
 _START_NS = 1_700_000_000 * _SECOND
 # Of the beginning of the fault: just after an odometry, and just before the timer that watches.
 _BEGIN_NS = 2_005_000_000
+_DEADLINE = 0.04  # s, more than a busy computer takes for a plan
 _AFTER_HOME_NS = 500_000_000  # of flight after the vehicle is back
 
 
@@ -52,13 +53,11 @@ class FaultFlight:
         self._server = ReferenceServer(reference)
         self._server.start(_START_NS)
         runs_long = fault.solver is SolverFault.RUN_LONG
-        self._controller = Controller(
-            mpc, deadline=mpc.deadline_seconds if runs_long else math.inf
-        )
+        self._controller = Controller(mpc, deadline=_DEADLINE if runs_long else math.inf)
         self._windows = Channel(fault.reference, self._receive_window)
         self._odometries = Channel(fault.odometry, self._receive_odometry)
         self._solver = FaultySolver()
-        self._solver.long = 1.5 / mpc.control_rate
+        self._solver.long = 1.5 * _DEADLINE
         self._changes = storm(mpc)
 
         self._time_ns = 0

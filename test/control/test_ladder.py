@@ -196,7 +196,8 @@ def test_a_clock_set_back_makes_nothing_fresh(ladder: ModuleType) -> None:
 def test_on_the_ground_it_idles_where_it_would_hover(ladder: ModuleType) -> None:
     flight = Flight(ladder)
     assert flight.decide(0, standing=True) == (MPC, "")
-    flight.follow([(200, PLAN), (201, IDLE), (90_000, IDLE)], fault=FAILED, standing=True)
+    # At once, for the plan may take off later.
+    flight.follow([(20, IDLE), (201, IDLE), (90_000, IDLE)], fault=FAILED, standing=True)
     assert flight.decide(90_020, fault=FAILED) == (HOVER, FAILED)
     assert flight.decide(90_040, breach=("HOVER", "out"), standing=True) == (IDLE, "out")
 
@@ -204,7 +205,7 @@ def test_on_the_ground_it_idles_where_it_would_hover(ladder: ModuleType) -> None
 def test_on_the_ground_without_odometry_it_idles_then_falls_silent(ladder: ModuleType) -> None:
     flight = Flight(ladder)
     flight.decide(0, standing=True)
-    expected = [(101, PLAN), (201, IDLE), (1201, IDLE), (1202, SILENT)]
+    expected = [(101, IDLE), (201, IDLE), (1201, IDLE), (1202, SILENT)]
     flight.follow(expected, odometry=0, standing=True)
 
 
