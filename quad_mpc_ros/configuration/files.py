@@ -48,9 +48,14 @@ def load(
 
 
 def dump(node: str, values: Mapping[str, Any]) -> str:
-    """Return a ROS parameter file of one node's parameters by dotted name."""
+    """Return a ROS parameter file of one node's parameters by dotted name.
+
+    Empty lists are left out: ROS cannot tell their type.
+    """
     listed = {
-        name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in values.items()
+        if value not in ((), [])
     }
     return yaml.safe_dump({node: {"ros__parameters": listed}}, default_flow_style=None)
 

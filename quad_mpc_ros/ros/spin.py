@@ -17,6 +17,9 @@ from rclpy.task import Future
 from quad_mpc_ros.configuration import UserError
 
 EXIT_BAD_INPUT = 2
+# What rclpy says of a parameter given as [], which has no type; it does not say which.
+_EMPTY_LIST = "default value of type PARAMETER_NOT_SET"
+_NO_EMPTY_LIST = "a parameter is given as an empty list []: ROS cannot tell its type, leave it out"
 # A signal that comes just before the executor waits does not wake it; then it ends this late.
 _SPIN_TIMEOUT = 1.0
 
@@ -42,7 +45,10 @@ def run(
         return EXIT_BAD_INPUT
     except (KeyboardInterrupt, ExternalShutdownException):
         return int(getattr(node, "exit_code", 0))
-    except Exception:
+    except Exception as error:
+        if node is None and _EMPTY_LIST in str(error):
+            print(f"error: {_NO_EMPTY_LIST}", file=sys.stderr)
+            return EXIT_BAD_INPUT
         if rclpy.ok():
             raise
         # Told to end while still starting: rclpy then fails at whatever comes next.
