@@ -12,7 +12,9 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 
-_TICKS_NS = (1_000_000_000, 2_000_000_000, 3_000_000_000)
+# No further apart than odometries that something is learned between, and longer than any delay
+# of the input: learning compiles as well.
+_TICKS_NS = (1_000_000_000, 1_300_000_000, 1_600_000_000, 1_620_000_000)
 
 
 def warmed_up(config: MpcConfig, *, deadline: float = math.inf) -> Controller:
@@ -35,12 +37,12 @@ def _compile(config: MpcConfig) -> None:
 
 
 def _moving_at(stamp_ns: int, config: MpcConfig) -> OdometrySample:
-    """Return an odometry in flight, from which estimators learn."""
+    """Return an odometry in flight, slow enough for a throttle within its bounds: one learns."""
     return OdometrySample(
         stamp_ns=stamp_ns,
         p_WB=np.zeros(3),
         q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-        v_WB_B=np.ones(3),
+        v_WB_B=np.array([0.3, 0.0, 0.0]),
         w_WB_B=np.zeros(3),
         frame_id=config.odometry.frame_id,
     )
