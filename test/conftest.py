@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import socket
+import tempfile
+from pathlib import Path
+from typing import IO
 
 # Before anything imports NumPy: its threads gain nothing on small matrices but wait for others.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Before anything imports rclpy. A free domain per run, so that two runs on one machine do not
-# hear each other: participant 0 of domain d owns UDP port 7400 + 250 d + 10.
+# hear each other.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
-def _free_domain() -> int:
+def _free_domain() -> tuple[int, IO[str]]:
+    """Return a domain without nodes, and the lock that keeps it from other runs like this one."""
     for domain in range(20, 100):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(("", 7400 + 250 * domain + 10))
-            except OSError:
-                continue
-            return domain
+        path = Path(tempfile.gettempdir(), f"quad_mpc_ros_test_domain_{domain}.lock")
+        lock = path.open("w")  # noqa: SIM115 - kept open while the tests run
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.bind(("", 7400 + 250 * domain + 10))  # participant 0 of a domain has it
+        except OSError:
+            lock.close()
+            continue
+        return domain, lock
     raise RuntimeError("no free ROS domain between 20 and 99")
 
 
-os.environ["ROS_DOMAIN_ID"] = str(_free_domain())
+_domain, _lock = _free_domain()
+os.environ["ROS_DOMAIN_ID"] = str(_domain)
