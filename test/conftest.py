@@ -21,7 +21,7 @@ def _free_domain() -> tuple[int, IO[str]]:
     """Return a domain without nodes, and the lock that keeps it from other runs like this one."""
     for domain in range(20, 100):
         path = Path(tempfile.gettempdir(), f"quad_mpc_ros_test_domain_{domain}.lock")
-        lock = path.open("w")  # noqa: SIM115 - kept open while the tests run
+        lock = path.open("w")
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
