@@ -19,7 +19,6 @@ from quad_mpc_ros.control.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.control.mpc import FORMULATIONS
 from quad_mpc_ros.control.predictor import StatePredictor
 from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.core.state import Input
 
 
 def cvxpy_module() -> Any:
@@ -53,7 +52,7 @@ class CvxpyPeer:
                 return None
             plan, horizon = horizon.advance(*solution)
         assert plan is not None
-        u = Input.from_vector(plan.input_over(0.0, 1.0 / self._config.control_rate))
+        u = plan.command_over(0.0, 1.0 / self._config.control_rate)
         self._predictor.record(u, stamp_ns=odometry.stamp_ns)
         return CommandSample(stamp_ns=odometry.stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
 
@@ -84,7 +83,10 @@ class CvxpyPeer:
         )
         if not solved:
             return None
-        return inputs.value * self._pattern.input_size, states.value * self._pattern.state_size
+        return (
+            np.ascontiguousarray(inputs.value * self._pattern.input_size),
+            np.ascontiguousarray(states.value * self._pattern.state_size),
+        )
 
 
 def stagewise_problem(

@@ -276,7 +276,7 @@ class Controller:
         match source:
             case Source.MPC | Source.PLAN if self._plan is not None:
                 elapsed = (now_ns - self._planned_ns) * 1e-9
-                return Input.from_vector(self._plan.input_over(elapsed, self._held))
+                return self._plan.command_over(elapsed, self._held)
             case Source.HOVER if self._odometry is not None:
                 x = self._state(self._odometry)
                 return self._hover.command(x, p_hold=self._limits.inside(x.p_WB))

@@ -16,13 +16,13 @@ nobody measures, is followed through the lag.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from quad_mpc_ros.control.command_history import Interval
-from quad_mpc_ros.control.prediction import Disturbance, Model, Motion, advance
+from quad_mpc_ros.control.command_history import Acting
+from quad_mpc_ros.control.prediction import Body, Disturbance, Model, input_at, moved_on
+from quad_mpc_ros.core import compiled as so3
 from quad_mpc_ros.core.compiled import compiled
 from quad_mpc_ros.core.messages import Array
 
@@ -49,26 +49,28 @@ _LONGEST = 0.0025
 _REST_SPEED, _LIFT, _LANDED = 0.1, 0.95, 0.6
 
 
-class _Memory(NamedTuple):
+class Memory(NamedTuple):
     """``x`` (8,) and ``P`` (8, 8) of the velocity's filter; ``throttle`` (2,) with its derivative
-    by the time constant; ``rate_lag`` (2,): time constant of the rates and its variance.
+    by the time constant; ``rate_lag`` (2,): time constant of the rates and its variance; ``flown``
+    (1,): one in flight, zero on the ground.
     """
 
     x: Array
     P: Array
     throttle: Array
     rate_lag: Array
+    flown: Array
 
 
 class _Slopes(NamedTuple):
-    """How an interval changes: by the thrust's scale (3,) and by the time constants.
+    """How an interval changes: by the thrust's scale and by the time constants.
 
-    ``v_by_scale`` and ``v_by_lag`` (3,) of the velocity, ``w_by_lag`` (3,) of the rates.
+    ``v_by_scale`` and ``v_by_lag`` of the velocity, ``w_by_lag`` of the rates.
     """
 
-    v_by_scale: Array
-    v_by_lag: Array
-    w_by_lag: Array
+    v_by_scale: so3.Vector
+    v_by_lag: so3.Vector
+    w_by_lag: so3.Vector
 
 
 class VehicleEstimator:
@@ -78,20 +80,27 @@ class VehicleEstimator:
         self._modelled = model
         self._learning = learning
         self._throttle = throttle
-        self._memory = _Memory(
+        self._lagging = model.thrust_time_constant > 0.0 or model.rate_time_constant > 0.0
+        self._memory = Memory(
             x=np.zeros(_SIZE),
             P=np.zeros((_SIZE, _SIZE)),
-            throttle=np.array((throttle, 0.0)),
+            throttle=np.zeros(2),
             rate_lag=np.array(
                 (model.rate_time_constant, (_LAG_SPREAD * model.rate_time_constant) ** 2)
             ),
+            flown=np.zeros(1),
         )
         x, P = self._memory.x, self._memory.P
         x[_K], x[_TAU] = 1.0, model.thrust_time_constant
         P[_D : _D + 3, _D : _D + 3] = np.eye(3) * _ACCELERATION_SPREAD**2
         P[_K, _K] = _SCALE_SPREAD**2
         P[_TAU, _TAU] = (_LAG_SPREAD * model.thrust_time_constant) ** 2
-        self._flown = False
+        self.begin()
+
+    @property
+    def memory(self) -> Memory:
+        """What it knows, for :func:`start_at` and :func:`follow`."""
+        return self._memory
 
     @property
     def throttle(self) -> float:
@@ -107,16 +116,22 @@ class VehicleEstimator:
     @property
     def model(self) -> Model:
         """The model with the present estimate of its time constants."""
+        if not self._lagging:
+            return self._modelled
         return self._modelled._replace(
             thrust_time_constant=float(self._memory.x[_TAU]),
             rate_time_constant=float(self._memory.rate_lag[0]),
         )
 
-    def start(self, v_WB_W: Array) -> None:
-        """Believe a velocity (3,), perhaps on the ground, and keep what was learned."""
-        _restart(self._memory, v_WB_W)
+    def begin(self) -> None:
+        """Suppose the vehicle perhaps on the ground, and keep what was learned."""
         self._memory.throttle[:] = self._throttle, 0.0
-        self._flown = False
+        self._memory.flown[0] = 0.0
+
+    def start(self, v_WB_W: Array) -> None:
+        """Begin, and believe a velocity (3,)."""
+        self.begin()
+        start_at(self._memory.x, self._memory.P, v_WB_W)
 
     def follow(
         self,
@@ -126,7 +141,7 @@ class VehicleEstimator:
         R_after: Array,
         w_after: Array,
         v_after: Array,
-        acting: Iterable[Interval],
+        acting: Acting,
         frozen: bool,
     ) -> None:
         """Go on from one odometry to the next, under the commands that acted between them.
@@ -134,49 +149,90 @@ class VehicleEstimator:
         Attitudes (3, 3) and body rates (3,) are those of the two, ``v_after`` (3,) is the second's
         velocity in the world. ``frozen`` learns nothing.
         """
-        intervals = [interval for interval in acting if interval.duration > 0.0]
-        if not intervals:
-            return
-        commands = np.array([interval.command.vector() for interval in intervals])
-        durations = np.array([interval.duration for interval in intervals])
-        axis = _mean_axis(R_before[:, 2], R_after[:, 2])
-        reached = Motion(
-            p_WB=np.zeros((1, 3)),
-            v_WB_W=self._memory.x[None, _V : _V + 3].copy(),
-            R_WB=R_before[None].copy(),
-            actuators=np.array(((self.throttle, *w_before),)),
+        follow(
+            self._modelled,
+            self._memory,
+            acting.durations,
+            acting.commands,
+            R_before,
+            w_before,
+            R_after,
+            w_after,
+            v_after,
+            self._learning,
+            frozen,
         )
-        slopes = _followed(self.model, self._memory, commands, durations, axis, reached)
-        if not self._learning:
-            return
-        thrust = slopes.v_by_scale[2] / durations.sum()
-        resting = float(v_after @ v_after) < _REST_SPEED**2
-        if not resting or thrust > _LIFT * self._modelled.gravity:
-            self._flown = True
-        elif thrust < _LANDED * self._modelled.gravity:
-            self._flown = False
-        if frozen or not self._flown:
-            _restart(self._memory, v_after)
-            return
-        _learn(self._modelled, self._memory, slopes, reached, v_after, w_after, durations.sum())
-
-
-def _mean_axis(before: Array, after: Array) -> Array:
-    """Return the mean of a direction that turned evenly from one to another (Simpson)."""
-    middle = before + after
-    length = float(np.sqrt(middle @ middle))
-    if length < 1e-6:
-        return np.asarray(after)
-    return np.asarray((before + after + 4.0 * middle / length) / 6.0)
 
 
 @compiled
-def _restart(memory: _Memory, v_WB_W: Array) -> None:
+def follow(
+    modelled: Model,
+    memory: Memory,
+    durations: Array,
+    commands: Array,
+    R_before: Array,
+    w_before: Array,
+    R_after: Array,
+    w_after: Array,
+    v_after: Array,
+    learning: bool,
+    frozen: bool,
+) -> None:
+    """Follow a vehicle from one odometry to the next, and learn of it."""
+    if len(durations) == 0:
+        return
+    x, P, flown = memory.x, memory.P, memory.flown
+    believed = Model(
+        modelled.a,
+        modelled.b,
+        modelled.c,
+        modelled.drag,
+        modelled.gravity,
+        x[_TAU],
+        memory.rate_lag[0],
+    )
+    axis = _mean_axis(so3.column(so3.matrix(R_before), 2), so3.column(so3.matrix(R_after), 2))
+    start = Body(
+        (0.0, 0.0, 0.0),
+        so3.vector(x[_V : _V + 3]),
+        so3.matrix(R_before),
+        (memory.throttle[0], w_before[0], w_before[1], w_before[2]),
+    )
+    reached, slopes = _followed(believed, memory, commands, durations, axis, start)
+    if not learning:
+        return
+    duration = durations.sum()
+    thrust = slopes.v_by_scale[2] / duration
+    v = so3.vector(v_after)
+    resting = so3.dot(v, v) < _REST_SPEED**2
+    if not resting or thrust > _LIFT * modelled.gravity:
+        flown[0] = 1.0
+    elif thrust < _LANDED * modelled.gravity:
+        flown[0] = 0.0
+    if frozen or flown[0] == 0.0:
+        start_at(x, P, v_after)
+    else:
+        _learn(modelled, memory, slopes, reached, v_after, w_after, duration)
+
+
+@compiled
+def _mean_axis(before: so3.Vector, after: so3.Vector) -> so3.Vector:
+    """Return the mean of a direction that turned evenly from one to another (Simpson)."""
+    middle = so3.plus(before, after)
+    length = math.sqrt(so3.dot(middle, middle))
+    if length < 1e-6:
+        return after
+    return so3.scaled(1.0 / 6.0, so3.plus(middle, so3.scaled(4.0 / length, middle)))
+
+
+@compiled
+def start_at(x: Array, P: Array, v_WB_W: Array) -> None:
+    """Believe a velocity (3,), and keep what was learned."""
     for i in range(3):
-        memory.x[i] = v_WB_W[i]
-        memory.P[i, :] = 0.0
-        memory.P[:, i] = 0.0
-        memory.P[i, i] = _VELOCITY_NOISE**2
+        x[i] = v_WB_W[i]
+        P[i, :] = 0.0
+        P[:, i] = 0.0
+        P[i, i] = _VELOCITY_NOISE**2
 
 
 @compiled
@@ -198,49 +254,51 @@ def _lag_slopes(time_constant: float, duration: float) -> tuple[float, float, fl
 @compiled
 def _followed(
     model: Model,
-    memory: _Memory,
+    memory: Memory,
     commands: Array,
     durations: Array,
-    thrust_axis_W: Array,
-    reached: Motion,
-) -> _Slopes:
-    """Move a state on through commands (n, 4) by what is believed; return its slopes."""
-    x = memory.x
+    thrust_axis_W: so3.Vector,
+    start: Body,
+) -> tuple[Body, _Slopes]:
+    """Move a state on through commands (n, 4) by what is believed; return it and its slopes."""
+    x, body, d_W = memory.x, start, so3.vector(memory.x[_D : _D + 3])
     throttle, slope = memory.throttle[0], memory.throttle[1]
-    v_by_scale, v_by_lag, w_by_lag = np.zeros(3), np.zeros(3), np.zeros(3)
+    v_by_scale = v_by_lag = w_by_lag = (0.0, 0.0, 0.0)
     for k in range(len(durations)):
-        dt = durations[k]
+        dt, command = durations[k], input_at(commands[k])
         decay, share, decay_slope, share_slope = _lag_slopes(model.rate_time_constant, dt)
-        for i in range(3):
-            excess = reached.actuators[0, 1 + i] - commands[k, 1 + i]
-            w_by_lag[i] = decay * w_by_lag[i] + decay_slope * excess
+        excess = (
+            body.actuators[1] - command[1],
+            body.actuators[2] - command[2],
+            body.actuators[3] - command[3],
+        )
+        w_by_lag = so3.plus(so3.scaled(decay, w_by_lag), so3.scaled(decay_slope, excess))
         decay, share, decay_slope, share_slope = _lag_slopes(model.thrust_time_constant, dt)
-        excess = throttle - commands[k, 0]
-        mean, mean_slope = commands[k, 0] + share * excess, share * slope + share_slope * excess
-        throttle, slope = commands[k, 0] + decay * excess, decay * slope + decay_slope * excess
+        off = throttle - command[0]
+        mean, mean_slope = command[0] + share * off, share * slope + share_slope * off
+        throttle, slope = command[0] + decay * off, decay * slope + decay_slope * off
         push = dt * ((model.a * mean + model.b) * mean + model.c)
         push_slope = dt * x[_K] * (2.0 * model.a * mean + model.b) * mean_slope
-        for i in range(3):
-            v_by_scale[i] += push * thrust_axis_W[i]
-            v_by_lag[i] += push_slope * thrust_axis_W[i]
-        advance(model, x[_D : _D + 3], x[_K], commands[k], dt, _LONGEST, reached)
+        v_by_scale = so3.plus(v_by_scale, so3.scaled(push, thrust_axis_W))
+        v_by_lag = so3.plus(v_by_lag, so3.scaled(push_slope, thrust_axis_W))
+        body = moved_on(model, d_W, x[_K], command, dt, _LONGEST, body)
     memory.throttle[0], memory.throttle[1] = throttle, slope
-    return _Slopes(v_by_scale, v_by_lag, w_by_lag)
+    return body, _Slopes(v_by_scale, v_by_lag, w_by_lag)
 
 
 @compiled
 def _learn(
     model: Model,
-    memory: _Memory,
+    memory: Memory,
     slopes: _Slopes,
-    reached: Motion,
+    reached: Body,
     v_WB_W: Array,
     w_WB_B: Array,
     duration: float,
 ) -> None:
     """Correct what is believed by what was measured where ``reached`` was expected."""
     x, P = memory.x, memory.P
-    x[_V : _V + 3] = reached.v_WB_W[0]
+    so3.store_vector(reached.v, x[_V : _V + 3])
     _spread(model, P, slopes, duration)
     before = x[_TAU]
     for i in range(3):
@@ -251,7 +309,7 @@ def _learn(
     x[_TAU] = _bounded_lag(x[_TAU], model.thrust_time_constant)
     memory.throttle[0] += memory.throttle[1] * (x[_TAU] - before)
     _correct_rate_lag(
-        model, memory.rate_lag, reached.actuators[0, 1:], slopes.w_by_lag, w_WB_B, duration
+        model, memory.rate_lag, reached.actuators[1:], slopes.w_by_lag, w_WB_B, duration
     )
 
 
@@ -263,13 +321,18 @@ def _bounded_lag(time_constant: float, modelled: float) -> float:
 @compiled
 def _spread(model: Model, P: Array, slopes: _Slopes, duration: float) -> None:
     """Let the uncertainty grow over a duration."""
-    F = np.eye(_SIZE)
+    # F P F', where F differs from one in the rows of the velocity alone.
+    kept = 1.0 - duration * model.drag
     for i in range(3):
-        F[i, i] -= duration * model.drag
-        F[i, _D + i] = duration
-        F[i, _K] = slopes.v_by_scale[i]
-        F[i, _TAU] = slopes.v_by_lag[i]
-    P[:] = F @ P @ F.T
+        by_scale, by_lag = slopes.v_by_scale[i], slopes.v_by_lag[i]
+        for j in range(_SIZE):
+            others = duration * P[_D + i, j] + by_scale * P[_K, j] + by_lag * P[_TAU, j]
+            P[i, j] = kept * P[i, j] + others
+    for i in range(3):
+        by_scale, by_lag = slopes.v_by_scale[i], slopes.v_by_lag[i]
+        for j in range(_SIZE):
+            others = duration * P[j, _D + i] + by_scale * P[j, _K] + by_lag * P[j, _TAU]
+            P[j, i] = kept * P[j, i] + others
     for i in range(3):
         P[i, i] += _ACCELERATION_NOISE**2 * duration
         P[_D + i, _D + i] += _ACCELERATION_WALK**2 * duration
@@ -280,20 +343,22 @@ def _spread(model: Model, P: Array, slopes: _Slopes, duration: float) -> None:
 @compiled
 def _correct(x: Array, P: Array, entry: int, measured: float) -> None:
     """Take a measurement of one entry of the state."""
-    gain = P[entry] / (P[entry, entry] + _VELOCITY_NOISE**2)
     row = P[entry].copy()
-    x += gain * (measured - x[entry])
+    variance = row[entry] + _VELOCITY_NOISE**2
+    off = measured - x[entry]
     for i in range(_SIZE):
+        gain = row[i] / variance
+        x[i] += gain * off
         for j in range(_SIZE):
-            P[i, j] -= gain[i] * row[j]
+            P[i, j] -= gain * row[j]
 
 
 @compiled
 def _correct_rate_lag(
     model: Model,
     rate_lag: Array,
-    expected: Array,
-    slopes: Array,
+    expected: so3.Vector,
+    slopes: so3.Vector,
     measured: Array,
     duration: float,
 ) -> None:

@@ -12,6 +12,7 @@ from quad_mpc_ros.control.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.control.situation import Situation
 from quad_mpc_ros.core.compiled import compiled
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
+from quad_mpc_ros.core.state import Input
 
 
 class Plan(NamedTuple):
@@ -29,13 +30,14 @@ class Plan(NamedTuple):
     p_WB: Array
     R_WB: Array
 
-    def input_over(self, elapsed: float, duration: float) -> Array:
-        """Return the mean of the inputs planned for a time ``elapsed`` seconds on (4,).
+    def command_over(self, elapsed: float, duration: float) -> Input:
+        """Return the mean of the inputs planned for a time ``elapsed`` seconds on.
 
         The last one is held beyond the end.
         """
         begin = max(elapsed, 0.0) / self.input_step
-        return _mean_over(self.inputs, begin, begin + duration / self.input_step)
+        throttle, *rates = _mean_over(self.inputs, begin, begin + duration / self.input_step)
+        return Input(throttle=throttle, w_WB_B=np.array(rates))
 
 
 # 0.15 / 0.05 is a little less than 3.
@@ -43,20 +45,23 @@ _ROUNDING = 1e-9
 
 
 @compiled
-def _mean_over(inputs: Array, begin: float, end: float) -> Array:
+def _mean_over(inputs: Array, begin: float, end: float) -> tuple[float, float, float, float]:
     """Return the mean of inputs (K, 4), one a unit of time, the last one held."""
-    mean = np.zeros(4)
     last = len(inputs) - 1
     first = min(int(begin + _ROUNDING), last)
     if end <= first + 1 + _ROUNDING or first == last:
-        mean[:] = inputs[first]  # exactly
-        return mean
+        return inputs[first, 0], inputs[first, 1], inputs[first, 2], inputs[first, 3]  # exactly
+    a = b = c = d = 0.0
     for k in range(first, last + 1):
         until = end if k == last else min(end, k + 1.0)
         share = max(until - max(begin, float(k)), 0.0) / (end - begin)
-        for i in range(4):
-            mean[i] += share * inputs[k, i]
-    return mean
+        a += share * inputs[k, 0]
+        b += share * inputs[k, 1]
+        c += share * inputs[k, 2]
+        d += share * inputs[k, 3]
+        if until >= end:
+            break
+    return a, b, c, d
 
 
 class Horizon(NamedTuple):

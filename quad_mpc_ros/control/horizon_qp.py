@@ -86,77 +86,63 @@ class HorizonQP:
 
     def __init__(self, pattern: HorizonPattern) -> None:
         self.pattern = pattern
-        n, nx, nu = pattern.steps, len(pattern.state_size), len(pattern.input_size)
+        state, size = pattern.state_size, pattern.input_size
+        n, nx, nu = pattern.steps, len(state), len(size)
         self._n, self._nx, self._nu = n, nx, nu
         self._shape = n, nx, nu
-        state, size = pattern.state_size, pattern.input_size
-        self._parts_A = _part(pattern.A, -state / state[:, None])
-        self._parts_B = _part(pattern.B, -size / state[:, None])
-        self._parts_H = _part(np.triu(pattern.H), state * state[:, None])
+        self._sizes = state, size
+        count = n * (nx + nu)
+        self.A, A_places = _assemble(self._constraint_blocks(), shape=(count, count))
+        self.P, P_places = _assemble(self._cost_blocks(), shape=(count, count))
+        self.q, self.lower, self.upper = np.zeros(count), np.zeros(count), np.zeros(count)
 
-        self.A, self._A_slots, self._A_entries = _assemble(
-            self._constraint_blocks(), shape=(n * (nx + nu), n * (nx + nu))
+        count_A, count_B = (n - 1) * int(pattern.A.sum()), n * int(pattern.B.sum())
+        self.A.data[A_places[count_A + count_B :]] = 1.0  # next states and bounded inputs
+        count_H = n * int(np.triu(pattern.H).sum())
+        self._fixed: _Fixed = (
+            state,
+            size,
+            *_part(n, pattern.A, -state / state[:, None], A_places[:count_A], skipped=1),
+            *_part(n, pattern.B, -size / state[:, None], A_places[count_A : count_A + count_B]),
+            *_part(n, np.triu(pattern.H), state * state[:, None], P_places[:count_H]),
+            P_places[count_H:],
+            self.A.data,
+            self.P.data,
+            self.q,
+            self.lower,
+            self.upper,
         )
-        self.P, self._P_slots, self._P_entries = _assemble(
-            self._cost_blocks(), shape=(n * (nx + nu), n * (nx + nu))
-        )
-        self.q = np.zeros(n * (nx + nu))
-        self.lower = np.zeros(n * (nx + nu))
-        self.upper = np.zeros(n * (nx + nu))
-        self._views()
+        self._size = 1.0
 
     def update(self, stages: HorizonStages) -> None:
         """Write the numbers of a horizon; shapes as in :class:`HorizonStages`."""
         if stages.B.shape != self._shape:
             # Compiled code does not look where it writes.
             raise ValueError(f"stages of shape {stages.B.shape}, expected {self._shape}")
-        _gather(stages.A[1:], *self._parts_A, self._entries_A)
-        _gather(stages.B, *self._parts_B, self._entries_B)
-        _gather(stages.H, *self._parts_H, self._entries_H)
-        _write_vectors(
+        self._size = _write(
             stages.x0,
-            stages.A[0],
+            stages.A,
+            stages.B,
             stages.c,
+            stages.H,
             stages.g,
             stages.R,
             stages.r,
             stages.lower,
             stages.upper,
-            self.pattern.state_size,
-            self.pattern.input_size,
-            self._entries_R,
-            self.q,
-            self.lower,
-            self.upper,
+            *self._fixed,
         )
-        np.take(self._A_entries, self._A_slots, out=self.A.data)
-        np.take(self._P_entries, self._P_slots, out=self.P.data)
 
     def size(self) -> float:
         """Return a number at least as large as each of the problem's; NaN when one is NaN."""
-        parts = (self.q, self.lower, self.upper, self.P.data, self.A.data)
-        return sum(map(largest, parts))
+        return self._size
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Return inputs (N, nu) and states 1 to N (N, nx) of a solution, in physical units."""
-        stages = z.reshape(self._n, self._nu + self._nx)
-        return (
-            stages[:, : self._nu] * self.pattern.input_size,
-            stages[:, self._nu :] * self.pattern.state_size,
-        )
-
-    def _views(self) -> None:
-        """Name the parts of the entry lists that change."""
-        n, nu = self._n, self._nu
-        count_A = (n - 1) * int(self.pattern.A.sum())
-        count_B = n * int(self.pattern.B.sum())
-        self._entries_A = self._A_entries[:count_A].reshape(n - 1, int(self.pattern.A.sum()))
-        self._entries_B = self._A_entries[count_A : count_A + count_B].reshape(n, -1)
-        self._A_entries[count_A + count_B :] = 1.0  # next states and bounded inputs
-
-        count_H = n * len(self._parts_H[0])
-        self._entries_H = self._P_entries[:count_H].reshape(n, -1)
-        self._entries_R = self._P_entries[count_H:].reshape(n, nu)
+        n, nx, nu = self._shape
+        inputs, states = np.empty((n, nu)), np.empty((n, nx))
+        _split(z, *self._sizes, inputs, states)
+        return inputs, states
 
     def _input_at(self, stage: int) -> int:
         return stage * (self._nu + self._nx)
@@ -184,34 +170,46 @@ class HorizonQP:
         return [(H_upper, k, k) for k in states] + [(eye_u, k, k) for k in inputs]
 
 
-_Part = tuple[NDArray[np.intp], NDArray[np.intp], Array]
+_Places = NDArray[np.intp]
+_Part = tuple[_Places, Array, _Places]
+_Fixed = tuple[
+    Array, Array,  # sizes of states and inputs
+    _Places, Array, _Places,  # part of A
+    _Places, Array, _Places,  # part of B
+    _Places, Array, _Places,  # part of H
+    _Places,  # where R goes
+    Array, Array, Array, Array, Array,  # A, P, q, lower, upper
+]  # fmt: skip
 
 
-def _part(mask: Mask, scale: Array) -> _Part:
-    """Return rows, columns and factors of a mask's entries."""
-    rows, columns = np.nonzero(mask)
-    return rows, columns, scale[rows, columns]
+def _part(steps: int, mask: Mask, scale: Array, places: _Places, *, skipped: int = 0) -> _Part:
+    """Return where in all stages' matrices the masked entries are, their factors, and places.
+
+    ``skipped`` stages have none.
+    """
+    entries = np.flatnonzero(mask)
+    sources = np.arange(skipped, steps)[:, None] * mask.size + entries
+    return sources.ravel(), np.tile(scale.ravel()[entries], steps - skipped), places
 
 
 @compiled
-def _gather(
-    matrices: Array,
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
-    factors: Array,
-    entries: Array,
-) -> None:
-    """Write the chosen entries of matrices (n, ., .), times their factors, into (n, entries)."""
-    for i in range(len(matrices)):
-        for k in range(len(rows)):
-            entries[i, k] = factors[k] * matrices[i, rows[k], columns[k]]
+def _split(z: Array, state_size: Array, input_size: Array, inputs: Array, states: Array) -> None:
+    nu, nx = len(input_size), len(state_size)
+    for i in range(len(inputs)):
+        first = i * (nu + nx)
+        for k in range(nu):
+            inputs[i, k] = z[first + k] * input_size[k]
+        for k in range(nx):
+            states[i, k] = z[first + nu + k] * state_size[k]
 
 
 @compiled
-def _write_vectors(
+def _write(
     x0: Array,
-    A_first: Array,
+    A: Array,
+    B: Array,
     c: Array,
+    H: Array,
     g: Array,
     R: Array,
     r: Array,
@@ -219,18 +217,35 @@ def _write_vectors(
     most: Array,
     state_size: Array,
     input_size: Array,
-    entries_R: Array,
+    # entries of A, B and H, what to multiply them with, where to write them
+    sources_A: _Places,
+    factors_A: Array,
+    places_A: _Places,
+    sources_B: _Places,
+    factors_B: Array,
+    places_B: _Places,
+    sources_H: _Places,
+    factors_H: Array,
+    places_H: _Places,
+    places_R: _Places,
+    A_data: Array,
+    P_data: Array,
     q: Array,
     lower: Array,
     upper: Array,
-) -> None:
-    """Write the linear cost, the right sides of the dynamics and the bounds, all scaled."""
-    n, nx = g.shape
-    nu = r.shape[1]
+) -> float:
+    """Write matrices, linear cost, right sides of the dynamics and bounds, all scaled.
+
+    Return a number at least as large as each of them; NaN when one is NaN.
+    """
+    _scatter(A.reshape(-1), sources_A, factors_A, places_A, A_data)
+    _scatter(B.reshape(-1), sources_B, factors_B, places_B, A_data)
+    _scatter(H.reshape(-1), sources_H, factors_H, places_H, P_data)
+    n, nx, nu = B.shape
     for i in range(n):
         for k in range(nu):
             size, bound = input_size[k], n * nx + i * nu + k
-            entries_R[i, k] = R[i, k] * size * size
+            P_data[places_R[i * nu + k]] = R[i, k] * size * size
             q[i * (nu + nx) + k] = r[i, k] * size
             lower[bound], upper[bound] = least[i, k] / size, most[i, k] / size
         for k in range(nx):
@@ -238,18 +253,27 @@ def _write_vectors(
             constant = c[i, k]
             if i == 0:
                 for j in range(nx):
-                    constant += A_first[k, j] * x0[j]
+                    constant += A[0, k, j] * x0[j]
             lower[i * nx + k] = upper[i * nx + k] = constant / state_size[k]
+    return largest(q) + largest(lower) + largest(upper) + largest(P_data) + largest(A_data)
+
+
+@compiled
+def _scatter(
+    entries: Array, sources: _Places, factors: Array, places: _Places, data: Array
+) -> None:
+    """Write some of the entries, times their factors, to their places."""
+    for k in range(len(sources)):
+        data[places[k]] = factors[k] * entries[sources[k]]
 
 
 def _assemble(
     blocks: list[tuple[Mask, int, int]], *, shape: tuple[int, int]
-) -> tuple[sp.csc_matrix, NDArray[np.intp], Array]:
-    """Return the matrix of the blocks' pattern, and where each of its data comes from.
+) -> tuple[sp.csc_matrix, _Places]:
+    """Return the matrix of the blocks' pattern, full of zeros, and where each entry's data is.
 
-    ``matrix.data[k]`` is to be ``entries[slots[k]]``, where ``entries`` lists the blocks' masked
-    entries one block after another. SciPy would drop explicit zeros, so the numbering travels
-    through the conversion as data, counted from one.
+    Entries are listed one block after another. SciPy would drop explicit zeros, so the numbering
+    travels through the conversion as data, counted from one.
     """
     rows, columns = [], []
     for mask, row, column in blocks:
@@ -260,5 +284,7 @@ def _assemble(
     numbering = np.arange(1.0, len(row_index) + 1.0)
     matrix = sp.csc_matrix((numbering, (row_index, column_index)), shape=shape)
     matrix.sort_indices()
-    slots = matrix.data.astype(np.intp) - 1
-    return matrix, slots, np.zeros(len(row_index))
+    places = np.empty(len(row_index), dtype=np.intp)
+    places[matrix.data.astype(np.intp) - 1] = np.arange(len(row_index))
+    matrix.data[:] = 0.0
+    return matrix, places

@@ -53,18 +53,31 @@ _CONVERGED = 0.95
 
 
 class _Candidate(NamedTuple):
-    """A plan, where it leads, and what that costs.
+    """A plan and where it leads.
 
     ``deviation`` (N, 4) from the reference's inputs, ``inputs`` (N, M, 4) inside the bounds,
-    ``free`` (N, M, 4) zero where a bound holds them, ``states`` 0 to N, ``errors`` (N, 9).
+    ``free`` (N, M, 4) zero where a bound holds them, the states 0 to N, ``errors`` (N, 9).
     """
 
     deviation: Array
     inputs: Array
     free: Array
-    states: Motion
+    p_WB: Array
+    v_WB_W: Array
+    R_WB: Array
+    actuators: Array
     errors: Array
-    cost: float
+
+
+def _candidate(steps: int) -> _Candidate:
+    """Return room for a plan that does nothing."""
+    return _Candidate(
+        deviation=np.zeros((steps, INPUT_SIZE)),
+        inputs=np.zeros((steps, SUBSTEPS, INPUT_SIZE)),
+        free=np.zeros((steps, SUBSTEPS, INPUT_SIZE)),
+        **motion(steps + 1)._asdict(),
+        errors=np.zeros((steps, ATTITUDE.stop)),
+    )
 
 
 class ManifoldFormulation:
@@ -77,7 +90,22 @@ class ManifoldFormulation:
         # Without lags rate and throttle are their commands and need no states of their own.
         self._size = STATE_SIZE if lagging else ATTITUDE.stop
         self._stages = HorizonStages.zeros(self._steps, self._size, INPUT_SIZE)
-        self._last: tuple[int, _Candidate] | None = None
+        stages = self._stages
+        self._written = (
+            stages.A,
+            stages.B,
+            stages.H,
+            stages.g,
+            stages.r,
+            stages.lower,
+            stages.upper,
+        )
+        self._nothing = np.zeros((self._steps, INPUT_SIZE))
+        # The last plan, the one linearised along, and the one tried; they change places.
+        self._chosen = _candidate(self._steps)
+        self._nominal = _candidate(self._steps)
+        self._tried = _candidate(self._steps)
+        self._last: tuple[int, float] | None = None  # stamp and cost of the last plan
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -125,146 +153,237 @@ class ManifoldFormulation:
             u_min=self._u_min,
             u_max=self._u_max,
         )
-        start, iterations = self._start(situation, target)
-        return self._horizon(situation, target, start, iterations)
+        problem = self._problem(situation, target)
+        cost, iterations = self._start(situation.stamp_ns, problem)
+        return self._horizon(situation.stamp_ns, problem, cost, iterations)
 
-    def _horizon(
-        self, situation: Situation, target: Target, nominal: _Candidate, iterations: int
-    ) -> Horizon:
+    def _horizon(self, stamp_ns: int, problem: _Problem, cost: float, iterations: int) -> Horizon:
+        """Return the QP in the change of the nominal plan, whose cost is given."""
+
         def advance(change: Array, _: Array) -> tuple[Plan, Horizon | None]:
             """Take the step as far as it helps; go on while there is something to gain."""
-            better = self._improved(situation, target, nominal, change)
-            chosen = nominal if better is None else better
-            self._last = (situation.stamp_ns, chosen)
+            better = self._improved(problem, change, cost)
+            if better < cost:
+                self._chosen, self._tried = self._tried, self._chosen
+            else:
+                self._chosen, self._nominal = self._nominal, self._chosen
+            self._last = (stamp_ns, better)
             again = None
-            if better is not None and iterations > 1 and better.cost < _CONVERGED * nominal.cost:
-                again = self._horizon(situation, target, better, iterations - 1)
-            return self._plan(situation, chosen), again
+            if iterations > 1 and better < _CONVERGED * cost:
+                self._linearise(problem, self._chosen.deviation)
+                again = self._horizon(stamp_ns, problem, better, iterations - 1)
+            return self._plan(stamp_ns), again
 
-        return Horizon(
-            stages=self._linearised(situation, target, nominal),
-            advance=advance,
-            is_deviation=True,
-        )
+        return Horizon(stages=self._stages, advance=advance, is_deviation=True)
 
-    def _start(self, situation: Situation, target: Target) -> tuple[_Candidate, int]:
-        """Return the plan to linearise along, and how many iterations it is worth."""
-        nothing = np.zeros((self._steps, INPUT_SIZE))
+    def _start(self, stamp_ns: int, problem: _Problem) -> tuple[float, int]:
+        """Linearise along the best start there is; return its cost and the iterations it needs."""
         if self._last is None:
-            return self._candidate(situation, target, nothing), _COLD_ITERATIONS
-        last_ns, last = self._last
-        elapsed = (situation.stamp_ns - last_ns) * 1e-9 / self._step
-        shifted = self._candidate(situation, target, _shifted(last.deviation, elapsed))
-        if shifted.cost <= _JUMP_FACTOR * last.cost + _JUMP_FLOOR:
-            return shifted, 1
-        held = self._candidate(situation, target, nothing)
-        return (held if held.cost < shifted.cost else shifted), _JUMP_ITERATIONS
+            return self._linearise(problem, self._nothing), _COLD_ITERATIONS
+        last_ns, last_cost = self._last
+        elapsed = (stamp_ns - last_ns) * 1e-9 / self._step
+        cost = self._linearise(problem, self._chosen.deviation, elapsed)
+        if cost <= _JUMP_FACTOR * last_cost + _JUMP_FLOOR:
+            return cost, 1
+        held_cost = self._linearise(problem, self._nothing)
+        if not held_cost < cost:
+            self._linearise(problem, self._chosen.deviation, elapsed)
+        return min(held_cost, cost), _JUMP_ITERATIONS
 
-    def _improved(
-        self, situation: Situation, target: Target, nominal: _Candidate, change: Array
-    ) -> _Candidate | None:
-        """Return the longest of a few steps that lowers the true cost, if one does."""
-        for length in _STEP_LENGTHS:
-            candidate = self._candidate(situation, target, nominal.deviation + length * change)
-            if candidate.cost < nominal.cost:
-                return candidate
-        return None
+    def _linearise(self, problem: _Problem, deviation: Array, elapsed: float = 0.0) -> float:
+        """Roll out deviations as they are ``elapsed`` stages later, linearise along; return cost.
 
-    def _candidate(self, situation: Situation, target: Target, deviation: Array) -> _Candidate:
-        inputs, free = np.empty_like(target.inputs), np.empty_like(target.inputs)
-        states, errors = motion(self._steps + 1), np.empty((self._steps, ATTITUDE.stop))
-        cost = _evaluate(
-            situation.model,
+        What is rolled out is the nominal plan, and has no defects.
+        """
+        return _linearise(*problem, deviation, elapsed, *self._nominal, *self._written)
+
+    def _improved(self, problem: _Problem, change: Array, cost: float) -> float:
+        """Try the longest of a few steps that lowers the true cost; return what is reached."""
+        return _improve(*problem, self._nominal.deviation, change, cost, *self._tried)
+
+    def _problem(self, situation: Situation, target: Target) -> _Problem:
+        """Return what plans are judged by.
+
+        One after another: compiled code takes an array in 70 ns, a field of a tuple with names
+        in 500.
+        """
+        return (
+            *situation.model,
+            *situation.disturbance,
+            *situation.motion,
             self._step,
-            situation.disturbance.a_W,
-            situation.disturbance.thrust_scale,
-            situation.motion,
-            target,
-            self._weights,
+            *target,
+            *self._weights,
             self._u_min,
             self._u_max,
-            deviation,
-            inputs,
-            free,
-            states,
-            errors,
-        )
-        return _Candidate(
-            deviation=deviation,
-            inputs=inputs,
-            free=free,
-            states=states,
-            errors=errors,
-            cost=cost,
         )
 
-    def _linearised(
-        self, situation: Situation, target: Target, nominal: _Candidate
-    ) -> HorizonStages:
-        """Return the QP in the change of a rolled-out plan, which has no defects."""
-        stages = self._stages
-        _linearise(
-            situation.model,
-            self._step,
-            situation.disturbance.a_W,
-            situation.disturbance.thrust_scale,
-            nominal.inputs,
-            nominal.free,
-            nominal.states,
-            nominal.errors,
-            nominal.deviation,
-            target,
-            self._weights,
-            self._u_min,
-            self._u_max,
-            stages.A,
-            stages.B,
-            stages.H,
-            stages.g,
-            stages.r,
-            stages.lower,
-            stages.upper,
-        )
-        return stages
-
-    def _plan(self, situation: Situation, chosen: _Candidate) -> Plan:
+    def _plan(self, stamp_ns: int) -> Plan:
+        chosen = self._chosen
         return Plan(
-            stamp_ns=situation.stamp_ns,
+            stamp_ns=stamp_ns,
             step=self._step,
             input_step=self._step / SUBSTEPS,
-            inputs=chosen.inputs.reshape(-1, INPUT_SIZE),
-            p_WB=chosen.states.p_WB,
-            R_WB=chosen.states.R_WB,
+            # Copies: what the plan is made in is used again.
+            inputs=chosen.inputs.copy().reshape(-1, INPUT_SIZE),
+            p_WB=chosen.p_WB.copy(),
+            R_WB=chosen.R_WB.copy(),
         )
 
 
 _DIAGONAL = np.eye(3, dtype=bool)
 
+_Problem = tuple[
+    float, float, float, float, float, float, float,  # Model
+    Array, float,  # Disturbance
+    Array, Array, Array, Array,  # Motion
+    float,
+    Array, Array, Array, Array, Array,  # Target
+    Array, Array, Array,  # Weights
+    Array, Array,
+]  # fmt: skip
 
 # How far a command may pass a bound by rounding.
 _ROUNDING = 1e-9
 
 
 @compiled
-def _evaluate(
-    model: Model,
-    step: float,
+def _linearise(
+    # the model
+    a: float,
+    b: float,
+    c: float,
+    drag: float,
+    gravity: float,
+    thrust_time_constant: float,
+    rate_time_constant: float,
     a_W: Array,
     thrust_scale: float,
-    start: Motion,
-    target: Target,
-    weights: Weights,
+    # where it begins
+    p_WB: Array,
+    v_WB_W: Array,
+    R_WB: Array,
+    actuators: Array,
+    step: float,
+    # what is to be tracked, and how
+    p_target: Array,
+    v_target: Array,
+    R_target: Array,
+    target_inputs: Array,
+    mean_inputs: Array,
+    Q: Array,
+    R: Array,
+    stage: Array,
     u_min: Array,
     u_max: Array,
     deviation: Array,
+    elapsed: float,
+    # the plan made of them
+    planned_deviation: Array,
     inputs: Array,
     free: Array,
-    states: Motion,
+    p_planned: Array,
+    v_planned: Array,
+    R_planned: Array,
+    actuators_planned: Array,
+    errors: Array,
+    # its stages
+    A: Array,
+    B: Array,
+    H: Array,
+    g: Array,
+    r: Array,
+    lower: Array,
+    upper: Array,
+) -> float:
+    """Write the QP in the change of a plan shifted by ``elapsed`` stages, and return its cost."""
+    model = Model(a, b, c, drag, gravity, thrust_time_constant, rate_time_constant)
+    start = Motion(p_WB, v_WB_W, R_WB, actuators)
+    target = Target(p_target, v_target, R_target, target_inputs, mean_inputs)
+    weights = Weights(Q, R, stage)
+    states = Motion(p_planned, v_planned, R_planned, actuators_planned)
+    _shift(deviation, elapsed, planned_deviation)
+    _bound(target, u_min, u_max, planned_deviation, inputs, free)
+    jacobians(model, step, a_W, thrust_scale, inputs, free, start, states, A, B)
+    cost = tracking_cost(weights, states, target, planned_deviation, errors)
+    quadratic_cost(weights, errors, H, g)
+    for i in range(len(r)):
+        for k in range(4):
+            planned = mean_inputs[i, k] + planned_deviation[i, k]
+            r[i, k] = R[k] * planned_deviation[i, k]
+            # Nothing changes is always allowed.
+            lower[i, k] = min(u_min[k] - planned, 0.0)
+            upper[i, k] = max(u_max[k] - planned, 0.0)
+    return cost
+
+
+@compiled
+def _improve(
+    # the model
+    a: float,
+    b: float,
+    c: float,
+    drag: float,
+    gravity: float,
+    thrust_time_constant: float,
+    rate_time_constant: float,
+    a_W: Array,
+    thrust_scale: float,
+    # where it begins
+    p_WB: Array,
+    v_WB_W: Array,
+    R_WB: Array,
+    actuators: Array,
+    step: float,
+    # what is to be tracked, and how
+    p_target: Array,
+    v_target: Array,
+    R_target: Array,
+    target_inputs: Array,
+    mean_inputs: Array,
+    Q: Array,
+    R: Array,
+    stage: Array,
+    u_min: Array,
+    u_max: Array,
+    deviation: Array,
+    change: Array,
+    cost: float,
+    # the plan made of them
+    planned_deviation: Array,
+    inputs: Array,
+    free: Array,
+    p_planned: Array,
+    v_planned: Array,
+    R_planned: Array,
+    actuators_planned: Array,
     errors: Array,
 ) -> float:
-    """Roll a plan out inside the bounds and return its cost.
+    """Roll out the longest of a few steps that lowers a cost; return the cost reached."""
+    model = Model(a, b, c, drag, gravity, thrust_time_constant, rate_time_constant)
+    start = Motion(p_WB, v_WB_W, R_WB, actuators)
+    target = Target(p_target, v_target, R_target, target_inputs, mean_inputs)
+    weights = Weights(Q, R, stage)
+    states = Motion(p_planned, v_planned, R_planned, actuators_planned)
+    for length in _STEP_LENGTHS:
+        for i in range(len(deviation)):
+            for k in range(4):
+                planned_deviation[i, k] = deviation[i, k] + length * change[i, k]
+        _bound(target, u_min, u_max, planned_deviation, inputs, free)
+        roll_out(model, step, a_W, thrust_scale, inputs, start, states)
+        reached = tracking_cost(weights, states, target, planned_deviation, errors)
+        if reached < cost:
+            return reached
+    return cost
 
-    A stage's mean input is brought inside the bounds first, so that some of it is always free.
+
+@compiled
+def _bound(
+    target: Target, u_min: Array, u_max: Array, deviation: Array, inputs: Array, free: Array
+) -> None:
+    """Bring a plan inside the bounds, and write its inputs.
+
+    A stage's mean input is brought there first, so that some of it is always free.
     """
     steps, substeps = inputs.shape[:2]
     for i in range(steps):
@@ -275,57 +394,16 @@ def _evaluate(
                 wanted = target.inputs[i, j, k] + deviation[i, k]
                 inputs[i, j, k] = min(max(wanted, u_min[k]), u_max[k])
                 free[i, j, k] = 1.0 if abs(inputs[i, j, k] - wanted) < _ROUNDING else 0.0
-    roll_out(model, step, a_W, thrust_scale, inputs, start, states)
-    return tracking_cost(weights, states, target, deviation, errors)
 
 
 @compiled
-def _linearise(
-    model: Model,
-    step: float,
-    a_W: Array,
-    thrust_scale: float,
-    inputs: Array,
-    free: Array,
-    states: Motion,
-    errors: Array,
-    deviation: Array,
-    target: Target,
-    weights: Weights,
-    u_min: Array,
-    u_max: Array,
-    A: Array,
-    B: Array,
-    H: Array,
-    g: Array,
-    r: Array,
-    lower: Array,
-    upper: Array,
-) -> None:
-    """Write the QP in the change of a plan; nothing changes is always allowed."""
-    jacobians(model, step, a_W, thrust_scale, inputs, free, states, A, B)
-    quadratic_cost(weights, errors, H, g)
-    for i in range(len(deviation)):
-        for k in range(4):
-            planned = target.mean_inputs[i, k] + deviation[i, k]
-            r[i, k] = weights.R[k] * deviation[i, k]
-            lower[i, k] = min(u_min[k] - planned, 0.0)
-            upper[i, k] = max(u_max[k] - planned, 0.0)
-
-
-@compiled
-def _shifted(inputs: Array, elapsed: float) -> Array:
-    """Return inputs (N, 4) as they are ``elapsed`` stages later, the last one held.
-
-    A time before the plan, of a clock that was set back, is its beginning: there is no other.
-    """
+def _shift(inputs: Array, elapsed: float, shifted: Array) -> None:
+    """Write inputs (N, 4) as they are ``elapsed`` stages later, the last one held."""
     last = len(inputs) - 1
     elapsed = min(max(elapsed, 0.0), float(len(inputs)))
     whole = int(elapsed)
     share = elapsed - whole
-    shifted = np.empty_like(inputs)
     for i in range(len(inputs)):
         now, then = min(i + whole, last), min(i + whole + 1, last)
         for k in range(4):
             shifted[i, k] = (1.0 - share) * inputs[now, k] + share * inputs[then, k]
-    return shifted

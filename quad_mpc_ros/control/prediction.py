@@ -17,14 +17,13 @@ Tangent order of the horizon: position, velocity, attitude, body rate, throttle.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.core import compiled as so3
 from quad_mpc_ros.core.compiled import compiled
-from quad_mpc_ros.core.messages import Array, OdometrySample
+from quad_mpc_ros.core.messages import Array
 from quad_mpc_ros.core.vehicle import Vehicle
 
 POSITION = slice(0, 3)
@@ -38,8 +37,7 @@ INPUT_SIZE = 4
 SUBSTEPS = 4
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Disturbance:
+class Disturbance(NamedTuple):
     """What the model does not explain: an acceleration (3,) [m/s^2], and the thrust's scale."""
 
     a_W: Array
@@ -96,15 +94,9 @@ def motion(count: int) -> Motion:
     )
 
 
-def motion_of(odometry: OdometrySample) -> Motion:
-    """Return the one state of an odometry whose twist is in the body; its throttle is zero."""
-    x = motion(1)
-    _read(odometry.p_WB, odometry.q_WB_xyzw, odometry.v_WB_B, odometry.w_WB_B, x)
-    return x
-
-
 @compiled
-def _read(p_WB: Array, q_WB_xyzw: Array, v_WB_B: Array, w_WB_B: Array, x: Motion) -> None:
+def read_odometry(p_WB: Array, q_WB_xyzw: Array, v_WB_B: Array, w_WB_B: Array, x: Motion) -> None:
+    """Write the one state of an odometry whose twist is in the body, but for its throttle."""
     R = so3.rotation((q_WB_xyzw[0], q_WB_xyzw[1], q_WB_xyzw[2], q_WB_xyzw[3]))
     so3.store_vector(so3.vector(p_WB), x.p_WB[0])
     so3.store_vector(so3.apply(R, so3.vector(v_WB_B)), x.v_WB_W[0])
@@ -158,8 +150,8 @@ def _lag(time_constant: float, dt: float) -> tuple[float, float]:
 Actuators = tuple[float, float, float, float]
 
 
-class _Body(NamedTuple):
-    """A state as plain numbers."""
+class Body(NamedTuple):
+    """A state as plain numbers, for compiled code."""
 
     p: so3.Vector
     v: so3.Vector
@@ -168,27 +160,35 @@ class _Body(NamedTuple):
 
 
 class _Middle(NamedTuple):
-    """A substep half way: mean of the actuators, half of the turn, attitude."""
+    """A substep half way: mean of the actuators, the thrust's acceleration, half of the turn as a
+    vector and as a rotation, attitude.
+    """
 
     mean: Actuators
+    push: float
     half_turn: so3.Vector
     half: so3.Matrix
     R: so3.Matrix
 
 
 @compiled
-def _load(x: Motion, k: int) -> _Body:
-    a = x.actuators[k]
-    return _Body(
+def input_at(u: Array) -> Actuators:
+    """Return throttle and rates (4,) as plain numbers."""
+    return u[0], u[1], u[2], u[3]
+
+
+@compiled
+def _load(x: Motion, k: int) -> Body:
+    return Body(
         so3.vector(x.p_WB[k]),
         so3.vector(x.v_WB_W[k]),
         so3.matrix(x.R_WB[k]),
-        (a[0], a[1], a[2], a[3]),
+        input_at(x.actuators[k]),
     )
 
 
 @compiled
-def _store(body: _Body, x: Motion, k: int) -> None:
+def _store(body: Body, x: Motion, k: int) -> None:
     so3.store_vector(body.p, x.p_WB[k])
     so3.store_vector(body.v, x.v_WB_W[k])
     so3.store_matrix(body.R, x.R_WB[k])
@@ -214,8 +214,8 @@ def _substep(
     d_W: so3.Vector,
     thrust_scale: float,
     command: Actuators,
-    x: _Body,
-) -> tuple[_Body, _Middle]:
+    x: Body,
+) -> tuple[Body, _Middle]:
     """Return the state after a substep under a command, and half way."""
     mean = _followed(step.share, x.actuators, command)
     half_turn = so3.scaled(0.5 * step.dt, (mean[1], mean[2], mean[3]))
@@ -224,13 +224,31 @@ def _substep(
     push = thrust_scale * ((model.a * mean[0] + model.b) * mean[0] + model.c)
     force = so3.plus(so3.scaled(push, so3.column(R_mid, 2)), d_W)
     a = force[0], force[1], force[2] - model.gravity
-    after = _Body(
+    after = Body(
         so3.plus(x.p, so3.plus(so3.scaled(step.phi1, x.v), so3.scaled(step.phi2, a))),
         so3.plus(so3.scaled(step.velocity_decay, x.v), so3.scaled(step.phi1, a)),
         so3.multiply(R_mid, half),
         _followed(step.decay, x.actuators, command),
     )
-    return after, _Middle(mean, half_turn, half, R_mid)
+    return after, _Middle(mean, push, half_turn, half, R_mid)
+
+
+@compiled
+def moved_on(
+    model: Model,
+    d_W: so3.Vector,
+    thrust_scale: float,
+    command: Actuators,
+    duration: float,
+    longest: float,
+    x: Body,
+) -> Body:
+    """Return a state after a duration under a command, in substeps of ``longest`` [s] at most."""
+    count = max(1, math.ceil(duration / longest - 1e-9))
+    step = _discretised(model, duration / count)
+    for _ in range(count):
+        x, _middle = _substep(model, step, d_W, thrust_scale, command, x)
+    return x
 
 
 @compiled
@@ -238,23 +256,19 @@ def advance(
     model: Model,
     a_W: Array,
     thrust_scale: float,
-    command: Array,
-    duration: float,
+    commands: Array,
+    durations: Array,
     longest: float,
     states: Motion,
 ) -> None:
-    """Move the only one of ``states`` on by ``duration`` [s] under a command (4,).
+    """Move the only one of ``states`` on under commands (n, 4), each for a duration (n,) [s].
 
     In substeps of ``longest`` [s] at most.
     """
-    if duration <= 0.0:
-        return
-    count = max(1, math.ceil(duration / longest - 1e-9))
-    step = _discretised(model, duration / count)
-    held = (command[0], command[1], command[2], command[3])
     x, d_W = _load(states, 0), so3.vector(a_W)
-    for _ in range(count):
-        x, _middle = _substep(model, step, d_W, thrust_scale, held, x)
+    for k in range(len(durations)):
+        command = input_at(commands[k])
+        x = moved_on(model, d_W, thrust_scale, command, durations[k], longest, x)
     _store(x, states, 0)
 
 
@@ -278,7 +292,7 @@ def roll_out(
     _store(x, states, 0)
     for i in range(steps):
         for j in range(substeps):
-            command = inputs[i, j, 0], inputs[i, j, 1], inputs[i, j, 2], inputs[i, j, 3]
+            command = input_at(inputs[i, j])
             x, _middle = _substep(model, discretisation, d_W, thrust_scale, command, x)
         _store(x, states, i + 1)
 
@@ -295,34 +309,35 @@ def jacobians(
     thrust_scale: float,
     inputs: Array,
     free: Array,
+    start: Motion,
     states: Motion,
     A: Array,
     B: Array,
 ) -> None:
-    """Write A (N, nx, nx) and B (N, nx, 4) of every stage along a rollout.
+    """Roll out as :func:`roll_out` does, and write A (N, nx, nx) and B (N, nx, 4) on the way.
 
     ``nx`` is 13, or 9 without what actuators that do not lag need not have. The input of a stage
     moves the commands of all its substeps alike, but for those that are not ``free`` (N, M, 4):
     one, or zero for a command that a bound holds.
     """
     steps, substeps = inputs.shape[:2]
+    lagging = A.shape[1] > _WITHOUT_ACTUATORS
     d = _discretised(model, step / substeps)
-    d_W = so3.vector(a_W)
+    x, d_W = _load(start, 0), so3.vector(a_W)
+    _store(x, states, 0)
     # Sensitivities of attitude, velocity and position.
     dR, dv, dp = np.empty((_TURNING, 3)), np.empty((_TURNING, 3)), np.empty((_TURNING, 3))
     for i in range(steps):
-        x = _load(states, i)
         _begin(dR, dv, dp)
         kept, gained = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0)
         by_throttle = by_command = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         own_v, own_p = 1.0, 0.0
         for j in range(substeps):
-            command = inputs[i, j, 0], inputs[i, j, 1], inputs[i, j, 2], inputs[i, j, 3]
-            let = free[i, j, 0], free[i, j, 1], free[i, j, 2], free[i, j, 3]
+            command, let = input_at(inputs[i, j]), input_at(free[i, j])
             x, middle = _substep(model, d, d_W, thrust_scale, command, x)
             mean_kept = _followed(d.share, kept, (0.0, 0.0, 0.0, 0.0))
             mean_gained = _followed(d.share, gained, let)
-            _turn_on(model, d, thrust_scale, middle, mean_kept, mean_gained, dR, dv, dp)
+            _turn_on(d, middle, mean_kept, mean_gained, lagging, dR, dv, dp)
             slope = thrust_scale * (2.0 * model.a * middle.mean[0] + model.b)
             push = so3.scaled(slope, so3.column(middle.R, 2))
             by_throttle = _push_on(d, so3.scaled(mean_kept[0], push), by_throttle)
@@ -331,8 +346,9 @@ def jacobians(
             gained = _followed(d.decay, gained, let)
             own_p += d.phi1 * own_v
             own_v *= d.velocity_decay
+        _store(x, states, i + 1)
         _fill(A[i], B[i], own_p, own_v, dR, dv, dp, by_command)
-        if A.shape[1] > _WITHOUT_ACTUATORS:
+        if lagging:
             _fill_actuators(A[i], B[i], kept, gained, dR, dv, dp, by_throttle)
 
 
@@ -358,22 +374,24 @@ def _push_on(
 
 @compiled
 def _turn_on(
-    model: Model,
     d: _Discretisation,
-    thrust_scale: float,
     middle: _Middle,
     mean_kept: Actuators,
     mean_gained: Actuators,
+    lagging: bool,
     dR: Array,
     dv: Array,
     dp: Array,
 ) -> None:
-    """Carry the sensitivities to what turns the body, (9, 3) each, over a substep."""
-    mean = middle.mean
-    push = thrust_scale * ((model.a * mean[0] + model.b) * mean[0] + model.c)
+    """Carry the sensitivities to what turns the body, (9, 3) each, over a substep.
+
+    Those to rates that do not lag are zero.
+    """
     J = so3.right_jacobian(middle.half_turn)
     x_axis, y_axis = so3.column(middle.R, 0), so3.column(middle.R, 1)
     for n in range(_TURNING):
+        if _FROM_RATE <= n < _FROM_COMMAND and not lagging:
+            continue
         # By how much half of the turn moves.
         half = (0.0, 0.0, 0.0)
         if n >= _FROM_COMMAND:
@@ -383,7 +401,7 @@ def _turn_on(
         turned = so3.plus(so3.apply_transposed(middle.half, so3.vector(dR[n])), half)
         # The thrust's direction moves by R (phi x e3).
         acceleration = so3.scaled(
-            push, so3.plus(so3.scaled(turned[1], x_axis), so3.scaled(-turned[0], y_axis))
+            middle.push, so3.plus(so3.scaled(turned[1], x_axis), so3.scaled(-turned[0], y_axis))
         )
         v, p = _push_on(d, acceleration, (so3.vector(dv[n]), so3.vector(dp[n])))
         so3.store_vector(v, dv[n])

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from quad_mpc_ros.control.command_history import CommandHistory
+from quad_mpc_ros.control.command_history import CommandHistory, acting_between
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimator import VehicleEstimator
+from quad_mpc_ros.control.estimator import Memory, VehicleEstimator, follow, start_at
 from quad_mpc_ros.control.prediction import (
     NO_DISTURBANCE,
     Disturbance,
+    Model,
     Motion,
     advance,
     model_of,
-    motion_of,
+    motion,
+    read_odometry,
 )
 from quad_mpc_ros.control.situation import Situation
+from quad_mpc_ros.core import compiled as so3
+from quad_mpc_ros.core.compiled import compiled
 from quad_mpc_ros.core.messages import Array, OdometrySample
 from quad_mpc_ros.core.state import Input
 
@@ -49,7 +54,11 @@ class StatePredictor:
         self._estimator = VehicleEstimator(
             self._model, throttle=hover.throttle, learning=self._learning
         )
-        self._previous: tuple[OdometrySample, Array] | None = None
+        self._follows = self._learning or self._model.thrust_time_constant > 0.0
+        self._now = motion(1)
+        self._previous_ns: int | None = None
+        # Of the previous odometry: what is predicted overwrites the state.
+        self._R_WB, self._w_WB_B = np.eye(3), np.zeros(3)
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -74,70 +83,142 @@ class StatePredictor:
         """
         if engaged and not self._engaged:
             self._history.forget()
-            self._previous = None
+            self._previous_ns = None
             self._was_idle = True
         self._engaged = engaged
 
     def predict(self, odometry: OdometrySample) -> Situation:
-        """Return the situation in which a command sent now will begin to act."""
-        now = motion_of(odometry)
-        self._follow(odometry, now)
-        now.actuators[0, 0] = self._estimator.throttle
-        acts_ns = odometry.stamp_ns + self._delay_ns
+        """Return the situation in which a command sent now will begin to act.
+
+        Its motion is overwritten by the next.
+        """
+        stamp_ns = odometry.stamp_ns
+        previous_ns = self._followed_from(stamp_ns)
+        if previous_ns is None:
+            self._estimator.begin()
+        _arrive(
+            odometry.p_WB,
+            odometry.q_WB_xyzw,
+            odometry.v_WB_B,
+            odometry.w_WB_B,
+            *self._now,
+            self._follows,
+            self._learning,
+            previous_ns is None,
+            stamp_ns if previous_ns is None else previous_ns,
+            stamp_ns,
+            self._engaged,
+            self._settling_ns(odometry),
+            *self._model,
+            *self._estimator.memory,
+            *self._history.rows,
+            *self._history.room,
+            *self._bounds,
+            self._R_WB,
+            self._w_WB_B,
+        )
+        self._previous_ns = stamp_ns
         d, model = self.disturbance, self._estimator.model
-        for interval in self._history.between(odometry.stamp_ns, acts_ns):
+        acts_ns = stamp_ns + self._delay_ns
+        if self._delay_ns > 0:
+            acting = self._history.between(stamp_ns, acts_ns)
             advance(
                 model,
                 d.a_W,
                 d.thrust_scale,
-                interval.command.vector(),
-                interval.duration,
+                acting.commands,
+                acting.durations,
                 _LONGEST,
-                now,
+                self._now,
             )
-        return Situation(
-            stamp_ns=acts_ns,
-            motion=now,
-            throttle_sent=self._sent.throttle,
-            model=model,
-            disturbance=d,
-        )
+        return Situation(acts_ns, self._now, self._sent.throttle, model, d)
 
-    def _follow(self, odometry: OdometrySample, now: Motion) -> None:
-        """Bring what nobody measures up to an odometry."""
-        if not self._learning and self._model.thrust_time_constant == 0.0:
-            return  # nothing to follow
-        R_WB = now.R_WB[0].copy()  # what is predicted from here on overwrites it
-        if self._previous is None or not self._follows(odometry, self._previous[0]):
-            self._estimator.start(now.v_WB_W[0])
-        else:
-            before, R_before = self._previous
-            acting = list(self._history.between(before.stamp_ns, odometry.stamp_ns))
-            low, high = self._bounds
-            saturated = any(not low < interval.command.throttle < high for interval in acting)
-            self._estimator.follow(
-                R_before=R_before,
-                w_before=before.w_WB_B,
-                R_after=R_WB,
-                w_after=odometry.w_WB_B,
-                v_after=now.v_WB_W[0],
-                acting=acting,
-                frozen=saturated or not self._have_acted(before.stamp_ns, now.v_WB_W[0]),
-            )
-        self._previous = (odometry, R_WB)
-
-    @staticmethod
-    def _follows(odometry: OdometrySample, before: OdometrySample) -> bool:
-        """Whether there is something to be learned from one odometry to the next.
+    def _followed_from(self, stamp_ns: int) -> int | None:
+        """Return the stamp of the odometry from which there is something to be learned to another.
 
         Not across a long silence, nor from a clock to one that was set.
         """
-        return 0 <= odometry.stamp_ns - before.stamp_ns <= _LONGEST_GAP_NS
+        previous_ns = self._previous_ns
+        if previous_ns is not None and 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
+            return previous_ns
+        return None
 
-    def _have_acted(self, time_ns: int, v_WB_W: Array) -> bool:
-        """Whether the commands sent from here act, and have for long enough to be judged by."""
-        settling_ns = 0
-        if self._was_idle:
-            resting = float(v_WB_W @ v_WB_W) < _REST_SPEED**2
-            settling_ns = _SPOOLING_NS if resting else _SETTLING_NS
-        return self._engaged and self._history.knows(time_ns - settling_ns)
+    def _settling_ns(self, odometry: OdometrySample) -> int:
+        """Return for how long commands must have acted before the vehicle is judged by them."""
+        if not self._was_idle:
+            return 0
+        return _SPOOLING_NS if odometry.speed < _REST_SPEED else _SETTLING_NS
+
+
+@compiled
+def _arrive(
+    # the odometry
+    p_WB: Array,
+    q_WB_xyzw: Array,
+    v_WB_B: Array,
+    w_WB_B: Array,
+    # its state
+    p_now: Array,
+    v_now: Array,
+    R_now: Array,
+    actuators_now: Array,
+    follows: bool,
+    learning: bool,
+    is_first: bool,
+    previous_ns: int,
+    stamp_ns: int,
+    engaged: bool,
+    settling_ns: int,
+    # the model
+    a: float,
+    b: float,
+    c: float,
+    drag: float,
+    gravity: float,
+    thrust_time_constant: float,
+    rate_time_constant: float,
+    # the estimator's memory
+    x: Array,
+    P: Array,
+    throttle: Array,
+    rate_lag: Array,
+    flown: Array,
+    # the commands sent, and room for those that acted
+    acts_ns: NDArray[np.int64],
+    sent: Array,
+    count: int,
+    durations: Array,
+    commands: Array,
+    throttle_min: float,
+    throttle_max: float,
+    # of the previous odometry
+    R_before: Array,
+    w_before: Array,
+) -> None:
+    """Read an odometry, and bring up to it what nobody measures."""
+    now = Motion(p_now, v_now, R_now, actuators_now)
+    read_odometry(p_WB, q_WB_xyzw, v_WB_B, w_WB_B, now)
+    if follows and is_first:
+        start_at(x, P, v_now[0])
+    elif follows:
+        acted = acting_between(acts_ns, sent, count, previous_ns, stamp_ns, durations, commands)
+        # What acted is not known, or has not acted for long enough.
+        frozen = not engaged or count == 0 or acts_ns[0] > previous_ns - settling_ns
+        for k in range(acted):
+            frozen |= not throttle_min < commands[k, 0] < throttle_max
+        follow(
+            Model(a, b, c, drag, gravity, thrust_time_constant, rate_time_constant),
+            Memory(x, P, throttle, rate_lag, flown),
+            durations[:acted],
+            commands[:acted],
+            R_before,
+            w_before,
+            R_now[0],
+            w_WB_B,
+            v_now[0],
+            learning,
+            frozen,
+        )
+    actuators_now[0, 0] = throttle[0]
+    so3.store_matrix(so3.matrix(R_now[0]), R_before)
+    so3.store_vector(so3.vector(w_WB_B), w_before)

@@ -15,7 +15,7 @@ import osqp
 
 from quad_mpc_ros.control.config import SolverParameters
 from quad_mpc_ros.control.horizon_qp import HorizonQP
-from quad_mpc_ros.core.compiled import largest
+from quad_mpc_ros.core.compiled import compiled, largest
 from quad_mpc_ros.core.messages import Array
 
 
@@ -35,6 +35,8 @@ class QpSolution(NamedTuple):
 
 
 _LARGEST = 1e15
+_SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
+_OUT_OF_TIME = int(osqp.SolverStatus.OSQP_TIME_LIMIT_REACHED)
 _REFUSED = QpSolution(
     solved=False,
     status="not finite or too large",
@@ -44,6 +46,18 @@ _REFUSED = QpSolution(
     dual_residual=0.0,
     solve_time=0.0,
 )
+
+
+class _Compiled(NamedTuple):
+    """OSQP's compiled solver, and where it says how it went and what it found.
+
+    ``solution.x`` and ``.y`` are copies, new at each look. ``problem`` is what OSQP wraps it in.
+    """
+
+    problem: osqp.OSQP
+    solver: Any
+    info: Any
+    solution: Any
 
 
 class QpSolver:
@@ -56,7 +70,7 @@ class QpSolver:
         self._qp = qp
         self._parameters = parameters
         self._time_limit = time_limit
-        self._osqp: osqp.OSQP | None = None
+        self._osqp: _Compiled | None = None
         self._z = self._zero = np.zeros(qp.A.shape[1])
         self._y = np.zeros(qp.A.shape[0])
 
@@ -68,27 +82,26 @@ class QpSolver:
         if not self._is_solvable():
             self.forget()
             return _REFUSED
-        solver = self._updated()
+        _, solver, info, solution = self._updated()
         solver.warm_start(self._zero if from_zero else self._z, self._y)
         solver.solve()
-        info, x, y = solver.info, solver.solution.x, solver.solution.y
+        x, y = solution.x, solution.y
         # A solver may say "solved" and return NaN; the plan is what flies, so look at the plan.
-        finite = math.isfinite(largest(x)) and math.isfinite(largest(y))
-        solved = finite and info.status_val == osqp.SolverStatus.OSQP_SOLVED
-        late = finite and info.status_val == osqp.SolverStatus.OSQP_TIME_LIMIT_REACHED
+        finite = _are_finite(x, y)
+        solved = finite and info.status_val == _SOLVED
+        late = finite and info.status_val == _OUT_OF_TIME
         if solved or late:  # what has been gained so far is not lost for the next one
-            # Copies: what the solver returns may be its own memory.
-            self._z, self._y = np.array(x), np.array(y)
+            self._z, self._y = x, y
         else:
             self.forget()
         return QpSolution(
             solved=solved,
             status=info.status if finite else "not finite",
             z=self._z,
-            iterations=int(info.iter),
-            primal_residual=float(info.prim_res),
-            dual_residual=float(info.dual_res),
-            solve_time=float(info.run_time),
+            iterations=info.iter,
+            primal_residual=info.prim_res,
+            dual_residual=info.dual_res,
+            solve_time=info.run_time,
         )
 
     def forget(self) -> None:
@@ -108,7 +121,7 @@ class QpSolver:
         """Return OSQP's limit on time, which makes it look at the clock in each iteration."""
         return {"time_limit": self._time_limit} if math.isfinite(self._time_limit) else {}
 
-    def _updated(self) -> Any:
+    def _updated(self) -> _Compiled:
         """Return OSQP's compiled solver with the problem as it stands."""
         qp = self._qp
         if self._osqp is None:
@@ -137,9 +150,18 @@ class QpSolver:
                 adaptive_rho_interval=10,
                 **self._limited(),
             )
-            self._osqp = solver  # only now: a setup that raises leaves none behind
+            # Only now: a setup that raises leaves none behind.
+            compiled_solver = solver._solver
+            self._osqp = _Compiled(
+                solver, compiled_solver, compiled_solver.info, compiled_solver.solution
+            )
         else:
-            compiled = self._osqp._solver
-            compiled.update_data_vec(q=qp.q, l=qp.lower, u=qp.upper)
-            compiled.update_data_mat(P_x=qp.P.data, P_i=None, A_x=qp.A.data, A_i=None)
-        return self._osqp._solver
+            # By position: pybind11 takes a microsecond to sort out names.
+            self._osqp.solver.update_data_vec(qp.q, qp.lower, qp.upper)
+            self._osqp.solver.update_data_mat(qp.P.data, None, qp.A.data, None)
+        return self._osqp
+
+
+@compiled
+def _are_finite(x: Array, y: Array) -> bool:
+    return math.isfinite(largest(x)) and math.isfinite(largest(y))

@@ -12,12 +12,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.control.prediction import INPUT_SIZE, Disturbance, Model
 from quad_mpc_ros.core import compiled as so3
 from quad_mpc_ros.core.compiled import compiled
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
-from quad_mpc_ros.core.reference import reference_points, sample_into
+from quad_mpc_ros.core.reference import sample_into
 
 
 class Target(NamedTuple):
@@ -53,8 +54,6 @@ class TargetSampler:
         count = steps * substeps
         self._offsets = np.rint(self._dt * 1e9 * np.arange(count + 1)).astype(np.int64)
         self._target = empty_target(steps, substeps)
-        self._points = reference_points((count + 1,))
-        self._held = np.zeros((count + 1, INPUT_SIZE))
 
     def sample(
         self,
@@ -67,45 +66,91 @@ class TargetSampler:
         u_max: Array,
     ) -> Target:
         """Return the target of a horizon from ``stamp_ns`` on; it is overwritten by the next."""
-        points = self._points
-        sample_into(window, stamp_ns + self._offsets, points)
-        _fill(
-            model,
+        _sample(
+            stamp_ns - window.stamp_ns,
+            self._offsets,
+            window.offset_ns,
+            window.p_WB,
+            window.q_WB_xyzw,
+            window.v_WB_W,
+            window.a_WB_W,
+            window.w_WB_W,
+            *model,
             self._dt,
-            (points.p_WB, points.R_WB, points.v_WB_W, points.a_WB_W, points.w_WB_B),
             disturbance.a_W,
             disturbance.thrust_scale,
             u_min,
             u_max,
-            self._held,
-            self._target,
+            *self._target,
         )
         return self._target
 
 
-_Points = tuple[Array, Array, Array, Array, Array]
-
-
 @compiled
-def _fill(
-    model: Model,
+def _sample(
+    elapsed_ns: int,
+    substeps_ns: NDArray[np.int64],
+    offset_ns: NDArray[np.int64],
+    # samples of the window
+    p_WB: Array,
+    q_WB_xyzw: Array,
+    v_WB_W: Array,
+    a_WB_W: Array,
+    w_WB_W: Array,
+    # the model
+    a: float,
+    b: float,
+    c: float,
+    drag: float,
+    gravity: float,
+    thrust_time_constant: float,
+    rate_time_constant: float,
     dt: float,
-    points: _Points,
     d_W: Array,
     thrust_scale: float,
     u_min: Array,
     u_max: Array,
-    held: Array,
-    target: Target,
+    # the target
+    p_target: Array,
+    v_target: Array,
+    R_target: Array,
+    inputs: Array,
+    mean_inputs: Array,
 ) -> None:
-    """Write the target from the reference at the ends of all substeps (N M + 1)."""
-    p, R, v, a, w = points
-    steps, substeps = target.inputs.shape[:2]
-    d = so3.vector(d_W)
-    for k in range(len(p)):
-        R_held, held[k, 0] = _hold(
-            model, so3.matrix(R[k]), so3.vector(v[k]), so3.vector(a[k]), d, thrust_scale
-        )
+    """Write the target from a window and the times of the ends of all substeps (N M + 1)."""
+    model = Model(a, b, c, drag, gravity, thrust_time_constant, rate_time_constant)
+    target = Target(p_target, v_target, R_target, inputs, mean_inputs)
+    count, d = len(substeps_ns), so3.vector(d_W)
+    p, R, v = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3))
+    dv, w = np.empty((count, 3)), np.empty((count, 3))
+    sample_into(
+        elapsed_ns + substeps_ns,
+        offset_ns,
+        p_WB,
+        q_WB_xyzw,
+        v_WB_W,
+        a_WB_W,
+        w_WB_W,
+        p,
+        R,
+        v,
+        dv,
+        w,
+    )
+    substeps = inputs.shape[1]
+    held = np.empty((count, INPUT_SIZE))
+    R_held, throttle = so3.matrix(R[0]), 0.0
+    for k in range(count):
+        if k == 0 or not _is_same(R, v, dv, k):
+            R_held, throttle = _hold(
+                model,
+                so3.matrix(R[k]),
+                so3.vector(v[k]),
+                so3.vector(dv[k]),
+                d,
+                thrust_scale,
+            )
+        held[k, 0] = throttle
         for n in range(3):
             held[k, 1 + n] = w[k, n]
         if k > 0 and k % substeps == 0:
@@ -113,7 +158,28 @@ def _fill(
             so3.store_vector(so3.vector(p[k]), target.p_WB[i])
             so3.store_vector(so3.vector(v[k]), target.v_WB_W[i])
             so3.store_matrix(R_held, target.R_WB[i])
-    for n in range(4):
+    _lead(model, dt, held, u_min, u_max, target)
+
+
+@compiled
+def _is_same(R: Array, v: Array, a: Array, k: int) -> bool:
+    """Whether the reference moves as it did one substep before, as it does at rest."""
+    for i in range(3):
+        if v[k, i] != v[k - 1, i] or a[k, i] != a[k - 1, i]:
+            return False
+        for j in range(3):
+            if R[k, i, j] != R[k - 1, i, j]:
+                return False
+    return True
+
+
+@compiled
+def _lead(
+    model: Model, dt: float, held: Array, u_min: Array, u_max: Array, target: Target
+) -> None:
+    """Write the commands that make actuators follow inputs (N M + 1, 4), and their means."""
+    steps, substeps = target.inputs.shape[:2]
+    for n in range(INPUT_SIZE):
         lag = model.thrust_time_constant if n == 0 else model.rate_time_constant
         for i in range(steps):
             total = 0.0

@@ -41,63 +41,68 @@ def sample(window: ReferenceWindow, stamps_ns: ArrayLike) -> ReferencePoints:
     Before the first sample the first one holds; from the last one on its pose holds, at rest.
     """
     times = np.asarray(stamps_ns, dtype=np.int64)
-    points = reference_points(times.shape)
-    sample_into(window, times, points)
-    return points
-
-
-def reference_points(shape: tuple[int, ...]) -> ReferencePoints:
-    """Return room for the reference at times of a shape."""
-    return ReferencePoints(
-        p_WB=np.empty((*shape, 3)),
-        R_WB=np.empty((*shape, 3, 3)),
-        v_WB_W=np.empty((*shape, 3)),
-        a_WB_W=np.empty((*shape, 3)),
-        w_WB_B=np.empty((*shape, 3)),
-    )
-
-
-def sample_into(
-    window: ReferenceWindow, stamps_ns: NDArray[np.int64], points: ReferencePoints
-) -> None:
-    """Write what :func:`sample` returns into ``points`` of the same shape."""
-    _sample(
-        stamps_ns.reshape(-1) - window.stamp_ns,
+    count = times.size
+    p, v, a, w = (np.empty((count, 3)) for _ in range(4))
+    R = np.empty((count, 3, 3))
+    sample_into(
+        times.reshape(-1) - window.stamp_ns,
         window.offset_ns,
-        (window.p_WB, window.q_WB_xyzw, window.v_WB_W, window.a_WB_W, window.w_WB_W),
-        (
-            points.p_WB.reshape(-1, 3),
-            points.R_WB.reshape(-1, 3, 3),
-            points.v_WB_W.reshape(-1, 3),
-            points.a_WB_W.reshape(-1, 3),
-            points.w_WB_B.reshape(-1, 3),
-        ),
+        window.p_WB,
+        window.q_WB_xyzw,
+        window.v_WB_W,
+        window.a_WB_W,
+        window.w_WB_W,
+        p,
+        R,
+        v,
+        a,
+        w,
     )
-
-
-_Samples = tuple[Array, Array, Array, Array, Array]
+    return ReferencePoints(
+        p_WB=p.reshape(*times.shape, 3),
+        R_WB=R.reshape(*times.shape, 3, 3),
+        v_WB_W=v.reshape(*times.shape, 3),
+        a_WB_W=a.reshape(*times.shape, 3),
+        w_WB_B=w.reshape(*times.shape, 3),
+    )
 
 
 @compiled
-def _sample(
-    times: NDArray[np.int64], offsets: NDArray[np.int64], samples: _Samples, points: _Samples
+def sample_into(
+    times: NDArray[np.int64],
+    offsets: NDArray[np.int64],
+    p: Array,
+    q: Array,
+    v: Array,
+    a: Array,
+    w: Array,
+    p_at: Array,
+    R_at: Array,
+    v_at: Array,
+    a_at: Array,
+    w_at: Array,
 ) -> None:
-    """Write the points at times after the window's stamp [ns]."""
-    p, q, v, a, w = samples
-    p_at, R_at, v_at, a_at, w_at = points
+    """Write the points ``.._at`` times (n,) [ns] after the stamp of a window of samples.
+
+    The samples are a window's p_WB, q_WB_xyzw, v_WB_W, a_WB_W, w_WB_W.
+    """
     last = len(offsets) - 1
-    segment = -1
+    lower, segment, still = 0, -1, False
     R, turn, w_before, w_after = _segment(q, w, 0, 0)
     for k in range(len(times)):
         time = times[k]
-        # side="right": of two samples at the same time the later one holds from that time on.
-        lower = max(np.searchsorted(offsets, time, side="right") - 1, 0)
+        # Of two samples at the same time the later one holds from that time on.
+        while lower < last and offsets[lower + 1] <= time:
+            lower += 1
+        while lower > 0 and offsets[lower] > time:
+            lower -= 1
         holds = lower == last or time <= offsets[0]
         upper = lower if holds else lower + 1
         if lower != segment:
             R, turn, w_before, w_after = _segment(q, w, lower, upper)
             segment = lower if not holds else -1
-        if holds:
+            still = not holds and _is_still(p, q, v, a, w, lower)
+        if holds or still:
             moving = 1.0 if lower < last else 0.0
             for i in range(3):
                 p_at[k, i] = p[lower, i]
@@ -121,6 +126,19 @@ def _sample(
         x2, s2 = _cubic(0.0, turn[2], w_before[2], w_after[2], fraction, width)
         so3.store_matrix(so3.multiply(R, so3.exp((x0, x1, x2))), R_at[k])
         so3.store_vector(so3.apply(so3.right_jacobian((x0, x1, x2)), (s0, s1, s2)), w_at[k])
+
+
+@compiled
+def _is_still(p: Array, q: Array, v: Array, a: Array, w: Array, lower: int) -> bool:
+    """Whether nothing moves between a sample and the next."""
+    for i in range(3):
+        for k in (lower, lower + 1):
+            if p[k, i] != p[lower, i] or v[k, i] != 0.0 or a[k, i] != 0.0 or w[k, i] != 0.0:
+                return False
+    same = True
+    for i in range(4):
+        same &= q[lower + 1, i] == q[lower, i]
+    return same
 
 
 @compiled

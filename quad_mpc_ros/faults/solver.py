@@ -15,6 +15,11 @@ from typing import Any
 import numpy as np
 import osqp
 
+_FAILED: dict[str, Any] = {
+    "status_val": osqp.SolverStatus.OSQP_MAX_ITER_REACHED,
+    "status": "maximum iterations reached",
+}
+
 
 class SolverFault(enum.Enum):
     """What the solver does instead of solving."""
@@ -72,28 +77,35 @@ class _Compiled:
 
     @property
     def info(self) -> Any:
-        if self._faults.fault is not SolverFault.FAIL:
-            return self._solver.info
-        status = osqp.SolverStatus.OSQP_MAX_ITER_REACHED
-        return _Changed(self._solver.info, status_val=status, status="maximum iterations reached")
+        return _Info(self._solver.info, self._faults)
 
     @property
     def solution(self) -> Any:
-        solution = self._solver.solution
-        if self._faults.fault is not SolverFault.LIE:
-            return solution
-        return _Changed(solution, x=np.full_like(solution.x, np.nan))
+        return _Solution(self._solver.solution, self._faults)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._solver, name)
 
 
-class _Changed:
-    """An object but for some attributes."""
+class _Info:
+    """What OSQP tells of a solve, but for the fault of the moment: it is fetched once for all."""
 
-    def __init__(self, original: Any, **changes: Any) -> None:
-        self._original = original
-        self.__dict__.update(changes)
+    def __init__(self, info: Any, faults: FaultySolver) -> None:
+        self._info, self._faults = info, faults
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._original, name)
+        if self._faults.fault is SolverFault.FAIL and name in _FAILED:
+            return _FAILED[name]
+        return getattr(self._info, name)
+
+
+class _Solution:
+    """OSQP's solution but for the fault of the moment."""
+
+    def __init__(self, solution: Any, faults: FaultySolver) -> None:
+        self._solution, self._faults = solution, faults
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self._solution, name)
+        lies = self._faults.fault is SolverFault.LIE and name == "x"
+        return np.full_like(value, np.nan) if lies else value

@@ -46,10 +46,11 @@ def test_commands_from_the_future_are_forgotten() -> None:
     for tick in range(10_000):
         history.record(sent, stamp_ns=START - DAY + tick * 20 * MS)
     now = START - DAY + 10_000 * 20 * MS
-    acting = list(history.between(now - 1000 * MS, now))
-    assert {interval.command for interval in acting} == {sent}
+    acting = history.between(now - 1000 * MS, now)
+    assert len(acting.commands) > 0
+    assert_allclose(acting.commands, np.tile(sent.vector(), (len(acting.commands), 1)))
     # What is kept is of the last seconds: nothing grows until the clock is where it was.
-    assert not history.knows(now - 5000 * MS)
+    assert not history.knows(now - 12_000 * MS)
 
 
 @pytest.mark.parametrize("shift", [-5000 * MS, 5000 * MS])

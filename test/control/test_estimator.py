@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.command_history import Interval
+from quad_mpc_ros.control.command_history import Acting
 from quad_mpc_ros.control.estimator import VehicleEstimator
 from quad_mpc_ros.control.prediction import Model, model_of
 from quad_mpc_ros.core import so3
@@ -34,6 +34,11 @@ def command(seconds: float) -> Input:
             ]
         ),
     )
+
+
+def under(u: Input) -> Acting:
+    """Return what acts under one command over a period."""
+    return Acting(durations=np.array([PERIOD]), commands=u.vector()[None])
 
 
 def flown(
@@ -76,7 +81,7 @@ def flown(
             R_after=x.R_WB,
             w_after=acting[1:] + noise * rng.normal(size=3),
             v_after=x.v_WB_W + noise * rng.normal(size=3),
-            acting=[Interval(duration=PERIOD, command=u)],
+            acting=under(u),
             frozen=frozen,
         )
     return estimator
@@ -135,7 +140,7 @@ def test_on_the_ground_it_learns_nothing() -> None:
             R_after=np.eye(3),
             w_after=np.zeros(3),
             v_after=np.zeros(3),
-            acting=[Interval(duration=PERIOD, command=turning)],
+            acting=under(turning),
             frozen=False,
         )
     assert estimator.model == modelled
@@ -155,7 +160,7 @@ def test_after_a_landing_it_keeps_what_it_learned() -> None:
             R_after=np.eye(3),
             w_after=np.zeros(3),
             v_after=np.zeros(3),
-            acting=[Interval(duration=PERIOD, command=idle)],
+            acting=under(idle),
             frozen=False,
         )
     np.testing.assert_array_equal(estimator.disturbance.a_W, before.a_W)
@@ -173,7 +178,7 @@ def test_estimates_are_bounded() -> None:
             R_after=so3.exp(rng.normal(size=3)),
             w_after=20.0 * rng.normal(size=3),
             v_after=np.full(3, 1.0 * k),
-            acting=[Interval(duration=PERIOD, command=command(0.1 * k))],
+            acting=under(command(0.1 * k)),
             frozen=False,
         )
         learned, disturbance = estimator.model, estimator.disturbance

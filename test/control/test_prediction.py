@@ -133,7 +133,7 @@ def test_jacobians_are_the_derivatives_through_box_plus(
     model = model_of(VEHICLE, rate_time_constant=lags[0], thrust_time_constant=lags[1])
     A, B = np.zeros((10, STATE_SIZE, STATE_SIZE)), np.zeros((10, STATE_SIZE, 4))
     d = DISTURBANCE
-    jacobians(model, STEP, d.a_W, d.thrust_scale, inputs, free, states, A, B)
+    jacobians(model, STEP, d.a_W, d.thrust_scale, inputs, free, states, states, A, B)
 
     def next_state(dx: Array, du: Array) -> Array:
         moved = Motion(
@@ -172,7 +172,7 @@ def test_without_lags_the_small_jacobians_are_those_of_the_large() -> None:
     for size in (9, STATE_SIZE):
         A, B = np.zeros((3, size, size)), np.zeros((3, size, 4))
         d = DISTURBANCE
-        jacobians(model, STEP, d.a_W, d.thrust_scale, inputs, free, states, A, B)
+        jacobians(model, STEP, d.a_W, d.thrust_scale, inputs, free, states, states, A, B)
         found.append((A[:, :9, :9], B[:, :9]))
     np.testing.assert_array_equal(found[0][0], found[1][0])
     np.testing.assert_array_equal(found[0][1], found[1][1])

@@ -23,11 +23,38 @@ def test_commands_act_after_the_delay_and_until_the_next() -> None:
     history = CommandHistory(delay_ns=25 * MS, initial=throttle(0.3))
     history.record(throttle(0.5), stamp_ns=0)
     history.record(throttle(0.7), stamp_ns=20 * MS)
-    acting = [
-        (round(interval.duration * 1e3, 6), interval.command.throttle)
-        for interval in history.between(10 * MS, 60 * MS)
-    ]
-    assert acting == [(15.0, 0.3), (20.0, 0.5), (15.0, 0.7)]
+    acting = history.between(10 * MS, 60 * MS)
+    np.testing.assert_allclose(acting.durations, [0.015, 0.020, 0.015], atol=1e-12)
+    np.testing.assert_array_equal(acting.commands[:, 0], [0.3, 0.5, 0.7])
+
+
+def test_of_two_commands_for_the_same_odometry_the_later_one_acts() -> None:
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3))
+    history.record(throttle(0.5), stamp_ns=20 * MS)
+    history.record(throttle(0.7), stamp_ns=20 * MS)
+    np.testing.assert_array_equal(history.between(20 * MS, 40 * MS).commands[:, 0], [0.7])
+    np.testing.assert_array_equal(history.between(10 * MS, 40 * MS).commands[:, 0], [0.3, 0.7])
+
+
+def test_after_a_clock_was_set_back_the_new_commands_act() -> None:
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3))
+    history.record(throttle(0.5), stamp_ns=1000 * MS)
+    history.record(throttle(0.7), stamp_ns=20 * MS)
+    np.testing.assert_array_equal(history.between(20 * MS, 40 * MS).commands[:, 0], [0.7])
+
+
+@pytest.mark.parametrize("period_ms", [20, 1], ids=["forgets", "grows"])
+def test_a_long_flight_remembers_the_last_two_seconds(period_ms: int) -> None:
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3))
+    stamps = np.arange(0, 20_000, period_ms)
+    for stamp in stamps:
+        history.record(throttle(stamp * 1e-5), stamp_ns=int(stamp) * MS)
+    last = int(stamps[-1]) * MS
+    acting = history.between(last - 1_900 * MS, last)
+    assert acting.durations.sum() == pytest.approx(1.9, abs=1e-9)
+    assert len(acting.commands) == 1_900 // period_ms
+    np.testing.assert_allclose(np.diff(acting.commands[:, 0]), period_ms * 1e-5)
+    assert history.knows(last - 1_900 * MS)
 
 
 def test_the_intervals_fill_the_time_whatever_was_sent() -> None:
@@ -36,7 +63,7 @@ def test_the_intervals_fill_the_time_whatever_was_sent() -> None:
     for stamp in np.cumsum(rng.integers(1, 40, 50)) * MS:
         history.record(throttle(float(rng.random())), stamp_ns=int(stamp))
     for start in range(0, 900, 37):
-        total = sum(i.duration for i in history.between(start * MS, (start + 31) * MS))
+        total = history.between(start * MS, (start + 31) * MS).durations.sum()
         assert total == pytest.approx(0.031, abs=1e-12)
 
 
@@ -113,8 +140,8 @@ def test_a_clock_that_is_set_back_is_no_end_of_knowing() -> None:
         history.record(throttle(0.5), stamp_ns=stamp)
     history.record(throttle(0.7), stamp_ns=20 * MS)
     assert history.knows(30 * MS)
-    (interval,) = history.between(30 * MS, 50 * MS)
-    assert interval.command.throttle == 0.7
+    ((command,),) = (history.between(30 * MS, 50 * MS).commands,)
+    assert command[0] == 0.7
 
 
 def _odometry(*, stamp_ns: int, v_WB_B: np.ndarray | None = None) -> OdometrySample:

@@ -64,6 +64,18 @@ def test_a_warm_start_from_the_solution_is_at_once_done(
     assert warm.primal_residual < cold.primal_residual or warm.primal_residual < 1e-6
 
 
+def test_a_solution_stays_what_it_is(qp: HorizonQP, stages: list[HorizonStages]) -> None:
+    """OSQP hands out copies: the next solve does not overwrite what it found before."""
+    solver, found = QpSolver(qp, SolverParameters()), []
+    for horizon in stages[:3]:
+        qp.update(horizon)
+        z = solver.solve().z
+        found.append((z, z.copy()))
+    for z, then in found:
+        assert_array_equal(z, then)
+    assert not np.array_equal(found[0][0], found[2][0])
+
+
 def test_forgetting_starts_from_zero_again(qp: HorizonQP, stages: list[HorizonStages]) -> None:
     qp.update(stages[0])
     solver = QpSolver(qp, SolverParameters())

@@ -61,3 +61,41 @@ def test_nowhere_to_write_is_no_reason_to_fail(tmp_path: Path) -> None:
     )
     assert found.returncode == 0, found.stderr
     assert found.stdout.split() == ["1.0"]
+
+
+def test_machine_code_of_an_earlier_version_is_no_reason_to_fail(tmp_path: Path) -> None:
+    """Whose types had other names."""
+    module = tmp_path / "versions.py"
+    module.write_text(_VERSION.format(name="_Before", sign="+"))
+    assert _run(module) == "3.0"
+    module.write_text(_VERSION.format(name="Renamed", sign="-"))
+    assert _run(module) == "-1.0"
+
+
+_VERSION = """
+from typing import NamedTuple
+from quad_mpc_ros.core.compiled import compiled
+class {name}(NamedTuple):
+    a: float
+    b: float
+@compiled
+def inner(x):
+    return x.a {sign} x.b
+@compiled
+def outer(a, b):
+    return inner({name}(a, b))
+if __name__ != "__main__":
+    print(outer(1.0, 2.0))
+"""
+
+
+def _run(module: Path) -> str:
+    """Return what a module prints when it is imported in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-c", f"import {module.stem}"],
+        env={**os.environ, "PYTHONPATH": f"{module.parent}:{PACKAGE.parent}"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    ).stdout.strip()
