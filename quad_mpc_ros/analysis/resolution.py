@@ -18,8 +18,9 @@ import numpy as np
 from quad_mpc_ros.analysis.recorded_parameters import recorded_parameters
 from quad_mpc_ros.analysis.recorded_run import Received, RecordedRun
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.controller import Controller, Tick
+from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
 
 S = TypeVar("S", CommandSample, ReferenceWindow)

@@ -9,7 +9,7 @@ from typing import Any
 
 from quad_mpc_ros.bags import BagWriter, QosProfile, RosbagsMessages
 from quad_mpc_ros.bags.run_parameters import write_parameters
-from quad_mpc_ros.control.controller import Tick
+from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 from quad_mpc_ros.ros import conversions

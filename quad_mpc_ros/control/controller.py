@@ -7,8 +7,9 @@ safety ladder, always knows who commands. It reads no ROS and no wall clock: ``n
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from typing import NamedTuple
+from collections import deque
 
 import numpy as np
 
@@ -28,9 +29,8 @@ from quad_mpc_ros.control.ground import GroundContact
 from quad_mpc_ros.control.ladder import Breach, Decision, Source
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
 from quad_mpc_ros.control.odometry_gate import OdometryGate
-from quad_mpc_ros.control.prediction import NO_DISTURBANCE
 from quad_mpc_ros.control.slew import slewed
-from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.control.tick import Counts, Tick, figures_of
 from quad_mpc_ros.control.twist_check import TwistFrameCheck
 from quad_mpc_ros.control.validation import coverage_fault, reference_fault
 from quad_mpc_ros.core import so3
@@ -39,15 +39,7 @@ from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample, Ref
 from quad_mpc_ros.core.state import Input, State, state_from_odometry
 
 _SECOND = 1_000_000_000
-
-
-class Tick(NamedTuple):
-    """Outcome of one tick; ``command`` is None when the ladder says to publish nothing."""
-
-    command: CommandSample | None
-    decision: Decision
-    stats: TickStats
-    plan: Plan | None = None
+_UNCHECKED = 100
 
 
 class Controller:
@@ -93,6 +85,8 @@ class Controller:
         self._commands = self._fallbacks = self._solver_failures = self._rejected = 0
         self._deadline_misses = 0
         self._warnings: list[str] = []
+        # Odometries that nobody takes the warnings of are let go.
+        self._unchecked: deque[OdometrySample] = deque(maxlen=_UNCHECKED)
 
     @property
     def config(self) -> MpcConfig:
@@ -101,6 +95,7 @@ class Controller:
 
     def take_warnings(self) -> list[str]:
         """Return what there is to tell the log since the last call."""
+        self._check_twists()
         warnings, self._warnings = self._warnings, []
         return warnings
 
@@ -133,6 +128,7 @@ class Controller:
         if refusal is not None:
             self._reject(refusal)
             return None
+        self._unchecked.append(odometry)
         odometry = self._with_body_twist(odometry)
         self._odometry, self._odometry_received_ns = odometry, self._gate.news_ns
         if self._config.lockstep:
@@ -166,7 +162,7 @@ class Controller:
         """Whether the last tick belongs to the newest odometry."""
         if self._last_tick is None or self._odometry is None:
             return False
-        return self._last_tick.stats.stamp_ns == self._odometry.stamp_ns
+        return self._last_tick.stamp_ns == self._odometry.stamp_ns
 
     def _answer_in_lockstep(self, odometry: OdometrySample) -> Tick | None:
         if self._is_answered():
@@ -176,7 +172,7 @@ class Controller:
         self._window_received_ns = odometry.stamp_ns
         if self._last_tick is not None:
             # Each odometry is answered, at whatever rate they come.
-            elapsed_ns = odometry.stamp_ns - self._last_tick.stats.stamp_ns
+            elapsed_ns = odometry.stamp_ns - self._last_tick.stamp_ns
             self._held = min(elapsed_ns, self._period_ns) * 1e-9
         return self._tick(odometry, odometry.stamp_ns)
 
@@ -262,7 +258,16 @@ class Controller:
         self._last_tick = Tick(
             command=command,
             decision=decision,
-            stats=self._stats(decision, stamp_ns=stamp_ns, now_ns=now_ns, step=step),
+            stamp_ns=stamp_ns,
+            figures=functools.partial(
+                figures_of,
+                decision,
+                step,
+                self._counts(),
+                stamp_ns=stamp_ns,
+                odom_age_ns=now_ns - (self._odometry.stamp_ns if self._odometry else now_ns),
+                reference_age_ns=now_ns - self._window_received_ns,
+            ),
             plan=plan,
         )
         return self._last_tick
@@ -302,51 +307,33 @@ class Controller:
         x = state_from_odometry(odometry)
         return x if self._R_WB is None else dataclasses.replace(x, R_WB=self._R_WB)
 
-    def _stats(
-        self, decision: Decision, *, stamp_ns: int, now_ns: int, step: MpcStep | None
-    ) -> TickStats:
-        solution = step.solution if step is not None else None
-        d = step.situation.disturbance if step is not None else NO_DISTURBANCE
-        model = step.situation.model if step is not None else None
-        odometry_stamp = self._odometry.stamp_ns if self._odometry is not None else now_ns
-        return TickStats(
-            stamp_ns=stamp_ns,
-            source=decision.source.name.lower(),
-            reason=decision.reason,
-            solver_status=solution.status if solution else "not run",
-            iterations=step.iterations if step else 0,
-            primal_residual=solution.primal_residual if solution else 0.0,
-            dual_residual=solution.dual_residual if solution else 0.0,
-            solve_time_us=1e6 * step.solve_time if step else 0.0,
-            step_time_us=1e6 * step.step_time if step else 0.0,
-            disturbance_x=float(d.a_W[0]),
-            disturbance_y=float(d.a_W[1]),
-            disturbance_z=float(d.a_W[2]),
-            thrust_scale=d.thrust_scale,
-            rate_time_constant_ms=1e3 * model.rate_time_constant if model else 0.0,
-            thrust_time_constant_ms=1e3 * model.thrust_time_constant if model else 0.0,
-            odom_age_ms=1e-6 * (now_ns - odometry_stamp),
-            reference_age_ms=1e-6 * (now_ns - self._window_received_ns),
-            commands=self._commands,
-            fallbacks=self._fallbacks,
-            solver_failures=self._solver_failures,
-            deadline_misses=self._deadline_misses,
-            rejected_inputs=self._rejected,
+    def _counts(self) -> Counts:
+        return Counts(
+            self._commands,
+            self._fallbacks,
+            self._solver_failures,
+            self._deadline_misses,
+            self._rejected,
         )
 
     def _with_body_twist(self, odometry: OdometrySample) -> OdometrySample:
-        suspected = self._twist_check.suspect(odometry)
-        if suspected is not None:
-            self._warnings.append(
-                f"the odometry's twist does not match its positions; it seems to be in the "
-                f"{suspected} frame: set odometry.twist_frame to {suspected}"
-            )
         if self._config.odometry.twist_frame == "child":
             return odometry
         R_BW = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw).T
         return dataclasses.replace(
             odometry, v_WB_B=R_BW @ odometry.v_WB_B, w_WB_B=R_BW @ odometry.w_WB_B
         )
+
+    def _check_twists(self) -> None:
+        """Look for a twist in the wrong frame, which has time until the command is out."""
+        for odometry in self._unchecked:
+            suspected = self._twist_check.suspect(odometry)
+            if suspected is not None:
+                self._warnings.append(
+                    f"the odometry's twist does not match its positions; it seems to be in the "
+                    f"{suspected} frame: set odometry.twist_frame to {suspected}"
+                )
+        self._unchecked.clear()
 
     def _reject(self, fault: str) -> None:
         self._rejected += 1

@@ -104,11 +104,20 @@ def idle(config: MpcConfig) -> Input:
 
 
 def bounded(u: Input, config: MpcConfig) -> Input:
-    """Return the input inside the bounds of the configuration."""
-    rates = zip(u.w_WB_B.tolist(), config.omega_max, strict=True)
+    """Return the input inside the bounds of the configuration, itself if it is."""
+    x, y, z = u.w_WB_B.tolist()
+    x_max, y_max, z_max = config.omega_max
+    if (
+        config.throttle_min <= u.throttle <= config.throttle_max
+        and abs(x) <= x_max
+        and abs(y) <= y_max
+        and abs(z) <= z_max
+    ):
+        return u
+    limit = np.array(config.omega_max)
     return Input(
         throttle=min(max(u.throttle, config.throttle_min), config.throttle_max),
-        w_WB_B=np.array([min(max(rate, -limit), limit) for rate, limit in rates]),
+        w_WB_B=np.clip(u.w_WB_B, -limit, limit),
     )
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.controller import Controller, Tick
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.faults.cases import Action, Fault
 from quad_mpc_ros.faults.channel import Channel

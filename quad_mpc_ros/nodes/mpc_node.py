@@ -8,9 +8,10 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.controller import Controller, Tick
+from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.ladder import Source
 from quad_mpc_ros.control.standby import Standby
+from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.nodes.engagement import Engagement
 from quad_mpc_ros.ros import conversions, realtime

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.controller import Tick
+from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.references.config import ReferenceConfig

@@ -12,7 +12,8 @@ from quad_mpc_ros.analysis.command_comparison import compare_commands, compariso
 from quad_mpc_ros.analysis.recorded_run import Received, RecordedRun
 from quad_mpc_ros.analysis.resolution import Resolved, resolve
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.controller import Controller, Tick
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.core.messages import CommandSample
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer

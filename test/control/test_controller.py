@@ -16,8 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.control import paper
 from quad_mpc_ros.control.config import MpcConfig, OdometryParameters, SolverParameters
-from quad_mpc_ros.control.controller import Controller, Tick
+from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.core.linearise import error_dynamics
 from quad_mpc_ros.core.messages import Array, OdometrySample, ReferenceWindow
 from quad_mpc_ros.core.state import State

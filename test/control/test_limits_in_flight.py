@@ -15,8 +15,9 @@ from quad_mpc_ros.control.config import (
     MpcConfig,
     SlewParameters,
 )
-from quad_mpc_ros.control.controller import Controller, Tick
+from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
