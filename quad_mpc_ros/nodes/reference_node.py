@@ -11,6 +11,7 @@ from typing import Any
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.analysis.recorded_reference import read_recording
+from quad_mpc_ros.control.validation import odometry_fault
 from quad_mpc_ros.references.catalogue import configured_trajectory, joined_trajectory
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.director import Answer
@@ -96,6 +97,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if not self._config.lockstep and not self._live.needs_odometry(self._flight_ns()):
             return  # not decoded: in real time most of them do not matter
         odometry = conversions.odometry_from_message(decoded(ODOMETRY, data))
+        if odometry_fault(odometry, frame_id=self._config.frame_id) is not None:
+            return  # the controller warns of it
         starting = not self._live.started
         answer = self._live.observe(replace(odometry, stamp_ns=self._time.at(odometry.stamp_ns)))
         if answer is not None:

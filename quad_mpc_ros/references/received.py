@@ -18,6 +18,7 @@ from quad_mpc_ros.references.spline_path import SplinePath
 from quad_mpc_ros.references.transition import yaw_of
 
 _QUATERNION_TOLERANCE = 1e-3
+_LARGEST = 1e8  # m: room for map coordinates
 # The time to prepare one grows with both, and windows must go on in the meantime.
 _MOST_POINTS, _LONGEST = 1000, 600.0  # s
 
@@ -28,8 +29,9 @@ def pose_fault(
     """Return why poses, positions (n, 3) and quaternions (n, 4), cannot be used."""
     if frame_id.removeprefix("/") != expected_frame_id.removeprefix("/"):
         return f"it is in frame '{frame_id}', expected '{expected_frame_id}'"
-    if not (np.isfinite(p_WB).all() and np.isfinite(q_WB_xyzw).all()):
-        return "it holds a number that is not finite"
+    # Written so that NaN, which compares with nothing, is refused.
+    if not ((np.abs(p_WB) <= _LARGEST).all() and (np.abs(q_WB_xyzw) <= _LARGEST).all()):
+        return f"it holds a number that is not finite or beyond {_LARGEST:g}"
     if (np.abs(np.linalg.norm(q_WB_xyzw, axis=1) - 1.0) > _QUATERNION_TOLERANCE).any():
         return "it holds a quaternion that is not of unit length"
     return None

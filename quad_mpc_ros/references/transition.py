@@ -15,6 +15,7 @@ from quad_mpc_ros.references.thrust_frames import rotations_between
 from quad_mpc_ros.references.trajectory import Trajectory
 
 _STEP_NS = 1_000_000
+_UPSIDE_DOWN = -1.0 + 1e-9  # cosine of the tilt
 _UP = np.array([[0.0, 0.0, 1.0]])
 # Of a rest-to-rest polynomial of degree 7: its highest rate over the mean.
 _PEAK = 35.0 / 16.0
@@ -61,7 +62,12 @@ def motion_of(trajectory: Trajectory, time_ns: int) -> Motion:
 
 
 def yaw_of(R_WB: Array) -> float:
-    """Return the yaw [rad] of an attitude (3, 3): what is left of it after the shortest tilt."""
+    """Return the yaw [rad] of an attitude (3, 3): what is left of it after the shortest tilt.
+
+    Upside down, where no tilt is the shortest, where its x axis points.
+    """
+    if R_WB[2, 2] < _UPSIDE_DOWN:
+        return math.atan2(R_WB[1, 0], R_WB[0, 0])
     turn = rotations_between(_UP, R_WB[None, :, 2])[0].T @ R_WB
     return math.atan2(turn[1, 0], turn[0, 0])
 

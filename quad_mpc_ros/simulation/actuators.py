@@ -13,11 +13,12 @@ from quad_mpc_ros.core.messages import Array, CommandSample
 from quad_mpc_ros.core.state import Input
 
 NEVER_NS = 2**63 - 1
+_FASTEST = 1e3  # rad/s, many times what any vehicle turns at
 
 
 def input_from_command(command: CommandSample) -> Input | None:
-    """Return what a vehicle takes a command for: throttle saturated; nothing if not finite."""
-    if not (math.isfinite(command.throttle) and np.isfinite(command.w_WB_B).all()):
+    """Return what a vehicle takes a command for: throttle saturated; nothing if absurd."""
+    if not (math.isfinite(command.throttle) and (np.abs(command.w_WB_B) <= _FASTEST).all()):
         return None
     throttle = min(max(command.throttle, 0.0), 1.0)
     return Input(throttle=throttle, w_WB_B=command.w_WB_B.copy())
