@@ -101,6 +101,8 @@ setup(
         "test": [
             "pytest<9",  # what launch_testing of Jazzy can use
             "pytest-timeout",
+            "pytest-xdist",
+            "pytest-cov",
             "hypothesis",
             "catkin-pkg",
             "mcap-ros2-support",

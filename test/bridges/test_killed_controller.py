@@ -35,6 +35,10 @@ NODES: dict[str, tuple[str, ...]] = {
 }
 
 
+# s: the first start after an installation compiles.
+_PATIENCE = 90.0
+
+
 class Listener:
     """A node that hears the stack's setpoints and what the bridge says of itself."""
 
@@ -69,7 +73,7 @@ class Listener:
                 self.told = {pair.key: pair.value for pair in status.values}
                 self.told["text"] = status.message
 
-    def spin(self, until: Callable[[], object], timeout: float = 20.0) -> bool:
+    def spin(self, until: Callable[[], object], timeout: float = _PATIENCE) -> bool:
         deadline = time.monotonic() + timeout
         while not until():
             if time.monotonic() > deadline:
@@ -114,6 +118,7 @@ def end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
+@pytest.mark.timeout(3 * _PATIENCE)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_stack_hears_nothing_more_when_the_controller_is_killed_or_hangs(
     number: int, listener: Listener, processes: dict[str, subprocess.Popen[bytes]]
