@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -49,6 +49,7 @@ class HealthReporter:
         self._probe = probe
         self._endpoints: dict[str, Publisher | Subscription] = {}
         self._others: dict[str, Subscription] = {}
+        self._single: set[str] = set()
         self._counted: list[tuple[str, str]] = []
         self._reported_s = 0.0
         self._unmatched: set[str] = set()
@@ -75,6 +76,8 @@ class HealthReporter:
         Its matched publishers are reported where there are ``expected`` to be some.
         """
         endpoints = self._endpoints if expected else self._others
+        if topic.single_source:
+            self._single.add(topic.name)
         endpoints[topic.name] = self._node.create_subscription(
             message_class(topic.type_name),
             topic.name,
@@ -96,7 +99,7 @@ class HealthReporter:
 
     def report(self) -> None:
         """Publish the health now."""
-        health, peers = self._probe(), self._peers()
+        health, peers = self._with_rivals(self._probe()), self._peers()
         message = new_message(DIAGNOSTICS.type_name)
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.status = [
@@ -110,6 +113,18 @@ class HealthReporter:
         ]
         self._publisher.publish(message)
         self._reported_s, self._counted = time.monotonic(), peers
+
+    def _with_rivals(self, health: Health) -> Health:
+        """Return the health with a warning of topics on which two sources contradict."""
+        rivals = [
+            f"{count} publishers on {name}"
+            for name in sorted(self._single & self._endpoints.keys())
+            if (count := _peer_count(self._endpoints[name])) > 1
+        ]
+        if not rivals:
+            return health
+        text = f"{', '.join(rivals)}, where there must be one; {health.text}"
+        return replace(health, level=max(health.level, WARN), text=text)
 
     def _create_publisher(self, topic: Topic) -> Publisher:
         return self._node.create_publisher(

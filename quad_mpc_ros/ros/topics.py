@@ -10,23 +10,34 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """A topic and how it is offered. ``latched`` keeps the last message for late joiners."""
+    """A topic and how it is offered. ``latched`` keeps the last message for late joiners.
+
+    Two publishers of a topic with a ``single_source`` contradict each other.
+    """
 
     name: str
     type_name: str
     reliable: bool
     depth: int = 1
     latched: bool = False
+    single_source: bool = False
 
 
 # Sensor-data style: the newest value counts, a lost one is not worth waiting for.
-ODOMETRY = Topic(name="odom", type_name="nav_msgs/msg/Odometry", reliable=False)
-COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", reliable=False)
+ODOMETRY = Topic(
+    name="odom", type_name="nav_msgs/msg/Odometry", reliable=False, single_source=True
+)
+COMMAND = Topic(
+    name="command", type_name="geometry_msgs/msg/TwistStamped", reliable=False, single_source=True
+)
 # Whether the vehicle acts on commands. Where nobody says so, it does.
 ENGAGED = Topic(name="engaged", type_name="std_msgs/msg/Bool", reliable=True, latched=True)
 
 REFERENCE = Topic(
-    name="reference", type_name="trajectory_msgs/msg/MultiDOFJointTrajectory", reliable=True
+    name="reference",
+    type_name="trajectory_msgs/msg/MultiDOFJointTrajectory",
+    reliable=True,
+    single_source=True,
 )
 REFERENCE_PATH = Topic(
     name="reference/path", type_name="nav_msgs/msg/Path", reliable=True, latched=True

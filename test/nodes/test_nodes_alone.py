@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
@@ -54,6 +54,23 @@ def test_ends_cleanly_on_a_signal(
 
     assert process.wait(5) == 0
     assert "Traceback" not in (tmp_path / f"{node}.log").read_text()
+
+
+def test_two_sources_of_odometry_are_warned_of(start: Start, peer: Any) -> None:
+    told: list[DiagnosticArray] = []
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", told.append, 10)
+    rivals = [
+        peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data) for _ in range(2)
+    ]
+    start("mpc")
+
+    def warned() -> bool:
+        return bool(told) and told[-1].status[0].message.startswith("2 publishers on odom,")
+
+    assert peer.wait(warned)
+    assert told[-1].status[0].level == DiagnosticStatus.WARN
+    peer.node.destroy_publisher(rivals[1])
+    assert peer.wait(lambda: not warned())
 
 
 @pytest.mark.parametrize("node", NODES)
