@@ -7,7 +7,6 @@ import os
 import socket
 import tempfile
 from pathlib import Path
-from typing import IO
 
 # Before anything imports NumPy: its threads gain nothing on small matrices but wait for others.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -17,21 +16,23 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
-def _free_domain() -> tuple[int, IO[str]]:
-    """Return a domain without nodes, and the lock that keeps it from other runs like this one."""
+def _free_domain() -> int:
+    """Return a domain without nodes, kept from other runs by a lock as long as this one lasts."""
     for domain in range(20, 100):
         path = Path(tempfile.gettempdir(), f"quad_mpc_ros_test_domain_{domain}.lock")
-        lock = path.open("w")
+        try:
+            lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError:  # another user's
+            continue
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
                 probe.bind(("", 7400 + 250 * domain + 10))  # participant 0 of a domain has it
         except OSError:
-            lock.close()
+            os.close(lock)
             continue
-        return domain, lock
+        return domain
     raise RuntimeError("no free ROS domain between 20 and 99")
 
 
-_domain, _lock = _free_domain()
-os.environ["ROS_DOMAIN_ID"] = str(_domain)
+os.environ["ROS_DOMAIN_ID"] = str(_free_domain())
