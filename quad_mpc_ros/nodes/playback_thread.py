@@ -30,7 +30,7 @@ class PlaybackThread:
         self._at_end = at_end
         self._changed = threading.Condition()
         self._stopped = False
-        self._thread = threading.Thread(target=self._run)
+        self._thread = threading.Thread(target=self._run, daemon=True)
 
     def start(self) -> None:
         """Begin."""
@@ -52,8 +52,9 @@ class PlaybackThread:
 
     def stop(self) -> None:
         """End the thread and wait for it."""
+        # Before the lock, which a thread that is behind time hardly ever lets go.
+        self._stopped = True
         with self._changed:
-            self._stopped = True
             self._changed.notify()
         if self._thread.is_alive():
             self._thread.join()

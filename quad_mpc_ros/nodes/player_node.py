@@ -48,6 +48,14 @@ class PlayerNode(Node):
         super().__init__("player", automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
         self._thread: PlaybackThread | None = None
+        self._read_ahead: ReadAhead | None = None
+        try:
+            self._prepare()
+        except BaseException:  # a signal as well: nobody else would end the threads
+            self._end_threads()
+            raise
+
+    def _prepare(self) -> None:
         self._config = config = declare(self, PlayerConfig)
         if not config.bag:
             raise ConfigurationError("player.bag", config.bag, "a bag directory or .mcap file")
@@ -92,10 +100,14 @@ class PlayerNode(Node):
 
     def destroy_node(self) -> None:
         """End the playback, then the node."""
+        self._end_threads()
+        super().destroy_node()
+
+    def _end_threads(self) -> None:
         if self._thread is not None:
             self._thread.stop()
+        if self._read_ahead is not None:
             self._read_ahead.close()
-        super().destroy_node()
 
     def _create_outputs(self, topics: PlayedTopics) -> dict[str, Publisher]:
         for topic, why in topics.refused.items():
