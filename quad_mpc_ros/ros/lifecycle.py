@@ -97,10 +97,14 @@ class ManagedNode(LifecycleNode, Generic[C]):
         if not self.get_parameter("autostart").value:
             return
         self._autostarting = True
-        self._by_itself(self.trigger_configure)
-        if self.obstacle() is None:
-            self._by_itself(self.trigger_activate)
-        self.health.report()
+        try:
+            self._by_itself(self.trigger_configure)
+            if self.obstacle() is None:
+                self._by_itself(self.trigger_activate)
+            self.health.report()
+        except BaseException:  # a signal as well: nobody else would end what has begun
+            self._release()
+            raise
 
     def activate_when_ready(self) -> None:
         """Activate, if the node is starting by itself and nothing is in the way any more.
