@@ -8,6 +8,8 @@ import socket
 import tempfile
 from pathlib import Path
 
+import pytest
+
 # Before anything imports NumPy: its threads gain nothing on small matrices but wait for others.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -36,3 +38,18 @@ def _free_domain() -> int:
 
 
 os.environ["ROS_DOMAIN_ID"] = str(_free_domain())
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Let the controller compile once, before processes that wait for each other do.
+
+    Where tests run on several processes, before those start.
+    """
+    if hasattr(session.config, "workerinput") or session.config.option.collectonly:
+        return
+    from quad_mpc_ros.control.config import MpcConfig
+    from quad_mpc_ros.control.warm_up import warmed_up
+
+    warmed_up(MpcConfig())
+    warmed_up(MpcConfig(rate_time_constant=0.03, thrust_time_constant=0.03, input_delay=0.02))
+    warmed_up(MpcConfig(formulation="paper", estimate_disturbance=False))
