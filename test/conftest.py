@@ -13,6 +13,10 @@ import pytest
 # Before anything imports NumPy: its threads gain nothing on small matrices but wait for others.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Nodes that tests start are to be those that are installed, as the tests' own imports are, and not
+# those of the folder where they are started.
+os.environ["PYTHONSAFEPATH"] = "1"
+
 # Before anything imports rclpy. A free domain per run, so that two runs on one machine do not
 # hear each other.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
