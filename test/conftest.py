@@ -45,11 +45,12 @@ os.environ["ROS_DOMAIN_ID"] = str(_free_domain())
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Let the controller compile once, before processes that wait for each other do.
+    """Where tests run on several processes, let the controller compile before those start.
 
-    Where tests run on several processes, before those start.
+    Both would do it at once, and nodes that wait for each other meanwhile.
     """
-    if hasattr(session.config, "workerinput") or session.config.option.collectonly:
+    option = session.config.option
+    if not getattr(option, "numprocesses", None) or option.collectonly:
         return
     from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.control.warm_up import warmed_up
