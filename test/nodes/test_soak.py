@@ -34,6 +34,7 @@ def soak(out: Path, *arguments: str) -> dict[str, Any]:
     return result
 
 
+@pytest.mark.slow
 def test_faults_lead_where_they_must(tmp_path: Path) -> None:
     """A machine that stalls may spoil a course; what fails twice is no stall."""
     result = soak(tmp_path / "first", "--faults", ",".join(CAMPAIGN))
