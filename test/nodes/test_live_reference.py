@@ -126,12 +126,17 @@ class Pilot:
 def assert_nothing_jumps(windows: list[ReferenceWindow]) -> None:
     """From window to window the pose moves as its velocities and the velocity as its acceleration.
 
-    The tolerances are for what the slopes change by from one window to the next.
+    The tolerances are for what the slopes change by from one window to the next. Of windows that a
+    busy machine left far apart nothing can be told.
     """
     assert len(windows) > 50
+    judged = 0
     for one, other in itertools.pairwise(windows):
         dt = 1e-9 * (other.stamp_ns - one.stamp_ns)
-        assert 0.0 <= dt < 0.5
+        assert dt >= 0.0
+        if dt > 0.3:
+            continue
+        judged += 1
         R_one, R_other = (so3.rotation_from_quaternion_xyzw(w.q_WB_xyzw[0]) for w in (one, other))
         step = {
             "p_WB": other.p_WB[0] - one.p_WB[0],
@@ -144,6 +149,7 @@ def assert_nothing_jumps(windows: list[ReferenceWindow]) -> None:
                 float(np.linalg.norm(getattr(window, slope[name])[0])) for window in (one, other)
             )
             assert np.linalg.norm(step[name]) <= 1.1 * fastest * dt + tolerance, (name, dt)
+    assert judged > 0.8 * len(windows)
 
 
 def odometry_at(peer: Any, p_WB: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Odometry:
