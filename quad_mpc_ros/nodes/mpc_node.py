@@ -31,6 +31,7 @@ from quad_mpc_ros.ros.topics import (
 )
 
 _WARNING_PERIOD = 5.0
+_PATH_PERIOD_NS = 15_000_000  # every plan at 50 Hz, some at more
 
 
 class MpcNode(ManagedNode[MpcConfig]):
@@ -59,7 +60,11 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._command = self.health.publisher(COMMAND)
         self._stats = self.health.publisher(STATS)
         self._predicted_path = self.health.publisher(PREDICTED_PATH)
+        # Filled again at every tick: to make them anew takes longer than to control.
         self._command_message = new_message(COMMAND.type_name)
+        self._stats_message = new_message(STATS.type_name)
+        self._path_message = new_message(PREDICTED_PATH.type_name)
+        self._path_shown_ns = -_PATH_PERIOD_NS
 
         self.managed_subscription(ODOMETRY, self._on_odometry)
         self.managed_subscription(REFERENCE, self._on_reference)
@@ -134,13 +139,11 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._warn(warning)
 
     def _publish_insight(self, tick: Tick) -> None:
-        stats = new_message(STATS.type_name)
-        conversions.fill_stats(stats, tick.stats, new=new_message)
-        self._stats.publish(stats)
-        if tick.plan is not None:
-            path = new_message(PREDICTED_PATH.type_name)
+        conversions.fill_stats(self._stats_message, tick.stats, new=new_message)
+        self._stats.publish(self._stats_message)
+        if tick.plan is not None and self._path_is_due(tick.plan.stamp_ns):
             conversions.fill_plan(
-                path,
+                self._path_message,
                 stamp_ns=tick.plan.stamp_ns,
                 frame_id=self._controller.config.odometry.frame_id,
                 step_ns=round(tick.plan.step * 1e9),
@@ -148,7 +151,16 @@ class MpcNode(ManagedNode[MpcConfig]):
                 R_WB=tick.plan.R_WB,
                 new=new_message,
             )
-            self._predicted_path.publish(path)
+            self._predicted_path.publish(self._path_message)
+
+    def _path_is_due(self, stamp_ns: int) -> bool:
+        """Tell whether somebody looks at the path and has not just seen one."""
+        if abs(stamp_ns - self._path_shown_ns) < _PATH_PERIOD_NS:
+            return False
+        if self._predicted_path.get_subscription_count() == 0:
+            return False
+        self._path_shown_ns = stamp_ns
+        return True
 
     def _log_change(self, tick: Tick) -> None:
         """Tell once when another rung of the ladder takes over."""

@@ -52,6 +52,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._time = FlightTime()
         self._request = ""
         self._reference = self.health.publisher(REFERENCE)
+        self._message = new_message(REFERENCE.type_name)
         self._path = self.health.publisher(REFERENCE_PATH)
         self.managed_subscription(ODOMETRY, self._on_odometry, raw=True)
         self.managed_subscription(GOAL_POSE, self._on_goal)
@@ -159,7 +160,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if window is None:
             return
         window = replace(window, stamp_ns=stamp_ns)
-        message = new_message(REFERENCE.type_name)
+        message = self._message
         conversions.fill_reference(message, window, child_frame_id=_BODY_FRAME, new=new_message)
         self._reference.publish(message)
 

@@ -2,12 +2,14 @@
 
 Duck-typed: a function reads attributes of a message, or fills one that is passed in, and imports
 no message package. The same code therefore serves rclpy's messages and those of a bag read
-without ROS. ``new`` makes an empty message of a type, for the elements of sequences.
+without ROS. ``new`` makes an empty message of a type, for the elements of sequences; a message
+that was filled before keeps its elements and is filled again, which is cheaper.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,9 @@ NewMessage = Callable[[str], Any]
 """Makes an empty message of a type named like ``geometry_msgs/msg/Pose``."""
 
 _SECOND = 1_000_000_000
+
+_COLUMNS = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13), slice(13, 16))
+_LEFT_OUT = SimpleNamespace(x=0.0, y=0.0, z=0.0)
 
 STATS_NAME = "quad_mpc_ros: mpc tick"
 _STATS_OK, _STATS_WARN, _STATS_ERROR = b"\x00", b"\x01", b"\x02"
@@ -67,10 +72,10 @@ def fill_odometry(message: Any, odometry: OdometrySample) -> None:
     """Write an odometry into a ``nav_msgs/Odometry``."""
     _fill_header(message.header, odometry.stamp_ns, odometry.frame_id)
     message.child_frame_id = odometry.child_frame_id
-    _fill_vector(message.pose.pose.position, odometry.p_WB)
-    _fill_quaternion(message.pose.pose.orientation, odometry.q_WB_xyzw)
-    _fill_vector(message.twist.twist.linear, odometry.v_WB_B)
-    _fill_vector(message.twist.twist.angular, odometry.w_WB_B)
+    _fill_vector(message.pose.pose.position, odometry.p_WB.tolist())
+    _fill_quaternion(message.pose.pose.orientation, odometry.q_WB_xyzw.tolist())
+    _fill_vector(message.twist.twist.linear, odometry.v_WB_B.tolist())
+    _fill_vector(message.twist.twist.angular, odometry.w_WB_B.tolist())
 
 
 def command_from_message(message: Any) -> CommandSample:
@@ -87,7 +92,7 @@ def fill_command(message: Any, command: CommandSample) -> None:
     """Write a command into a ``geometry_msgs/TwistStamped``: throttle in linear.z."""
     _fill_header(message.header, command.stamp_ns, command.frame_id)
     message.twist.linear.z = command.throttle
-    _fill_vector(message.twist.angular, command.w_WB_B)
+    _fill_vector(message.twist.angular, command.w_WB_B.tolist())
 
 
 def reference_from_message(message: Any) -> ReferenceWindow:
@@ -96,26 +101,29 @@ def reference_from_message(message: Any) -> ReferenceWindow:
     Velocities and accelerations may be left out of a point and are then zero. Raises
     ``ValueError`` for a point without a transform.
     """
-    points = message.points
-    count = len(points)
-    p_WB, v_WB_W, a_WB_W, w_WB_W = (np.zeros((count, 3)) for _ in range(4))
-    q_WB_xyzw = np.zeros((count, 4))
-    offset_ns = np.zeros(count, dtype=np.int64)
-    for i, point in enumerate(points):
+    rows, offset_ns = [], []
+    for i, point in enumerate(message.points):
         if len(point.transforms) == 0:
             raise ValueError(f"point {i} of the reference has no transform")
-        offset_ns[i] = nanoseconds(point.time_from_start)
-        p_WB[i] = _vector(point.transforms[0].translation)
-        q_WB_xyzw[i] = _quaternion(point.transforms[0].rotation)
+        offset_ns.append(nanoseconds(point.time_from_start))
+        transform, v, w, a = point.transforms[0], _LEFT_OUT, _LEFT_OUT, _LEFT_OUT
+        p, q = transform.translation, transform.rotation
         if len(point.velocities) > 0:
-            v_WB_W[i] = _vector(point.velocities[0].linear)
-            w_WB_W[i] = _vector(point.velocities[0].angular)
+            v, w = point.velocities[0].linear, point.velocities[0].angular
         if len(point.accelerations) > 0:
-            a_WB_W[i] = _vector(point.accelerations[0].linear)
+            a = point.accelerations[0].linear
+        rows.append(
+            (p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z, a.x, a.y, a.z)
+        )
+    # One array of them all: sixteen small ones per point would take most of the time.
+    values = np.array(rows, dtype=np.float64).reshape(-1, 16)
+    p_WB, q_WB_xyzw, v_WB_W, w_WB_W, a_WB_W = (
+        np.ascontiguousarray(values[:, columns]) for columns in _COLUMNS
+    )
     return ReferenceWindow(
         stamp_ns=nanoseconds(message.header.stamp),
         frame_id=message.header.frame_id,
-        offset_ns=offset_ns,
+        offset_ns=np.array(offset_ns, dtype=np.int64),
         p_WB=p_WB,
         q_WB_xyzw=q_WB_xyzw,
         v_WB_W=v_WB_W,
@@ -130,21 +138,32 @@ def fill_reference(
     """Write a window into a ``trajectory_msgs/MultiDOFJointTrajectory``."""
     _fill_header(message.header, window.stamp_ns, window.frame_id)
     message.joint_names = [child_frame_id]
-    points = []
-    for i, offset_ns in enumerate(window.offset_ns.tolist()):
-        point = new("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint")
-        transform = new("geometry_msgs/msg/Transform")
-        velocity, acceleration = new("geometry_msgs/msg/Twist"), new("geometry_msgs/msg/Twist")
-        _fill_vector(transform.translation, window.p_WB[i])
-        _fill_quaternion(transform.rotation, window.q_WB_xyzw[i])
-        _fill_vector(velocity.linear, window.v_WB_W[i])
-        _fill_vector(velocity.angular, window.w_WB_W[i])
-        _fill_vector(acceleration.linear, window.a_WB_W[i])
-        point.transforms, point.velocities = [transform], [velocity]
-        point.accelerations = [acceleration]
+    points = _elements(
+        message,
+        "points",
+        len(window.p_WB),
+        "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+        new,
+    )
+    for point, offset_ns, p, q, v, w, a in zip(
+        points,
+        window.offset_ns.tolist(),
+        window.p_WB.tolist(),
+        window.q_WB_xyzw.tolist(),
+        window.v_WB_W.tolist(),
+        window.w_WB_W.tolist(),
+        window.a_WB_W.tolist(),
+        strict=True,
+    ):
+        (transform,) = _elements(point, "transforms", 1, "geometry_msgs/msg/Transform", new)
+        (velocity,) = _elements(point, "velocities", 1, "geometry_msgs/msg/Twist", new)
+        (acceleration,) = _elements(point, "accelerations", 1, "geometry_msgs/msg/Twist", new)
+        _fill_vector(transform.translation, p)
+        _fill_quaternion(transform.rotation, q)
+        _fill_vector(velocity.linear, v)
+        _fill_vector(velocity.angular, w)
+        _fill_vector(acceleration.linear, a)
         fill_time(point.time_from_start, offset_ns)
-        points.append(point)
-    message.points = points
 
 
 def pose_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
@@ -165,14 +184,13 @@ def fill_path(
 ) -> None:
     """Write n poses, positions (n, 3) and quaternions (n, 4), into a ``nav_msgs/Path``."""
     _fill_header(message.header, stamp_ns, frame_id)
-    poses = []
-    for pose_stamp_ns, p, q in zip(pose_stamps_ns, p_WB, q_WB_xyzw, strict=True):
-        pose = new("geometry_msgs/msg/PoseStamped")
+    poses = _elements(message, "poses", len(p_WB), "geometry_msgs/msg/PoseStamped", new)
+    for pose, pose_stamp_ns, p, q in zip(
+        poses, pose_stamps_ns, p_WB.tolist(), q_WB_xyzw.tolist(), strict=True
+    ):
         _fill_header(pose.header, pose_stamp_ns, frame_id)
         _fill_vector(pose.pose.position, p)
         _fill_quaternion(pose.pose.orientation, q)
-        poses.append(pose)
-    message.poses = poses
 
 
 def positions_from_path(message: Any) -> NDArray[np.float64]:
@@ -205,42 +223,42 @@ def fill_plan(
 
 def fill_transform(message: Any, odometry: OdometrySample, *, new: NewMessage) -> None:
     """Write the pose of an odometry into a ``tf2_msgs/TFMessage``, from its frame to its child."""
-    stamped = new("geometry_msgs/msg/TransformStamped")
+    (stamped,) = _elements(message, "transforms", 1, "geometry_msgs/msg/TransformStamped", new)
     _fill_header(stamped.header, odometry.stamp_ns, odometry.frame_id)
     stamped.child_frame_id = odometry.child_frame_id
-    _fill_vector(stamped.transform.translation, odometry.p_WB)
-    _fill_quaternion(stamped.transform.rotation, odometry.q_WB_xyzw)
-    message.transforms = [stamped]
+    _fill_vector(stamped.transform.translation, odometry.p_WB.tolist())
+    _fill_quaternion(stamped.transform.rotation, odometry.q_WB_xyzw.tolist())
 
 
 def fill_stats(message: Any, stats: TickStats, *, new: NewMessage) -> None:
     """Write the figures of a tick into a ``diagnostic_msgs/DiagnosticArray`` of one status."""
     fill_time(message.header.stamp, stats.stamp_ns)
     level = {"mpc": _STATS_OK, "plan": _STATS_WARN}.get(stats.source, _STATS_ERROR)
-    message.status = [
-        diagnostic_status(
-            name=STATS_NAME,
-            level=level,
-            text=stats.reason or "ok",
-            values=stats.items(),
-            new=new,
-        )
-    ]
+    (status,) = _elements(message, "status", 1, "diagnostic_msgs/msg/DiagnosticStatus", new)
+    fill_status(
+        status,
+        name=STATS_NAME,
+        level=level,
+        text=stats.reason or "ok",
+        values=stats.items(),
+        new=new,
+    )
 
 
-def diagnostic_status(
-    *, name: str, level: bytes, text: str, values: Sequence[tuple[str, str]], new: NewMessage
-) -> Any:
-    """Return a ``diagnostic_msgs/DiagnosticStatus``; ``level`` is one byte."""
-    status = new("diagnostic_msgs/msg/DiagnosticStatus")
+def fill_status(
+    status: Any,
+    *,
+    name: str,
+    level: bytes,
+    text: str,
+    values: Sequence[tuple[str, str]],
+    new: NewMessage,
+) -> None:
+    """Write into a ``diagnostic_msgs/DiagnosticStatus``; ``level`` is one byte."""
     status.level, status.name, status.message = level, name, text
-    pairs = []
-    for key, value in values:
-        pair = new("diagnostic_msgs/msg/KeyValue")
+    pairs = _elements(status, "values", len(values), "diagnostic_msgs/msg/KeyValue", new)
+    for pair, (key, value) in zip(pairs, values, strict=True):
         pair.key, pair.value = key, value
-        pairs.append(pair)
-    status.values = pairs
-    return status
 
 
 def stats_from_message(message: Any) -> dict[str, str]:
@@ -261,9 +279,20 @@ def _quaternion(q: Any) -> NDArray[np.float64]:
     return np.array((q.x, q.y, q.z, q.w))
 
 
-def _fill_vector(target: Any, values: NDArray[np.float64]) -> None:
-    target.x, target.y, target.z = values.tolist()
+def _fill_vector(target: Any, values: list[float]) -> None:
+    target.x, target.y, target.z = values
 
 
-def _fill_quaternion(target: Any, q_xyzw: NDArray[np.float64]) -> None:
-    target.x, target.y, target.z, target.w = q_xyzw.tolist()
+def _fill_quaternion(target: Any, q_xyzw: list[float]) -> None:
+    target.x, target.y, target.z, target.w = q_xyzw
+
+
+def _elements(
+    message: Any, field: str, count: int, type_name: str, new: NewMessage
+) -> Sequence[Any]:
+    """Return a sequence of a message, made anew unless it has so many elements already."""
+    elements: Sequence[Any] = getattr(message, field)
+    if len(elements) != count:
+        elements = [new(type_name) for _ in range(count)]
+        setattr(message, field, elements)
+    return elements

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from quad_mpc_ros.ros.conversions import diagnostic_status
+from quad_mpc_ros.ros.conversions import fill_status
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.qos import qos_of
 from quad_mpc_ros.ros.topics import DIAGNOSTICS, Topic
@@ -102,15 +102,16 @@ class HealthReporter:
         health, peers = self._with_rivals(self._probe()), self._peers()
         message = new_message(DIAGNOSTICS.type_name)
         message.header.stamp = self._node.get_clock().now().to_msg()
-        message.status = [
-            diagnostic_status(
-                name=self._node.get_fully_qualified_name(),
-                level=health.level,
-                text=health.text,
-                values=[*peers, *health.values],
-                new=new_message,
-            )
-        ]
+        status = new_message("diagnostic_msgs/msg/DiagnosticStatus")
+        fill_status(
+            status,
+            name=self._node.get_fully_qualified_name(),
+            level=health.level,
+            text=health.text,
+            values=[*peers, *health.values],
+            new=new_message,
+        )
+        message.status = [status]
         self._publisher.publish(message)
         self._reported_s, self._counted = time.monotonic(), peers
 
