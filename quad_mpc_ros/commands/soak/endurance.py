@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import struct
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
 from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.commands.soak.bare_timer import BareTimer, Wakes
 from quad_mpc_ros.commands.soak.rig import Rig
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.faults.parameter_storm import mild_changes
-from quad_mpc_ros.ros.messages import message_class
-from quad_mpc_ros.ros.qos import qos_of
-from quad_mpc_ros.ros.topics import ODOMETRY
 
 _MEGABYTE = 1e6
 _GROWTH_ALLOWED = 5.0  # MB
@@ -32,9 +29,9 @@ class Endurance:
 
     began_ns: int
     ended_ns: int = 0
-    stamps_ns: list[int] = field(default_factory=list)  # of the odometries that were sent
     changes: int = 0
     refused: list[str] = field(default_factory=list)
+    machine: Wakes | None = None
 
 
 def endure(rig: Rig, config: MpcConfig, *, duration: float) -> Endurance:
@@ -42,13 +39,7 @@ def endure(rig: Rig, config: MpcConfig, *, duration: float) -> Endurance:
     rig.fly()
     rig.watch.forget()
     seen = Endurance(began_ns=time.time_ns())
-    listener = rig.node.create_subscription(
-        message_class(ODOMETRY.type_name),
-        ODOMETRY.name,
-        lambda data: seen.stamps_ns.append(_stamp_of(data)),
-        qos_of(ODOMETRY),
-        raw=True,
-    )
+    timer = BareTimer(1.0 / config.control_rate)
     changes = mild_changes(config)
     progress = Progress(duration)
     started = time.monotonic()
@@ -64,7 +55,7 @@ def endure(rig: Rig, config: MpcConfig, *, duration: float) -> Endurance:
         if progress.due:
             progress.show(time.monotonic() - started, rig.position_error)
     progress.close()
-    rig.node.destroy_subscription(listener)
+    seen.machine = timer.stop()
     # What answers the last odometry is still on its way.
     rig.spin(0.2)
     seen.ended_ns = time.time_ns()
@@ -74,17 +65,15 @@ def endure(rig: Rig, config: MpcConfig, *, duration: float) -> Endurance:
 def figures(rig: Rig, seen: Endurance, config: MpcConfig) -> dict[str, Any]:
     """Return the figures of an endurance."""
     period_ms = 1e3 / config.control_rate
-    lateness = lateness_ms(rig)
-    answered = {tick.stamp_ns for tick in rig.watch.ticks}
-    # The first and the last may belong to ticks before and after.
-    unanswered = sum(stamp not in answered for stamp in seen.stamps_ns[1:-1])
+    lateness = rig.watch.lateness_ms()
     sources = Counter(tick.source for tick in rig.watch.ticks)
     return {
         "duration_s": (seen.ended_ns - seen.began_ns) * 1e-9,
         "ticks": len(rig.watch.ticks),
         "sources": dict(sources),
         "late_ticks": int(np.sum(lateness > period_ms)),
-        "unanswered_odometries": int(unanswered),
+        "unanswered_odometries": rig.watch.unanswered(),
+        "bare_timer": asdict(seen.machine) if seen.machine is not None else None,
         "odom_to_stats_ms": _percentiles(lateness),
         "memory_mb": _memory(rig, seen),
         "parameter_changes": seen.changes,
@@ -120,14 +109,6 @@ def endurance_complaints(figures: dict[str, Any], unsound: list[str]) -> list[st
     return wrong
 
 
-def lateness_ms(rig: Rig) -> np.ndarray:
-    """Return how long after the stamp of its odometry each tick was told [ms].
-
-    A tick without an odometry has the stamp of its own time.
-    """
-    return np.array([1e-6 * (tick.sent_ns - tick.stamp_ns) for tick in rig.watch.ticks])
-
-
 def _memory(rig: Rig, seen: Endurance) -> dict[str, float | None]:
     """Return the memory after warming up, and how much it has grown since [MB]."""
     warm_up = min(_WARM_UP_SHARE * (seen.ended_ns - seen.began_ns), _LONGEST_WARM_UP * 1e9)
@@ -144,12 +125,6 @@ def _percentiles(values: np.ndarray) -> dict[str, float]:
         return {}
     p50, p99 = np.percentile(values, (50, 99))
     return {"p50": float(p50), "p99": float(p99), "max": float(values.max())}
-
-
-def _stamp_of(data: bytes) -> int:
-    """Return the stamp of a message that begins with a header, without decoding the rest."""
-    sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return int(sec) * 1_000_000_000 + int(nanosec)
 
 
 def _listed(counts: dict[str, int]) -> str:

@@ -12,7 +12,6 @@ import numpy as np
 
 from quad_mpc_ros.analysis.soak_figure import SoakSeries, write_soak_figure
 from quad_mpc_ros.commands.soak.campaign import Outcome
-from quad_mpc_ros.commands.soak.endurance import lateness_ms
 from quad_mpc_ros.commands.soak.options import PICTURE, RESULT
 from quad_mpc_ros.commands.soak.rig import Rig
 from quad_mpc_ros.configuration import UserError
@@ -71,11 +70,21 @@ def endurance_table(figures: dict[str, Any]) -> str:
         "ticks": f"{figures['ticks']}: {sources}",
         "late by a period": f"{figures['late_ticks']}, and {figures['unanswered_odometries']} "
         "odometries unanswered",
+        "the machine": _machine_text(figures["bare_timer"]),
         "odometry to tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in latency.items()),
         "unsound commands": f"{figures['unsound_commands']}",
         "memory": _memory_text(memory),
     }
     return "\n".join(f"{name:<20} {value}" for name, value in rows.items())
+
+
+def _machine_text(wakes: dict[str, Any] | None) -> str:
+    if wakes is None:
+        return "not watched"
+    return (
+        f"a bare timer beside it woke late by a period {wakes['late']} times of "
+        f"{wakes['count']}, at most by {wakes['max_ms']:.1f} ms"
+    )
 
 
 def _memory_text(memory: dict[str, float | None]) -> str:
@@ -94,7 +103,7 @@ def _series(rig: Rig, config: MpcConfig, outcomes: Sequence[Outcome]) -> SoakSer
     return SoakSeries(
         time=np.array([seconds(tick.sent_ns) for tick in rig.watch.ticks]),
         sources=[tick.source for tick in rig.watch.ticks],
-        lateness=np.maximum(lateness_ms(rig), 1e-2),
+        lateness=np.maximum(rig.watch.lateness_ms(), 1e-2),
         memory_time=np.array([seconds(when_ns) for when_ns, _ in memory]),
         memory_mb=np.array([1e-6 * used for _, used in memory]),
         spans=[

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rclpy.node import Node
 
 from quad_mpc_ros.control.config import MpcConfig
@@ -13,7 +15,7 @@ from quad_mpc_ros.faults.verdict import command_fault
 from quad_mpc_ros.ros import conversions
 from quad_mpc_ros.ros.messages import message_class
 from quad_mpc_ros.ros.qos import qos_of
-from quad_mpc_ros.ros.topics import COMMAND, STATS
+from quad_mpc_ros.ros.topics import COMMAND, ODOMETRY, STATS
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -28,14 +30,16 @@ class TickSeen:
 
 @dataclass
 class Watch:
-    """Listens to ``command`` and ``mpc/stats`` and keeps what is to be judged.
+    """Listens to ``odom``, ``command`` and ``mpc/stats`` and keeps what is to be judged.
 
-    Times are those at which the MPC's process published, so that a slow listener changes nothing.
+    Times are those at which the others published, so that a slow listener changes nothing.
     """
 
     node: Node
     config: MpcConfig
     ticks: list[TickSeen] = field(default_factory=list)
+    odometries_ns: dict[int, int] = field(default_factory=dict)
+    """When the odometry of a stamp was sent."""
     commands_ns: list[int] = field(default_factory=list)
     unsound: list[str] = field(default_factory=list)
     stats: dict[str, str] = field(default_factory=dict)
@@ -48,6 +52,13 @@ class Watch:
             )
             for topic, callback in ((COMMAND, self._on_command), (STATS, self._on_stats))
         ]
+        self._odometry = self.node.create_subscription(
+            message_class(ODOMETRY.type_name),
+            ODOMETRY.name,
+            self._on_odometry,
+            qos_of(ODOMETRY),
+            raw=True,
+        )
 
     @property
     def connected(self) -> bool:
@@ -58,8 +69,25 @@ class Watch:
     def forget(self) -> None:
         """Forget the ticks and commands of nodes that are no more."""
         self.ticks.clear()
+        self.odometries_ns.clear()
         self.commands_ns.clear()
         self.stats.clear()
+
+    def lateness_ms(self) -> np.ndarray:
+        """Return how long after its odometry was sent each tick was told [ms].
+
+        A tick without an odometry has the stamp of its own time.
+        """
+        sent = self.odometries_ns
+        return np.array(
+            [1e-6 * (tick.sent_ns - sent.get(tick.stamp_ns, tick.stamp_ns)) for tick in self.ticks]
+        )
+
+    def unanswered(self) -> int:
+        """Return to how many odometries no tick was told."""
+        answered = {tick.stamp_ns for tick in self.ticks}
+        # The first and the last may belong to ticks before and after.
+        return sum(stamp not in answered for stamp in list(self.odometries_ns)[1:-1])
 
     def source_for(self, seconds: float) -> str:
         """Return who has commanded for so long without a break, or nothing."""
@@ -72,6 +100,9 @@ class Watch:
             if last.sent_ns - tick.sent_ns >= seconds * 1e9:
                 return last.source
         return ""
+
+    def _on_odometry(self, data: bytes, info: dict[str, int]) -> None:
+        self.odometries_ns[_stamp_of(data)] = info["source_timestamp"]
 
     def _on_command(self, message: Any, info: dict[str, int]) -> None:
         self.commands_ns.append(info["source_timestamp"])
@@ -89,6 +120,12 @@ class Watch:
                 reason=self.stats["reason"],
             )
         )
+
+
+def _stamp_of(data: bytes) -> int:
+    """Return the stamp of a message that begins with a header, without decoding the rest."""
+    sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    return int(sec) * 1_000_000_000 + int(nanosec)
 
 
 def resident_memory(pid: int) -> int | None:
