@@ -39,7 +39,7 @@ class SolverParameters(Configuration):
         1e-3, doc="Absolute and relative tolerance of the scaled problem.", above=0.0, below=0.1
     )
     max_iterations: int = parameter(
-        400, doc="Iterations until a solve counts as failed.", minimum=1
+        1000, doc="Iterations until a solve counts as failed.", minimum=1
     )
 
 

@@ -34,7 +34,8 @@ class Record:
     ``commands`` are the times of commands. The fault lasted until ``end`` and was ``over`` a
     little later, which is the same where it is known exactly; at ``home`` the vehicle was back at
     its reference, None if never. ``unsound`` are complaints about commands, ``counted`` is how
-    much the fault's counter grew, None without one.
+    much the fault's counter grew, None without one. ``starved`` are times from and until which
+    the machine, not the fault, brought no odometry.
     """
 
     sightings: Sequence[Sighting]
@@ -44,6 +45,7 @@ class Record:
     home: float | None
     unsound: Sequence[str] = ()
     counted: int | None = None
+    starved: Sequence[tuple[float, float]] = ()
 
 
 def is_home(position_error: float) -> bool:
@@ -113,12 +115,20 @@ def _not_recovered(fault: Fault, record: Record, config: MpcConfig, slack: float
     after = [sighting for sighting in record.sightings if sighting.time >= due]
     if not after:
         return [f"no tick after {due:.3f} s"]
-    late = [s for s in after if s.source != "mpc"]
+    late = [s for s in after if s.source != "mpc" and not _is_starved(s, record, config)]
     if late:
         return [f"{late[-1].source} still at {late[-1].time:.3f} s: {late[-1].reason}"]
     if record.home is None or record.home > due + fault.home:
         return [f"not back at the reference within {fault.home:g} s"]
     return []
+
+
+def _is_starved(seen: Sighting, record: Record, config: MpcConfig) -> bool:
+    """Whether no odometry came, for longer than the ladder waits; then the MPC must not command."""
+    return seen.source in ("plan", "blind") and any(
+        start + config.odom_timeout - _ROUNDING <= seen.time <= until + 1.0 / config.control_rate
+        for start, until in record.starved
+    )
 
 
 def _not_counted(fault: Fault, record: Record) -> list[str]:

@@ -126,3 +126,15 @@ def test_commands_that_must_never_be_sent(
     command = CommandSample(stamp_ns=1, throttle=throttle, w_WB_B=np.array(rates))
     fault = command_fault(command, CONFIG)
     assert (fault is None) if told is None else (fault is not None and told in fault)
+
+
+def test_plan_is_right_where_the_machine_brings_no_odometry() -> None:
+    """And only there: neither before the timeout nor once odometry is back, nor another rung."""
+    flight = renamed(silent_flight(), 1.93, 1.98, "plan")  # ticks at 1.95 and 1.97
+    starved = [(1.6, 1.62), (1.84, 1.96)]
+    assert judged(flight)
+    assert judged(dataclasses.replace(flight, starved=starved)) == []
+    for wrong in ([(1.86, 1.96)], [(1.84, 1.94)], []):
+        assert judged(dataclasses.replace(flight, starved=wrong))
+    hover = renamed(silent_flight(), 1.93, 1.98, "hover")
+    assert judged(dataclasses.replace(hover, starved=starved))

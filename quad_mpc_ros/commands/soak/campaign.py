@@ -81,6 +81,10 @@ def _flown(fault: Fault, rig: Rig, config: MpcConfig) -> Outcome:
         home=None if home_ns is None else (home_ns - origin_ns) * 1e-9,
         unsound=[*wrong, *rig.watch.unsound[unsound:]],
         counted=_count(fault, rig) - counted,
+        starved=[
+            ((start - origin_ns) * 1e-9, (until - origin_ns) * 1e-9)
+            for start, until in rig.odometry.gaps_since(ended_ns)
+        ],
     )
     return Outcome(
         fault=fault,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 import heapq
 import itertools
@@ -44,8 +45,8 @@ class Relay(Generic[M]):
         self._publisher = self._publisher_again()
         self._intruder: Any = None
         self._last = b""
-        self.last_passed_ns = 0
-        """When the last untouched message was passed on, by the system's clock."""
+        self.passed_ns: list[int] = []
+        """When untouched messages were passed on, by the system's clock."""
         self.last_heard_ns = 0
         """When the last message came, passed on or not."""
         self._fault: Distortion[M] | None = None
@@ -60,6 +61,11 @@ class Relay(Generic[M]):
     def last(self) -> M | None:
         """The last message that came, without its fault."""
         return self._decode(self._last) if self._last else None
+
+    def gaps_since(self, when_ns: int) -> list[tuple[int, int]]:
+        """Return from when until when nothing untouched was passed on, message by message."""
+        first = bisect.bisect_left(self.passed_ns, when_ns)
+        return list(itertools.pairwise(self.passed_ns[first:]))
 
     @property
     def heard(self) -> bool:
@@ -101,7 +107,7 @@ class Relay(Generic[M]):
         if self._shift_ns:
             data = self._encode(self._shifted(self._decode(data)))
         self._publisher.publish(data)
-        self.last_passed_ns = now_ns
+        self.passed_ns.append(now_ns)
 
     def _distort(self, fault: Distortion[M], before: M, message: M, now_ns: int) -> None:
         for delivery in fault(message, before, now_ns - self._began_ns):
