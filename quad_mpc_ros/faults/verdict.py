@@ -35,7 +35,7 @@ class Record:
     little later, which is the same where it is known exactly; at ``home`` the vehicle was back at
     its reference, None if never. ``unsound`` are complaints about commands, ``counted`` is how
     much the fault's counter grew, None without one. ``starved`` are times from and until which
-    the machine, not the fault, brought no odometry.
+    the machine, not the fault, brought no newer odometry.
     """
 
     sightings: Sequence[Sighting]
@@ -124,7 +124,7 @@ def _not_recovered(fault: Fault, record: Record, config: MpcConfig, slack: float
 
 
 def _is_starved(seen: Sighting, record: Record, config: MpcConfig) -> bool:
-    """Whether no odometry came, for longer than the ladder waits; then the MPC must not command."""
+    """Whether no odometry came for longer than the ladder waits, when no MPC may command."""
     return seen.source in ("plan", "blind") and any(
         start + config.odom_timeout - _ROUNDING <= seen.time <= until + 1.0 / config.control_rate
         for start, until in record.starved

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import struct
 from typing import Any
 
 from rclpy.serialization import deserialize_message
@@ -30,3 +31,9 @@ def new_message(type_name: str) -> Any:
 def decoded(topic: Topic, data: bytes) -> Any:
     """Return the message of a topic that was received raw."""
     return deserialize_message(data, message_class(topic.type_name))
+
+
+def stamp_of(data: bytes) -> int:
+    """Return the stamp [ns] of a message received raw that begins with a header."""
+    sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    return int(sec) * 1_000_000_000 + int(nanosec)

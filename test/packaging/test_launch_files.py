@@ -8,8 +8,8 @@ does, and starts nothing.
 from __future__ import annotations
 
 import ast
-import gc
 import functools
+import gc
 import importlib
 import runpy
 import sys

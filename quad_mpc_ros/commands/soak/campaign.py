@@ -83,7 +83,7 @@ def _flown(fault: Fault, rig: Rig, config: MpcConfig) -> Outcome:
         counted=_count(fault, rig) - counted,
         starved=[
             ((start - origin_ns) * 1e-9, (until - origin_ns) * 1e-9)
-            for start, until in rig.odometry.gaps_since(ended_ns)
+            for start, until in rig.odometry.starved_since(ended_ns)
         ],
     )
     return Outcome(

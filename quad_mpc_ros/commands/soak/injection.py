@@ -68,10 +68,10 @@ def _begin(fault: Fault, rig: Rig) -> int:
         relay.shift(fault.clock)
     if fault.odometry is not None:
         rig.odometry.begin(fault.odometry)
-        return rig.odometry.passed_ns[-1]
+        return rig.odometry.passed[-1].when_ns
     if fault.reference is not None:
         rig.reference.begin(fault.reference)
-        return rig.reference.passed_ns[-1]
+        return rig.reference.passed[-1].when_ns
     return time.time_ns()
 
 

@@ -8,7 +8,7 @@ import heapq
 import itertools
 import time
 from collections.abc import Callable
-from typing import Any, Generic
+from typing import Any, Generic, NamedTuple
 
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
@@ -16,12 +16,19 @@ from rclpy.serialization import serialize_message
 from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.faults.distortions import Distortion, M
 from quad_mpc_ros.ros import conversions
-from quad_mpc_ros.ros.messages import decoded, message_class, new_message
+from quad_mpc_ros.ros.messages import decoded, message_class, new_message, stamp_of
 from quad_mpc_ros.ros.qos import qos_of
 from quad_mpc_ros.ros.topics import ODOMETRY, REFERENCE, Topic
 
 PREFIX = "soak/"
 _BODY_FRAME = "base_link"
+
+
+class Passed(NamedTuple):
+    """When a message was passed on, by the system's clock [ns], and its stamp [ns]."""
+
+    when_ns: int
+    stamp_ns: int
 
 
 class Relay(Generic[M]):
@@ -45,8 +52,8 @@ class Relay(Generic[M]):
         self._publisher = self._publisher_again()
         self._intruder: Any = None
         self._last = b""
-        self.passed_ns: list[int] = []
-        """When untouched messages were passed on, by the system's clock."""
+        self.passed: list[Passed] = []
+        """Which messages were passed on untouched."""
         self.last_heard_ns = 0
         """When the last message came, passed on or not."""
         self._fault: Distortion[M] | None = None
@@ -62,10 +69,12 @@ class Relay(Generic[M]):
         """The last message that came, without its fault."""
         return self._decode(self._last) if self._last else None
 
-    def gaps_since(self, when_ns: int) -> list[tuple[int, int]]:
-        """Return from when until when nothing untouched was passed on, message by message."""
-        first = bisect.bisect_left(self.passed_ns, when_ns)
-        return list(itertools.pairwise(self.passed_ns[first:]))
+    def starved_since(self, when_ns: int) -> list[tuple[int, int]]:
+        """Return from which stamp on, until when, the MPC knew no newer message, for each."""
+        first = bisect.bisect_left(self.passed, when_ns, key=lambda passed: passed.when_ns)
+        return [
+            (one.stamp_ns, other.when_ns) for one, other in itertools.pairwise(self.passed[first:])
+        ]
 
     @property
     def heard(self) -> bool:
@@ -107,7 +116,7 @@ class Relay(Generic[M]):
         if self._shift_ns:
             data = self._encode(self._shifted(self._decode(data)))
         self._publisher.publish(data)
-        self.passed_ns.append(now_ns)
+        self.passed.append(Passed(now_ns, stamp_of(data)))
 
     def _distort(self, fault: Distortion[M], before: M, message: M, now_ns: int) -> None:
         for delivery in fault(message, before, now_ns - self._began_ns):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from rclpy.node import Node
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.faults.verdict import command_fault
 from quad_mpc_ros.ros import conversions
-from quad_mpc_ros.ros.messages import message_class
+from quad_mpc_ros.ros.messages import message_class, stamp_of
 from quad_mpc_ros.ros.qos import qos_of
 from quad_mpc_ros.ros.topics import COMMAND, ODOMETRY, STATS
 
@@ -102,7 +101,7 @@ class Watch:
         return ""
 
     def _on_odometry(self, data: bytes, info: dict[str, int]) -> None:
-        self.odometries_ns[_stamp_of(data)] = info["source_timestamp"]
+        self.odometries_ns[stamp_of(data)] = info["source_timestamp"]
 
     def _on_command(self, message: Any, info: dict[str, int]) -> None:
         self.commands_ns.append(info["source_timestamp"])
@@ -120,12 +119,6 @@ class Watch:
                 reason=self.stats["reason"],
             )
         )
-
-
-def _stamp_of(data: bytes) -> int:
-    """Return the stamp of a message that begins with a header, without decoding the rest."""
-    sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return int(sec) * 1_000_000_000 + int(nanosec)
 
 
 def resident_memory(pid: int) -> int | None:
