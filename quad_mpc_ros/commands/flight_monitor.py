@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
+from quad_mpc_ros.commands.observer import Observer
 from quad_mpc_ros.ros import conversions
 from quad_mpc_ros.ros.health import PEERS_KEY
 from quad_mpc_ros.ros.messages import decoded, message_class
@@ -55,10 +52,11 @@ _ONLY_ONE = {
 _CLOCK_PEERS = 4
 
 
-class FlightMonitor:
+class FlightMonitor(Observer):
     """A small node of its own, spun from the main thread of ``quad_mpc fly``."""
 
     def __init__(self, *, lockstep: bool) -> None:
+        super().__init__("quad_mpc_flight")
         self._peers = {node: dict(topics) for node, topics in _PEERS.items()}
         if lockstep:
             self._peers["simulator"][CLOCK.name] = _CLOCK_PEERS
@@ -69,29 +67,17 @@ class FlightMonitor:
         self._first_ns: int | None = None
 
     def __enter__(self) -> Self:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("quad_mpc_flight")
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
+        super().__enter__()
         self._subscribe(DIAGNOSTICS, self._on_diagnostics)
         # Raw: they are decoded only when somebody looks, not fifty times a second.
         self._subscribe(ODOMETRY, self._on_odometry, raw=True)
         self._subscribe(REFERENCE, self._on_reference, raw=True)
-        self._start = self._node.create_client(Trigger, "simulator/start")
+        self._start = self.node.create_client(Trigger, "simulator/start")
         return self
-
-    def __exit__(
-        self,
-        _: type[BaseException] | None,
-        __: BaseException | None,
-        ___: TracebackType | None,
-    ) -> None:
-        self._node.destroy_node()
-        rclpy.try_shutdown()
 
     def spin(self, seconds: float) -> None:
         """Handle what has arrived, waiting at most so long for the first of it."""
-        self._executor.spin_once(timeout_sec=seconds)
+        self.executor.spin_once(timeout_sec=seconds)
 
     def ready(self) -> bool:
         """Whether every node hears the others and the recorder has everybody's parameters."""
@@ -135,7 +121,7 @@ class FlightMonitor:
 
     def start_simulator(self) -> None:
         """Start the clock of the simulator."""
-        self._executor.spin_until_future_complete(
+        self.executor.spin_until_future_complete(
             self._start.call_async(Trigger.Request()), timeout_sec=5.0
         )
 
@@ -153,6 +139,6 @@ class FlightMonitor:
     def _subscribe(
         self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
     ) -> None:
-        self._node.create_subscription(
+        self.node.create_subscription(
             message_class(topic.type_name), topic.name, callback, qos_of(topic), raw=raw
         )

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Self
 
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.signals import SignalHandlerOptions
 
 from quad_mpc_ros.analysis.recorded_stats import tick_stats
+from quad_mpc_ros.commands.observer import Observer
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.stats import TickStats
@@ -24,30 +21,19 @@ from quad_mpc_ros.ros.topics import STATS
 _ANSWER_TIMEOUT = 5.0  # s, discovery included
 
 
-class RunningMpc:
+class RunningMpc(Observer):
     """A small node of its own beside the MPC node ``name``, a full name like ``/uav1/mpc``."""
 
     def __init__(self, name: str) -> None:
+        super().__init__("quad_mpc_save_vehicle")
         self.name = f"/{name.strip('/')}"
         self._ticks: list[TickStats] = []
         self._foreign = 0
 
     def __enter__(self) -> Self:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("quad_mpc_save_vehicle")
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._parameters = AsyncParameterClient(self._node, self.name)
+        super().__enter__()
+        self._parameters = AsyncParameterClient(self.node, self.name)
         return self
-
-    def __exit__(
-        self,
-        _: type[BaseException] | None,
-        __: BaseException | None,
-        ___: TracebackType | None,
-    ) -> None:
-        self._node.destroy_node()
-        rclpy.try_shutdown()
 
     def configuration(self) -> MpcConfig:
         """Return what the node flies with. Raises :class:`UserError` when it does not answer."""
@@ -66,7 +52,7 @@ class RunningMpc:
         """Return the figures of the ticks of the next ``duration`` seconds, from the first on."""
         namespace = self.name.rpartition("/")[0]
         topic = f"{namespace}/{STATS.name}"
-        self._node.create_subscription(
+        self.node.create_subscription(
             message_class(STATS.type_name), topic, self._on_stats, qos_of(STATS)
         )
         self._spin(lambda: bool(self._ticks), time.monotonic() + _ANSWER_TIMEOUT)
@@ -96,5 +82,5 @@ class RunningMpc:
             remaining = deadline - time.monotonic()
             if remaining <= 0.0:
                 return False
-            self._executor.spin_once(timeout_sec=min(remaining, 0.1))
+            self.executor.spin_once(timeout_sec=min(remaining, 0.1))
         return True

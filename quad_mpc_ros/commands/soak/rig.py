@@ -11,13 +11,11 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-import rclpy
 from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
+from quad_mpc_ros.commands.observer import Observer
 from quad_mpc_ros.commands.processes import NodeProcess
 from quad_mpc_ros.commands.run_options import RunConfig
 from quad_mpc_ros.commands.soak.relay import PREFIX, odometry_relay, reference_relay
@@ -39,7 +37,7 @@ class SoakError(Exception):
     """The soak could not go on; the message says why."""
 
 
-class Rig:
+class Rig(Observer):
     """The processes of a soak, and this process's node.
 
     With ``relays`` the MPC hears odometry and reference through this process, and its solver and
@@ -47,6 +45,7 @@ class Rig:
     """
 
     def __init__(self, run: RunConfig, *, relays: bool) -> None:
+        super().__init__("quad_mpc_soak")
         self._run, self._relays = run, relays
         self.processes: dict[str, NodeProcess] = {}
         self.memory: list[tuple[int, int]] = []
@@ -58,10 +57,7 @@ class Rig:
         self._position_due = 0.0
 
     def __enter__(self) -> Self:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        self.node = rclpy.create_node("quad_mpc_soak")
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
+        super().__enter__()
         self.odometry = odometry_relay(self.node)
         self.reference = reference_relay(self.node)
         self.watch = Watch(self.node, self._run.mpc)
@@ -73,15 +69,14 @@ class Rig:
 
     def __exit__(
         self,
-        _: type[BaseException] | None,
-        __: BaseException | None,
-        ___: TracebackType | None,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         for process in self.processes.values():
             process.send(signal.SIGCONT)
             process.stop()
-        self.node.destroy_node()
-        rclpy.try_shutdown()
+        super().__exit__(kind, error, trace)
 
     def start(self, node: str, **overrides: Any) -> None:
         """Start a node, with parameters that win over those of the run."""
@@ -189,7 +184,7 @@ class Rig:
             if time.monotonic() >= end:
                 return False
             began = time.monotonic()
-            self._executor.spin_once(timeout_sec=_SPIN)
+            self.executor.spin_once(timeout_sec=_SPIN)
             self.stall = max(self.stall, time.monotonic() - began - _SPIN)
             for relay in (self.odometry, self.reference):
                 relay.release()
