@@ -93,6 +93,10 @@ class Controller:
         """The configuration in force."""
         return self._config
 
+    def renewed(self) -> Controller:
+        """Return a controller like this one that has seen nothing yet."""
+        return Controller(self._config, deadline=self._deadline)
+
     def take_warnings(self) -> list[str]:
         """Return what there is to tell the log since the last call."""
         self._check_twists()

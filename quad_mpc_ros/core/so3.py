@@ -1,9 +1,9 @@
 """The rotation group SO(3) and its Lie algebra.
 
 A rotation is a 3x3 matrix, a tangent vector is a rotation vector ``phi`` (axis times angle, rad).
-Every function accepts leading batch dimensions: (..., 3) and (..., 3, 3). Conventions follow
-Solà, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), with right
-(body-frame) Jacobians.
+Leading batch dimensions are accepted where shapes say so: (..., 3) and (..., 3, 3). Conventions
+follow Solà, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), with
+right (body-frame) Jacobians.
 
 A single rotation goes through compiled code, batches through NumPy, which takes ten times as long
 for three numbers.
@@ -77,23 +77,15 @@ def log(rotation: Array) -> Array:
 
 
 def right_jacobian(phi: ArrayLike) -> Array:
-    """Return J_r with ``exp(phi + d) ≈ exp(phi) @ exp(J_r @ d)``; (..., 3) → (..., 3, 3)."""
-    phi = np.asarray(phi, dtype=np.float64)
-    if phi.ndim == 1:
-        return np.array(compiled.right_jacobian(tuple(phi.tolist()))).reshape(3, 3)
-    angle = _norm(phi)
-    skew = hat(phi)
-    return _EYE - _versine(angle) * skew + _sine_deficit(angle) * (skew @ skew)
+    """Return J_r with ``exp(phi + d) ≈ exp(phi) @ exp(J_r @ d)``; (3,) → (3, 3)."""
+    x, y, z = np.asarray(phi, dtype=np.float64).tolist()
+    return np.array(compiled.right_jacobian((x, y, z))).reshape(3, 3)
 
 
 def right_jacobian_inverse(phi: ArrayLike) -> Array:
-    """Return the inverse of :func:`right_jacobian`, finite up to and at pi."""
-    phi = np.asarray(phi, dtype=np.float64)
-    if phi.ndim == 1:
-        return np.array(compiled.right_jacobian_inverse(tuple(phi.tolist()))).reshape(3, 3)
-    angle = _norm(phi)
-    skew = hat(phi)
-    return _EYE + 0.5 * skew + _cotangent_deficit(angle) * (skew @ skew)
+    """Return the inverse of :func:`right_jacobian`, finite up to and at pi; (3,) → (3, 3)."""
+    x, y, z = np.asarray(phi, dtype=np.float64).tolist()
+    return np.array(compiled.right_jacobian_inverse((x, y, z))).reshape(3, 3)
 
 
 def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
@@ -172,21 +164,7 @@ def _versine(angle: Array) -> Array:
     return np.where(small, 0.5 - angle**2 / 24.0 + angle**4 / 720.0, closed)
 
 
-def _sine_deficit(angle: Array) -> Array:
-    """(a - sin(a)) / a^3."""
-    small, safe = _split(angle, limit=0.05)  # cancellation eats two digits per factor of ten
-    series = 1 / 6 - angle**2 / 120 + angle**4 / 5040 - angle**6 / 362880
-    return np.where(small, series, (safe - np.sin(safe)) / safe**3)
-
-
-def _cotangent_deficit(angle: Array) -> Array:
-    """(1 - (a/2) cot(a/2)) / a^2."""
-    small, safe = _split(angle, limit=0.05)
-    series = 1 / 12 + angle**2 / 720 + angle**4 / 30240 + angle**6 / 1209600
-    return np.where(small, series, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2)
-
-
-def _split(angle: Array, *, limit: float = SMALL_ANGLE) -> tuple[NDArray[np.bool_], Array]:
+def _split(angle: Array) -> tuple[NDArray[np.bool_], Array]:
     """Return where the angle is small, and the angle made safe to divide by."""
-    small = angle < limit
+    small = angle < SMALL_ANGLE
     return small, np.where(small, 1.0, angle)

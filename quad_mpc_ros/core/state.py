@@ -51,11 +51,6 @@ class Input:
         """Return (throttle, rates) as one vector, (4,)."""
         return np.concatenate(([self.throttle], self.w_WB_B))
 
-    @staticmethod
-    def from_vector(u: Array) -> Input:
-        """Return the input of a vector (throttle, rates), (4,)."""
-        return Input(throttle=float(u[0]), w_WB_B=np.array(u[BODY_RATE]))
-
 
 def boxplus(x: State, tangent: Array) -> State:
     """Return x ⊞ tangent: position and velocity add, attitude turns in the body frame."""

@@ -88,8 +88,7 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def deactivate(self) -> None:
         """Forget the flight: another one commands until the next activation."""
-        config, self._tick = self._controller.config, None
-        self._controller = Controller(config, deadline=config.deadline_seconds)
+        self._controller, self._tick = self._controller.renewed(), None
         self._engagement.repeat()
 
     def cleanup(self) -> None:

@@ -78,7 +78,7 @@ def test_plans_come_true(square: list[LoopStep]) -> None:
             for _ in range(4):
                 x = integrate(
                     x,
-                    Input.from_vector(inputs),
+                    Input(throttle=inputs[0], w_WB_B=inputs[1:]),
                     Vehicle(),
                     dynamics=rigid_body_dynamics,
                     duration=plan.input_step / 4,

@@ -23,7 +23,7 @@ VEHICLE = Vehicle()
 def error_rate(x: State, u: Input, x_error: Array, u_error: Array) -> Array:
     """Return d/dt (x_r ⊟ x) with x_r = x ⊞ x_error and u_r = u + u_error, both flying Eq. (3)."""
     x_r = boxplus(x, x_error)
-    u_r = Input.from_vector(u.vector() + u_error)
+    u_r = Input(throttle=u.throttle + u_error[0], w_WB_B=u.w_WB_B + u_error[1:])
     f, f_r = paper_dynamics(x, u, VEHICLE), paper_dynamics(x_r, u_r, VEHICLE)
 
     def error_after(step: float) -> Array:
