@@ -146,6 +146,9 @@ class RealtimeParameters(Configuration):
         (), doc="Processors to run on, by number; none given is any.", minimum=0
     )
     lock_memory: bool = parameter(False, doc="Keep all memory of the process from being swapped.")
+    keep_awake: bool = parameter(
+        False, doc="Keep processors from sleeping, from which they wake late; costs power."
+    )
     garbage_collection: str = parameter(
         "between_ticks",
         doc="When Python collects garbage: between ticks, or automatic, at any moment.",

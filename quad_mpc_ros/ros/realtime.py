@@ -7,14 +7,17 @@ refused flies on without: it is later now and then, which ``mpc/stats`` shows.
 from __future__ import annotations
 
 import ctypes
+import functools
 import gc
 import os
+import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from quad_mpc_ros.control.config import RealtimeParameters
 
 _MLOCK_CURRENT, _MLOCK_FUTURE = 1, 2
+_LATENCY = "/dev/cpu_dma_latency"
 _LIMITS = "set it for your user in /etc/security/limits.conf and log in again, or in a container"
 
 
@@ -26,6 +29,9 @@ def apply(wanted: RealtimeParameters) -> list[str]:
     if wanted.lock_memory:
         hint = f"it needs a memlock limit of unlimited: {_LIMITS} --ulimit memlock=-1"
         refusals += _refusal(_lock_memory, "lock_memory", hint)
+    if wanted.keep_awake:
+        hint = f"it needs write access to {_LATENCY}: run as root, or let a udev rule give it"
+        refusals += _refusal(_keep_awake, "keep_awake", hint)
     if wanted.scheduler_priority:
         priority = wanted.scheduler_priority
         hint = f"it needs an rtprio limit of {priority}: {_LIMITS} --cap-add=SYS_NICE"
@@ -37,7 +43,7 @@ def apply(wanted: RealtimeParameters) -> list[str]:
     return refusals
 
 
-def _refusal(request: Callable[[], None], name: str, hint: str) -> list[str]:
+def _refusal(request: Callable[[], object], name: str, hint: str) -> list[str]:
     try:
         request()
     except OSError as error:
@@ -59,6 +65,17 @@ def _pin(cpus: Iterable[int]) -> None:
 
 def _cpus_hint() -> str:
     return f"this process may use {sorted(os.sched_getaffinity(0))}"
+
+
+@functools.cache
+def _keep_awake() -> int:
+    """Ask for no delay of waking, which holds until the file is closed at the end of the process.
+
+    Linux, Documentation/power/pm_qos_interface.rst: a wish of 0 us as 32 bits.
+    """
+    file = os.open(_LATENCY, os.O_WRONLY)
+    os.write(file, (0).to_bytes(4, sys.byteorder))
+    return file
 
 
 def _lock_memory() -> None:

@@ -71,6 +71,32 @@ def test_memory_is_locked_or_the_limit_named() -> None:
         assert "memlock limit of unlimited" in refused
 
 
+def test_processors_are_kept_awake_or_the_file_named() -> None:
+    """Asked for twice, as by a node that is configured again, it is one file."""
+    said = _said(
+        "wanted = RealtimeParameters(keep_awake=True)\n"
+        "print(realtime.apply(wanted))\n"
+        "print(realtime.apply(wanted))\n"
+        "files = [os.readlink(f'/proc/self/fd/{n}') for n in range(3, 9)"
+        " if os.path.exists(f'/proc/self/fd/{n}')]\n"
+        "print(files.count('/dev/cpu_dma_latency'))\n"
+    )
+    first, second, files = said.splitlines()
+    assert second == first
+    if first == "[]":
+        assert files == "1"
+    else:
+        assert "realtime.keep_awake is not granted" in first
+        assert "needs write access to /dev/cpu_dma_latency" in first
+
+
+def test_processors_that_may_not_be_kept_awake_are_told() -> None:
+    said = _said(
+        f"{_WITHOUT_PRIVILEGES}print(realtime.apply(RealtimeParameters(keep_awake=True)))"
+    )
+    assert "realtime.keep_awake is not granted" in said
+
+
 def test_memory_that_may_not_be_locked_is_told() -> None:
     said = _said(
         f"resource.setrlimit(resource.RLIMIT_MEMLOCK, (0, 0))\n{_WITHOUT_PRIVILEGES}"
@@ -80,13 +106,18 @@ def test_memory_that_may_not_be_locked_is_told() -> None:
     assert "memlock limit of unlimited" in said
 
 
-def test_a_priority_is_given_or_the_limit_named() -> None:
+def test_a_priority_is_given_to_every_thread_or_the_limit_named() -> None:
     said = _said(
+        "stop = threading.Event()\n"
+        "threading.Thread(target=stop.wait).start()\n"
         "print(realtime.apply(RealtimeParameters(scheduler_priority=20)))\n"
-        "print(os.sched_getscheduler(0) == os.SCHED_FIFO, os.sched_getparam(0).sched_priority)\n"
+        "threads = [int(name) for name in os.listdir('/proc/self/task')]\n"
+        "print(len(threads) > 1, {os.sched_getscheduler(each) == os.SCHED_FIFO"
+        " and os.sched_getparam(each).sched_priority for each in threads})\n"
+        "stop.set()\n"
     )
     refused, granted = said.splitlines()
-    assert granted == "True 20" if refused == "[]" else "rtprio limit of 20" in refused
+    assert granted == "True {20}" if refused == "[]" else "rtprio limit of 20" in refused
 
 
 def test_a_priority_that_may_not_be_had_is_told() -> None:
