@@ -17,11 +17,26 @@ from typing import Any
 
 @dataclass(frozen=True, kw_only=True)
 class Wakes:
-    """Times a bare timer woke: how many, how many later than a period, the latest [ms]."""
+    """How often a bare timer woke, and each time that was later than a period.
+
+    ``late`` are pairs: when it woke by the system's clock [ns], and how late [ms].
+    """
 
     count: int
-    late: int
-    max_ms: float
+    late: list[tuple[int, float]]
+
+    @property
+    def latest(self) -> float:
+        """The longest lateness [ms] of those; 0 when there is none."""
+        return max((lateness for _, lateness in self.late), default=0.0)
+
+    def asleep(self, when_ns: int, *, margin: float) -> bool:
+        """Whether the machine stood still at a time, or ``margin`` seconds before or after it."""
+        margin_ns = margin * 1e9
+        return any(
+            woken_ns - 1e6 * lateness - margin_ns <= when_ns <= woken_ns + margin_ns
+            for woken_ns, lateness in self.late
+        )
 
 
 class BareTimer:
@@ -32,6 +47,11 @@ class BareTimer:
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
 
     def stop(self) -> Wakes | None:
         """End it; return what it saw, or None when it did not live to tell."""
@@ -45,17 +65,18 @@ class BareTimer:
 
 def watch_time(period: float, stop: Any) -> Wakes:
     """Wake every ``period`` seconds until the file ``stop`` ends."""
-    count, late, latest = 0, 0, 0.0
+    count: int = 0
+    late: list[tuple[int, float]] = []
     due = time.monotonic()
     while True:
         due += period
         ended, _, _ = select.select([stop], [], [], max(due - time.monotonic(), 0.0))
         if ended:
-            return Wakes(count=count, late=late, max_ms=1e3 * latest)
+            return Wakes(count=count, late=late)
         lateness = time.monotonic() - due
         count += 1
-        late += lateness > period
-        latest = max(latest, lateness)
+        if lateness > period:
+            late.append((time.time_ns(), 1e3 * lateness))
 
 
 if __name__ == "__main__":

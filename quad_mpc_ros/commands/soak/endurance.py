@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,8 @@ _GROWTH_ALLOWED = 5.0  # MB
 _LATE_ALLOWED = 1e-4  # of the ticks
 _WARM_UP_SHARE, _LONGEST_WARM_UP = 0.2, 60.0  # of the duration; s
 _PERIOD = 1.0  # s between two changes of parameters
+# After the machine stood still, nodes have to catch up with their clocks [s].
+_CATCHING_UP = 0.1
 _END_SHARE = 0.1  # of what follows the warm-up, whose memory is compared
 
 
@@ -66,14 +68,20 @@ def figures(rig: Rig, seen: Endurance, config: MpcConfig) -> dict[str, Any]:
     """Return the figures of an endurance."""
     period_ms = 1e3 / config.control_rate
     lateness = rig.watch.lateness_ms()
+    late_ns = [
+        tick.sent_ns
+        for tick, late in zip(rig.watch.ticks, lateness, strict=True)
+        if late > period_ms
+    ]
+    unanswered_ns = rig.watch.unanswered_ns()
     sources = Counter(tick.source for tick in rig.watch.ticks)
     return {
         "duration_s": (seen.ended_ns - seen.began_ns) * 1e-9,
         "ticks": len(rig.watch.ticks),
         "sources": dict(sources),
-        "late_ticks": int(np.sum(lateness > period_ms)),
-        "unanswered_odometries": rig.watch.unanswered(),
-        "bare_timer": asdict(seen.machine) if seen.machine is not None else None,
+        "late_ticks": len(late_ns),
+        "unanswered_odometries": len(unanswered_ns),
+        "machine": _machine(seen.machine, [*late_ns, *unanswered_ns]),
         "odom_to_stats_ms": _percentiles(lateness),
         "memory_mb": _memory(rig, seen),
         "parameter_changes": seen.changes,
@@ -107,6 +115,18 @@ def endurance_complaints(figures: dict[str, Any], unsound: list[str]) -> list[st
     if figures["parameters_refused"]:
         wrong.append(f"a change of parameters was refused: {figures['parameters_refused'][0]}")
     return wrong
+
+
+def _machine(wakes: Wakes | None, late_ns: list[int]) -> dict[str, Any] | None:
+    """Return how the bare timer fared, and how many of the late ticks came while it was late."""
+    if wakes is None:
+        return None
+    return {
+        "wakes": wakes.count,
+        "late_wakes": len(wakes.late),
+        "latest_ms": wakes.latest,
+        "late_ticks_then": sum(wakes.asleep(ns, margin=_CATCHING_UP) for ns in late_ns),
+    }
 
 
 def _memory(rig: Rig, seen: Endurance) -> dict[str, float | None]:

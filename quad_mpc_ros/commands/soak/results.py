@@ -70,7 +70,7 @@ def endurance_table(figures: dict[str, Any]) -> str:
         "ticks": f"{figures['ticks']}: {sources}",
         "late by a period": f"{figures['late_ticks']}, and {figures['unanswered_odometries']} "
         "odometries unanswered",
-        "the machine": _machine_text(figures["bare_timer"]),
+        "the machine": _machine_text(figures["machine"]),
         "odometry to tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in latency.items()),
         "unsound commands": f"{figures['unsound_commands']}",
         "memory": _memory_text(memory),
@@ -78,12 +78,12 @@ def endurance_table(figures: dict[str, Any]) -> str:
     return "\n".join(f"{name:<20} {value}" for name, value in rows.items())
 
 
-def _machine_text(wakes: dict[str, Any] | None) -> str:
-    if wakes is None:
+def _machine_text(machine: dict[str, Any] | None) -> str:
+    if machine is None:
         return "not watched"
     return (
-        f"a bare timer beside it woke late by a period {wakes['late']} times of "
-        f"{wakes['count']}, at most by {wakes['max_ms']:.1f} ms"
+        f"a bare timer was late by a period {machine['late_wakes']} times of {machine['wakes']}, "
+        f"up to {machine['latest_ms']:.0f} ms; {machine['late_ticks_then']} of the above then"
     )
 
 

@@ -82,11 +82,12 @@ class Watch:
             [1e-6 * (tick.sent_ns - sent.get(tick.stamp_ns, tick.stamp_ns)) for tick in self.ticks]
         )
 
-    def unanswered(self) -> int:
-        """Return to how many odometries no tick was told."""
+    def unanswered_ns(self) -> list[int]:
+        """Return when odometries were sent to which no tick was told."""
         answered = {tick.stamp_ns for tick in self.ticks}
         # The first and the last may belong to ticks before and after.
-        return sum(stamp not in answered for stamp in list(self.odometries_ns)[1:-1])
+        sent = list(self.odometries_ns.items())[1:-1]
+        return [sent_ns for stamp_ns, sent_ns in sent if stamp_ns not in answered]
 
     def source_for(self, seconds: float) -> str:
         """Return who has commanded for so long without a break, or nothing."""
