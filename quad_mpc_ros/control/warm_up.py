@@ -15,13 +15,22 @@ from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 # No further apart than odometries that something is learned between, and longer than any delay
 # of the input: learning compiles as well.
 _TICKS_NS = (1_000_000_000, 1_300_000_000, 1_600_000_000, 1_620_000_000)
+# Longer after the last of them than any timeout below.
+_BLIND_NS = 5_000_000_000
+_HOVERING_NS = (5_100_000_000, 6_000_000_000)
 
 
 def warmed_up(config: MpcConfig, *, deadline: float = math.inf) -> Controller:
     """Return a new controller, none of whose code is left to compile."""
     _compile(
         dataclasses.replace(
-            config, horizon_steps=2, lockstep=False, odom_timeout=2.0, reference_timeout=2.0
+            config,
+            horizon_steps=2,
+            lockstep=False,
+            odom_timeout=2.0,
+            reference_timeout=2.0,
+            plan_hold_time=0.2,
+            blind_time=10.0,
         )
     )
     return Controller(config, deadline=deadline)
@@ -34,13 +43,19 @@ def _compile(config: MpcConfig) -> None:
     for stamp_ns in _TICKS_NS:
         controller.receive_reference(_held_from(stamp_ns, config), now_ns=stamp_ns)
         controller.receive_odometry(_moving_at(stamp_ns, config), now_ns=stamp_ns)
+        controller.take_warnings()
+    # Then without odometry, and last without reference: who flies then must not compile either.
+    controller.watch(now_ns=_BLIND_NS)
+    for stamp_ns in _HOVERING_NS:
+        controller.receive_odometry(_moving_at(stamp_ns, config), now_ns=stamp_ns)
+        controller.take_warnings()
 
 
 def _moving_at(stamp_ns: int, config: MpcConfig) -> OdometrySample:
     """Return an odometry in flight, slow enough for a throttle within its bounds: one learns."""
     return OdometrySample(
         stamp_ns=stamp_ns,
-        p_WB=np.zeros(3),
+        p_WB=np.array([0.3e-9 * stamp_ns, 0.0, 0.0]),
         q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
         v_WB_B=np.array([0.3, 0.0, 0.0]),
         w_WB_B=np.zeros(3),

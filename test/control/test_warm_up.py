@@ -17,10 +17,12 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
+ROOMS = "quad_mpc_ros.control"
+
 def compiled():
     return {
         (module, name, str(signature))
-        for module in list(sys.modules) if module.startswith("quad_mpc_ros.control")
+        for module in list(sys.modules) if module.startswith(ROOMS)
         for name, value in vars(sys.modules[module]).items() if isinstance(value, Dispatcher)
         for signature in value.signatures
     }
@@ -43,6 +45,55 @@ assert before
 def test_nothing_is_left_to_compile(lag: str) -> None:
     flown = subprocess.run(
         [sys.executable, "-c", FLY, lag], capture_output=True, text=True, check=False
+    )
+    assert flown.returncode == 0, flown.stderr
+    assert flown.stdout.strip() == ""
+
+
+# The node also takes warnings, and other rungs of the safety ladder than the MPC fly at times.
+FAIL = (
+    FLY.split("reference = ")[0].replace("lockstep=True", "lockstep=False")
+    + """
+import numpy as np
+from quad_mpc_ros.core.messages import OdometrySample
+from quad_mpc_ros.references.server import ReferenceServer
+ROOMS = ("quad_mpc_ros.control", "quad_mpc_ros.core")
+server = ReferenceServer(ReferenceConfig(trajectory="lemniscate"))
+server.start(0)
+windows = [server.window(20_000_000 * k) for k in range(30)]
+controller = warmed_up(mpc)
+before, sources = compiled(), set()
+
+def seen(tick):
+    if tick is not None:
+        sources.add(tick.decision.source.name)
+    controller.take_warnings()
+
+def odometry(stamp_ns):
+    return OdometrySample(
+        stamp_ns=stamp_ns, p_WB=np.array([1e-9 * stamp_ns, 0.0, 2.0]),
+        q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]), v_WB_B=np.array([1.0, 0.0, 0.0]),
+        w_WB_B=np.zeros(3),
+    )
+
+for k in range(100):
+    now_ns = 20_000_000 * k
+    if k < 30:
+        seen(controller.receive_reference(windows[k], now_ns=now_ns))
+    seen(controller.receive_odometry(odometry(now_ns), now_ns=now_ns))
+for _ in range(30):
+    now_ns += 20_000_000
+    seen(controller.watch(now_ns=now_ns))
+assert sources >= {"MPC", "PLAN", "HOVER", "BLIND"}, sources
+print(*sorted(compiled() - before), sep="\\n")
+"""
+)
+
+
+@pytest.mark.parametrize("lag", ["0.0", "0.02"])
+def test_nor_when_something_fails(lag: str) -> None:
+    flown = subprocess.run(
+        [sys.executable, "-c", FAIL, lag], capture_output=True, text=True, check=False
     )
     assert flown.returncode == 0, flown.stderr
     assert flown.stdout.strip() == ""
