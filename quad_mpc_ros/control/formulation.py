@@ -10,7 +10,7 @@ import numpy as np
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.control.situation import Situation
-from quad_mpc_ros.core.compiled import compiled
+from quad_mpc_ros.core.compilation import compiled
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
 from quad_mpc_ros.core.state import Input
 

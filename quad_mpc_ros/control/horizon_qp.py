@@ -18,7 +18,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from quad_mpc_ros.core.compiled import compiled, largest
+from quad_mpc_ros.core.compilation import compiled
+from quad_mpc_ros.core.compiled import largest
 from quad_mpc_ros.core.messages import Array
 
 Mask = NDArray[np.bool_]

@@ -38,7 +38,7 @@ from quad_mpc_ros.control.prediction import (
 from quad_mpc_ros.control.situation import Situation
 from quad_mpc_ros.control.target import Target, TargetSampler
 from quad_mpc_ros.control.tracking_cost import Weights, quadratic_cost, tracking_cost
-from quad_mpc_ros.core.compiled import compiled
+from quad_mpc_ros.core.compilation import compiled
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
 
 _STATE_SIZES = np.concatenate((np.repeat([1.0, 3.0, 0.5, 5.0], 3), [0.3]))

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.core import compiled as so3
-from quad_mpc_ros.core.compiled import compiled
+from quad_mpc_ros.core.compilation import compiled
 from quad_mpc_ros.core.messages import Array
 from quad_mpc_ros.core.vehicle import Vehicle
 

@@ -20,7 +20,7 @@ from quad_mpc_ros.control.prediction import (
 )
 from quad_mpc_ros.control.situation import Situation
 from quad_mpc_ros.core import compiled as so3
-from quad_mpc_ros.core.compiled import compiled
+from quad_mpc_ros.core.compilation import compiled
 from quad_mpc_ros.core.messages import Array, OdometrySample
 from quad_mpc_ros.core.state import Input
 

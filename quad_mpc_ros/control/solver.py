@@ -15,7 +15,8 @@ import osqp
 
 from quad_mpc_ros.control.config import SolverParameters
 from quad_mpc_ros.control.horizon_qp import HorizonQP
-from quad_mpc_ros.core.compiled import compiled, largest
+from quad_mpc_ros.core.compilation import compiled
+from quad_mpc_ros.core.compiled import largest
 from quad_mpc_ros.core.messages import Array
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.control.prediction import INPUT_SIZE, Disturbance, Model
 from quad_mpc_ros.core import compiled as so3
-from quad_mpc_ros.core.compiled import compiled
+from quad_mpc_ros.core.compilation import compiled
 from quad_mpc_ros.core.messages import Array, ReferenceWindow
 from quad_mpc_ros.core.reference import sample_into
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from quad_mpc_ros.control.prediction import Motion
 from quad_mpc_ros.control.target import Target
 from quad_mpc_ros.core import compiled as so3
-from quad_mpc_ros.core.compiled import compiled
+from quad_mpc_ros.core.compilation import compiled
 from quad_mpc_ros.core.messages import Array
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from quad_mpc_ros.core import compiled as so3
-from quad_mpc_ros.core.compiled import compiled
+from quad_mpc_ros.core.compilation import compiled
 from quad_mpc_ros.core.messages import Array, OdometrySample
 
 _SPEED_ENOUGH = 0.5  # m/s, below it noise hides the frame

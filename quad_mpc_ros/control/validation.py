@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.core.compiled import compiled
+from quad_mpc_ros.core.compilation import compiled
 from quad_mpc_ros.core.messages import Array, OdometrySample, ReferenceWindow
 
 _QUATERNION_TOLERANCE = 1e-3

@@ -2,8 +2,7 @@
 
 NumPy takes a microsecond for each operation on three numbers, and a horizon has thousands of them.
 What runs in every control step is therefore compiled: plain loops over tuples of floats, which
-live in registers. The machine code is kept beside the source (or in the user's cache folder), so
-that only the first start after an installation compiles.
+live in registers.
 
 A vector is a tuple of three, a matrix one of nine, row by row. Conventions are those of
 :mod:`quad_mpc_ros.core.so3`, which wraps these for single rotations.
@@ -12,16 +11,11 @@ A vector is a tuple of three, a matrix one of nine, row by row. Conventions are 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar
 
-import numba
 import numpy as np
 
+from quad_mpc_ros.core.compilation import compiled
 from quad_mpc_ros.core.messages import Array
-
-_P = ParamSpec("_P")
-_T = TypeVar("_T")
 
 Vector = tuple[float, float, float]
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
@@ -38,39 +32,6 @@ _SMALL_DEFICIT = 0.05
 # Up to this square of an angle six terms are exact to rounding (the seventh is below
 # 0.0625**6 / 15!), and take a third of the time of a sine. What turns in a substep is there.
 _SERIES_SQUARE = 0.0625
-
-
-def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Compile a function when it is first called, and keep the machine code on disk.
-
-    Floating point is strict: a flight is the same, bit for bit, in every process of a machine.
-    """
-    result: Callable[_P, _T]
-    try:
-        result = numba.njit(cache=True, error_model="numpy")(function)
-        _forgive(result)
-    except RuntimeError:  # neither beside the source nor in the user's folder may it write
-        result = numba.njit(error_model="numpy")(function)
-    return result
-
-
-def _forgive(dispatcher: Any) -> None:
-    """Let a function compile anew where its machine code on disk cannot be read.
-
-    That of an earlier version may name a type which there is no more, and Numba asks whether it is
-    of an earlier version only after reading it.
-    """
-    cache = dispatcher._cache
-    load = cache.load_overload
-
-    def load_overload(*arguments: Any) -> Any:
-        try:
-            return load(*arguments)
-        except (AttributeError, ImportError):
-            cache.flush()
-            return None
-
-    cache.load_overload = load_overload
 
 
 @compiled
