@@ -23,7 +23,7 @@ import numpy as np
 from quad_mpc_ros.control.command_history import Acting
 from quad_mpc_ros.control.prediction import Body, Disturbance, Model, input_at, moved_on
 from quad_mpc_ros.core import compiled as so3
-from quad_mpc_ros.core.compiled import compiled
+from quad_mpc_ros.core.compilation import compiled
 from quad_mpc_ros.core.messages import Array
 
 # State of the filter: velocity, acceleration, factor on the thrust, time constant of the thrust.
@@ -45,14 +45,16 @@ _LAG_BOUND = 2.0  # of a time constant, as a factor either way
 # Longest stretch predicted at once [s].
 _LONGEST = 0.0025
 # At rest and not lifted: on the ground, which carries what the thrust does not. In flight at rest
-# the thrust is the weight, up to its scale; less than the last of these says that it has landed.
+# the thrust is the weight, up to its scale. With less than the last of these and the largest scale
+# it would fall, and be at rest no longer before _TOUCHDOWN [s] has passed: so it has landed.
 _REST_SPEED, _LIFT, _LANDED = 0.1, 0.95, 0.6
+_TOUCHDOWN = 0.25
 
 
 class Memory(NamedTuple):
     """``x`` (8,) and ``P`` (8, 8) of the velocity's filter; ``throttle`` (2,) with its derivative
     by the time constant; ``rate_lag`` (2,): time constant of the rates and its variance; ``flown``
-    (1,): one in flight, zero on the ground.
+    (1,): one in flight, zero on the ground, between them while it seems to have landed.
     """
 
     x: Array
@@ -208,8 +210,10 @@ def follow(
     if not resting or thrust > _LIFT * modelled.gravity:
         flown[0] = 1.0
     elif thrust < _LANDED * modelled.gravity:
-        flown[0] = 0.0
-    if frozen or flown[0] == 0.0:
+        flown[0] = max(flown[0] - duration / _TOUCHDOWN, 0.0)
+    elif flown[0] > 0.0:
+        flown[0] = 1.0
+    if frozen or flown[0] < 1.0:
         start_at(x, P, v_after)
     else:
         _learn(modelled, memory, slopes, reached, v_after, w_after, duration)

@@ -167,6 +167,32 @@ def test_after_a_landing_it_keeps_what_it_learned() -> None:
     assert estimator.disturbance.thrust_scale == before.thrust_scale
 
 
+def test_little_thrust_at_rest_is_a_landing_only_when_it_lasts() -> None:
+    """For a moment it is a vehicle in the air that has more thrust than modelled."""
+    scale, hover = 1.5, VEHICLE.thrust(VEHICLE.hover_throttle)
+    estimator = VehicleEstimator(model(), throttle=0.29, learning=True)
+    estimator.start(np.zeros(3))
+    velocity = 0.0
+    # Thrust as modelled over the weight: taken over in the air, and brought to hover.
+    for modelled in (1.0, 0.55, 0.55, *(1.0 / scale for _ in range(200))):
+        velocity += PERIOD * VEHICLE.gravity * (scale * modelled - 1.0)
+        assert modelled == 1.0 or abs(velocity) < 0.1
+        throttle = VEHICLE.throttle_for(modelled * hover)
+        estimator.follow(
+            R_before=np.eye(3),
+            w_before=np.zeros(3),
+            R_after=np.eye(3),
+            w_after=np.zeros(3),
+            v_after=np.array([0.0, 0.0, velocity]),
+            acting=under(Input(throttle=throttle, w_WB_B=np.zeros(3))),
+            frozen=False,
+        )
+    d = estimator.disturbance
+    assert d.thrust_scale / scale * VEHICLE.gravity + d.a_W[2] == pytest.approx(
+        VEHICLE.gravity, rel=0.01
+    )
+
+
 def test_estimates_are_bounded() -> None:
     """However absurd the velocities, and the rates."""
     estimator = VehicleEstimator(model(rate=0.03, thrust=0.03), throttle=0.29, learning=True)
