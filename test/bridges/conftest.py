@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -291,3 +296,30 @@ def sound_message(type_name: str, stamp_ns: int) -> Any:
 def sound() -> Callable[[str, int], Any]:
     """Make messages of the stacks by type name and stamp [ns], as they are when all is well."""
     return sound_message
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
+    """Start nodes by module, like ``nodes.mpc_node``, and arguments; they end with the test."""
+
+    with ExitStack() as stack:
+
+        def started(module: str, *arguments: str) -> subprocess.Popen[bytes]:
+            log = stack.enter_context((tmp_path / f"{module}.log").open("wb"))
+            command = [sys.executable, "-m", f"quad_mpc_ros.{module}", "--ros-args", *arguments]
+            process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
+            stack.callback(_end, process)
+            return process
+
+        yield started
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        process.send_signal(signal.SIGCONT)
+        process.send_signal(signal.SIGINT)
+    try:
+        process.wait(10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -5,11 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -22,6 +19,8 @@ from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool
 
 from quad_mpc_ros.ros import conversions
+
+Process = subprocess.Popen[bytes]
 
 SECOND = 1_000_000_000
 SILENT_AFTER_NS = SECOND // 10
@@ -95,33 +94,14 @@ def listener() -> Iterator[Listener]:
 
 
 @pytest.fixture
-def processes(tmp_path: Path) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
-    """The nodes, each a process of its own, ended one by one."""
-    with ExitStack() as stack:
-        running = {}
-        for module, arguments in NODES.items():
-            log = stack.enter_context((tmp_path / f"{module}.log").open("wb"))
-            command = [sys.executable, "-m", f"quad_mpc_ros.{module}", "--ros-args", *arguments]
-            running[module] = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
-            stack.callback(end, running[module])
-        yield running
-
-
-def end(process: subprocess.Popen[bytes]) -> None:
-    if process.poll() is None:
-        process.send_signal(signal.SIGCONT)
-        process.send_signal(signal.SIGINT)
-    try:
-        process.wait(10)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+def processes(start: Callable[..., Process]) -> dict[str, Process]:
+    return {module: start(module, *arguments) for module, arguments in NODES.items()}
 
 
 @pytest.mark.timeout(3 * _PATIENCE)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_stack_hears_nothing_more_when_the_controller_is_killed_or_hangs(
-    number: int, listener: Listener, processes: dict[str, subprocess.Popen[bytes]]
+    number: int, listener: Listener, processes: dict[str, Process]
 ) -> None:
     listener.take_over()
     assert listener.spin(lambda: listener.height > 0.5), "it does not fly"
