@@ -25,11 +25,15 @@ class ControllerPeer:
         return None if self._tick is None else self._tick.command
 
     def effort(self) -> Effort:
-        """Return OSQP's iterations and run time, summed over the solves of the last step."""
+        """Return OSQP's iterations and run time, summed over the solves of the last step.
+
+        The MPC alone predicts, linearises, updates, solves and applies.
+        """
         if self._tick is None:
             return Effort(solved=False, iterations=0, solve_time=0.0)
         return Effort(
             solved=self._tick.decision.source is Source.MPC,
             iterations=self._tick.stats.iterations,
             solve_time=self._tick.stats.solve_time_us * 1e-6,
+            mpc_time=self._tick.stats.step_time_us * 1e-6,
         )

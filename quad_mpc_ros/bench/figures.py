@@ -21,7 +21,7 @@ def summarise(flights: Sequence[MeasuredFlight]) -> Figures:
 
     Times leave out the first step of each flight, on which solvers set themselves up; the longest
     of those is ``first_step_us``. Iterations are of every step. Flying quality is that of the
-    worst flight. What there is no data for is None.
+    worst flight. What there is no data for is None, the MPC alone where it is the whole step.
     """
     return {
         "flights": len(flights),
@@ -29,6 +29,7 @@ def summarise(flights: Sequence[MeasuredFlight]) -> Figures:
         "failed_steps": int(sum(np.sum(~flight.solved) for flight in flights)),
         "step_us": _percentiles(np.concatenate([flight.step_us[1:] for flight in flights])),
         "solve_us": _percentiles(np.concatenate([flight.solve_us[1:] for flight in flights])),
+        "mpc_us": _percentiles(_known(np.concatenate([flight.mpc_us[1:] for flight in flights]))),
         "first_step_us": max(float(flight.step_us[0]) for flight in flights),
         "iterations": _percentiles(np.concatenate([flight.iterations for flight in flights])),
         "position_rmse_m": max(_rmse(flight) for flight in flights),
@@ -50,6 +51,10 @@ def _rmse(flight: MeasuredFlight) -> float:
 
 def _position_errors(flight: MeasuredFlight) -> Array:
     return np.asarray(np.linalg.norm(flight.p_reference - flight.p_WB, axis=1))
+
+
+def _known(values: Array) -> Array:
+    return np.asarray(values[~np.isnan(values)])
 
 
 def _percentiles(values: NDArray[Any]) -> dict[str, float | None]:

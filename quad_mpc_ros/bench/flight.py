@@ -24,12 +24,14 @@ class MeasuredFlight:
     """A flight step by step.
 
     ``step_us`` (n,): odometry and reference in to command out [us]. ``solve_us`` (n,): the
-    solver's own time [us]. ``iterations``, ``solved`` (n,). ``commands`` (n, 4): throttle and body
-    rates, NaN where there was none. ``p_WB`` and ``p_reference`` (n, 3): true and wanted [m].
+    solver's own time [us]. ``mpc_us`` (n,): the MPC alone [us], NaN where it is the whole step.
+    ``iterations``, ``solved`` (n,). ``commands`` (n, 4): throttle and body rates, NaN where there
+    was none. ``p_WB`` and ``p_reference`` (n, 3): true and wanted [m].
     """
 
     step_us: Array
     solve_us: Array
+    mpc_us: Array
     iterations: NDArray[np.int64]
     solved: NDArray[np.bool_]
     commands: Array
@@ -64,6 +66,7 @@ def fly(peer: Peer, *, simulator: SimulatorConfig, reference: ReferenceConfig) -
     return MeasuredFlight(
         step_us=1e-3 * np.array(times),
         solve_us=1e6 * np.array([effort.solve_time for effort in efforts]),
+        mpc_us=1e6 * np.array([effort.mpc_time for effort in efforts], dtype=np.float64),
         iterations=np.array([effort.iterations for effort in efforts], dtype=np.int64),
         solved=np.array([effort.solved for effort in efforts], dtype=np.bool_),
         commands=np.array(commands),

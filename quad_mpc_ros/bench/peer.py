@@ -10,11 +10,16 @@ from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceW
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """What the solver of a peer says of the last step; ``solve_time`` is its own in seconds."""
+    """What the last step of a peer took.
+
+    ``solve_time`` [s] is what its solver says of itself. ``mpc_time`` [s] is that of the MPC
+    alone, where there is more to a step.
+    """
 
     solved: bool
     iterations: int
     solve_time: float
+    mpc_time: float | None = None
 
 
 class Peer(Protocol):

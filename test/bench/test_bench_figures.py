@@ -13,6 +13,7 @@ def flight(step_us: list[float], **given: object) -> MeasuredFlight:
     count = len(step_us)
     nothing: dict[str, object] = {
         "solve_us": np.array(step_us) / 2.0,
+        "mpc_us": np.full(count, np.nan),
         "iterations": np.zeros(count, dtype=np.int64),
         "solved": np.ones(count, dtype=np.bool_),
         "commands": np.zeros((count, 4)),
@@ -29,6 +30,7 @@ def test_percentiles_are_measured_values_of_all_flights_but_their_first_steps() 
 
     assert figures["step_us"] == {"p50": 50.0, "p99": 99.0, "max": 100.0}
     assert figures["solve_us"] == {"p50": 25.0, "p99": 49.5, "max": 50.0}
+    assert figures["mpc_us"] == {"p50": None, "p99": None, "max": None}
     assert figures["first_step_us"] == 7000.0
     assert (figures["flights"], figures["steps"]) == (2, 102)
 

@@ -32,6 +32,7 @@ def entry(peer: str, steps: int, **given: Any) -> dict[str, Any]:
         "failed_steps": 0,
         "step_us": times(300.0, 600.0, 900.0),
         "solve_us": times(100.0, 200.0, 300.0),
+        "mpc_us": times(None, None, None),
         "first_step_us": 1234.5,
         "iterations": times(25.0, 50.0, 75.0),
         "position_rmse_m": 0.71234,
@@ -60,7 +61,7 @@ def result() -> dict[str, Any]:
         },
         "skipped": {"cvxpy": "it is not installed"},
         "entries": [
-            entry("controller", 10),
+            entry("controller", 10, mpc_us=times(250.0, 500.0, 800.0)),
             entry("acados", 10, step_us=times(200.0, 400.0, 500.0)),
             entry("acados", 5),
             entry("controller", 5, error_before_switch_m=None),
@@ -71,9 +72,16 @@ def result() -> dict[str, Any]:
 def test_only_what_flew_with_the_same_horizon_is_compared(result: dict[str, Any]) -> None:
     header, *rows = peer_rows(result)
 
-    assert [row[0] for row in rows[::2]] == ["this controller", "acados SQP_RTI + HPIPM"]
+    assert [row[0] for row in rows] == [
+        "this controller",
+        "of that, the MPC alone",
+        "of that, OSQP's own time",
+        "acados SQP_RTI + HPIPM",
+        "of that, its C code's own time",
+    ]
     assert rows[0][1:] == ["300", "600", "900", "1234", "25 / 50 / 75", "0", "0.7123", "0.0112"]
-    assert rows[1][1:4] == ["100", "200", "300"]
+    assert rows[1][1:4] == ["250", "500", "800"]
+    assert rows[2][1:4] == ["100", "200", "300"]
     assert {len(row) for row in rows} == {len(header)}
 
 
@@ -94,7 +102,7 @@ def test_one_horizon_is_no_table(result: dict[str, Any]) -> None:
 def test_ratios_are_over_the_peer(result: dict[str, Any]) -> None:
     own, beside_acados = comparison_lines(result)
 
-    assert "3.00 at p50" in own
+    assert "3.00 at p50; the MPC alone: 2.50" in own
     assert "1.50 at p50, 1.50 at p99" in beside_acados
 
 
@@ -102,7 +110,9 @@ def test_what_was_not_measured_is_not_made_up(result: dict[str, Any]) -> None:
     result["entries"] = [entry("controller", 10, step_us=times(None, None, None))]
 
     assert peer_rows(result)[1][1:4] == ["-", "-", "-"]
-    assert comparison_lines(result) == ["Whole step over OSQP's own time: - at p50."]
+    assert comparison_lines(result) == [
+        "Whole step over OSQP's own time: - at p50; the MPC alone: -."
+    ]
     result["entries"] = [entry("acados", 10)]
     assert comparison_lines(result) == []
 
@@ -111,7 +121,7 @@ def test_text_is_aligned_and_markdown_has_every_cell(result: dict[str, Any]) -> 
     rows = peer_rows(result)
     lines = as_text(rows).splitlines()
 
-    assert lines[0].index("p50 [us]") + 8 == lines[1].index("300") + 3 == lines[2].index("100") + 3
+    assert lines[0].index("p50 [us]") + 8 == lines[1].index("300") + 3 == lines[3].index("100") + 3
     assert all(line.count("|") == len(rows[0]) + 1 for line in as_markdown(rows).splitlines())
 
 
