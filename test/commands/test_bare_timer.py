@@ -6,7 +6,7 @@ import os
 import signal
 import time
 
-from quad_mpc_ros.commands.soak.bare_timer import BareTimer
+from quad_mpc_ros.commands.soak.bare_timer import BareTimer, Wakes
 
 
 def test_a_machine_that_stands_still_is_noticed_and_when() -> None:
@@ -23,9 +23,19 @@ def test_a_machine_that_stands_still_is_noticed_and_when() -> None:
     assert wakes is not None
     assert wakes.count > 40
     assert wakes.latest > 400.0
-    assert wakes.asleep((began_ns + ended_ns) // 2, margin=0.0)
-    assert wakes.asleep(ended_ns + 50_000_000, margin=0.1)
-    assert not wakes.asleep(began_ns - 60_000_000_000, margin=0.1)
+    assert any(
+        begin <= (began_ns + ended_ns) / 2 <= end and end - begin < 10e9
+        for begin, end in wakes.stalls(margin=0.0)
+    )
+
+
+def test_times_around_stalls_are_counted_once() -> None:
+    second, ms = 1_000_000_000, 1e3
+    wakes = Wakes(count=100, late=[(20 * second, 1 * ms), (12 * second, 2 * ms), (9 * second, ms)])
+    assert wakes.stalls(margin=0.5) == [
+        (7.5 * second, 12.5 * second),
+        (18.5 * second, 20.5 * second),
+    ]
 
 
 def test_one_that_did_not_live_tells_nothing() -> None:

@@ -30,13 +30,16 @@ class Wakes:
         """The longest lateness [ms] of those; 0 when there is none."""
         return max((lateness for _, lateness in self.late), default=0.0)
 
-    def asleep(self, when_ns: int, *, margin: float) -> bool:
-        """Whether the machine stood still at a time, or ``margin`` seconds before or after it."""
-        margin_ns = margin * 1e9
-        return any(
-            woken_ns - 1e6 * lateness - margin_ns <= when_ns <= woken_ns + margin_ns
-            for woken_ns, lateness in self.late
-        )
+    def stalls(self, *, margin: float) -> list[tuple[float, float]]:
+        """Return when the machine stood still and ``margin`` seconds around it, apart, [ns]."""
+        found: list[tuple[float, float]] = []
+        for woken_ns, lateness in sorted(self.late):
+            begin, end = woken_ns - 1e6 * lateness - 1e9 * margin, woken_ns + 1e9 * margin
+            if found and begin <= found[-1][1]:
+                begin, end = min(begin, found[-1][0]), max(end, found[-1][1])
+                found.pop()
+            found.append((begin, end))
+        return found
 
 
 class BareTimer:

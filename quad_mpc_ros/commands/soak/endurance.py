@@ -20,8 +20,8 @@ _GROWTH_ALLOWED = 5.0  # MB
 _LATE_ALLOWED = 1e-4  # of the ticks
 _WARM_UP_SHARE, _LONGEST_WARM_UP = 0.2, 60.0  # of the duration; s
 _PERIOD = 1.0  # s between two changes of parameters
-# After the machine stood still, nodes have to catch up with their clocks [s].
-_CATCHING_UP = 0.1
+# After the machine stood still, nodes have to catch up with their clocks.
+PERIODS_TO_CATCH_UP = 5
 _END_SHARE = 0.1  # of what follows the warm-up, whose memory is compared
 
 
@@ -81,7 +81,9 @@ def figures(rig: Rig, seen: Endurance, config: MpcConfig) -> dict[str, Any]:
         "sources": dict(sources),
         "late_ticks": len(late_ns),
         "unanswered_odometries": len(unanswered_ns),
-        "machine": _machine(seen.machine, [*late_ns, *unanswered_ns]),
+        "machine": _machine(
+            seen, [*late_ns, *unanswered_ns], margin=1e-3 * PERIODS_TO_CATCH_UP * period_ms
+        ),
         "odom_to_stats_ms": _percentiles(lateness),
         "memory_mb": _memory(rig, seen),
         "parameter_changes": seen.changes,
@@ -117,15 +119,24 @@ def endurance_complaints(figures: dict[str, Any], unsound: list[str]) -> list[st
     return wrong
 
 
-def _machine(wakes: Wakes | None, late_ns: list[int]) -> dict[str, Any] | None:
-    """Return how the bare timer fared, and how many of the late ticks came while it was late."""
-    if wakes is None:
+def _machine(seen: Endurance, late_ns: list[int], *, margin: float) -> dict[str, Any] | None:
+    """Return how the bare timer fared, and how many of the late ticks came while it was late.
+
+    Together with the share of the time which that was, ``margin`` seconds around it included:
+    what has nothing to do with it comes then as often as at any other time.
+    """
+    if seen.machine is None:
         return None
+    stalls = seen.machine.stalls(margin=margin)
     return {
-        "wakes": wakes.count,
-        "late_wakes": len(wakes.late),
-        "latest_ms": wakes.latest,
-        "late_ticks_then": sum(wakes.asleep(ns, margin=_CATCHING_UP) for ns in late_ns),
+        "wakes": seen.machine.count,
+        "late_wakes": len(seen.machine.late),
+        "latest_ms": seen.machine.latest,
+        "late_ticks_then": sum(
+            any(begin <= late <= end for begin, end in stalls) for late in late_ns
+        ),
+        "share_of_time": sum(end - begin for begin, end in stalls)
+        / max(seen.ended_ns - seen.began_ns, 1),
     }
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from quad_mpc_ros.analysis.soak_figure import SoakSeries, write_soak_figure
 from quad_mpc_ros.commands.soak.campaign import Outcome
+from quad_mpc_ros.commands.soak.endurance import PERIODS_TO_CATCH_UP
 from quad_mpc_ros.commands.soak.options import PICTURE, RESULT
 from quad_mpc_ros.commands.soak.rig import Rig
 from quad_mpc_ros.configuration import UserError
@@ -83,7 +84,8 @@ def _machine_text(machine: dict[str, Any] | None) -> str:
         return "not watched"
     return (
         f"a bare timer was late by a period {machine['late_wakes']} times of {machine['wakes']}, "
-        f"up to {machine['latest_ms']:.0f} ms; {machine['late_ticks_then']} of the above then"
+        f"up to {machine['latest_ms']:.0f} ms; {machine['late_ticks_then']} of the above came "
+        f"within {PERIODS_TO_CATCH_UP} periods of it, {machine['share_of_time']:.2%} of the time"
     )
 
 
