@@ -58,7 +58,7 @@ class Crazyswarm2Bridge(SwitchedBridge):
 
     def __init__(self, config: Crazyswarm2Config, new: NewMessage) -> None:
         super().__init__(config, new)
-        self._setpoint = self._topic("cmd_vel_legacy", "geometry_msgs/msg/Twist")
+        self._setpoint = self._topic("cmd_vel_legacy", "geometry_msgs/msg/Twist", reliable=True)
         self._differentiator = PoseDifferentiator(velocity_too=config.state == "pose")
         self._status: Link[Any] = Link(timeout=_STATUS_TIMEOUT)
         self._unlocking = 0
@@ -138,9 +138,13 @@ class Crazyswarm2Bridge(SwitchedBridge):
         self._status.receive(message, now_ns=now_ns)
         self.thrust.receive_voltage(float(message.battery_voltage), now_ns=now_ns)
 
-    def _topic(self, path: str, type_name: str) -> Topic:
+    def _topic(self, path: str, type_name: str, *, reliable: bool = False) -> Topic:
+        """Return a topic: what is heard unreliably matches whatever the server publishes."""
         return Topic(
-            name=f"{self._config.crazyflie}/{path}", type_name=type_name, reliable=True, depth=1
+            name=f"{self._config.crazyflie}/{path}",
+            type_name=type_name,
+            reliable=reliable,
+            depth=1,
         )
 
 

@@ -61,7 +61,11 @@ class MavrosBridge(Bridge):
             depth=10,
         )
         self._battery = self._topic("battery", "sensor_msgs/msg/BatteryState")
-        self._target = self._topic("setpoint_raw/attitude", "mavros_msgs/msg/AttitudeTarget")
+        self._target = Topic(
+            name=f"{config.mavros}/setpoint_raw/attitude",
+            type_name="mavros_msgs/msg/AttitudeTarget",
+            reliable=True,  # which matches whatever MAVROS asks for
+        )
         self._state: Link[Any] = Link(timeout=_STATE_TIMEOUT)
         self._stream = SetpointStream()
 
