@@ -19,7 +19,7 @@ from quad_mpc_ros.commands.new_file import check_writable, write_new
 from quad_mpc_ros.commands.recording import bag_of, recorded_configuration, topic_names
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.ros.topics import COMMAND
+from quad_mpc_ros.ros.topics import COMMAND, ENGAGED
 
 
 def identify_command(options: argparse.Namespace) -> int:
@@ -27,7 +27,7 @@ def identify_command(options: argparse.Namespace) -> int:
     for name, path in (("--out", options.out), ("--plot", options.plot)):
         check_writable(name, path, overwrite=options.overwrite)
     bag = bag_of(options.bag)
-    run = read_run(bag, topic_names(options), topics=(COMMAND,))
+    run = read_run(bag, topic_names(options), topics=(COMMAND, ENGAGED))
     mpc = cast(MpcConfig, recorded_configuration(options, run)["mpc"])
     data = measurements_of(run, vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame)
     found = identify(data)

@@ -190,6 +190,38 @@ def test_what_the_simulator_was_given_is_found_exactly_without_noise(odom_rate: 
     assert found.rates.explained > 0.999
 
 
+def test_commands_that_did_not_act_are_left_out() -> None:
+    """For four seconds another flies, while the controller goes on commanding."""
+    run = flown(**TRUTH, duration=15.0)
+    released_ns, engaged_ns = START_NS + 5_000_000_000, START_NS + 9_000_000_000
+    commands = [
+        received(
+            dataclasses.replace(
+                command.value,
+                throttle=1.0 - command.value.throttle,
+                w_WB_B=-command.value.w_WB_B,
+            ),
+            command.log_time_ns,
+        )
+        if released_ns <= command.log_time_ns < engaged_ns
+        else command
+        for command in run.commands
+    ]
+    untold = dataclasses.replace(run, commands=commands)
+    told = dataclasses.replace(
+        untold,
+        engagements=[
+            received(True, START_NS),
+            received(False, released_ns),
+            received(True, engaged_ns),
+        ],
+    )
+    assert identified(untold).rates.explained < 0.9
+    assert_near(identified(told), relative=0.02, drag_within=0.05)
+    with pytest.raises(BagError, match="commands acted on 0% of them"):
+        identified(dataclasses.replace(run, engagements=[received(False, START_NS)]))
+
+
 @pytest.mark.parametrize(
     "trouble",
     [

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.analysis.recorded_run import RecordedRun
+from quad_mpc_ros.analysis.recorded_run import Received, RecordedRun
 from quad_mpc_ros.bags import BagError
 from quad_mpc_ros.control.validation import odometry_fault
 from quad_mpc_ros.core import so3
@@ -30,7 +31,7 @@ class Measurements:
 
     Shapes: ``p_WB``, ``v_WB_W``, ``w_WB_B`` (n, 3); ``R_WB`` (n, 3, 3); ``throttle`` (m,) in 0 to
     1; ``w_command`` (m, 3) [rad/s]. A command's time is the stamp of the odometry it answers.
-    ``usable`` (n,) tells in which odometries the vehicle flies and follows commands.
+    ``usable`` (n,) tells in which odometries the vehicle flies and acts on commands.
     ``command_age`` is the median time from that stamp to the command's publication [s], NaN where
     the clocks differ. ``vehicle`` is the one that the thrust is compared with.
     """
@@ -58,7 +59,8 @@ def measurements_of(run: RecordedRun, *, vehicle: Vehicle, twist_frame: str) -> 
 
     Raises :class:`BagError` for one without commands, or with too little flight under them.
     """
-    odometries = _in_order([received.value for received in run.odometries])
+    received = _in_order(run.odometries)
+    odometries = [each.value for each in received]
     commands = _commands_in_order(run)
     if len(odometries) < _FEWEST:
         raise BagError(
@@ -80,13 +82,14 @@ def measurements_of(run: RecordedRun, *, vehicle: Vehicle, twist_frame: str) -> 
         w = np.einsum("nji,nj->ni", R_WB, w)
     p_WB = np.array([odometry.p_WB for odometry in odometries])
     command_time = np.array([command.stamp_ns - start_ns for command in commands]) * 1e-9
-    usable = _flying(p_WB, v) & _commanded(time, command_time)
+    acting = _acting(run.engagements, np.array([each.log_time_ns for each in received]))
+    usable = _flying(p_WB, v) & _commanded(time, command_time) & acting
     if np.count_nonzero(usable) < _FEWEST:
         raise BagError(
             f"{run.bag}: {np.count_nonzero(usable)} odometries of a flight under commands, "
             f"expected {_FEWEST} or more; the commands are stamped {command_time[0]:.3f} s to "
             f"{command_time[-1]:.3f} s after the first odometry, the odometries until "
-            f"{time[-1]:.3f} s"
+            f"{time[-1]:.3f} s, and commands acted on {np.mean(acting):.0%} of them"
         )
     return Measurements(
         time=time,
@@ -103,12 +106,15 @@ def measurements_of(run: RecordedRun, *, vehicle: Vehicle, twist_frame: str) -> 
     )
 
 
-def _in_order(odometries: list[OdometrySample]) -> list[OdometrySample]:
+def _in_order(
+    odometries: Sequence[Received[OdometrySample]],
+) -> list[Received[OdometrySample]]:
     """Return what is fit for use in order of stamps, each stamp once."""
-    first: dict[int, OdometrySample] = {}
-    for odometry in odometries:
+    first: dict[int, Received[OdometrySample]] = {}
+    for received in odometries:
+        odometry = received.value
         if odometry_fault(odometry, frame_id=odometry.frame_id) is None:
-            first.setdefault(odometry.stamp_ns, odometry)
+            first.setdefault(odometry.stamp_ns, received)
     return [first[stamp_ns] for stamp_ns in sorted(first)]
 
 
@@ -143,6 +149,25 @@ def _commanded(time: Array, command_time: Array) -> NDArray[np.bool_]:
     place = np.searchsorted(command_time, time, side="right") - 1
     age = time - command_time[np.maximum(place, 0)]
     return np.asarray((place >= 0) & (age < _STALE_COMMAND) & (time > command_time[0] + _SETTLING))
+
+
+def _acting(
+    engagements: Sequence[Received[bool]], recorded_ns: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return whether the vehicle acted on commands when each odometry was recorded [ns].
+
+    And had done so for long enough; before it is said for the first time, it is supposed to.
+    """
+    acting = np.ones(len(recorded_ns), dtype=bool)
+    acts = True
+    for told in engagements:
+        if told.value is not acts:
+            acts = told.value
+            acting[recorded_ns >= told.log_time_ns] = acts
+            if acts:
+                settled_ns = told.log_time_ns + _SETTLING * 1e9
+                acting[(recorded_ns >= told.log_time_ns) & (recorded_ns < settled_ns)] = False
+    return acting
 
 
 def _command_age(run: RecordedRun) -> float:
