@@ -298,6 +298,15 @@ def sound() -> Callable[[str, int], Any]:
     return sound_message
 
 
+@pytest.fixture(scope="session")
+def matching() -> float:
+    """How long [s] until a client that has found its service has been found by it.
+
+    Before that it would get no answer.
+    """
+    return 0.3
+
+
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
     """Start nodes by module, like ``nodes.mpc_node``, and arguments; they end with the test."""

@@ -113,8 +113,9 @@ class Peer:
 
         return self.spin(published)
 
-    def call(self, wanted: bool) -> Any:
+    def call(self, wanted: bool, *, matching: float) -> Any:
         assert self.spin(self.engage.service_is_ready)
+        self.spin(lambda: False, timeout=matching)
         future = self.engage.call_async(SetBool.Request(data=wanted))
         assert self.spin(future.done)
         return future.result()
@@ -128,7 +129,9 @@ def peer() -> Iterator[Peer]:
     rclpy.shutdown()
 
 
-def test_passes_odometry_always_and_commands_when_engaged(peer: Peer, tmp_path: Path) -> None:
+def test_passes_odometry_always_and_commands_when_engaged(
+    peer: Peer, tmp_path: Path, matching: float
+) -> None:
     units = ("-p", "body_frame:=frd", "-p", "angle_unit:=deg")
     process = start("rates", *units, log=tmp_path / "log")
     try:
@@ -136,7 +139,7 @@ def test_passes_odometry_always_and_commands_when_engaged(peer: Peer, tmp_path: 
         assert {odometry.header.frame_id for odometry in peer.odometries} == {"odom"}
         assert peer.setpoints == []
 
-        assert peer.call(True).success
+        assert peer.call(True, matching=matching).success
         assert peer.fly(lambda: len(peer.setpoints) > 10)
         twist = peer.setpoints[-1].twist
         assert twist.angular.y == pytest.approx(-28.6478897565)

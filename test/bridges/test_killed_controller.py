@@ -80,8 +80,9 @@ class Listener:
             self.executor.spin_once(timeout_sec=0.02)
         return True
 
-    def take_over(self) -> None:
+    def take_over(self, *, matching: float) -> None:
         assert self.spin(self.engage.service_is_ready)
+        self.spin(lambda: False, timeout=matching)
         future = self.engage.call_async(SetBool.Request(data=True))
         assert self.spin(future.done)
 
@@ -101,9 +102,9 @@ def processes(start: Callable[..., Process]) -> dict[str, Process]:
 @pytest.mark.timeout(3 * _PATIENCE)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_the_stack_hears_nothing_more_when_the_controller_is_killed_or_hangs(
-    number: int, listener: Listener, processes: dict[str, Process]
+    number: int, listener: Listener, processes: dict[str, Process], matching: float
 ) -> None:
-    listener.take_over()
+    listener.take_over(matching=matching)
     assert listener.spin(lambda: listener.height > 0.5), "it does not fly"
     assert listener.spin(lambda: listener.told.get("engaged") == "true")
     before = len(listener.sent_ns)

@@ -29,6 +29,9 @@ from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros import conversions
 from quad_mpc_ros.ros.messages import new_message
 
+# s: a client that has found its service may not have been found by it, and would get no answer.
+MATCHING = 0.3
+
 
 @contextmanager
 def _node_process(name: str, *arguments: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
@@ -75,6 +78,7 @@ class Peer:
 
     def call(self, client: Any, request: Any) -> Any:
         assert self.wait(client.service_is_ready)
+        self.spin(MATCHING)
         future = client.call_async(request)
         assert self.wait(future.done)
         return future.result()
