@@ -1,6 +1,7 @@
 """The square through the rates bridge, whose messages are installed: every part a process.
 
-In real time, and so for a machine that keeps it.
+In real time, and so for a machine that keeps it. Errors are against the reference as the MPC heard
+it, in the last lap: when the reference begins depends on who has heard of whom.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ class FakeStack:
         return future.result()
 
     def hears_everybody(self) -> bool:
-        """Return whether the bridge and the simulator are matched, and the MPC with both."""
+        """Return whether each topic is announced by who publishes it and by who listens."""
         topics = ("stack_odom", "motors", "command", "odom", "reference")
         return all(
             self.node.count_publishers(topic) and self.node.count_subscribers(topic)
