@@ -64,8 +64,8 @@ setup(
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
-        "quad_mpc_ros.analysis.report": ["page.html", "page.css", "page.js"],
-        "quad_mpc_ros.bags": ["schemas/*.msg", "schemas/*.json"],
+        "quad_mpc_ros.report": ["page.html", "page.css", "page.js"],
+        "quad_mpc_ros.messages": ["schemas/*.msg", "schemas/*.json"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),

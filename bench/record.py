@@ -22,8 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from quad_mpc_ros.bags import BagReader
-from quad_mpc_ros.ros.topics import (
+from quad_mpc_ros.messages.topics import (
     COMMAND,
     ODOMETRY,
     PREDICTED_PATH,
@@ -31,6 +30,7 @@ from quad_mpc_ros.ros.topics import (
     STATS,
     Topic,
 )
+from quad_mpc_ros.recordings import BagReader
 
 SENDERS: dict[str, tuple[Topic, ...]] = {
     "simulator": (ODOMETRY,),

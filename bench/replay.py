@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.bags import BagReader
-from quad_mpc_ros.ros.topics import DIAGNOSTICS
+from quad_mpc_ros.messages.topics import DIAGNOSTICS
+from quad_mpc_ros.recordings import BagReader
 
 _WAIT_S = 20.0
 

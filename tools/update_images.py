@@ -11,12 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from quad_mpc_ros.analysis import read_flight, write_comparison, write_figures
-from quad_mpc_ros.analysis.recorded_reference import read_recording
-from quad_mpc_ros.analysis.reference_figure import write_reference
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.references.catalogue import judged_trajectory
-from quad_mpc_ros.references.config import TRAJECTORY_NAMES, ReferenceConfig
+from quad_mpc_ros.evaluation import read_flight
+from quad_mpc_ros.evaluation.recorded_reference import read_recording
+from quad_mpc_ros.figures import write_comparison, write_figures
+from quad_mpc_ros.figures.reference_figure import write_reference
+from quad_mpc_ros.trajectories.catalogue import judged_trajectory
+from quad_mpc_ros.trajectories.config import TRAJECTORY_NAMES, ReferenceConfig
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from quad_mpc_ros.bags import schemas
+from quad_mpc_ros.messages import schemas
 
 FOLDER = Path(schemas.__file__).parent / "schemas"
 

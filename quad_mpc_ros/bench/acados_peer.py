@@ -8,10 +8,10 @@ import numpy as np
 
 from quad_mpc_ros.bench.acados_solver import REFERENCE_SIZE
 from quad_mpc_ros.bench.peer import Effort
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.core.reference import sample
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.reference_window import sample
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
 
 _SOLVED = 0
 

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.bench.peer import PeerUnavailableError
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core.vehicle import Vehicle
+from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.mpc_config import MpcConfig
 
 STATE_SIZE, INPUT_SIZE = 10, 4
 REFERENCE_SIZE = 3 + 3 + 9 + INPUT_SIZE

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from quad_mpc_ros.bench.peers import SWEPT
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 
 @dataclass(frozen=True, kw_only=True)

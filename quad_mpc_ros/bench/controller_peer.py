@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from quad_mpc_ros.bench.peer import Effort
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.ladder import Source
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.safety.ladder import Source
 
 
 class ControllerPeer:

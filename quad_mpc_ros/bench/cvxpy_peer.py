@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.bench.peer import Effort, PeerUnavailableError
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.formulation import Horizon, Plan
-from quad_mpc_ros.control.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.control.mpc import FORMULATIONS
-from quad_mpc_ros.control.predictor import StatePredictor
-from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.estimation.delay_compensation import StatePredictor
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.ocp.formulation import Horizon, Plan
+from quad_mpc_ros.ocp.horizon_qp import HorizonPattern, HorizonStages
 
 
 def cvxpy_module() -> Any:
@@ -95,7 +96,7 @@ def stagewise_problem(
     """Return a horizon as a problem of cvxpy, with its inputs (N, nu) and states 1 to N (N, nx).
 
     The variables are divided by their natural size, as in
-    :class:`~quad_mpc_ros.control.horizon_qp.HorizonQP`.
+    :class:`~quad_mpc_ros.ocp.horizon_qp.HorizonQP`.
     """
     steps, sx, su = pattern.steps, pattern.state_size, pattern.input_size
     inputs = cvxpy.Variable((steps, len(su)))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.bench.flight import MeasuredFlight
-from quad_mpc_ros.core.messages import Array
+from quad_mpc_ros.lie import Array
 
 _SMALLEST_JUMP = 0.01  # m; a smooth reference moves less between two odometries at rest
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.bench.peer import Peer
-from quad_mpc_ros.core.messages import Array
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.lie import Array
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
 from quad_mpc_ros.simulation.plants import make_plant
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.server import ReferenceServer
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

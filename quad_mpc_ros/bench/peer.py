@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 
 
 @dataclass(frozen=True, kw_only=True)

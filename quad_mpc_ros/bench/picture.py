@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from quad_mpc_ros.analysis import style
 from quad_mpc_ros.bench.peers import PEERS, SWEPT
 from quad_mpc_ros.bench.tables import compared, swept
+from quad_mpc_ros.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

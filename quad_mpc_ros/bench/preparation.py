@@ -11,7 +11,7 @@ from quad_mpc_ros.bench.acados_solver import build_solver
 from quad_mpc_ros.bench.controller_peer import ControllerPeer
 from quad_mpc_ros.bench.cvxpy_peer import CvxpyPeer, cvxpy_module
 from quad_mpc_ros.bench.peer import Peer
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.mpc_config import MpcConfig
 
 NewPeer = Callable[[], Peer]
 """Makes a peer for one flight."""

@@ -16,9 +16,9 @@ from quad_mpc_ros.bridges.bridge import Answer, Bridge, Call, Sending, Subscript
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.link import Link
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros.conversions import NewMessage, nanoseconds
-from quad_mpc_ros.ros.topics import Topic
+from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 _INFO_TIMEOUT = 1.0  # s: the platform publishes it ten times a second
 _PAIR_TOLERANCE_NS = 5_000_000

@@ -8,9 +8,9 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros.conversions import fill_time, odometry_from_pose_and_twist
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.messages.conversions import fill_time, odometry_from_pose_and_twist
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 # ACRO until August 2026, BODY_RATES since: the number stayed.
 CONTROL_MODE_BODY_RATES = 6

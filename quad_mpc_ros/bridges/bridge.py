@@ -27,10 +27,10 @@ from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.jumps import PositionJumps
 from quad_mpc_ros.bridges.stamps import OdometryStamps
 from quad_mpc_ros.bridges.thrust import ThrustMap
-from quad_mpc_ros.control.validation import odometry_fault
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros.conversions import NewMessage
-from quad_mpc_ros.ros.topics import Topic
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.safety.validation import odometry_fault
 
 _FASTEST_TURN = 100.0  # rad/s, which no gyroscope of a vehicle measures
 

@@ -7,7 +7,7 @@ import itertools
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
-from quad_mpc_ros.core.vehicle import VehicleParameters
+from quad_mpc_ros.model.vehicle import VehicleParameters
 
 
 @dataclass(frozen=True, kw_only=True)

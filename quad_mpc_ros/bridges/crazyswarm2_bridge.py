@@ -19,9 +19,9 @@ from quad_mpc_ros.bridges.differentiator import PoseDifferentiator
 from quad_mpc_ros.bridges.link import Link
 from quad_mpc_ros.bridges.own_switch import SwitchedBridge
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros.conversions import NewMessage
-from quad_mpc_ros.ros.topics import Topic
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 _LOCKS_AFTER_NS = 2_000_000_000
 # The radio may lose one; on the ground they cost nothing.

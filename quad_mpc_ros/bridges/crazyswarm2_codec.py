@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros.conversions import nanoseconds, odometry_from_message
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.messages.conversions import nanoseconds, odometry_from_message
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 PWM_FULL = 65535.0
 PWM_LARGEST = 60000.0  # where the server cuts

@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import Array, OdometrySample
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.samples import OdometrySample
 
 _LONGEST_GAP_NS = 200_000_000
 _FASTEST = 30.0  # m/s: beyond it the estimate stepped

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.core.messages import Array
+from quad_mpc_ros.lie import Array
 
 _SQRT_HALF = math.sqrt(0.5)
 

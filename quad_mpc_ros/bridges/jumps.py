@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from quad_mpc_ros.core.messages import Array, OdometrySample
-from quad_mpc_ros.core.state import state_from_odometry
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.model.state import state_from_odometry
 
 _STEP = 0.5  # m, beyond what the velocity explains
 _LONGEST_GAP_NS = 1_000_000_000

@@ -18,10 +18,10 @@ from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.link import Link
 from quad_mpc_ros.bridges.stream import SetpointStream
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros import conversions
-from quad_mpc_ros.ros.conversions import NewMessage
-from quad_mpc_ros.ros.topics import Topic
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 _STATE_TIMEOUT = 3.0  # s: MAVROS publishes it with each heartbeat of the autopilot, once a second
 _ENGAGED = {"px4": ("OFFBOARD",), "ardupilot": ("GUIDED", "GUIDED_NOGPS")}

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from quad_mpc_ros.core.messages import CommandSample
-from quad_mpc_ros.ros.conversions import fill_time
+from quad_mpc_ros.messages.conversions import fill_time
+from quad_mpc_ros.model.samples import CommandSample
 
 IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
 

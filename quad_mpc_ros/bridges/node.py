@@ -11,13 +11,13 @@ from std_srvs.srv import SetBool
 
 from quad_mpc_ros.bridges.bridge import Answer, Bridge, Call, Sending, Subscription
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.core.messages import OdometrySample
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, ODOMETRY
+from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.ros.health import OK, WARN, Health, HealthReporter
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.topics import COMMAND, ENGAGED, ODOMETRY
 
 _WARNING_PERIOD = 5.0
 _QUIET_NS = 500_000_000

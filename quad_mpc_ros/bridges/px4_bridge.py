@@ -18,9 +18,9 @@ from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.link import Link
 from quad_mpc_ros.bridges.stream import SetpointStream
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros.conversions import NewMessage
-from quad_mpc_ros.ros.topics import Topic
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 _STATUS_TIMEOUT = 1.5  # s: PX4 sends it twice a second, and at every change
 _FROM_MESSAGE = -1

@@ -14,8 +14,8 @@ from quad_mpc_ros.bridges.frames import (
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 POSE_FRAME_NED, POSE_FRAME_FRD = 1, 2
 VELOCITY_FRAME_NED, VELOCITY_FRAME_FRD, VELOCITY_FRAME_BODY_FRD = 1, 2, 3

@@ -13,11 +13,11 @@ from quad_mpc_ros.bridges.bridge import Answer, Sending, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.own_switch import SwitchedBridge
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros import conversions
-from quad_mpc_ros.ros.conversions import NewMessage
-from quad_mpc_ros.ros.topics import Topic
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from quad_mpc_ros.bridges.frames import flu_from_frd
-from quad_mpc_ros.core.messages import CommandSample
-from quad_mpc_ros.ros.conversions import fill_time
+from quad_mpc_ros.messages.conversions import fill_time
+from quad_mpc_ros.model.samples import CommandSample
 
 
 def fill_rates(

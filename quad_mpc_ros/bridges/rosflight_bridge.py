@@ -17,9 +17,9 @@ from quad_mpc_ros.bridges.bridge import Answer, Bridge, Sending, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.link import Link
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros.conversions import NewMessage
-from quad_mpc_ros.ros.topics import Topic
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 _STATUS_TIMEOUT = 2.0  # s
 _STATES = {

@@ -15,8 +15,8 @@ from quad_mpc_ros.bridges.frames import (
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros.conversions import fill_time, nanoseconds
+from quad_mpc_ros.messages.conversions import fill_time, nanoseconds
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 MODE_ROLLRATE_PITCHRATE_YAWRATE_THROTTLE = 1
 IGNORE_NONE = 0

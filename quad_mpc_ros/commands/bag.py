@@ -6,9 +6,9 @@ import argparse
 import datetime
 from pathlib import Path
 
-from quad_mpc_ros.bags import BagReader
-from quad_mpc_ros.bags.bag_metadata import TimeSpan
-from quad_mpc_ros.bags.repair import RepairedFile, repair
+from quad_mpc_ros.recordings import BagReader
+from quad_mpc_ros.recordings.bag_metadata import TimeSpan
+from quad_mpc_ros.recordings.repair import RepairedFile, repair
 
 _MIB = 2**20
 

@@ -13,9 +13,9 @@ from quad_mpc_ros.bench.config import BenchConfig
 from quad_mpc_ros.bench.peers import PEERS, SWEPT
 from quad_mpc_ros.commands.run_options import SCHEMA
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 RESULT, PAGE, PICTURE = "performance.json", "performance.md", "performance.png"
 _STEPS = (5, 10, 20, 40)

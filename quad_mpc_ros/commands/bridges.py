@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from quad_mpc_ros.bridges.registry import GROUP, RegisteredBridge, registered_bridges
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.ros.bridge_registry import GROUP, RegisteredBridge, registered_bridges
 
 
 def list_bridges(_: argparse.Namespace) -> int:

@@ -7,15 +7,15 @@ import datetime
 from pathlib import Path
 from typing import cast
 
-from quad_mpc_ros.analysis.recorded_reference import read_recording
-from quad_mpc_ros.analysis.reference_figure import write_reference
-from quad_mpc_ros.analysis.verdict_table import verdict_table
 from quad_mpc_ros.commands.run_options import SCHEMA, add_configuration_options
+from quad_mpc_ros.commands.verdict_table import verdict_table
 from quad_mpc_ros.configuration import UserError, files
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.references.catalogue import judged_trajectory
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.feasibility import Verdict
+from quad_mpc_ros.evaluation.recorded_reference import read_recording
+from quad_mpc_ros.figures.reference_figure import write_reference
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.trajectories.catalogue import judged_trajectory
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.feasibility import Verdict
 
 EXIT_INFEASIBLE = 1
 _FIGURE = "reference.png"

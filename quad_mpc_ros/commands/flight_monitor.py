@@ -9,11 +9,8 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.commands.observer import Observer
-from quad_mpc_ros.ros import conversions
-from quad_mpc_ros.ros.health import PEERS_KEY
-from quad_mpc_ros.ros.messages import decoded, message_class
-from quad_mpc_ros.ros.qos import qos_of
-from quad_mpc_ros.ros.topics import (
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.topics import (
     CLOCK,
     COMMAND,
     DIAGNOSTICS,
@@ -24,6 +21,9 @@ from quad_mpc_ros.ros.topics import (
     STATS,
     Topic,
 )
+from quad_mpc_ros.ros.health import PEERS_KEY
+from quad_mpc_ros.ros.messages import decoded, message_class
+from quad_mpc_ros.ros.qos import qos_of
 
 # Who must hear whom before the clock starts, by node and topic: the number of peers of the
 # node's endpoint. Publishers count subscribers: the odometry's are mpc, reference, recorder and

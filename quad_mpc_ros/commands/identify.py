@@ -6,20 +6,20 @@ import argparse
 import sys
 from typing import cast
 
-from quad_mpc_ros.analysis.identification import (
+from quad_mpc_ros.commands.new_file import check_writable, write_new
+from quad_mpc_ros.commands.recording import bag_of, recorded_configuration, topic_names
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.identification import (
     identification_table,
     identify,
     measurements_of,
     parameter_file,
     write_fit_figure,
 )
-from quad_mpc_ros.analysis.recorded_parameters import recorded_parameters
-from quad_mpc_ros.analysis.recorded_run import read_run
-from quad_mpc_ros.commands.new_file import check_writable, write_new
-from quad_mpc_ros.commands.recording import bag_of, recorded_configuration, topic_names
-from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.ros.topics import COMMAND, ENGAGED
+from quad_mpc_ros.messages.topics import COMMAND, ENGAGED
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings.recorded_parameters import recorded_parameters
+from quad_mpc_ros.recordings.recorded_run import read_run
 
 
 def identify_command(options: argparse.Namespace) -> int:

@@ -6,10 +6,10 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from quad_mpc_ros.bags.config import PlayerConfig
 from quad_mpc_ros.commands.run_options import SCHEMA
 from quad_mpc_ros.configuration import Configuration, ParameterSpec
-from quad_mpc_ros.ros.visualisation_config import VisualisationConfig
+from quad_mpc_ros.nodes.visualisation_config import VisualisationConfig
+from quad_mpc_ros.recordings.config import PlayerConfig
 
 # Those of a flight, and those that run by themselves.
 NODES: Mapping[str, type[Configuration]] = {

@@ -6,9 +6,9 @@ import argparse
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 
+from quad_mpc_ros.bridges.registry import bridge_configurations
 from quad_mpc_ros.commands.parameter_tables import NODES, as_markdown, as_text, as_yaml
 from quad_mpc_ros.configuration import Configuration, ParameterSpec, UserError
-from quad_mpc_ros.ros.bridge_registry import bridge_configurations
 
 _FORMATS = {"text": as_text, "markdown": as_markdown, "yaml": as_yaml}
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from quad_mpc_ros.analysis.recorded_parameters import recorded_parameters
-from quad_mpc_ros.analysis.recorded_run import RecordedRun, TopicNames
-from quad_mpc_ros.bags.bag_metadata import METADATA_FILE
 from quad_mpc_ros.commands.run_options import SCHEMA
 from quad_mpc_ros.configuration import Configuration, files
+from quad_mpc_ros.recordings.bag_metadata import METADATA_FILE
+from quad_mpc_ros.recordings.recorded_parameters import recorded_parameters
+from quad_mpc_ros.recordings.recorded_run import RecordedRun, TopicNames
 
 
 def bag_of(given: Path) -> Path:

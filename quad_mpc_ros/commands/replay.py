@@ -6,9 +6,9 @@ import argparse
 import tempfile
 from pathlib import Path
 
-from quad_mpc_ros.bags.config import PlayerConfig
 from quad_mpc_ros.commands.processes import require_ros, run_in_foreground
 from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.recordings.config import PlayerConfig
 
 
 def replay(options: argparse.Namespace) -> int:

@@ -6,11 +6,11 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from quad_mpc_ros.analysis.comparison import write_comparison
-from quad_mpc_ros.analysis.figures import FIGURE_NAMES, write_figures
-from quad_mpc_ros.analysis.report import TABLE_NAMES, ReportedRun, csv_tables, page, read_runs
 from quad_mpc_ros.commands.recording import bag_of
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.figures.comparison import write_comparison
+from quad_mpc_ros.figures.flight_figures import FIGURE_NAMES, write_figures
+from quad_mpc_ros.report import TABLE_NAMES, ReportedRun, csv_tables, page, read_runs
 
 _COMPARISON = "comparison.png"
 

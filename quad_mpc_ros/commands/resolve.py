@@ -9,24 +9,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, cast
 
-from quad_mpc_ros.analysis.command_comparison import (
-    CommandComparison,
-    compare_commands,
-    comparison_table,
-    write_command_comparison,
-)
-from quad_mpc_ros.analysis.recorded_parameters import recorded_parameters
-from quad_mpc_ros.analysis.recorded_run import RecordedRun, read_run
-from quad_mpc_ros.analysis.resolution import Resolved, WindowSource, resolve
-from quad_mpc_ros.bags import BagError
 from quad_mpc_ros.commands.recording import bag_of, recorded_configuration, topic_names
 from quad_mpc_ros.commands.run_options import default_out, prepared_out
 from quad_mpc_ros.commands.run_recorder import RunRecorder
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.server import ReferenceServer
-from quad_mpc_ros.ros.topics import (
+from quad_mpc_ros.messages.topics import (
     COMMAND,
     ODOMETRY,
     PREDICTED_PATH,
@@ -34,6 +21,19 @@ from quad_mpc_ros.ros.topics import (
     REFERENCE,
     STATS,
 )
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings import BagError
+from quad_mpc_ros.recordings.recorded_parameters import recorded_parameters
+from quad_mpc_ros.recordings.recorded_run import RecordedRun, read_run
+from quad_mpc_ros.replay.command_comparison import (
+    CommandComparison,
+    compare_commands,
+    comparison_table,
+    write_command_comparison,
+)
+from quad_mpc_ros.replay.resolution import Resolved, WindowSource, resolve
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.server import ReferenceServer
 
 _TOPICS = (ODOMETRY, REFERENCE, COMMAND, RECORDED_COMMAND, PREDICTED_PATH, STATS)
 _MOST_WARNINGS = 5

@@ -7,11 +7,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from quad_mpc_ros.analysis.figures import write_figures
-from quad_mpc_ros.analysis.flight import read_flight
-from quad_mpc_ros.analysis.metrics import summarise
-from quad_mpc_ros.analysis.table import summary_table
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.evaluation.flight import read_flight
+from quad_mpc_ros.evaluation.metrics import summarise
+from quad_mpc_ros.evaluation.table import summary_table
+from quad_mpc_ros.figures.flight_figures import write_figures
 
 EXIT_FAILSAFE = 1
 

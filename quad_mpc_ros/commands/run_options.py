@@ -13,16 +13,16 @@ from typing import cast
 
 import yaml
 
-from quad_mpc_ros.analysis.recorded_reference import read_recording
-from quad_mpc_ros.bags.config import RecorderConfig
 from quad_mpc_ros.configuration import UserError, files
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.references.catalogue import configured_trajectory
-from quad_mpc_ros.references.config import TRAJECTORY_NAMES, ReferenceConfig
-from quad_mpc_ros.references.trajectory import Trajectory
+from quad_mpc_ros.evaluation.recorded_reference import read_recording
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plants import PLANTS, make_plant
+from quad_mpc_ros.trajectories.catalogue import configured_trajectory
+from quad_mpc_ros.trajectories.config import TRAJECTORY_NAMES, ReferenceConfig
+from quad_mpc_ros.trajectories.trajectory import Trajectory
 
 SCHEMA: files.Schema = {
     "mpc": MpcConfig,

@@ -7,13 +7,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from quad_mpc_ros.bags import BagWriter, QosProfile, RosbagsMessages
-from quad_mpc_ros.bags.run_parameters import write_parameters
 from quad_mpc_ros.control.tick import Tick
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.references.trajectory import TrajectorySamples
-from quad_mpc_ros.ros import conversions
-from quad_mpc_ros.ros.topics import (
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.topics import (
     COMMAND,
     ODOMETRY,
     PREDICTED_PATH,
@@ -22,6 +18,10 @@ from quad_mpc_ros.ros.topics import (
     STATS,
     Topic,
 )
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.recordings import BagWriter, QosProfile, RosbagsMessages
+from quad_mpc_ros.recordings.run_parameters import write_parameters
+from quad_mpc_ros.trajectories.trajectory import TrajectorySamples
 
 
 class RunRecorder:

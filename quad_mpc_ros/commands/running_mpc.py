@@ -9,14 +9,14 @@ from typing import Any, Self
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
-from quad_mpc_ros.analysis.recorded_stats import tick_stats
 from quad_mpc_ros.commands.observer import Observer
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.messages.topics import STATS
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings.recorded_stats import tick_stats
 from quad_mpc_ros.ros.messages import message_class
 from quad_mpc_ros.ros.qos import qos_of
-from quad_mpc_ros.ros.topics import STATS
 
 _ANSWER_TIMEOUT = 5.0  # s, discovery included
 

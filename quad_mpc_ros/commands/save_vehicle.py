@@ -7,10 +7,10 @@ import math
 import sys
 from datetime import UTC, datetime
 
-from quad_mpc_ros.analysis.identification import learned, learned_file
 from quad_mpc_ros.commands.new_file import check_writable, write_new
 from quad_mpc_ros.commands.processes import require_ros
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.identification import learned, learned_file
 
 
 def save_vehicle(options: argparse.Namespace) -> int:

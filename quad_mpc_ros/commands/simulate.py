@@ -13,8 +13,7 @@ from quad_mpc_ros.commands.results import finish
 from quad_mpc_ros.commands.run_options import SCHEMA, RunConfig, resolve
 from quad_mpc_ros.commands.run_recorder import RunRecorder
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.references.server import ReferenceServer
-from quad_mpc_ros.ros.topics import (
+from quad_mpc_ros.messages.topics import (
     COMMAND,
     ODOMETRY,
     PREDICTED_PATH,
@@ -23,6 +22,7 @@ from quad_mpc_ros.ros.topics import (
     STATS,
 )
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
+from quad_mpc_ros.trajectories.server import ReferenceServer
 
 _TOPICS = (ODOMETRY, REFERENCE, COMMAND, PREDICTED_PATH, REFERENCE_PATH, STATS)
 

@@ -13,30 +13,30 @@ from collections import deque
 
 import numpy as np
 
-from quad_mpc_ros.control import ladder
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.decimation import Decimation
-from quad_mpc_ros.control.fallback import (
+from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.tick import Counts, Tick, figures_of
+from quad_mpc_ros.estimation.contact import GroundContact
+from quad_mpc_ros.estimation.twist_frame import TwistFrameCheck
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.lie.kernels import largest
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.state import Input, State, state_from_odometry
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.ocp.formulation import Plan
+from quad_mpc_ros.safety import ladder
+from quad_mpc_ros.safety.fallbacks import (
     BlindFallback,
     HoverFallback,
     bounded,
     dead_reckoned,
     idle,
 )
-from quad_mpc_ros.control.flight_limits import FlightLimits
-from quad_mpc_ros.control.formulation import Plan
-from quad_mpc_ros.control.ground import GroundContact
-from quad_mpc_ros.control.ladder import Breach, Decision, Source
-from quad_mpc_ros.control.mpc import Mpc, MpcStep
-from quad_mpc_ros.control.odometry_gate import OdometryGate
-from quad_mpc_ros.control.slew import slewed
-from quad_mpc_ros.control.tick import Counts, Tick, figures_of
-from quad_mpc_ros.control.twist_check import TwistFrameCheck
-from quad_mpc_ros.control.validation import coverage_fault, reference_fault
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.compiled import largest
-from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.core.state import Input, State, state_from_odometry
+from quad_mpc_ros.safety.flight_limits import FlightLimits
+from quad_mpc_ros.safety.ladder import Breach, Decision, Source
+from quad_mpc_ros.safety.odometry_gate import OdometryGate
+from quad_mpc_ros.safety.rate_limit import slewed
+from quad_mpc_ros.safety.validation import coverage_fault, reference_fault
 
 _SECOND = 1_000_000_000
 _UNCHECKED = 100

@@ -7,16 +7,16 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.formulation import Formulation, Plan
-from quad_mpc_ros.control.horizon_qp import HorizonQP
-from quad_mpc_ros.control.manifold import ManifoldFormulation
-from quad_mpc_ros.control.paper import PaperFormulation
-from quad_mpc_ros.control.predictor import StatePredictor
-from quad_mpc_ros.control.situation import Situation
-from quad_mpc_ros.control.solver import QpSolution, QpSolver
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
-from quad_mpc_ros.core.state import Input
+from quad_mpc_ros.estimation.delay_compensation import StatePredictor
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.state import Input
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.ocp.formulation import Formulation, Plan
+from quad_mpc_ros.ocp.horizon_qp import HorizonQP
+from quad_mpc_ros.ocp.manifold import ManifoldFormulation
+from quad_mpc_ros.ocp.osqp_solver import QpSolution, QpSolver
+from quad_mpc_ros.ocp.paper import PaperFormulation
+from quad_mpc_ros.ocp.situation import Situation
 
 FORMULATIONS: dict[str, Callable[[MpcConfig], Formulation]] = {
     "manifold": ManifoldFormulation,

@@ -6,12 +6,12 @@ import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
-from quad_mpc_ros.control.formulation import Plan
-from quad_mpc_ros.control.ladder import Decision
 from quad_mpc_ros.control.mpc import MpcStep
-from quad_mpc_ros.control.prediction import NO_DISTURBANCE
 from quad_mpc_ros.control.stats import TickStats
-from quad_mpc_ros.core.messages import CommandSample
+from quad_mpc_ros.model.rollout import NO_DISTURBANCE
+from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.ocp.formulation import Plan
+from quad_mpc_ros.safety.ladder import Decision
 
 
 class Tick:

@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
 
 # No further apart than odometries that something is learned between, and longer than any delay
 # of the input: learning compiles as well.

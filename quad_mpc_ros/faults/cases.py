@@ -7,12 +7,12 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.faults import courses, distortions, rubbish
 from quad_mpc_ros.faults.courses import Course
 from quad_mpc_ros.faults.distortions import Distortion
 from quad_mpc_ros.faults.solver import SolverFault
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
 
 
 class Action(enum.Enum):

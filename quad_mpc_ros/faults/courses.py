@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.mpc_config import MpcConfig
 
 
 @dataclass(frozen=True, kw_only=True)

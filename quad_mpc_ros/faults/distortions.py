@@ -13,7 +13,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 
 M = TypeVar("M", OdometrySample, ReferenceWindow)
 _SECOND = 1_000_000_000

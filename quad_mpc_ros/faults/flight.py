@@ -8,20 +8,20 @@ import math
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.tick import Tick
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.faults.cases import Action, Fault
 from quad_mpc_ros.faults.channel import Channel
 from quad_mpc_ros.faults.parameter_storm import storm
 from quad_mpc_ros.faults.solver import FaultySolver, SolverFault
 from quad_mpc_ros.faults.verdict import Record, Sighting, command_fault, is_home
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
 from quad_mpc_ros.simulation.plants import make_plant
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.server import ReferenceServer
 
 _SECOND = 1_000_000_000
 _STEP_NS = 5_000_000

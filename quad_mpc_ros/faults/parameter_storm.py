@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.mpc_config import MpcConfig
 
 
 class Change(NamedTuple):

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 
 _FAR = np.array([1000.0, 1000.0, 0.0])  # m
 _ASIDE = np.array([2.0, -1.0, 1.0])  # m

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.faults.cases import FAULTS
 from quad_mpc_ros.faults.courses import described
+from quad_mpc_ros.mpc_config import MpcConfig
 
 
 def fault_table() -> str:

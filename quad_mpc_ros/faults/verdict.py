@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core.messages import CommandSample
 from quad_mpc_ros.faults import courses
 from quad_mpc_ros.faults.cases import Fault
 from quad_mpc_ros.faults.courses import Phase
+from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.mpc_config import MpcConfig
 
 _HOME = 0.3  # m: nearer to the reference the vehicle is back
 _ROUNDING = 1e-6

@@ -7,21 +7,12 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.ladder import Source
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.nodes.engagement import Engagement
-from quad_mpc_ros.ros import conversions, realtime
-from quad_mpc_ros.ros.health import ERROR, OK, WARN, Health
-from quad_mpc_ros.ros.lifecycle import ManagedNode
-from quad_mpc_ros.ros.messages import new_message
-from quad_mpc_ros.ros.realtime import GarbageCollection
-from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.steady_time import SteadyTime
-from quad_mpc_ros.ros.topics import (
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.topics import (
     COMMAND,
     ENGAGED,
     ODOMETRY,
@@ -29,6 +20,16 @@ from quad_mpc_ros.ros.topics import (
     REFERENCE,
     STATS,
 )
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.nodes import realtime
+from quad_mpc_ros.nodes.engagement import Engagement
+from quad_mpc_ros.nodes.realtime import GarbageCollection
+from quad_mpc_ros.ros.health import ERROR, OK, WARN, Health
+from quad_mpc_ros.ros.lifecycle import ManagedNode
+from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.ros.steady_time import SteadyTime
+from quad_mpc_ros.safety.ladder import Source
 
 _WARNING_PERIOD = 5.0
 _PATH_PERIOD_NS = 15_000_000  # every plan at 50 Hz, some at more

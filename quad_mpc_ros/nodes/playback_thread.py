@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from quad_mpc_ros.bags.playback import Playback, Timeline
+from quad_mpc_ros.replay.playback import Playback, Timeline
 
 _NS = 1e-9
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from quad_mpc_ros.bags import BagError, BagReader, TopicInfo, schema_for
-from quad_mpc_ros.bags.config import PlayerConfig
-from quad_mpc_ros.bags.topic_selection import TopicSelection
+from quad_mpc_ros.messages.topics import CLOCK
+from quad_mpc_ros.recordings import BagError, BagReader, TopicInfo, schema_for
+from quad_mpc_ros.recordings.config import PlayerConfig
+from quad_mpc_ros.recordings.topic_selection import TopicSelection
 from quad_mpc_ros.ros.messages import message_class
-from quad_mpc_ros.ros.topics import CLOCK
 
 _SHOWN = 10
 

@@ -6,8 +6,8 @@ import sys
 
 from rclpy.clock import Clock, ClockType
 
-from quad_mpc_ros.bags.config import RecorderConfig
 from quad_mpc_ros.nodes.recording import Recording
+from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.ros.health import ERROR, OK, PEERS_KEY, WARN, Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.spin import run, stop

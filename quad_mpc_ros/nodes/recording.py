@@ -12,14 +12,14 @@ from pathlib import Path
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from quad_mpc_ros.bags import BagError, BagWriter, Split
-from quad_mpc_ros.bags.config import RecorderConfig
-from quad_mpc_ros.bags.run_parameters import write_parameters
-from quad_mpc_ros.bags.topic_selection import TopicSelection
-from quad_mpc_ros.bags.writer import exists_already
 from quad_mpc_ros.nodes.parameter_query import ParameterQuery
 from quad_mpc_ros.nodes.recorded_qos import offered
 from quad_mpc_ros.nodes.topic_recording import TopicRecording
+from quad_mpc_ros.recordings import BagError, BagWriter, Split
+from quad_mpc_ros.recordings.config import RecorderConfig
+from quad_mpc_ros.recordings.run_parameters import write_parameters
+from quad_mpc_ros.recordings.topic_selection import TopicSelection
+from quad_mpc_ros.recordings.writer import exists_already
 from quad_mpc_ros.ros.messages import message_class
 
 

@@ -10,20 +10,20 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.analysis.recorded_reference import read_recording
-from quad_mpc_ros.control.validation import odometry_fault
-from quad_mpc_ros.references.catalogue import configured_trajectory, joined_trajectory
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.director import Answer
-from quad_mpc_ros.references.flight_time import FlightTime
-from quad_mpc_ros.references.live import LiveReference
-from quad_mpc_ros.references.trajectory import TrajectorySamples
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.evaluation.recorded_reference import read_recording
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.topics import GOAL_POSE, ODOMETRY, REFERENCE, REFERENCE_PATH, TRAJECTORY
 from quad_mpc_ros.ros.health import OK, WARN, Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import decoded, new_message
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.topics import GOAL_POSE, ODOMETRY, REFERENCE, REFERENCE_PATH, TRAJECTORY
+from quad_mpc_ros.safety.validation import odometry_fault
+from quad_mpc_ros.trajectories.catalogue import configured_trajectory, joined_trajectory
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.director import Answer
+from quad_mpc_ros.trajectories.flight_time import FlightTime
+from quad_mpc_ros.trajectories.live import LiveReference
+from quad_mpc_ros.trajectories.trajectory import TrajectorySamples
 
 _BODY_FRAME = "base_link"
 _INACTIVE = Answer(accepted=False, text="the reference node is inactive: activate it first")

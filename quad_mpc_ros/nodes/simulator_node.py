@@ -11,13 +11,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.topics import CLOCK, COMMAND, ODOMETRY
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.ros.health import ERROR, OK, Health, HealthReporter
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run, stop
-from quad_mpc_ros.ros.topics import CLOCK, COMMAND, ODOMETRY
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream, SentOdometry

@@ -9,16 +9,16 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from quad_mpc_ros.control.validation import odometry_fault
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.ros import conversions, markers
+from quad_mpc_ros.messages import conversions, markers
+from quad_mpc_ros.messages.topics import COMMAND, MARKERS, ODOMETRY, PREDICTED_PATH, TF
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.nodes.trail import Trail
+from quad_mpc_ros.nodes.visualisation_config import VisualisationConfig
 from quad_mpc_ros.ros.health import OK, WARN, Health, HealthReporter
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.topics import COMMAND, MARKERS, ODOMETRY, PREDICTED_PATH, TF
-from quad_mpc_ros.ros.trail import Trail
-from quad_mpc_ros.ros.visualisation_config import VisualisationConfig
+from quad_mpc_ros.safety.validation import odometry_fault
 
 
 class VisualisationNode(Node):

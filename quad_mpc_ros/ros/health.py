@@ -17,10 +17,10 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from quad_mpc_ros.ros.conversions import fill_status
+from quad_mpc_ros.messages.conversions import fill_status
+from quad_mpc_ros.messages.topics import DIAGNOSTICS, Topic
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.qos import qos_of
-from quad_mpc_ros.ros.topics import DIAGNOSTICS, Topic
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 PEERS_KEY = "peers."

@@ -16,10 +16,10 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 from quad_mpc_ros.configuration import ManagedConfiguration, UserError
+from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.health import WARN, Health, HealthReporter
 from quad_mpc_ros.ros.parameters import ManagedParameters
 from quad_mpc_ros.ros.spin import settle_memory, stop
-from quad_mpc_ros.ros.topics import Topic
 
 C = TypeVar("C", bound=ManagedConfiguration)
 

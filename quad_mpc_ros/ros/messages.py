@@ -9,7 +9,7 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
-from quad_mpc_ros.ros.topics import Topic
+from quad_mpc_ros.messages.topics import Topic
 
 
 @functools.cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from quad_mpc_ros.ros.topics import Topic
+from quad_mpc_ros.messages.topics import Topic
 
 
 def qos_of(topic: Topic) -> QoSProfile:

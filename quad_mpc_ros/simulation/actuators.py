@@ -7,10 +7,10 @@ from collections import deque
 
 import numpy as np
 
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.dynamics import InputCourse, held
-from quad_mpc_ros.core.messages import Array, CommandSample
-from quad_mpc_ros.core.state import Input
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.model.state import Input
+from quad_mpc_ros.simulation.dynamics import InputCourse, held
 
 NEVER_NS = 2**63 - 1
 _FASTEST = 1e3  # rad/s, many times what any vehicle turns at

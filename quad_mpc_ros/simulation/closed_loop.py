@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.server import ReferenceServer
-from quad_mpc_ros.references.trajectory import Trajectory
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
 from quad_mpc_ros.simulation.plants import make_plant
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.server import ReferenceServer
+from quad_mpc_ros.trajectories.trajectory import Trajectory
 
 # Simulated time does not start at zero, which ROS reads as "no time yet".
 SIMULATION_START_NS = 1_000_000_000

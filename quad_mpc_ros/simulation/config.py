@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import ConfigurationError, parameter
-from quad_mpc_ros.core.vehicle import Vehicle, VehicleParameters
+from quad_mpc_ros.model.vehicle import Vehicle, VehicleParameters
 
 # Above this deviation of its length from 1 a quaternion is a mistake and not a rounded one.
 _QUATERNION_TOLERANCE = 1e-3

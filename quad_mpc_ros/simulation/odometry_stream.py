@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from quad_mpc_ros.core.messages import OdometrySample
+from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plants import AnyPlant
 from quad_mpc_ros.simulation.sensors import Sensors, odometry_stamps

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.dynamics import DYNAMICS, InputCourse, integrate_along
-from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample
-from quad_mpc_ros.core.state import Input, State, odometry_from_state
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.state import Input, State, odometry_from_state
 from quad_mpc_ros.simulation.actuators import ActuatorLag, CommandDelay, input_from_command
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.dynamics import DYNAMICS, InputCourse, integrate_along
 from quad_mpc_ros.simulation.wind import Wind, in_wind
 
 # Steps per time constant, for the integrator to follow a lag, and the shortest step for that.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
-from quad_mpc_ros.core.state import State
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.state import State
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.rotorpy_plant import RotorpyPlant

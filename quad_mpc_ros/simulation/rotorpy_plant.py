@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample
-from quad_mpc_ros.core.state import Input, State, odometry_from_state
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.state import Input, State, odometry_from_state
 from quad_mpc_ros.simulation.actuators import CommandDelay, input_from_command
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.wind import Wind

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import OdometrySample
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.random_streams import Stream, generator
 

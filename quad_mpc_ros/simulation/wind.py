@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from quad_mpc_ros.core.dynamics import Dynamics
-from quad_mpc_ros.core.messages import Array
-from quad_mpc_ros.core.state import VELOCITY, Input, State
-from quad_mpc_ros.core.vehicle import Vehicle
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.state import VELOCITY, Input, State
+from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.actuators import NEVER_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.dynamics import Dynamics
 from quad_mpc_ros.simulation.random_streams import Stream, generator
 
 _GUST_PERIOD_NS = 10_000_000

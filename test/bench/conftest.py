@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
-from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 STAMP_NS = 1_000_000_000
 _SAMPLES = 41

@@ -17,11 +17,12 @@ from quad_mpc_ros.bench.acados_solver import build_solver
 from quad_mpc_ros.bench.controller_peer import ControllerPeer
 from quad_mpc_ros.bench.figures import summarise
 from quad_mpc_ros.bench.peer import PeerUnavailableError
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.mpc import Mpc
-from quad_mpc_ros.core.messages import Array, OdometrySample, ReferenceWindow
-from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 _ITERATIONS = 40
 

@@ -14,10 +14,10 @@ from quad_mpc_ros.bench.controller_peer import ControllerPeer
 from quad_mpc_ros.bench.figures import errors_before_switches, summarise
 from quad_mpc_ros.bench.flight import MeasuredFlight
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation import closed_loop
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 
 @pytest.fixture(scope="module")

@@ -10,14 +10,14 @@ import pytest
 from quad_mpc_ros.bench import flight as bench_flight
 from quad_mpc_ros.bench.controller_peer import ControllerPeer
 from quad_mpc_ros.bench.cvxpy_peer import CvxpyPeer, stagewise_problem
-from quad_mpc_ros.control.config import MpcConfig, SolverParameters
-from quad_mpc_ros.control.horizon_qp import HorizonQP
 from quad_mpc_ros.control.mpc import FORMULATIONS
-from quad_mpc_ros.control.predictor import StatePredictor
-from quad_mpc_ros.control.solver import QpSolver
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
-from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.estimation.delay_compensation import StatePredictor
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig, SolverParameters
+from quad_mpc_ros.ocp.horizon_qp import HorizonQP
+from quad_mpc_ros.ocp.osqp_solver import QpSolver
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 cvxpy = pytest.importorskip("cvxpy", reason="the extra 'bench' is not installed")
 

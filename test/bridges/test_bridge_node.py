@@ -28,9 +28,9 @@ from quad_mpc_ros.bridges.node import run_bridge
 from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
 from quad_mpc_ros.bridges.rates_bridge import RatesBridge
 from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
+from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, ODOMETRY, Topic
 from quad_mpc_ros.ros.health import HealthReporter
 from quad_mpc_ros.ros.qos import qos_of
-from quad_mpc_ros.ros.topics import COMMAND, ENGAGED, ODOMETRY, Topic
 
 BRIDGES: list[type[Bridge]] = [
     Px4Bridge,

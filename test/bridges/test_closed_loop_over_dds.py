@@ -22,14 +22,14 @@ from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core.messages import Array
-from quad_mpc_ros.core.vehicle import Vehicle
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.server import ReferenceServer
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.server import ReferenceServer
 
 Process = subprocess.Popen[bytes]
 

@@ -21,19 +21,19 @@ from quad_mpc_ros.bridges.mavros_bridge import MavrosBridge
 from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
 from quad_mpc_ros.bridges.rates_bridge import RatesBridge
 from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.ladder import Source
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample
-from quad_mpc_ros.core.vehicle import VehicleParameters
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.vehicle import VehicleParameters
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.safety.ladder import Source
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
 from quad_mpc_ros.simulation.plants import make_plant
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.server import ReferenceServer
 
 New = Callable[[str], Any]
 Spoken = Iterator[tuple[str, Any]]

@@ -18,8 +18,8 @@ from quad_mpc_ros.bridges.mavros_bridge import MavrosBridge
 from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
 from quad_mpc_ros.bridges.rates_bridge import RatesBridge
 from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
-from quad_mpc_ros.core.messages import OdometrySample
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.model.samples import OdometrySample
 
 New = Callable[[str], Any]
 Sound = Callable[[str, int], Any]

@@ -18,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool
 
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.messages import conversions
 
 Process = subprocess.Popen[bytes]
 

@@ -18,8 +18,8 @@ from quad_mpc_ros.bridges import (
     rosflight_codec,
 )
 from quad_mpc_ros.bridges.differentiator import PoseDifferentiator
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 New = Callable[[str], Any]
 

@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 
 from quad_mpc_ros.bridges import px4_codec
 from quad_mpc_ros.bridges.frames import enu_from_ned, flu_from_frd
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import CommandSample
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.model.samples import CommandSample
 
 New = Callable[[str], Any]
 

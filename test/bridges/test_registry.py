@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from quad_mpc_ros.bridges.bridge import Bridge
+from quad_mpc_ros.bridges.registry import GROUP, registered_bridges
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.ros.bridge_registry import GROUP, registered_bridges
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -18,7 +18,7 @@ from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
 from quad_mpc_ros.bridges.rates_bridge import RatesBridge
 from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
 from quad_mpc_ros.bridges.stamps import OdometryStamps
-from quad_mpc_ros.core.messages import CommandSample, OdometrySample
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 New = Callable[[str], Any]
 BRIDGES: list[type[Bridge]] = [

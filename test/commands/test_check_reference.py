@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quad_mpc_ros.analysis.recorded_reference import read_recording
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.references.catalogue import configured_trajectory
-from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.evaluation.recorded_reference import read_recording
+from quad_mpc_ros.trajectories.catalogue import configured_trajectory
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from quad_mpc_ros.bags import BagReader, BagWriter, RosbagsMessages
-from quad_mpc_ros.bags.run_parameters import read_parameters, write_parameters
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.core import so3
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.recordings import BagReader, BagWriter, RosbagsMessages
+from quad_mpc_ros.recordings.run_parameters import read_parameters, write_parameters
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped"

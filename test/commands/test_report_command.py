@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from quad_mpc_ros.analysis import read_flight, style
-from quad_mpc_ros.bags import BagWriter
 from quad_mpc_ros.cli import main
+from quad_mpc_ros.evaluation import read_flight
+from quad_mpc_ros.figures import style
+from quad_mpc_ros.recordings import BagWriter
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 OVER_TIME = ("error", "position", "attitude", "velocity", "inputs", "solver", "source")

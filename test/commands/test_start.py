@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.run_options import RunConfig, add_run_options, resolve
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.dynamics import integrate, rigid_body_dynamics
-from quad_mpc_ros.core.state import Input, State
-from quad_mpc_ros.references.catalogue import configured_trajectory
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
+from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 
 
 def resolved(out: Path, *arguments: str) -> RunConfig:

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quad_mpc_ros.control.command_history import CommandHistory
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.mpc import Mpc
-from quad_mpc_ros.control.predictor import StatePredictor
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
-from quad_mpc_ros.core.state import Input
+from quad_mpc_ros.estimation.command_history import CommandHistory
+from quad_mpc_ros.estimation.delay_compensation import StatePredictor
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.state import Input
+from quad_mpc_ros.mpc_config import MpcConfig
 
 MakeOdometry = Callable[..., OdometrySample]
 MakeWindow = Callable[..., ReferenceWindow]

@@ -11,13 +11,13 @@ import pytest
 FLY = """
 import sys
 from numba.core.dispatcher import Dispatcher
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
-ROOMS = "quad_mpc_ros.control"
+ROOMS = "quad_mpc_ros."
 
 def compiled():
     return {
@@ -55,9 +55,9 @@ FAIL = (
     FLY.split("reference = ")[0].replace("lockstep=True", "lockstep=False")
     + """
 import numpy as np
-from quad_mpc_ros.core.messages import OdometrySample
-from quad_mpc_ros.references.server import ReferenceServer
-ROOMS = ("quad_mpc_ros.control", "quad_mpc_ros.core")
+from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.trajectories.server import ReferenceServer
+ROOMS = "quad_mpc_ros."
 server = ReferenceServer(ReferenceConfig(trajectory="lemniscate"))
 server.start(0)
 windows = [server.window(20_000_000 * k) for k in range(30)]

@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from quad_mpc_ros.core.messages import OdometrySample
 from quad_mpc_ros.faults import distortions
 from quad_mpc_ros.faults.distortions import Distortion
+from quad_mpc_ros.model.samples import OdometrySample
 
 MS = 1_000_000
 PERIOD = 20 * MS

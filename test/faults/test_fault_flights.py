@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.faults.cases import FAULTS, Action, Fault
 from quad_mpc_ros.faults.flight import FaultFlight
 from quad_mpc_ros.faults.verdict import complaints
-from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 CONFIG = MpcConfig()
 # Between processes only: here there are none to start.

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core.messages import CommandSample
 from quad_mpc_ros.faults.cases import FAULTS
 from quad_mpc_ros.faults.verdict import Record, Sighting, command_fault, complaints, course_seen
+from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.mpc_config import MpcConfig
 
 CONFIG = MpcConfig()
 STOPS = FAULTS["odometry_stops"]

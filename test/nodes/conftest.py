@@ -25,8 +25,8 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.messages import new_message
 
 # s: a client that has found its service may not have been found by it, and would get no answer.

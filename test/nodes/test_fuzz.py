@@ -17,13 +17,13 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core.messages import CommandSample
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.nodes.reference_node import ReferenceNode
 from quad_mpc_ros.nodes.simulator_node import SimulatorNode
 from quad_mpc_ros.nodes.visualisation_node import VisualisationNode
-from quad_mpc_ros.ros import conversions
 from quad_mpc_ros.ros.steady_time import SteadyTime
 
 # To each subscription: a short run of every case, and a long one of the nodes as they are.

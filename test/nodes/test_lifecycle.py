@@ -26,11 +26,11 @@ from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from quad_mpc_ros.bags import BagReader, BagWriter
 from quad_mpc_ros.control.mpc import Mpc
 from quad_mpc_ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.nodes.recorder_node import RecorderNode
 from quad_mpc_ros.nodes.reference_node import ReferenceNode
+from quad_mpc_ros.recordings import BagReader, BagWriter
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 

@@ -20,9 +20,9 @@ from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.messages import new_message
 
 Start = Callable[..., "subprocess.Popen[bytes]"]

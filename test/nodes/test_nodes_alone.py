@@ -20,8 +20,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rosbags.highlevel import AnyReader
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.messages import new_message
 
 Start = Callable[..., "subprocess.Popen[bytes]"]

@@ -30,9 +30,9 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.bags import BagReader, BagWriter, QosProfile, Split
-from quad_mpc_ros.bags.writer import ONE_FILE
 from quad_mpc_ros.cli import main
+from quad_mpc_ros.recordings import BagReader, BagWriter, QosProfile, Split
+from quad_mpc_ros.recordings.writer import ONE_FILE
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 ROOT = Path(__file__).parents[2]

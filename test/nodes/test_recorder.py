@@ -21,8 +21,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 from std_msgs.msg import Header, Int32, String
 
-from quad_mpc_ros.bags import BagReader
-from quad_mpc_ros.bags.repair import repair
+from quad_mpc_ros.recordings import BagReader
+from quad_mpc_ros.recordings.repair import repair
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 ROOT = Path(__file__).parents[2]

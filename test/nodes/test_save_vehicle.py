@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 import yaml
 
-from quad_mpc_ros.analysis.identification import learned, learned_file
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.configuration import UserError, files
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.stats import TickStats
-from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.identification import learned, learned_file
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 

@@ -16,7 +16,7 @@ from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import qos_profile_sensor_data
 from visualization_msgs.msg import MarkerArray
 
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.ros.messages import new_message
 
 Start = Callable[..., "subprocess.Popen[bytes]"]

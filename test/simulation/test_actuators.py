@@ -12,8 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.core.messages import Array, CommandSample
-from quad_mpc_ros.core.vehicle import Vehicle
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plant import Plant
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core.vehicle import Vehicle
-from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 MODELLED = Vehicle()
 HEIGHT = 2.0  # m

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core import so3
-from quad_mpc_ros.references.catalogue import configured_trajectory
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.director import Director
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.catalogue import configured_trajectory
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.director import Director
 
 LAG, DELAY = 0.03, 0.02
 MPC = MpcConfig(

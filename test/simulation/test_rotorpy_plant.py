@@ -22,8 +22,8 @@ from quad_mpc_ros.commands.run_options import (
     resolve,
 )
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files
-from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.core.messages import CommandSample
+from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plants import PLANTS, AnyPlant, make_plant
 

@@ -11,7 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from quad_mpc_ros.core.messages import Array, CommandSample, OdometrySample
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream, SentOdometry
 from quad_mpc_ros.simulation.plant import Plant

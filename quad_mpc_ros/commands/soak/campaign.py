@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from quad_mpc_ros.commands.soak.injection import inject
 from quad_mpc_ros.commands.soak.rig import Rig
 from quad_mpc_ros.commands.soak.start_orders import start_in_every_order
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.faults.cases import Action, Fault
 from quad_mpc_ros.faults.verdict import Record, Sighting, complaints, course_seen
+from quad_mpc_ros.mpc_config import MpcConfig
 
 # What a course may be off by [s]: how late this process acts, and how late that of the MPC wakes;
 # and besides for as long as this one was seen to be kept waiting.

@@ -7,9 +7,9 @@ import time
 from typing import Any, NamedTuple
 
 from quad_mpc_ros.commands.soak.rig import Rig
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.faults.cases import Action, Fault
 from quad_mpc_ros.faults.parameter_storm import Change, storm
+from quad_mpc_ros.mpc_config import MpcConfig
 
 _CHANGE_PERIOD = 0.02  # s
 _MOST_UNANSWERED = 5  # changes; a service forgets what comes when ten wait

@@ -13,12 +13,12 @@ from typing import Any, Generic, NamedTuple
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
-from quad_mpc_ros.core.messages import OdometrySample, ReferenceWindow
 from quad_mpc_ros.faults.distortions import Distortion, M
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE, Topic
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.messages import decoded, message_class, new_message, stamp_of
 from quad_mpc_ros.ros.qos import qos_of
-from quad_mpc_ros.ros.topics import ODOMETRY, REFERENCE, Topic
 
 PREFIX = "soak/"
 _BODY_FRAME = "base_link"

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.analysis.soak_figure import SoakSeries, write_soak_figure
 from quad_mpc_ros.commands.soak.campaign import Outcome
 from quad_mpc_ros.commands.soak.endurance import PERIODS_TO_CATCH_UP
 from quad_mpc_ros.commands.soak.options import PICTURE, RESULT
 from quad_mpc_ros.commands.soak.rig import Rig
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.figures.soak_figure import SoakSeries, write_soak_figure
+from quad_mpc_ros.mpc_config import MpcConfig
 
 _WIDTH, _NAME = 99, 26
 GOOD, BAD = "holds", "FAILS"

@@ -22,7 +22,7 @@ from quad_mpc_ros.commands.soak.relay import PREFIX, odometry_relay, reference_r
 from quad_mpc_ros.commands.soak.watch import Watch, resident_memory
 from quad_mpc_ros.faults.parameter_storm import Change
 from quad_mpc_ros.faults.verdict import is_home
-from quad_mpc_ros.ros.topics import ODOMETRY, REFERENCE
+from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE
 
 NODES = ("simulator", "reference", "mpc")
 # The first start after an installation compiles, on a small computer for minutes.

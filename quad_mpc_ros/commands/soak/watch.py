@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.faults.verdict import command_fault
-from quad_mpc_ros.ros import conversions
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, STATS
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ros.messages import message_class, stamp_of
 from quad_mpc_ros.ros.qos import qos_of
-from quad_mpc_ros.ros.topics import COMMAND, ODOMETRY, STATS
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

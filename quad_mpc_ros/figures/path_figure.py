@@ -1,0 +1,108 @@
+"""The flight in space."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.evaluation.flight import Flight
+from quad_mpc_ros.evaluation.waypoints import waypoints
+from quad_mpc_ros.figures import space, style
+
+_WIDTH, _HEIGHT = 8.0, 6.2  # inch
+_MOST_NUMBERS = 12  # waypoints; numbers on more would hide the flight
+
+_SPACING = 0.25  # of the longest side, flown between two drawn vehicles
+
+# From the ground up; mplot3d's own order takes each of these as a whole and gets it wrong.
+_GROUND, _REFERENCE, _FLIGHT, _VEHICLES, _MARKS = 1, 2, 3, 4, 5
+
+
+def write_path(flight: Flight, path: Path) -> Path:
+    """Draw the flight coloured by its speed, with start, waypoints and reference.
+
+    The vehicle, four rotors on a cross, is drawn along the way as it was tilted there, larger
+    than it is where the room is large. Raises ``OSError`` when the file cannot be written.
+    """
+    figure = style.new_figure(_WIDTH, _HEIGHT)
+    # Any: mplot3d has no type hints.
+    axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
+    points = [flight.p_WB, *([] if flight.reference is None else [flight.reference.p_WB])]
+    lower, upper = space.room(np.vstack(points))
+    space.draw_room(axes, lower, upper)
+    _draw_reference(axes, flight)
+    _draw_flight(figure, axes, flight, ground=float(lower[2]))
+    side = float(np.max(upper - lower))
+    space.draw_vehicles(
+        axes,
+        flight.p_WB,
+        flight.q_WB_xyzw,
+        way=space.way_along(flight.p_WB),
+        spacing=_SPACING * side,
+        side=side,
+        zorder=_VEHICLES,
+    )
+    axes.legend(
+        loc="upper left", frameon=False, fontsize=9, labelcolor=style.INK, handlelength=2.4
+    )
+    return style.save(figure, path)
+
+
+def _draw_reference(axes: Any, flight: Flight) -> None:
+    from matplotlib.patheffects import withStroke
+
+    if flight.reference is None:
+        return
+    axes.plot(
+        *flight.reference.p_WB.T,
+        color=style.REFERENCE,
+        linewidth=1.6,
+        linestyle=(0, (4, 2)),
+        label="reference",
+        zorder=_REFERENCE,
+    )
+    places = list(dict.fromkeys(tuple(waypoint.p_WB.tolist()) for waypoint in waypoints(flight)))
+    if not places:
+        return
+    axes.scatter(
+        *np.transpose(places),
+        s=80,
+        facecolors="none",
+        edgecolors=style.BOUND,
+        linewidths=1.8,
+        depthshade=False,
+        label="waypoint",
+        zorder=_MARKS,
+    )
+    halo = [withStroke(linewidth=3.0, foreground="white")]
+    for number, place in enumerate(places[:_MOST_NUMBERS], start=1):
+        axes.text(
+            *place,
+            f"  {number}  ",
+            fontsize=10,
+            fontweight="bold",
+            color=style.BOUND,
+            horizontalalignment="right",
+            verticalalignment="top",
+            path_effects=halo,
+            zorder=_MARKS,
+        )
+
+
+def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> None:
+    x, y, _ = flight.p_WB.T
+    axes.plot(x, y, ground, color=style.FAINT, linewidth=1.0, zorder=_GROUND)
+    axes.scatter(
+        *flight.p_WB[0],
+        marker="s",
+        s=36,
+        color=style.INK,
+        depthshade=False,
+        label="start",
+        zorder=_MARKS,
+    )
+    space.draw_coloured_by_speed(
+        figure, axes, flight.p_WB, np.linalg.norm(flight.v_WB_B, axis=1), zorder=_FLIGHT
+    )

@@ -1,0 +1,64 @@
+"""Commands that are held, and what follows them with a first-order lag: exact, at any time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quad_mpc_ros.lie import Array
+
+# A shorter time constant is none at the rates at which anything is sampled.
+_SHORTEST = 1e-5
+
+
+class LaggedCommands:
+    """The response y of dy/dt = (c - y) / tau to commands c, each held until the next.
+
+    Without delay: a delay only shifts the time that is asked for.
+    """
+
+    def __init__(self, time: Array, command: Array, *, time_constant: float) -> None:
+        """Take the commands (m, k) from ``time`` (m,) [s] on, ascending; y begins at rest there.
+
+        At rest is: equal to the first command.
+        """
+        self._tau = max(time_constant, _SHORTEST)
+        self._time, self._command = time, command
+        self._start = np.empty_like(command)
+        decays = np.exp(-np.diff(time) / self._tau)
+        y = command[0]
+        self._start[0] = y
+        for j, decay in enumerate(decays.tolist()):
+            y = command[j] + decay * (y - command[j])
+            self._start[j + 1] = y
+
+    def at(self, time: Array) -> Array:
+        """Return the response (n, k) at times (n,)."""
+        command, excess = self._parts(time)
+        return np.asarray(command + excess)
+
+    def means(self, time: Array, duration: Array) -> tuple[Array, Array]:
+        """Return the means (n, k) of y and of y^2 over stretches that no command divides."""
+        # By a time inside the stretch, so that rounding at its edge picks no other command.
+        index = self._index(time + 0.5 * duration)
+        command = self._command[index]
+        since = np.maximum(time - self._time[index], 0.0)
+        excess = (self._start[index] - command) * np.exp(-since / self._tau)[:, None]
+        share = self._mean_decay(duration)[:, None]
+        share_squared = self._mean_decay(2.0 * duration)[:, None]
+        mean = command + excess * share
+        mean_square = command**2 + 2.0 * command * excess * share + excess**2 * share_squared
+        return mean, mean_square
+
+    def _parts(self, time: Array) -> tuple[Array, Array]:
+        index = self._index(time)
+        command = self._command[index]
+        since = np.maximum(time - self._time[index], 0.0)
+        return command, (self._start[index] - command) * np.exp(-since / self._tau)[:, None]
+
+    def _index(self, time: Array) -> np.ndarray:
+        return np.maximum(np.searchsorted(self._time, time, side="right") - 1, 0)
+
+    def _mean_decay(self, duration: Array) -> Array:
+        """Return the mean of exp(-t / tau) over a duration."""
+        x = duration / self._tau
+        return np.asarray(-np.expm1(-x) / np.maximum(x, 1e-12)) + (x < 1e-12)

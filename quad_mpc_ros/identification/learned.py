@@ -1,0 +1,131 @@
+"""What the controller has learned of its vehicle in flight, from the figures of its ticks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.estimation.disturbance_ekf import SCALE_BOUNDS
+from quad_mpc_ros.identification.result import Estimate
+from quad_mpc_ros.identification.vehicle_file import (
+    KEPT,
+    Entries,
+    Kept,
+    found_entry,
+    thrust_entries,
+    vehicle_file,
+)
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.mpc_config import MpcConfig
+
+_FEWEST_TICKS = 25
+_MOST_WANDERING = 0.1  # of a value, either way
+_AT_BOUND = 0.005
+_LAGS = ("rate_time_constant", "thrust_time_constant")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learned:
+    """The estimates over some ticks: their medians, and how far they wandered.
+
+    Time constants [s] are None where the model has no lag, of which nothing is learned.
+    """
+
+    thrust_scale: Estimate
+    rate_time_constant: Estimate | None
+    thrust_time_constant: Estimate | None
+    ticks: int
+
+
+def learned(ticks: Sequence[TickStats], given: MpcConfig) -> Learned:
+    """Return what ticks of the flying MPC tell. Raises :class:`UserError` for what tells nothing.
+
+    ``given`` is the configuration that it flies with.
+    """
+    if given.formulation != "manifold" or not given.estimate_disturbance:
+        raise UserError(
+            "the MPC estimates nothing: expected formulation manifold and estimate_disturbance "
+            f"true, given {given.formulation} and {str(given.estimate_disturbance).lower()}"
+        )
+    flying = [tick for tick in ticks if tick.source == "mpc"]
+    if len(flying) < _FEWEST_TICKS:
+        reason = f" (the last: {ticks[-1].source}, {ticks[-1].reason})" if ticks else ""
+        raise UserError(
+            f"the MPC flew {len(flying)} ticks while it was watched{reason}, expected "
+            f"{_FEWEST_TICKS} or more"
+        )
+    believed = np.array([tick.thrust_scale for tick in flying])
+    scale = _estimate(_thrust_scales(flying, given))
+    _check(scale, believed=float(np.median(believed)))
+    lags = {
+        name: _estimate(np.array([1e-3 * getattr(tick, f"{name}_ms") for tick in flying]))
+        if getattr(given, name) > 0.0
+        else None
+        for name in _LAGS
+    }
+    return Learned(thrust_scale=scale, ticks=len(flying), **lags)
+
+
+def learned_file(found: Learned, given: MpcConfig, *, head: str, keep: Kept) -> str:
+    """Return a ROS parameter file of the whole vehicle, with what was learned in it.
+
+    ``head`` is its first line, a remark. Raises ``ConfigurationError`` when the controller would
+    refuse the values.
+    """
+    names = ("gravity", "drag", "torque_curve", "input_delay")
+    entries = thrust_entries(found.thrust_scale, given, keep=keep)
+    for name in _LAGS:
+        estimate: Estimate | None = getattr(found, name)
+        entries[name] = (getattr(given, name), KEPT) if estimate is None else found_entry(estimate)
+    kept: Entries = {name: (_listed(getattr(given, name)), KEPT) for name in names}
+    return vehicle_file(entries | kept, given, remarks=[head])
+
+
+def _thrust_scales(ticks: Sequence[TickStats], given: MpcConfig) -> Array:
+    """Return the scales that carry the vehicle with no more help from below or above.
+
+    In a hover a lack of thrust and a steady push look alike, and the estimator believes some of
+    each: ``thrust_scale`` T/m + d = g. Little pushes a vehicle up or down for long, so all of it
+    is taken for thrust.
+    """
+    scales = np.array([tick.thrust_scale for tick in ticks])
+    pushes = np.array([tick.disturbance_z for tick in ticks])
+    return np.asarray(scales * given.gravity / (given.gravity - pushes))
+
+
+def _check(scale: Estimate, *, believed: float) -> None:
+    if scale.value == 1.0 and scale.half_width == 0.0:
+        raise UserError(
+            "nothing has been learned yet: thrust_scale in mpc/stats is 1 throughout; fly first"
+        )
+    low, high = SCALE_BOUNDS
+    if not low + _AT_BOUND < believed < high - _AT_BOUND:
+        raise UserError(
+            f"thrust_scale {believed:.3f} is at the end of what is estimated, {low:g} to "
+            f"{high:g}: correct mass or thrust_curve by about that much and fly again"
+        )
+    if not scale.observable:
+        raise UserError(
+            f"the thrust has not settled: {scale.value:.3f} +- {scale.half_width:.2g} of the "
+            "given, expected +- 10 % or less: fly longer, or more quietly"
+        )
+
+
+def _estimate(values: Array) -> Estimate:
+    low, middle, high = np.percentile(values, (2.5, 50.0, 97.5)).tolist()
+    half_width = 0.5 * (high - low)
+    return Estimate(
+        value=middle,
+        half_width=half_width,
+        seen=True,
+        observable=half_width <= _MOST_WANDERING * abs(middle),
+    )
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,220 @@
+"""The model that is fitted, and by how much measurements differ from it.
+
+Commands act after the delay d; body rates and throttle follow them with first-order lags,
+
+    dw/dt = (w_c(t - d) - w) / tau_w,  ds/dt = (s_c(t - d) - s) / tau_s,
+    dv/dt = g + k T(s)/m R_WB e3 - mu v + a,
+
+which is the prediction model of the controller. Both lags are followed exactly from edge to edge
+of the commands, wherever those lie between the odometries. The velocity is compared over windows,
+each from a start of its own: errors do not add up, and neither is it differentiated.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.identification.lag import LaggedCommands
+from quad_mpc_ros.identification.measurements import Measurements
+from quad_mpc_ros.lie import Array, so3
+
+# The parameters, in order: time constants and delay [s], thrust scale, drag [1/s], horizontal
+# acceleration [m/s^2], bias of the measured body rates [rad/s].
+RATE_TAU, THRUST_TAU, DELAY, SCALE, DRAG = range(5)
+ACCELERATION, RATE_BIAS = slice(5, 7), slice(7, 10)
+PARAMETERS = 10
+TIMES = (RATE_TAU, THRUST_TAU, DELAY)
+LINEAR_IN_VELOCITY = (SCALE, DRAG, 5, 6)
+
+WINDOW = 0.5  # s
+_FEWEST_IN_WINDOW = 5
+_LONGEST_GAP = 3.0  # periods
+_DIFFERENCE = 1e-4  # s
+# The thrust's direction is that in the middle of a stretch [s].
+_LONGEST_STRETCH = 0.01
+_MOST_STRETCHES = 50  # in a gap, whose far side is in another window anyway
+
+
+class ResponseModel:
+    """Residuals of body rates (u, 3) and velocity (n, 3), with their derivatives.
+
+    u are the usable ones of n odometries; the velocity's are zero outside of windows. ``blocks``
+    is the window of each odometry.
+    """
+
+    def __init__(self, data: Measurements) -> None:
+        self._data = data
+        self.usable = np.flatnonzero(data.usable)
+        self.blocks, self.in_window = _windows(data)
+        self._interval = np.diff(data.time)
+        self._turn = so3.log(np.swapaxes(data.R_WB[:-1], -1, -2) @ data.R_WB[1:])
+        self._travel = 0.5 * self._interval[:, None] * (data.v_WB_W[:-1] + data.v_WB_W[1:])
+        self._grid = _divided(data.time)
+        self._lags: dict[tuple[str, float], LaggedCommands] = {}
+
+    def rates(self, *, rate_tau: float, delay: float) -> Array:
+        """Return the modelled body rates (u, 3) [rad/s]."""
+        lag = self._lag("rate", rate_tau)
+        return lag.at(self._data.time[self.usable] - delay)
+
+    def thrust_impulse(self, *, rate_tau: float, thrust_tau: float, delay: float) -> Array:
+        """Return what the modelled thrust adds to the velocity between odometries (n-1, 3)."""
+        data, vehicle = self._data, self._data.vehicle
+        edges = data.command_time + delay
+        inside = edges[(edges > data.time[0]) & (edges < data.time[-1])]
+        breaks = np.sort(np.concatenate((self._grid, inside)))
+        start, duration = breaks[:-1], np.diff(breaks)
+        middle = start + 0.5 * duration
+        interval = np.clip(
+            np.searchsorted(data.time, middle, side="right") - 1, 0, len(self._interval) - 1
+        )
+        mean, mean_square = self._lag("thrust", thrust_tau).means(start - delay, duration)
+        a, b, c = vehicle.thrust_curve
+        thrust = vehicle.motor_count * (a * mean_square + b * mean + c)[:, 0]
+        axis = self._thrust_axis(rate_tau, delay, start, duration, interval)
+        push = (duration * thrust / vehicle.mass)[:, None] * axis
+        return np.column_stack(
+            [np.bincount(interval, push[:, i], minlength=len(self._interval)) for i in range(3)]
+        )
+
+    def _thrust_axis(
+        self,
+        rate_tau: float,
+        delay: float,
+        start: Array,
+        duration: Array,
+        interval: NDArray[np.intp],
+    ) -> Array:
+        """Return the thrust's direction in the world in the middle of stretches (k, 3).
+
+        From each measured attitude it turns as the modelled rates do, and what is then missing to
+        the next measured one is spread evenly: commands change the rates within an interval.
+        """
+        rates = self._lag("rate", rate_tau)
+        half = 0.5 * duration
+        first = half[:, None] * rates.means(start - delay, half)[0]
+        second = half[:, None] * rates.means(start + half - delay, half)[0]
+        turned = np.concatenate((np.zeros((1, 3)), np.cumsum(first + second, axis=0)))
+        begins = np.searchsorted(interval, np.arange(len(self._interval) + 1))
+        whole = turned[begins[1:]] - turned[begins[:-1]]
+        share = (start + half - self._data.time[interval]) / self._interval[interval]
+        turn = turned[:-1] + first - turned[begins[interval]]
+        turn += share[:, None] * (self._turn - whole)[interval]
+        return np.asarray((self._data.R_WB[interval] @ so3.exp(turn))[..., 2])
+
+    def velocity_columns(
+        self, *, rate_tau: float, thrust_tau: float, delay: float
+    ) -> tuple[Array, Array]:
+        """Return what the velocity is without thrust, and its derivatives (n, 3, 4).
+
+        Both are relative to their windows. The derivatives are by thrust scale, drag and the two
+        horizontal accelerations, in which the velocity is linear.
+        """
+        impulse = self.thrust_impulse(rate_tau=rate_tau, thrust_tau=thrust_tau, delay=delay)
+        columns = np.zeros((len(self._interval), 3, 4))
+        columns[:, :, 0] = impulse
+        columns[:, :, 1] = -self._travel
+        columns[:, 0, 2] = columns[:, 1, 3] = self._interval
+        fall = np.zeros((len(self._interval), 3))
+        fall[:, 2] = self._data.vehicle.gravity * self._interval
+        left = self._data.v_WB_W + _summed(fall)
+        return self.relative(left), self.relative(_summed(columns))
+
+    def relative(self, values: Array) -> Array:
+        """Return values (n, ...) less the mean of their window, and zero outside of windows."""
+        flat = values.reshape(len(values), -1)
+        count = np.bincount(self.blocks, self.in_window, minlength=self.blocks[-1] + 1)
+        mean = (
+            np.column_stack(
+                [
+                    np.bincount(self.blocks, self.in_window * column, minlength=len(count))
+                    for column in flat.T
+                ]
+            )
+            / np.maximum(count, 1.0)[:, None]
+        )
+        inside = (flat - mean[self.blocks]) * self.in_window[:, None]
+        return np.asarray(inside.reshape(values.shape))
+
+    def residuals(self, theta: Array) -> tuple[Array, Array]:
+        """Return measured minus modelled body rates (u, 3) and velocities (n, 3)."""
+        modelled = self.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
+        rates = self._data.w_WB_B[self.usable] - modelled - theta[RATE_BIAS]
+        left, columns = self._velocity_columns(theta)
+        return rates, left - columns @ theta[list(LINEAR_IN_VELOCITY)]
+
+    def jacobians(self, theta: Array, *, difference: float = _DIFFERENCE) -> tuple[Array, Array]:
+        """Return the derivatives of both residuals, (u, 3, 10) and (n, 3, 10).
+
+        Those by times are central differences over ``difference`` [s] to both sides.
+        """
+        rates = np.zeros((len(self.usable), 3, PARAMETERS))
+        velocity = np.zeros((len(self._data.time), 3, PARAMETERS))
+        rates[:, range(3), range(RATE_BIAS.start, RATE_BIAS.stop)] = -1.0
+        _, columns = self._velocity_columns(theta)
+        velocity[:, :, LINEAR_IN_VELOCITY] = -columns
+        # Over more than rounding: at edges of the commands the residuals have kinks.
+        for parameter in TIMES:
+            above, below = theta.copy(), theta.copy()
+            above[parameter] += difference
+            below[parameter] = max(below[parameter] - difference, 0.0)
+            span = above[parameter] - below[parameter]
+            high, low = self.residuals(above), self.residuals(below)
+            rates[:, :, parameter] = (high[0] - low[0]) / span
+            velocity[:, :, parameter] = (high[1] - low[1]) / span
+        return rates, velocity
+
+    def _velocity_columns(self, theta: Array) -> tuple[Array, Array]:
+        return self.velocity_columns(
+            rate_tau=theta[RATE_TAU], thrust_tau=theta[THRUST_TAU], delay=theta[DELAY]
+        )
+
+    def _lag(self, channel: str, time_constant: float) -> LaggedCommands:
+        """Return the response to the commands; the last few are kept, a delay only shifts it."""
+        key = (channel, float(time_constant))
+        if key not in self._lags:
+            if len(self._lags) > 8:
+                self._lags.clear()
+            data = self._data
+            command = data.w_command if channel == "rate" else data.throttle[:, None]
+            self._lags[key] = LaggedCommands(
+                data.command_time, command, time_constant=time_constant
+            )
+        return self._lags[key]
+
+
+def _divided(time: Array) -> Array:
+    """Return times with others between them, none further apart than the longest stretch.
+
+    But for gaps, which may be of any length where a clock was set.
+    """
+    parts = np.clip(np.ceil(np.diff(time) / _LONGEST_STRETCH), 1.0, _MOST_STRETCHES)
+    parts = parts.astype(np.intp)
+    first = np.repeat(np.arange(len(parts)), parts)
+    number = np.arange(len(first)) - np.repeat(np.cumsum(parts) - parts, parts)
+    inside = time[first] + number / parts[first] * np.diff(time)[first]
+    return np.append(inside, time[-1])
+
+
+def _summed(increments: Array) -> Array:
+    """Return sums (n, ...) of the increments (n-1, ...) up to each odometry."""
+    return np.concatenate((np.zeros((1, *increments.shape[1:])), np.cumsum(increments, axis=0)))
+
+
+def _windows(data: Measurements) -> tuple[NDArray[np.intp], Array]:
+    """Return the window of each odometry, and 1 for those in one that can be used, else 0."""
+    longest_gap = _LONGEST_GAP * data.period
+    block = np.zeros(len(data.time), dtype=np.intp)
+    current, start = 0, data.time[0]
+    for i in range(1, len(data.time)):
+        broken = (
+            data.usable[i] != data.usable[i - 1]
+            or data.time[i] - data.time[i - 1] > longest_gap
+            or data.time[i] - start >= WINDOW
+        )
+        if broken:
+            current, start = current + 1, data.time[i]
+        block[i] = current
+    enough = np.bincount(block) >= _FEWEST_IN_WINDOW
+    return block, (data.usable & enough[block]).astype(np.float64)

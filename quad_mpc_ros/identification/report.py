@@ -1,0 +1,141 @@
+"""An identification told: a table for people, a ROS parameter file for the controller."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+from quad_mpc_ros.identification.result import Estimate, Identification
+from quad_mpc_ros.identification.vehicle_file import (
+    Entries,
+    Kept,
+    found_entry,
+    thrust_entries,
+    vehicle_file,
+)
+from quad_mpc_ros.mpc_config import MpcConfig
+
+_WIDTH = 80
+_LEAST_EXPLAINED = 0.8
+
+_MANOEUVRE = {
+    "rate_time_constant": "the body rates were hardly commanded to change: fly the square, or the "
+    "lemniscate with reference.angular_frequency 2",
+    "thrust_time_constant": "the throttle was hardly commanded to change: fly the square, or the "
+    "lemniscate with reference.angular_frequency 2",
+    "input_delay": "the commands hardly changed: fly the square, or the lemniscate with "
+    "reference.angular_frequency 2",
+    "thrust_scale": "the thrust does not show: fly longer, off the ground",
+    "drag": "the velocity hardly changed: fly the lemniscate, several m/s fast",
+}
+
+
+def identification_table(found: Identification, given: MpcConfig, *, command_age: float) -> str:
+    """Return what was found beside what was given as lines of text, at most 80 columns wide.
+
+    ``command_age`` [s] is that of :class:`Measurements`, NaN to be silent of it.
+    """
+    rows = [
+        f"{'':22}{'given':>12}{'found':>12}{'+- 95 %':>12}",
+        _row("rate_time_constant", "ms", given.rate_time_constant, found.rate_time_constant),
+        _row("thrust_time_constant", "ms", given.thrust_time_constant, found.thrust_time_constant),
+        _row("input_delay", "ms", given.input_delay, found.input_delay),
+        _row("thrust per mass", "", 1.0, found.thrust_scale),
+        _row("drag", "1/s", given.drag, found.drag),
+        "",
+        f"flown under commands {found.flown:.1f} s; left over: body rates "
+        f"{found.rate_residual:.3g} rad/s, velocity {found.velocity_residual:.3g} m/s RMS",
+    ]
+    notes = [
+        *_scale_note(found, given),
+        f"wind and the like push by {_signed(found.wind_acceleration_W[0])} m/s^2 east and "
+        f"{_signed(found.wind_acceleration_W[1])} m/s^2 north",
+        *_age_note(found, command_age),
+        *(f"warning: {text}" for text in warnings(found)),
+    ]
+    for note in notes:
+        rows += textwrap.wrap(note, _WIDTH, subsequent_indent="  ")
+    return "\n".join(rows)
+
+
+def warnings(found: Identification) -> Iterator[str]:
+    """Yield what the flight does not show and how to fly one that does, and bad fits."""
+    for name, manoeuvre in _MANOEUVRE.items():
+        estimate: Estimate = getattr(found, name)
+        if not estimate.seen:
+            yield f"{name} cannot be told from this flight: {manoeuvre}"
+        elif not estimate.observable:
+            yield (
+                f"{name} is too uncertain to be used: its effect cannot be told from that of "
+                "the others, which a livelier flight or more odometries a second help, or the "
+                "vehicle is not as the model says (lags of first order, one delay, drag alike in "
+                "all directions)"
+            )
+    rates_seen = found.rate_time_constant.observable or found.input_delay.observable
+    if rates_seen and found.rates.explained < _LEAST_EXPLAINED:
+        yield (
+            f"the commands explain only {max(found.rates.explained, 0.0):.0%} of the measured "
+            "body rates: expected the odometry and the commands of one vehicle, the rates in the "
+            "frame of odometry.twist_frame, and a rate loop that is nearly of first order"
+        )
+
+
+def parameter_file(found: Identification, given: MpcConfig, *, bag: Path, keep: Kept) -> str:
+    """Return a ROS parameter file for the controller with what the flight shows.
+
+    With ``keep`` mass the thrust curve is scaled, with curve the mass. Raises
+    ``ConfigurationError`` when the controller would refuse the values.
+    """
+    entries: Entries = {}
+    left_out = []
+    for name in ("rate_time_constant", "thrust_time_constant", "input_delay", "drag"):
+        estimate: Estimate = getattr(found, name)
+        if estimate.observable:
+            entries[name] = found_entry(estimate)
+        else:
+            left_out.append(name)
+    if found.thrust_scale.observable:
+        entries |= thrust_entries(found.thrust_scale, given, keep=keep)
+    else:
+        left_out.append("thrust_curve")
+    remarks = [
+        f"Identified from {bag}, {found.flown:.1f} s of flight under commands; +- is 95 %.",
+        *(f"{name}: not told by this flight." for name in left_out),
+    ]
+    return vehicle_file(entries, given, remarks=remarks)
+
+
+def _row(name: str, unit: str, given: float, estimate: Estimate) -> str:
+    factor, digits = (1e3, 1) if unit == "ms" else (1.0, 3)
+    label = f"{name} [{unit}]" if unit else name
+    before = f"{factor * given:.{digits}f}"
+    if not estimate.seen:
+        return f"{label:<26}{before:>8}{'not seen':>12}{'-':>12}"
+    least = 10.0**-digits
+    width = max(math.ceil(factor * estimate.half_width / least) * least, least)
+    return f"{label:<26}{before:>8}{factor * estimate.value:>12.{digits}f}{width:>12.{digits}f}"
+
+
+def _scale_note(found: Identification, given: MpcConfig) -> list[str]:
+    if not found.thrust_scale.observable:
+        return []
+    scale = found.thrust_scale.value
+    return [
+        f"thrust per mass {scale:.3f}: the given curve lifting {given.mass / scale:.3f} kg, or "
+        f"{scale:.3f} of the given curve lifting the given {given.mass:.3f} kg"
+    ]
+
+
+def _age_note(found: Identification, command_age: float) -> list[str]:
+    if math.isnan(command_age) or not found.input_delay.observable:
+        return []
+    return [
+        f"input_delay counts from the stamp of the odometry to the effect of the command; "
+        f"{1e3 * command_age:.1f} ms of it (median) pass until the command is published"
+    ]
+
+
+def _signed(value: float) -> str:
+    return f"{value + 0.0:.2f}"

@@ -1,0 +1,66 @@
+"""What an identification found, and how sure it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.lie import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """A fitted value with half of its 95 % interval.
+
+    ``seen`` tells that the flight moves what the value acts on, ``observable`` that the interval
+    is narrow enough to be of use: what is seen may fit badly, or be like something else.
+    """
+
+    value: float
+    half_width: float
+    seen: bool
+    observable: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FittedCourse:
+    """Measured and fitted over time, shapes (n,), (n, k), (n, k)."""
+
+    time: Array
+    measured: Array
+    fitted: Array
+
+    @property
+    def explained(self) -> float:
+        """Share of the measured variation that the fit explains, at most 1."""
+        varied = float(np.sum((self.measured - self.measured.mean(axis=0)) ** 2))
+        missed = float(np.sum((self.measured - self.fitted) ** 2))
+        return 1.0 - missed / varied if varied > 0.0 else 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Identification:
+    """The fit: time constants and delay [s], thrust over that of the given vehicle, drag [1/s].
+
+    ``thrust_scale`` is that of thrust per mass: nothing flown can tell the two apart.
+    ``wind_acceleration_W`` (2,) [m/s^2] is the constant horizontal acceleration that was fitted
+    beside them, wind above all. ``rates`` are body rates [rad/s], ``specific_force`` is along the
+    thrust axis [m/s^2], averaged over ``averaged_over`` seconds. ``samples`` (n,) are the indices
+    of the odometries used, ``flown`` their time [s].
+    """
+
+    rate_time_constant: Estimate
+    thrust_time_constant: Estimate
+    input_delay: Estimate
+    thrust_scale: Estimate
+    drag: Estimate
+    wind_acceleration_W: Array
+    rate_residual: float
+    velocity_residual: float
+    rates: FittedCourse
+    specific_force: FittedCourse
+    averaged_over: float
+    samples: NDArray[np.intp]
+    flown: float

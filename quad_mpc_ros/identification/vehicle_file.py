@@ -1,0 +1,61 @@
+"""A ROS parameter file of the vehicle for the controller: what was found, and what was kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from quad_mpc_ros.identification.result import Estimate
+from quad_mpc_ros.mpc_config import MpcConfig
+
+Kept = Literal["mass", "curve"]
+"""What is believed of thrust per mass, of which a flight shows the quotient only."""
+
+Entries = dict[str, tuple[Any, str]]
+"""Values by the name of their parameter, each with a remark."""
+
+KEPT = "kept"
+_DIGITS, _DECIMALS = 4, 7  # of what is written
+
+
+def found_entry(estimate: Estimate) -> tuple[float, str]:
+    """Return a found value and how far off it may be."""
+    return rounded(estimate.value), f"+- {estimate.half_width:.2g}"
+
+
+def thrust_entries(scale: Estimate, given: MpcConfig, *, keep: Kept) -> Entries:
+    """Return what makes the given vehicle one of ``scale`` times its thrust per mass.
+
+    With ``keep`` mass the thrust curve is scaled, with curve the mass.
+    """
+    spread = f"thrust per mass x {scale.value:.4f} +- {scale.half_width:.2g}"
+    curve = list(given.thrust_curve)
+    if keep == "mass":
+        scaled = [rounded(scale.value * c) for c in curve]
+        entries: Entries = {"mass": (given.mass, KEPT), "thrust_curve": (scaled, spread)}
+    else:
+        mass = rounded(given.mass / scale.value)
+        entries = {"mass": (mass, spread), "thrust_curve": (curve, KEPT)}
+    return entries | {"motor_count": (given.motor_count, KEPT)}
+
+
+def vehicle_file(
+    entries: Mapping[str, tuple[Any, str]], given: MpcConfig, *, remarks: Sequence[str]
+) -> str:
+    """Return the text of the file, below ``remarks``.
+
+    Raises ``ConfigurationError`` when the controller would refuse the values.
+    """
+    given.updated({name: value for name, (value, _) in entries.items()})
+    lines = [
+        *(f"# {remark}" for remark in remarks),
+        "/**/mpc:",
+        "  ros__parameters:" + ("" if entries else " {}"),
+        *(f"    {name}: {value}  # {note}" for name, (value, note) in entries.items()),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def rounded(value: float) -> float:
+    """Return a value with as many digits as anything found deserves."""
+    return round(float(f"{value:.{_DIGITS}g}"), _DECIMALS)

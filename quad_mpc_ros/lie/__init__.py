@@ -1,0 +1,7 @@
+"""The rotation group SO(3): on arrays (:mod:`so3`) and inside compiled code (:mod:`kernels`)."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+"""An array of floats; its shape is said where it is used."""

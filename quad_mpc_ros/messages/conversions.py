@@ -1,0 +1,298 @@
+"""Between ROS messages and the values the package computes with.
+
+Duck-typed: a function reads attributes of a message, or fills one that is passed in, and imports
+no message package. The same code therefore serves rclpy's messages and those of a bag read
+without ROS. ``new`` makes an empty message of a type, for the elements of sequences; a message
+that was filled before keeps its elements and is filled again, which is cheaper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+
+NewMessage = Callable[[str], Any]
+"""Makes an empty message of a type named like ``geometry_msgs/msg/Pose``."""
+
+_SECOND = 1_000_000_000
+
+_COLUMNS = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13), slice(13, 16))
+_LEFT_OUT = SimpleNamespace(x=0.0, y=0.0, z=0.0)
+
+STATS_NAME = "quad_mpc_ros: mpc tick"
+_STATS_OK, _STATS_WARN, _STATS_ERROR = b"\x00", b"\x01", b"\x02"
+
+
+def nanoseconds(time: Any) -> int:
+    """Return a ``builtin_interfaces`` Time or Duration in nanoseconds."""
+    return int(time.sec) * _SECOND + int(time.nanosec)
+
+
+def fill_time(time: Any, stamp_ns: int) -> None:
+    """Write nanoseconds into a ``builtin_interfaces`` Time or Duration."""
+    time.sec, time.nanosec = divmod(stamp_ns, _SECOND)
+
+
+def odometry_from_message(message: Any) -> OdometrySample:
+    """Return the values of a ``nav_msgs/Odometry``; whether they are fit for use is not asked."""
+    pose, twist = message.pose.pose, message.twist.twist
+    return OdometrySample(
+        stamp_ns=nanoseconds(message.header.stamp),
+        frame_id=message.header.frame_id,
+        child_frame_id=message.child_frame_id,
+        p_WB=_vector(pose.position),
+        q_WB_xyzw=_quaternion(pose.orientation),
+        v_WB_B=_vector(twist.linear),
+        w_WB_B=_vector(twist.angular),
+    )
+
+
+def odometry_from_pose_and_twist(pose: Any, twist: Any, *, child_frame_id: str) -> OdometrySample:
+    """Return the values of a ``PoseStamped`` and a ``TwistStamped``, stamped as the pose is."""
+    return OdometrySample(
+        stamp_ns=nanoseconds(pose.header.stamp),
+        frame_id=pose.header.frame_id,
+        child_frame_id=child_frame_id,
+        p_WB=_vector(pose.pose.position),
+        q_WB_xyzw=_quaternion(pose.pose.orientation),
+        v_WB_B=_vector(twist.twist.linear),
+        w_WB_B=_vector(twist.twist.angular),
+    )
+
+
+def fill_odometry(message: Any, odometry: OdometrySample) -> None:
+    """Write an odometry into a ``nav_msgs/Odometry``."""
+    _fill_header(message.header, odometry.stamp_ns, odometry.frame_id)
+    message.child_frame_id = odometry.child_frame_id
+    _fill_vector(message.pose.pose.position, odometry.p_WB.tolist())
+    _fill_quaternion(message.pose.pose.orientation, odometry.q_WB_xyzw.tolist())
+    _fill_vector(message.twist.twist.linear, odometry.v_WB_B.tolist())
+    _fill_vector(message.twist.twist.angular, odometry.w_WB_B.tolist())
+
+
+def command_from_message(message: Any) -> CommandSample:
+    """Return the values of a ``geometry_msgs/TwistStamped`` command."""
+    return CommandSample(
+        stamp_ns=nanoseconds(message.header.stamp),
+        frame_id=message.header.frame_id,
+        throttle=float(message.twist.linear.z),
+        w_WB_B=_vector(message.twist.angular),
+    )
+
+
+def fill_command(message: Any, command: CommandSample) -> None:
+    """Write a command into a ``geometry_msgs/TwistStamped``: throttle in linear.z."""
+    _fill_header(message.header, command.stamp_ns, command.frame_id)
+    message.twist.linear.z = command.throttle
+    _fill_vector(message.twist.angular, command.w_WB_B.tolist())
+
+
+def reference_from_message(message: Any) -> ReferenceWindow:
+    """Return the values of a ``trajectory_msgs/MultiDOFJointTrajectory``.
+
+    Velocities and accelerations may be left out of a point and are then zero. Raises
+    ``ValueError`` for a point without a transform.
+    """
+    rows, offset_ns = [], []
+    for i, point in enumerate(message.points):
+        if len(point.transforms) == 0:
+            raise ValueError(f"point {i} of the reference has no transform")
+        offset_ns.append(nanoseconds(point.time_from_start))
+        transform, v, w, a = point.transforms[0], _LEFT_OUT, _LEFT_OUT, _LEFT_OUT
+        p, q = transform.translation, transform.rotation
+        if len(point.velocities) > 0:
+            v, w = point.velocities[0].linear, point.velocities[0].angular
+        if len(point.accelerations) > 0:
+            a = point.accelerations[0].linear
+        rows.append(
+            (p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z, a.x, a.y, a.z)
+        )
+    # One array of them all: sixteen small ones per point would take most of the time.
+    values = np.array(rows, dtype=np.float64).reshape(-1, 16)
+    p_WB, q_WB_xyzw, v_WB_W, w_WB_W, a_WB_W = (
+        np.ascontiguousarray(values[:, columns]) for columns in _COLUMNS
+    )
+    return ReferenceWindow(
+        stamp_ns=nanoseconds(message.header.stamp),
+        frame_id=message.header.frame_id,
+        offset_ns=np.array(offset_ns, dtype=np.int64),
+        p_WB=p_WB,
+        q_WB_xyzw=q_WB_xyzw,
+        v_WB_W=v_WB_W,
+        a_WB_W=a_WB_W,
+        w_WB_W=w_WB_W,
+    )
+
+
+def fill_reference(
+    message: Any, window: ReferenceWindow, *, child_frame_id: str, new: NewMessage
+) -> None:
+    """Write a window into a ``trajectory_msgs/MultiDOFJointTrajectory``."""
+    _fill_header(message.header, window.stamp_ns, window.frame_id)
+    message.joint_names = [child_frame_id]
+    points = _elements(
+        message,
+        "points",
+        len(window.p_WB),
+        "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+        new,
+    )
+    for point, offset_ns, p, q, v, w, a in zip(
+        points,
+        window.offset_ns.tolist(),
+        window.p_WB.tolist(),
+        window.q_WB_xyzw.tolist(),
+        window.v_WB_W.tolist(),
+        window.w_WB_W.tolist(),
+        window.a_WB_W.tolist(),
+        strict=True,
+    ):
+        (transform,) = _elements(point, "transforms", 1, "geometry_msgs/msg/Transform", new)
+        (velocity,) = _elements(point, "velocities", 1, "geometry_msgs/msg/Twist", new)
+        (acceleration,) = _elements(point, "accelerations", 1, "geometry_msgs/msg/Twist", new)
+        _fill_vector(transform.translation, p)
+        _fill_quaternion(transform.rotation, q)
+        _fill_vector(velocity.linear, v)
+        _fill_vector(velocity.angular, w)
+        _fill_vector(acceleration.linear, a)
+        fill_time(point.time_from_start, offset_ns)
+
+
+def pose_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
+    """Return frame, position (3,) and quaternion (4,) of a ``geometry_msgs/PoseStamped``."""
+    pose = message.pose
+    return message.header.frame_id, _vector(pose.position), _quaternion(pose.orientation)
+
+
+def fill_path(
+    message: Any,
+    *,
+    stamp_ns: int,
+    frame_id: str,
+    pose_stamps_ns: Sequence[int],
+    p_WB: NDArray[np.float64],
+    q_WB_xyzw: NDArray[np.float64],
+    new: NewMessage,
+) -> None:
+    """Write n poses, positions (n, 3) and quaternions (n, 4), into a ``nav_msgs/Path``."""
+    _fill_header(message.header, stamp_ns, frame_id)
+    poses = _elements(message, "poses", len(p_WB), "geometry_msgs/msg/PoseStamped", new)
+    for pose, pose_stamp_ns, p, q in zip(
+        poses, pose_stamps_ns, p_WB.tolist(), q_WB_xyzw.tolist(), strict=True
+    ):
+        _fill_header(pose.header, pose_stamp_ns, frame_id)
+        _fill_vector(pose.pose.position, p)
+        _fill_quaternion(pose.pose.orientation, q)
+
+
+def positions_from_path(message: Any) -> NDArray[np.float64]:
+    """Return the positions (n, 3) of a ``nav_msgs/Path``."""
+    places = [_vector(pose.pose.position) for pose in message.poses]
+    return np.array(places, dtype=np.float64).reshape(-1, 3)
+
+
+def fill_plan(
+    message: Any,
+    *,
+    stamp_ns: int,
+    frame_id: str,
+    step_ns: int,
+    p_WB: NDArray[np.float64],
+    R_WB: NDArray[np.float64],
+    new: NewMessage,
+) -> None:
+    """Write the poses of a plan, (n, 3) and (n, 3, 3), a step apart into a ``nav_msgs/Path``."""
+    fill_path(
+        message,
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        pose_stamps_ns=[stamp_ns + i * step_ns for i in range(len(p_WB))],
+        p_WB=p_WB,
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+        new=new,
+    )
+
+
+def fill_transform(message: Any, odometry: OdometrySample, *, new: NewMessage) -> None:
+    """Write the pose of an odometry into a ``tf2_msgs/TFMessage``, from its frame to its child."""
+    (stamped,) = _elements(message, "transforms", 1, "geometry_msgs/msg/TransformStamped", new)
+    _fill_header(stamped.header, odometry.stamp_ns, odometry.frame_id)
+    stamped.child_frame_id = odometry.child_frame_id
+    _fill_vector(stamped.transform.translation, odometry.p_WB.tolist())
+    _fill_quaternion(stamped.transform.rotation, odometry.q_WB_xyzw.tolist())
+
+
+def fill_stats(message: Any, stats: TickStats, *, new: NewMessage) -> None:
+    """Write the figures of a tick into a ``diagnostic_msgs/DiagnosticArray`` of one status."""
+    fill_time(message.header.stamp, stats.stamp_ns)
+    level = {"mpc": _STATS_OK, "plan": _STATS_WARN}.get(stats.source, _STATS_ERROR)
+    (status,) = _elements(message, "status", 1, "diagnostic_msgs/msg/DiagnosticStatus", new)
+    fill_status(
+        status,
+        name=STATS_NAME,
+        level=level,
+        text=stats.reason or "ok",
+        values=stats.items(),
+        new=new,
+    )
+
+
+def fill_status(
+    status: Any,
+    *,
+    name: str,
+    level: bytes,
+    text: str,
+    values: Sequence[tuple[str, str]],
+    new: NewMessage,
+) -> None:
+    """Write into a ``diagnostic_msgs/DiagnosticStatus``; ``level`` is one byte."""
+    status.level, status.name, status.message = level, name, text
+    pairs = _elements(status, "values", len(values), "diagnostic_msgs/msg/KeyValue", new)
+    for pair, (key, value) in zip(pairs, values, strict=True):
+        pair.key, pair.value = key, value
+
+
+def stats_from_message(message: Any) -> dict[str, str]:
+    """Return the figures of an ``mpc/stats`` message as they were written."""
+    return {pair.key: pair.value for status in message.status for pair in status.values}
+
+
+def _fill_header(header: Any, stamp_ns: int, frame_id: str) -> None:
+    fill_time(header.stamp, stamp_ns)
+    header.frame_id = frame_id
+
+
+def _vector(v: Any) -> NDArray[np.float64]:
+    return np.array((v.x, v.y, v.z))
+
+
+def _quaternion(q: Any) -> NDArray[np.float64]:
+    return np.array((q.x, q.y, q.z, q.w))
+
+
+def _fill_vector(target: Any, values: list[float]) -> None:
+    target.x, target.y, target.z = values
+
+
+def _fill_quaternion(target: Any, q_xyzw: list[float]) -> None:
+    target.x, target.y, target.z, target.w = q_xyzw
+
+
+def _elements(
+    message: Any, field: str, count: int, type_name: str, new: NewMessage
+) -> Sequence[Any]:
+    """Return a sequence of a message, made anew unless it has so many elements already."""
+    elements: Sequence[Any] = getattr(message, field)
+    if len(elements) != count:
+        elements = [new(type_name) for _ in range(count)]
+        setattr(message, field, elements)
+    return elements

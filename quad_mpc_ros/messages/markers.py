@@ -1,0 +1,107 @@
+"""What viewers draw of a flight, as ``visualization_msgs/Marker``: duck-typed, as conversions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.messages.conversions import NewMessage, fill_time
+from quad_mpc_ros.model.outline import outline
+from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.model.vehicle import Vehicle
+
+# Of visualization_msgs/Marker.
+ARROW, LINE_STRIP, LINE_LIST = 0, 4, 5
+
+_FLEETING_NS = 500_000_000  # what a silent controller commands and predicts vanishes
+_NO_ROTATION = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Look:
+    """A kind of marker: its namespace, size of lines [m], colour, and how long it stays."""
+
+    name: str
+    kind: int
+    scale: tuple[float, float, float]
+    rgb: tuple[float, float, float]
+    lifetime_ns: int = 0
+
+
+_VEHICLE = _Look(name="vehicle", kind=LINE_LIST, scale=(0.015, 0.0, 0.0), rgb=(0.2, 0.2, 0.2))
+_TRAIL = _Look(name="trail", kind=LINE_STRIP, scale=(0.02, 0.0, 0.0), rgb=(0.0, 0.45, 0.7))
+_PREDICTED = _Look(
+    name="predicted path",
+    kind=LINE_STRIP,
+    scale=(0.02, 0.0, 0.0),
+    rgb=(0.8, 0.47, 0.65),
+    lifetime_ns=_FLEETING_NS,
+)
+_THRUST = _Look(
+    name="thrust",
+    kind=ARROW,
+    scale=(0.02, 0.04, 0.06),
+    rgb=(0.84, 0.37, 0.0),
+    lifetime_ns=_FLEETING_NS,
+)
+
+
+def vehicle_marker(odometry: OdometrySample, *, arm: float, new: NewMessage) -> Any:
+    """Return beams and rotors, ``arm`` [m] from the centre, where the vehicle is."""
+    beams, rotors = outline(arm)
+    rims = np.stack((rotors, np.roll(rotors, -1, axis=1)), axis=2)
+    points = np.vstack((beams.reshape(-1, 3), rims.reshape(-1, 3)))
+    return _marker(_VEHICLE, odometry, points, new=new, in_body=True)
+
+
+def thrust_marker(
+    odometry: OdometrySample, throttle: float, vehicle: Vehicle, *, length: float, new: NewMessage
+) -> Any:
+    """Return an arrow along body z, of ``length`` [m] when the thrust is the weight."""
+    weights = vehicle.thrust(throttle) / (vehicle.mass * vehicle.gravity)
+    points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, weights * length]])
+    return _marker(_THRUST, odometry, points, new=new, in_body=True)
+
+
+def trail_marker(odometry: OdometrySample, p_WB: Array, *, new: NewMessage) -> Any:
+    """Return the flown path (n, 3) [m]."""
+    return _marker(_TRAIL, odometry, p_WB, new=new)
+
+
+def predicted_marker(odometry: OdometrySample, p_WB: Array, *, new: NewMessage) -> Any:
+    """Return the plan (n, 3) [m], in the frame of the odometry as the controller plans."""
+    return _marker(_PREDICTED, odometry, p_WB, new=new)
+
+
+def _marker(
+    look: _Look, odometry: OdometrySample, points: Array, *, new: NewMessage, in_body: bool = False
+) -> Any:
+    marker = new("visualization_msgs/msg/Marker")
+    fill_time(marker.header.stamp, odometry.stamp_ns)
+    marker.header.frame_id = odometry.frame_id
+    marker.ns, marker.type = look.name, look.kind
+    position = odometry.p_WB if in_body else np.zeros(3)
+    rotation = odometry.q_WB_xyzw if in_body else _NO_ROTATION
+    _set(marker.pose.position, "xyz", position)
+    _set(marker.pose.orientation, "xyzw", rotation)
+    _set(marker.scale, "xyz", np.array(look.scale))
+    _set(marker.color, "rgba", np.array([*look.rgb, 1.0]))
+    fill_time(marker.lifetime, look.lifetime_ns)
+    # An empty line is an error to RViz.
+    marker.points = [_point(point, new) for point in points] if len(points) > 1 else []
+    marker.action = 0 if marker.points else 2  # add, or delete
+    return marker
+
+
+def _point(values: Array, new: NewMessage) -> Any:
+    point = new("geometry_msgs/msg/Point")
+    _set(point, "xyz", values)
+    return point
+
+
+def _set(target: Any, names: str, values: Array) -> None:
+    for name, value in zip(names, values.tolist(), strict=True):
+        setattr(target, name, value)

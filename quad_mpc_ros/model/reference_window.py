@@ -1,0 +1,185 @@
+"""Sampling a window of the reference at any time, independent of the window's own step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.lie import kernels as so3
+from quad_mpc_ros.model.samples import ReferenceWindow
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReferencePoints:
+    """The reference at one or more times.
+
+    Shapes, with leading dimensions of the times: ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_B``
+    (..., 3) in m, m/s, m/s^2, rad/s; ``R_WB`` (..., 3, 3).
+    """
+
+    p_WB: Array
+    R_WB: Array
+    v_WB_W: Array
+    a_WB_W: Array
+    w_WB_B: Array
+
+    @property
+    def v_WB_B(self) -> Array:
+        """Velocity in the body frame of the reference (..., 3) [m/s]."""
+        return np.asarray(np.einsum("...ji,...j->...i", self.R_WB, self.v_WB_W))
+
+
+def sample(window: ReferenceWindow, stamps_ns: ArrayLike) -> ReferencePoints:
+    """Return the reference at ``stamps_ns`` (absolute, any shape).
+
+    Between samples: position by the cubic through position and velocity, velocity by the cubic
+    through velocity and acceleration, attitude by the cubic through attitude and body rate (in the
+    tangent space of the sample before); acceleration and rate are the derivatives of the last two.
+    Before the first sample the first one holds; from the last one on its pose holds, at rest.
+    """
+    times = np.asarray(stamps_ns, dtype=np.int64)
+    count = times.size
+    p, v, a, w = (np.empty((count, 3)) for _ in range(4))
+    R = np.empty((count, 3, 3))
+    sample_into(
+        times.reshape(-1) - window.stamp_ns,
+        window.offset_ns,
+        window.p_WB,
+        window.q_WB_xyzw,
+        window.v_WB_W,
+        window.a_WB_W,
+        window.w_WB_W,
+        p,
+        R,
+        v,
+        a,
+        w,
+    )
+    return ReferencePoints(
+        p_WB=p.reshape(*times.shape, 3),
+        R_WB=R.reshape(*times.shape, 3, 3),
+        v_WB_W=v.reshape(*times.shape, 3),
+        a_WB_W=a.reshape(*times.shape, 3),
+        w_WB_B=w.reshape(*times.shape, 3),
+    )
+
+
+@compiled
+def sample_into(
+    times: NDArray[np.int64],
+    offsets: NDArray[np.int64],
+    p: Array,
+    q: Array,
+    v: Array,
+    a: Array,
+    w: Array,
+    p_at: Array,
+    R_at: Array,
+    v_at: Array,
+    a_at: Array,
+    w_at: Array,
+) -> None:
+    """Write the points ``.._at`` times (n,) [ns] after the stamp of a window of samples.
+
+    The samples are a window's p_WB, q_WB_xyzw, v_WB_W, a_WB_W, w_WB_W.
+    """
+    last = len(offsets) - 1
+    lower, segment, still = 0, -1, False
+    R, turn, w_before, w_after = _segment(q, w, 0, 0)
+    for k in range(len(times)):
+        time = times[k]
+        # Of two samples at the same time the later one holds from that time on.
+        while lower < last and offsets[lower + 1] <= time:
+            lower += 1
+        while lower > 0 and offsets[lower] > time:
+            lower -= 1
+        holds = lower == last or time <= offsets[0]
+        upper = lower if holds else lower + 1
+        if lower != segment:
+            R, turn, w_before, w_after = _segment(q, w, lower, upper)
+            segment = lower if not holds else -1
+            still = not holds and _is_still(p, q, v, a, w, lower)
+        if holds or still:
+            moving = 1.0 if lower < last else 0.0
+            for i in range(3):
+                p_at[k, i] = p[lower, i]
+                v_at[k, i] = moving * v[lower, i]
+                a_at[k, i] = moving * a[lower, i]
+            so3.store_matrix(R, R_at[k])
+            so3.store_vector(so3.scaled(moving, w_before), w_at[k])
+            continue
+        width = 1e-9 * (offsets[upper] - offsets[lower])
+        fraction = 1e-9 * (time - offsets[lower]) / width
+        for i in range(3):
+            p_at[k, i], _ = _cubic(
+                p[lower, i], p[upper, i], v[lower, i], v[upper, i], fraction, width
+            )
+            v_at[k, i], a_at[k, i] = _cubic(
+                v[lower, i], v[upper, i], a[lower, i], a[upper, i], fraction, width
+            )
+        # The attitude is R exp(x) with the cubic x from zero to the whole turn.
+        x0, s0 = _cubic(0.0, turn[0], w_before[0], w_after[0], fraction, width)
+        x1, s1 = _cubic(0.0, turn[1], w_before[1], w_after[1], fraction, width)
+        x2, s2 = _cubic(0.0, turn[2], w_before[2], w_after[2], fraction, width)
+        so3.store_matrix(so3.multiply(R, so3.exp((x0, x1, x2))), R_at[k])
+        so3.store_vector(so3.apply(so3.right_jacobian((x0, x1, x2)), (s0, s1, s2)), w_at[k])
+
+
+@compiled
+def _is_still(p: Array, q: Array, v: Array, a: Array, w: Array, lower: int) -> bool:
+    """Whether nothing moves between a sample and the next."""
+    for i in range(3):
+        for k in (lower, lower + 1):
+            if p[k, i] != p[lower, i] or v[k, i] != 0.0 or a[k, i] != 0.0 or w[k, i] != 0.0:
+                return False
+    same = True
+    for i in range(4):
+        same &= q[lower + 1, i] == q[lower, i]
+    return same
+
+
+@compiled
+def _segment(
+    q_xyzw: Array, w_WB_W: Array, lower: int, upper: int
+) -> tuple[so3.Matrix, so3.Vector, so3.Vector, so3.Vector]:
+    """Return attitude before, turn to the one after, and its slopes, in the body before."""
+    R = so3.rotation((q_xyzw[lower, 0], q_xyzw[lower, 1], q_xyzw[lower, 2], q_xyzw[lower, 3]))
+    before = so3.apply_transposed(R, so3.vector(w_WB_W[lower]))
+    held = True
+    for i in range(4):
+        held &= q_xyzw[lower, i] == q_xyzw[upper, i]
+    if held:  # exactly
+        return R, (0.0, 0.0, 0.0), before, so3.apply_transposed(R, so3.vector(w_WB_W[upper]))
+    R_after = so3.rotation(
+        (q_xyzw[upper, 0], q_xyzw[upper, 1], q_xyzw[upper, 2], q_xyzw[upper, 3])
+    )
+    turn = so3.log(so3.multiply(so3.transposed(R), R_after))
+    after = so3.apply_transposed(R_after, so3.vector(w_WB_W[upper]))
+    return R, turn, before, so3.apply(so3.right_jacobian_inverse(turn), after)
+
+
+@compiled
+def _cubic(
+    before: float,
+    after: float,
+    slope_before: float,
+    slope_after: float,
+    fraction: float,
+    width: float,
+) -> tuple[float, float]:
+    """Return Hermite's cubic and its slope; equal values at rest come out without rounding."""
+    f, g = fraction, 1.0 - fraction
+    value = before + (
+        f * f * (3.0 - 2.0 * f) * (after - before)
+        + width * f * g * (g * slope_before - f * slope_after)
+    )
+    slope = (
+        6.0 * f * g * (after - before) / width
+        + g * (1.0 - 3.0 * f) * slope_before
+        + f * (3.0 * f - 2.0) * slope_after
+    )
+    return value, slope

@@ -1,0 +1,111 @@
+"""Parameters of the recorder and the player."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from quad_mpc_ros.configuration import (
+    Configuration,
+    ConfigurationError,
+    ManagedConfiguration,
+    parameter,
+)
+from quad_mpc_ros.messages.topics import RECORDED
+from quad_mpc_ros.recordings.topic_selection import regex_error
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderConfig(ManagedConfiguration):
+    """What is recorded, and where to."""
+
+    owner = "recorder"
+
+    directory: str = parameter(
+        "", doc="Folder of the bag, which must not exist yet; empty is rosbag2_<date and time>."
+    )
+    topics: tuple[str, ...] = parameter(
+        tuple(topic.name for topic in RECORDED),
+        doc="Topics to record, resolved in the namespace of the node.",
+    )
+    topics_regex: str = parameter(
+        "", doc="Record topics too in whose full name this regular expression is found."
+    )
+    topics_exclude_regex: str = parameter(
+        "", doc="Do not record topics in whose full name this regular expression is found."
+    )
+    all: bool = parameter(False, doc="Record every topic but hidden ones.")
+    nodes: tuple[str, ...] = parameter(
+        ("mpc", "simulator", "reference", "recorder"),
+        doc="Nodes whose parameters are stored in the bag.",
+    )
+    compression: str = parameter(
+        "zstd", doc="Compression of the chunks.", choices=("none", "zstd", "lz4")
+    )
+    max_bag_size: int = parameter(
+        0, minimum=0, unit="bytes", doc="Size at which a new file is begun; 0 is never."
+    )
+    max_bag_duration: float = parameter(
+        0.0, minimum=0.0, unit="s", doc="Duration after which a new file is begun; 0 is never."
+    )
+    sync: bool = parameter(
+        True,
+        doc="Wait at each flush, twice a second, until the disk has the data: what was flushed "
+        "then survives a power failure too.",
+    )
+
+    def check(self) -> None:
+        """Refuse what is no regular expression."""
+        _check_regex(self, "topics_regex", "topics_exclude_regex")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayerConfig(Configuration):
+    """What is played, and how fast."""
+
+    owner = "player"
+
+    bag: str = parameter("", doc="Folder of the bag, or one .mcap file.")
+    topics: tuple[str, ...] = parameter(
+        (), doc="Full names of the topics to play; none here and no topics_regex is all."
+    )
+    topics_regex: str = parameter(
+        "", doc="Play topics too in whose full name this regular expression is found."
+    )
+    rate: float = parameter(
+        1.0, above=0.0, maximum=1000.0, doc="Speed, in multiples of the recorded one."
+    )
+    start: float = parameter(
+        0.0, minimum=0.0, unit="s", doc="Time into the bag at which to start."
+    )
+    loop: bool = parameter(False, doc="Begin again at the end.")
+    paused: bool = parameter(False, doc="Start paused; the service ~/resume begins.")
+    delay: float = parameter(
+        1.0,
+        minimum=0.0,
+        maximum=3600.0,
+        unit="s",
+        doc="Time from the creation of the publishers to the first message, in which subscribers "
+        "find them.",
+    )
+    clock_rate: float = parameter(
+        0.0,
+        minimum=0.0,
+        maximum=10000.0,
+        unit="Hz",
+        doc="Publish the recorded time on /clock at this rate, in place of a recorded /clock; 0 "
+        "does not.",
+    )
+    progress: bool = parameter(False, doc="Show on standard error how far it is.")
+
+    def check(self) -> None:
+        """Refuse what is no regular expression."""
+        _check_regex(self, "topics_regex")
+
+
+def _check_regex(config: Configuration, *names: str) -> None:
+    for name in names:
+        value = getattr(config, name)
+        if reason := regex_error(value):
+            raise ConfigurationError(
+                f"{config.owner}.{name}", value, f"a regular expression ({reason})"
+            )

@@ -1,0 +1,279 @@
+"""Writing a bag: a rosbag2 directory of one MCAP file or several."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self, get_args
+
+from quad_mpc_ros.messages.errors import BagError, os_reason
+from quad_mpc_ros.messages.schemas import schema_for
+from quad_mpc_ros.recordings.bag_metadata import (
+    METADATA_FILE,
+    METADATA_ROOT,
+    FileSummary,
+    TopicSummary,
+    bag_information,
+)
+from quad_mpc_ros.recordings.mcap_output import (
+    Compression,
+    McapOutput,
+    RecordedTopic,
+    sync_directory,
+)
+from quad_mpc_ros.recordings.qos_profile import QosProfile
+from quad_mpc_ros.recordings.rosbag2_yaml import dump_yaml
+
+FLUSH_PERIOD_S = 0.5
+"""How long :meth:`BagWriter.flush_if_due` lets messages gather [s]."""
+
+_MAX_TIME_NS = 2**63 - 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Split:
+    """When a bag goes on in a new file; 0 is never.
+
+    A file ends before the first message that comes when it has ``max_size`` bytes, or that is
+    ``max_duration_ns`` later than its first one. The chunk that still gathers is not counted.
+    """
+
+    max_size: int = 0
+    max_duration_ns: int = 0
+
+
+ONE_FILE = Split()
+"""A bag that is never split."""
+
+
+class BagWriter:
+    """A bag being written: ``<directory>/<directory name>_<n>.mcap`` and ``metadata.yaml``.
+
+    Messages gather in a chunk; :meth:`flush_if_due` and :meth:`close` end it and hand it to the
+    operating system. What was handed over survives the death of this process, even by SIGKILL,
+    and can be read without the end of the file. It survives a power failure too when ``durable``
+    is set: then every flush waits for the storage device. ``metadata.yaml`` appears last, in one
+    piece: a bag that has it is complete.
+
+    Not thread-safe. Every failure is a :class:`BagError`; after a disk error the writer is
+    closed and the bag ends at the last whole chunk.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        *,
+        compression: Compression = "zstd",
+        split: Split = ONE_FILE,
+        durable: bool = False,
+    ) -> None:
+        """Create ``directory`` (parents made) and start the recording in it.
+
+        Raises :class:`BagError`, with nothing touched, when the path exists already, when it
+        cannot be created, or when the compression is unknown.
+        """
+        if compression not in get_args(Compression):
+            expected = ", ".join(get_args(Compression))
+            raise BagError(f"compression: given {compression!r}, expected one of {expected}")
+        self._directory = directory
+        self._compression: Compression = compression
+        self._split = split
+        self._durable = durable
+        self._closed_because = ""
+        self._topics: dict[str, RecordedTopic] = {}
+        self._counts: dict[str, int] = {}
+        self._finished: list[FileSummary] = []
+        self._unflushed = False
+        self._flushed_at_s = float("-inf")
+        with _creating(directory):
+            directory.mkdir(parents=True)
+            self._output = self._new_output()
+        with self._disk():
+            # As rosbag2 does: a recording that is cut short tells its version too.
+            self._write_bag_information()
+            self._output.flush()
+            if durable:
+                sync_directory(directory)
+                sync_directory(directory.absolute().parent)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        exception_type: type[BaseException] | None,
+        exception: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def directory(self) -> Path:
+        """Return the bag's directory, as given."""
+        return self._directory
+
+    def add_topic(
+        self, topic: str, type_name: str, *, qos_profiles: Sequence[QosProfile] = ()
+    ) -> None:
+        """Announce ``topic`` (the full name) with the QoS of each of its publishers.
+
+        Raises :class:`BagError` for a topic announced before and for a type without schema.
+        """
+        if topic in self._topics:
+            raise BagError(f"{self._file}: topic {topic} was added before")
+        schema = schema_for(type_name)
+        added = RecordedTopic(name=topic, schema=schema, qos_profiles=tuple(qos_profiles))
+        with self._disk():
+            self._output.add_topic(added)
+        self._topics[topic] = added
+        self._counts[topic] = 0
+
+    def write(self, topic: str, data: bytes, *, log_time_ns: int, publish_time_ns: int) -> None:
+        """Append one serialized message; times are nanoseconds since the epoch of the clock.
+
+        Raises :class:`BagError` for a topic that was not added, a time that rosbag2 could not
+        hold (negative, or 2^63 and more), and a disk error.
+        """
+        if topic not in self._topics:
+            raise BagError(f"{self._file}: topic {topic} was not added before the first message")
+        if not (0 <= log_time_ns <= _MAX_TIME_NS and 0 <= publish_time_ns <= _MAX_TIME_NS):
+            raise BagError(
+                f"{self._file}: {topic}: time {log_time_ns} or {publish_time_ns} ns is outside "
+                f"0 to {_MAX_TIME_NS}"
+            )
+        with self._disk():
+            if self._is_full(log_time_ns):
+                self._go_on_in_a_new_file()
+            self._output.write(
+                topic, data, log_time_ns=log_time_ns, publish_time_ns=publish_time_ns
+            )
+        self._counts[topic] += 1
+        self._unflushed = True
+
+    def write_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Append an MCAP Metadata record; the last one of a name is the one that counts."""
+        with self._disk():
+            self._output.write_metadata(name, values)
+        self._unflushed = True
+
+    def flush_if_due(self, monotonic_now_s: float) -> None:
+        """Hand what has gathered to the operating system when the last time is long enough ago.
+
+        Call it several times a second whether messages come or not, with the time of a monotonic
+        clock [s]: then nothing older than one second is lost with the process.
+        Flushing ends the chunk, and small chunks compress badly: hence not at every call.
+        """
+        if self._unflushed and monotonic_now_s - self._flushed_at_s >= FLUSH_PERIOD_S:
+            self.flush()
+            self._flushed_at_s = monotonic_now_s
+
+    def flush(self) -> None:
+        """Hand what has gathered to the operating system."""
+        if self._unflushed:
+            with self._disk():
+                self._output.flush()
+            self._unflushed = False
+
+    def close(self) -> None:
+        """Complete the bag: index, ``metadata.yaml``. A closed bag stays as it is."""
+        if self._closed_because:
+            return
+        with self._disk():
+            self._finish_output()
+            text = dump_yaml({METADATA_ROOT: self._bag_information(self._finished)})
+            write_in_one_piece(self._directory / METADATA_FILE, text)
+            if self._durable:
+                sync_directory(self._directory)
+        self._closed_because = "closed"
+
+    @property
+    def _file(self) -> Path:
+        return self._directory / f"{self._directory.name}_{len(self._finished)}.mcap"
+
+    def _new_output(self) -> McapOutput:
+        return McapOutput(self._file, compression=self._compression, durable=self._durable)
+
+    def _is_full(self, log_time_ns: int) -> bool:
+        span = self._output.summary.span
+        if span is None:
+            return False
+        if 0 < self._split.max_size <= self._output.size:
+            return True
+        return 0 < self._split.max_duration_ns <= log_time_ns - span.start_ns
+
+    def _go_on_in_a_new_file(self) -> None:
+        self._finish_output()
+        self._output = self._new_output()
+        self._write_bag_information()
+        for topic in self._topics.values():
+            self._output.add_topic(topic)
+        if self._durable:
+            sync_directory(self._directory)
+
+    def _finish_output(self) -> None:
+        self._write_bag_information()
+        self._output.finish()
+        self._finished.append(self._output.summary)
+
+    def _write_bag_information(self) -> None:
+        text = dump_yaml(self._bag_information([*self._finished, self._output.summary]))
+        self._output.write_metadata("rosbag2", {"serialized_metadata": text})
+
+    def _bag_information(self, files: Sequence[FileSummary]) -> dict[str, object]:
+        topics = [
+            TopicSummary(
+                name=name,
+                type_name=topic.schema.type_name,
+                type_hash=topic.schema.type_hash,
+                qos_profiles=tuple(topic.qos_profiles),
+                message_count=self._counts[name],
+            )
+            for name, topic in self._topics.items()
+        ]
+        return bag_information(files=files, topics=topics)
+
+    @contextmanager
+    def _disk(self) -> Iterator[None]:
+        if self._closed_because:
+            raise BagError(f"{self._file}: cannot write: the bag is {self._closed_because}")
+        try:
+            yield
+        except OSError as error:
+            self._closed_because = f"closed after a disk error ({os_reason(error)})"
+            self._output.abandon()
+            raise BagError(
+                f"{self._file}: cannot write: {os_reason(error)}; the bag ends here, "
+                "free space or record elsewhere"
+            ) from error
+
+
+def write_in_one_piece(path: Path, text: str) -> None:
+    """Write a text file so that at any time it is there as a whole or not at all."""
+    temporary = path.with_name(f"{path.name}.tmp")
+    with temporary.open("w", encoding="utf-8") as stream:
+        stream.write(text)
+        stream.flush()
+        os.fsync(stream.fileno())
+    temporary.replace(path)
+
+
+def exists_already(directory: Path) -> BagError:
+    """Return what is told when a bag is to be written where something is."""
+    return BagError(f"{directory} exists already; choose another name or move it")
+
+
+@contextmanager
+def _creating(directory: Path) -> Iterator[None]:
+    try:
+        yield
+    except FileExistsError as error:
+        raise exists_already(directory) from error
+    except OSError as error:
+        raise BagError(
+            f"{directory} cannot be created: {os_reason(error)}; choose a directory that you "
+            "may write to"
+        ) from error

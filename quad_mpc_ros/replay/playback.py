@@ -1,0 +1,146 @@
+"""When the messages of a bag are due: rate, pause, loop and clock. Nothing here waits.
+
+All times are integers in nanoseconds. *Steady* times are those of the clock that drives the
+playback; *recorded* times are log times of the bag, which go on growing from lap to lap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from quad_mpc_ros.recordings.reader import RecordedMessage
+
+_SHORTEST_LAP_NS = 100_000_000
+_S = 1_000_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Due:
+    """A message and the recorded time at which it is due."""
+
+    at_ns: int
+    message: RecordedMessage
+
+
+class Timeline:
+    """The recorded time that belongs to a steady time.
+
+    It is a straight line through the point of the last start or pause: what is published late
+    does not delay what follows.
+    """
+
+    def __init__(self, *, recorded_ns: int, steady_ns: int, rate: float, paused: bool) -> None:
+        self._recorded_ns = recorded_ns
+        self._steady_ns = steady_ns
+        self._rate = rate
+        self.paused = paused
+
+    def recorded_ns(self, steady_ns: int) -> int:
+        """Return the recorded time at a steady time; before the start it stands still."""
+        if self.paused:
+            return self._recorded_ns
+        elapsed = max(0, steady_ns - self._steady_ns)
+        return self._recorded_ns + round(elapsed * self._rate)
+
+    def steady_ns(self, recorded_ns: int) -> int:
+        """Return the steady time at which a recorded time is reached, unless paused."""
+        return self._steady_ns + round((recorded_ns - self._recorded_ns) / self._rate)
+
+    def is_due(self, recorded_ns: int, steady_ns: int) -> bool:
+        """Whether a recorded time is reached at a steady time."""
+        return not self.paused and self.steady_ns(recorded_ns) <= steady_ns
+
+    def set_paused(self, paused: bool, steady_ns: int) -> None:
+        """Stop or go on from a steady time."""
+        self._recorded_ns = self.recorded_ns(steady_ns)
+        # A pause before the start does not bring the start forward.
+        self._steady_ns = max(steady_ns, self._steady_ns)
+        self.paused = paused
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """The part of a recording that is played: log times, both ends included."""
+
+    start_ns: int
+    end_ns: int
+
+    @property
+    def lap_ns(self) -> int:
+        """Return how long it takes until a loop begins anew."""
+        return max(self.end_ns - self.start_ns, _SHORTEST_LAP_NS)
+
+    def log_time_ns(self, recorded_ns: int) -> int:
+        """Return the log time that a recorded time is in its lap."""
+        return self.start_ns + (recorded_ns - self.start_ns) % self.lap_ns
+
+
+def in_laps(
+    read: Callable[[], Iterator[RecordedMessage]], section: Section, *, loop: bool
+) -> Iterator[Due]:
+    """Yield the messages that ``read`` gives, over and over when looped, with their times."""
+    offset_ns = 0
+    while True:
+        message = None
+        for message in read():
+            yield Due(at_ns=message.log_time_ns + offset_ns, message=message)
+        if message is None or not loop:
+            return
+        offset_ns += section.lap_ns
+
+
+class Playback:
+    """Passes messages on when they are due, and the recorded time in regular intervals."""
+
+    def __init__(
+        self,
+        messages: Iterator[Due],
+        *,
+        timeline: Timeline,
+        publish: Callable[[RecordedMessage], None],
+        publish_clock: Callable[[int], None] | None = None,
+        clock_rate: float = 0.0,
+    ) -> None:
+        """``publish_clock`` gets recorded times ``clock_rate`` [Hz of steady time] often."""
+        self._messages = messages
+        self._next = next(messages, None)
+        self._timeline = timeline
+        self._publish = publish
+        self._publish_clock = publish_clock
+        self._clock_period_ns = round(_S / clock_rate) if clock_rate else 0
+        self._clock_at_ns = 0
+        self.count = 0
+        """The messages passed on so far."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether the last message has been passed on."""
+        return self._next is None
+
+    def step(self, steady_ns: int) -> int | None:
+        """Do what is due at a steady time; return when there is something to do again.
+
+        That is None when nothing will be until the timeline goes on, or at the end.
+        """
+        if self._clock_period_ns and steady_ns >= self._clock_at_ns:
+            self._tick(steady_ns)
+        while self._next and self._timeline.is_due(self._next.at_ns, steady_ns):
+            self._publish(self._next.message)
+            self.count += 1
+            self._next = next(self._messages, None)
+        return self._next_step_ns()
+
+    def _tick(self, steady_ns: int) -> None:
+        if self._publish_clock is not None:
+            self._publish_clock(self._timeline.recorded_ns(steady_ns))
+        missed = (steady_ns - self._clock_at_ns) // self._clock_period_ns
+        self._clock_at_ns += (1 + missed) * self._clock_period_ns
+
+    def _next_step_ns(self) -> int | None:
+        if self._next is None:
+            return None
+        times = [self._clock_at_ns] if self._clock_period_ns else []
+        if not self._timeline.paused:
+            times.append(self._timeline.steady_ns(self._next.at_ns))
+        return min(times, default=None)

@@ -1,0 +1,233 @@
+"""Feeding a recorded flight to a controller once more: what would it have commanded?
+
+The flight stays as it was: whatever the controller answers, the next odometry is the recorded
+one, and the command on its way to the vehicle is the recorded one too. With the configuration of
+the flight the answers are those of the flight, bit for bit, as far as the recording tells what
+the controller knew and when.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.control.tick import Tick
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings.recorded_parameters import recorded_parameters
+from quad_mpc_ros.recordings.recorded_run import Received, RecordedRun
+
+S = TypeVar("S", CommandSample, ReferenceWindow)
+
+WindowSource = Callable[[int], ReferenceWindow]
+"""Returns the reference window of a stamp [ns], in place of the recorded ones."""
+
+# From its publication to its reception a window takes no longer; else it was not recorded.
+_LONGEST_WAY_NS = 100_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Resolved:
+    """What the controller answered; ``odometry`` is None where the watchdog acted.
+
+    ``now_ns`` is the controller's time. ``window`` is the newest that it had.
+    """
+
+    now_ns: int
+    log_time_ns: int
+    odometry: Received[OdometrySample] | None
+    window: ReferenceWindow | None
+    tick: Tick | None
+
+
+def resolve(
+    run: RecordedRun,
+    config: MpcConfig,
+    *,
+    windows: WindowSource | None = None,
+    warn: Callable[[str], None] = lambda text: None,
+) -> Iterator[Resolved]:
+    """Yield every odometry of a recorded flight with what a controller answers to it.
+
+    ``windows`` replaces the recorded reference. ``warn`` is given what the controller would have
+    told the log.
+    """
+    controller = Controller(config)
+    sent = _first_by_stamp(run.commands)
+    window: ReferenceWindow | None = None
+    engagements = deque(run.engagements)
+    for event in _events(run, config, windows):
+        while engagements and engagements[0].publish_time_ns <= event.now_ns:
+            controller.engage(engagements.popleft().value)
+        # Windows that no tick used change nothing.
+        if event.window is not None and event.window is not window:
+            window = event.window
+            controller.receive_reference(window, now_ns=event.window_ns)
+        if event.odometry is None:
+            tick = controller.watch(now_ns=event.now_ns)
+        else:
+            tick = controller.receive_odometry(event.odometry.value, now_ns=event.now_ns)
+        for warning in controller.take_warnings():
+            warn(warning)
+        if tick is not None and tick.stats.stamp_ns in sent:
+            controller.sent_instead(sent[tick.stats.stamp_ns], now_ns=event.now_ns)
+        yield Resolved(
+            now_ns=event.now_ns,
+            log_time_ns=event.log_time_ns,
+            odometry=event.odometry,
+            window=window,
+            tick=tick,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Event:
+    """An odometry, or the watchdog, with the window in force and when that was received."""
+
+    now_ns: int
+    log_time_ns: int
+    odometry: Received[OdometrySample] | None
+    window: ReferenceWindow | None
+    window_ns: int
+
+
+def _events(run: RecordedRun, config: MpcConfig, windows: WindowSource | None) -> Iterator[_Event]:
+    if windows is not None:
+        return _with_made_windows(run, windows)
+    if config.lockstep:
+        return _in_lockstep(run)
+    return _in_real_time(run, config)
+
+
+def _with_made_windows(run: RecordedRun, windows: WindowSource) -> Iterator[_Event]:
+    for odometry in run.odometries:
+        stamp_ns = odometry.value.stamp_ns
+        yield _event(odometry, now_ns=stamp_ns, window=windows(stamp_ns), window_ns=stamp_ns)
+
+
+def _in_lockstep(run: RecordedRun) -> Iterator[_Event]:
+    """Give each odometry the window of its stamp, as the controller waits for; each once."""
+    window_of = _first_by_stamp(run.windows)
+    answered = set()
+    for odometry in run.odometries:
+        stamp_ns = odometry.value.stamp_ns
+        if stamp_ns not in answered:
+            answered.add(stamp_ns)
+            window = window_of.get(stamp_ns)
+            yield _event(odometry, now_ns=stamp_ns, window=window, window_ns=stamp_ns)
+
+
+def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
+    """Give each odometry the window that the controller had, when it had it.
+
+    The recorder hears messages at other times than the controller does, and some that it does
+    not, but each tick tells in its figures when it began and when its window had arrived. At the
+    recorded control rate the odometries are therefore those that were answered. Where no tick
+    tells, the time is the odometry's stamp and the window the last one recorded before it.
+    """
+    ticks = {stats.stamp_ns: _TickTimes.of(stats) for stats in run.stats}
+    stamps = {odometry.value.stamp_ns for odometry in run.odometries}
+    watched = sorted(ticks.keys() - stamps, reverse=True)
+    windows = _Windows(run.windows)
+    answered_only = bool(ticks) and _recorded_rate(run) == config.control_rate
+    for odometry in run.odometries:
+        stamp_ns = odometry.value.stamp_ns
+        times = ticks.get(stamp_ns)
+        if times is None and answered_only:
+            continue
+        now_ns = stamp_ns if times is None else times.now_ns(stamp_ns)
+        while watched and watched[-1] < now_ns:
+            yield _watch(watched.pop())
+        window, window_ns = (
+            windows.before(odometry.log_time_ns, now_ns=now_ns)
+            if times is None
+            else windows.received_at(times.window_ns(now_ns), log_time_ns=odometry.log_time_ns)
+        )
+        yield _event(odometry, now_ns=now_ns, window=window, window_ns=window_ns)
+
+
+def _recorded_rate(run: RecordedRun) -> float:
+    recorded = recorded_parameters(run.parameters, MpcConfig)
+    return float(recorded.get("control_rate", MpcConfig().control_rate))
+
+
+class _Windows:
+    """The recorded windows, to be found by when the controller received them."""
+
+    def __init__(self, windows: Sequence[Received[ReferenceWindow]]) -> None:
+        self._windows = windows
+        self._recorded_ns = np.array([window.log_time_ns for window in windows], dtype=np.int64)
+        published_ns = np.array([window.publish_time_ns for window in windows], dtype=np.int64)
+        self._order = np.argsort(published_ns, kind="stable")
+        self._published_ns = published_ns[self._order]
+
+    def before(self, log_time_ns: int, *, now_ns: int) -> tuple[ReferenceWindow | None, int]:
+        """Return the last window recorded by a time, as if received now."""
+        number = int(np.searchsorted(self._recorded_ns, log_time_ns, side="right")) - 1
+        return (self._windows[number].value if number >= 0 else None), now_ns
+
+    def received_at(
+        self, received_ns: int, *, log_time_ns: int
+    ) -> tuple[ReferenceWindow | None, int]:
+        """Return the last window published when one was received."""
+        if received_ns < _LONGEST_WAY_NS:
+            return None, received_ns  # the controller had none yet
+        place = int(np.searchsorted(self._published_ns, received_ns, side="right")) - 1
+        if place < 0 or received_ns - self._published_ns[place] > _LONGEST_WAY_NS:
+            return self.before(log_time_ns, now_ns=received_ns)
+        return self._windows[int(self._order[place])].value, received_ns
+
+
+@dataclass(frozen=True, kw_only=True)
+class _TickTimes:
+    """Ages that a tick told [ns], which were whole nanoseconds before they were told in ms."""
+
+    odometry_age_ns: int
+    window_age_ns: int
+
+    @staticmethod
+    def of(stats: TickStats) -> _TickTimes:
+        return _TickTimes(
+            odometry_age_ns=round(1e6 * stats.odom_age_ms),
+            window_age_ns=round(1e6 * stats.reference_age_ms),
+        )
+
+    def now_ns(self, stamp_ns: int) -> int:
+        return stamp_ns + self.odometry_age_ns
+
+    def window_ns(self, now_ns: int) -> int:
+        return now_ns - self.window_age_ns
+
+
+def _watch(now_ns: int) -> _Event:
+    return _Event(now_ns=now_ns, log_time_ns=now_ns, odometry=None, window=None, window_ns=0)
+
+
+def _event(
+    odometry: Received[OdometrySample],
+    *,
+    now_ns: int,
+    window: ReferenceWindow | None,
+    window_ns: int,
+) -> _Event:
+    return _Event(
+        now_ns=now_ns,
+        log_time_ns=odometry.log_time_ns,
+        odometry=odometry,
+        window=window,
+        window_ns=window_ns,
+    )
+
+
+def _first_by_stamp(recorded: Sequence[Received[S]]) -> dict[int, S]:
+    """Return values by stamp; of what was sent again, the first."""
+    first: dict[int, S] = {}
+    for received in recorded:
+        first.setdefault(received.value.stamp_ns, received.value)
+    return first

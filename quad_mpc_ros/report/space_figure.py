@@ -1,0 +1,149 @@
+"""The flight in space as a Plotly figure, with what the controller expected at each time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.evaluation.waypoints import waypoints
+from quad_mpc_ros.figures import space, style
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.report.plotting import plotly
+from quad_mpc_ros.report.run import ReportedRun
+from quad_mpc_ros.report.time_figure import LEGEND
+
+MOST_HORIZONS = 100  # drawn; more would hide the flight
+_HORIZON_COLOUR = "#CC79A7"
+_HEIGHT = 560  # pixels
+_HOVER = "t = %{customdata:.2f} s<br>x %{x:.3f}, y %{y:.3f}, z %{z:.3f} m"
+
+
+def space_figure(runs: Sequence[ReportedRun]) -> Any:
+    """Return path, reference, waypoints and predicted horizons of runs beside each other."""
+    count = len(runs)
+    figure = plotly("subplots").make_subplots(
+        rows=1,
+        cols=count,
+        specs=[[{"type": "scene"}] * count],
+        horizontal_spacing=0.01,
+        subplot_titles=[escape(run.name) for run in runs] if count > 1 else None,
+    )
+    fastest = max(float(_speed(run).max()) for run in runs)
+    for column, run in enumerate(runs, start=1):
+        for trace in _traces(run, fastest=fastest, first=column == 1):
+            figure.add_trace(trace, row=1, col=column)
+    figure.update_scenes(**_room(runs))
+    figure.update_layout(
+        height=_HEIGHT,
+        template="plotly_white",
+        margin={"l": 0, "r": 0, "t": 60, "b": 0},
+        legend=LEGEND,
+        font={"color": style.INK, "size": 12},
+    )
+    return figure
+
+
+def drawn_horizons(run: ReportedRun) -> tuple[Array, Array]:
+    """Return positions (n, 3) and times (n,) of evenly chosen plans, apart by rows of NaN."""
+    step = -(-len(run.plans) // MOST_HORIZONS) or 1
+    plans = run.plans[::step]
+    if not plans:
+        return np.zeros((0, 3)), np.zeros(0)
+    gap = np.full((1, 3), np.nan)
+    stamps_ns = np.array([plan.stamp_ns for plan in plans], dtype=np.int64)
+    lengths = [len(plan.p_WB) + 1 for plan in plans]
+    positions = np.vstack([part for plan in plans for part in (plan.p_WB, gap)])
+    return positions, np.repeat(run.flight.time_of(stamps_ns), lengths)
+
+
+def _room(runs: Sequence[ReportedRun]) -> dict[str, Any]:
+    """Return the layout of a scene, the same for all runs, in which a metre is a metre."""
+    points = [run.flight.p_WB for run in runs]
+    points += [run.flight.reference.p_WB for run in runs if run.flight.reference is not None]
+    lower, upper = space.room(np.vstack(points))
+    sides = (upper - lower) / float(np.max(upper - lower))
+    axes = {
+        f"{name}axis": {"title": {"text": f"{name} [m]"}, "range": [low, high]}
+        for name, low, high in zip("xyz", lower.tolist(), upper.tolist(), strict=True)
+    }
+    return {
+        **axes,
+        "aspectmode": "manual",
+        "aspectratio": dict(zip("xyz", sides.tolist(), strict=True)),
+        "camera": {"eye": {"x": -1.15, "y": -1.4, "z": 0.85}, "center": {"z": -0.12}},
+    }
+
+
+def _traces(run: ReportedRun, *, fastest: float, first: bool) -> list[Any]:
+    flight = run.flight
+    horizons, horizon_time = drawn_horizons(run)
+    traces = [
+        _line("predicted", horizons, horizon_time, colour=_HORIZON_COLOUR, width=2, legend=first)
+    ]
+    if flight.reference is not None:
+        reference = flight.reference.p_WB
+        colour = style.REFERENCE
+        traces += [
+            _line("reference", reference, flight.time, colour=colour, width=4, legend=first),
+            _waypoints(run, legend=first),
+        ]
+    colours = {
+        "color": _speed(run),
+        "cmin": 0.0,
+        "cmax": fastest or 1.0,
+        "colorscale": "Viridis",
+        "showscale": first,
+        "colorbar": {"title": {"text": "speed [m/s]"}, "len": 0.7, "thickness": 12},
+    }
+    flown = _line("flown", flight.p_WB, flight.time, colour=style.FLOWN, width=6, legend=first)
+    flown.line.update(colours)
+    return [*traces, flown, _start(run, legend=first)]
+
+
+def _line(name: str, p_WB: Array, time: Array, *, colour: str, width: int, legend: bool) -> Any:
+    x, y, z = p_WB.T.astype(np.float32)
+    return plotly("graph_objects").Scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        customdata=time,
+        mode="lines",
+        line={"color": colour, "width": width},
+        name=name,
+        legendgroup=name,
+        showlegend=legend,
+        hovertemplate=_HOVER,
+    )
+
+
+def _waypoints(run: ReportedRun, *, legend: bool) -> Any:
+    found = waypoints(run.flight)
+    places = list(dict.fromkeys(tuple(waypoint.p_WB.tolist()) for waypoint in found))
+    marker = {"color": style.BOUND, "size": 5, "symbol": "diamond"}
+    return _points("waypoint", np.reshape(places, (-1, 3)), marker, legend=legend)
+
+
+def _start(run: ReportedRun, *, legend: bool) -> Any:
+    marker = {"color": style.INK, "size": 5, "symbol": "square"}
+    return _points("start", run.flight.p_WB[:1], marker, legend=legend)
+
+
+def _points(name: str, p_WB: Array, marker: dict[str, Any], *, legend: bool) -> Any:
+    x, y, z = p_WB.T
+    return plotly("graph_objects").Scatter3d(
+        x=x,
+        y=y,
+        z=z,
+        mode="markers",
+        marker=marker,
+        name=name,
+        legendgroup=name,
+        showlegend=legend and len(p_WB) > 0,
+    )
+
+
+def _speed(run: ReportedRun) -> Array:
+    return np.asarray(np.linalg.norm(run.flight.v_WB_B, axis=1))

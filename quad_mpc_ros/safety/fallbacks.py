@@ -1,0 +1,125 @@
+"""Controllers that need no solver: hover in place, and level and descend without odometry.
+
+The hover law is geometric attitude control (Lee, Leok, McClamroch 2010) with body rates as the
+input: a proportional-derivative law on position asks for a specific force, the thrust axis is
+turned towards it, and yaw is left as it is.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.state import Input, State
+from quad_mpc_ros.mpc_config import MpcConfig
+
+_POSITION_GAIN = 4.0  # 1/s^2: with the next one a closed loop of 2 rad/s, critically damped
+_VELOCITY_GAIN = 4.0  # 1/s
+_TILT_GAIN = 10.0  # 1/s
+_HORIZONTAL_LIMIT = 8.0  # m/s^2, keeps the asked tilt below 40 degrees
+_VERTICAL_LIMIT = 5.0  # m/s^2
+_BLIND_DESCENT = 0.2  # fraction of the hover throttle given up by the end of the blind time
+
+
+class HoverFallback:
+    """Brakes and holds a position."""
+
+    def __init__(self, config: MpcConfig) -> None:
+        self._config = config
+        self._vehicle = config.vehicle()
+        self._p_hold: Array | None = None
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed bounds; the held position stays."""
+        self._config = config
+
+    def release(self) -> None:
+        """Forget the held position; the next call holds where the vehicle is then."""
+        self._p_hold = None
+
+    def command(self, x: State, *, p_hold: Array | None = None) -> Input:
+        """Return the command that brakes and holds the position where it was engaged.
+
+        Or ``p_hold`` (3,), as given with the first call after the release.
+        """
+        if self._p_hold is None:
+            self._p_hold = (x.p_WB if p_hold is None else p_hold).copy()
+        wanted = _POSITION_GAIN * (self._p_hold - x.p_WB) - _VELOCITY_GAIN * x.v_WB_W
+        horizontal = math.hypot(wanted[0], wanted[1])
+        wanted[:2] *= min(1.0, _HORIZONTAL_LIMIT / max(horizontal, 1e-9))
+        wanted[2] = min(max(wanted[2], -_VERTICAL_LIMIT), _VERTICAL_LIMIT)
+        wanted[2] += self._vehicle.gravity
+
+        thrust = self._vehicle.mass * float(x.R_WB[:, 2] @ wanted)
+        reachable = min(max(thrust, self._vehicle.thrust(0.0)), self._vehicle.thrust(1.0))
+        return bounded(
+            Input(
+                throttle=self._vehicle.throttle_for(reachable),
+                w_WB_B=_TILT_GAIN * tilt_to(wanted, x.R_WB),
+            ),
+            self._config,
+        )
+
+
+class BlindFallback:
+    """Levels the attitude that dead reckoning still knows, and lets the vehicle sink slowly."""
+
+    def __init__(self, config: MpcConfig) -> None:
+        self._config = config
+        self._hover_throttle = config.vehicle().hover_throttle
+
+    def command(self, R_WB: Array, *, elapsed: float) -> Input:
+        """Return the command for the estimated attitude, ``elapsed`` seconds after going blind."""
+        share = min(elapsed / max(self._config.blind_time, 1e-9), 1.0)
+        return bounded(
+            Input(
+                throttle=self._hover_throttle * (1.0 - _BLIND_DESCENT * share),
+                w_WB_B=_TILT_GAIN * tilt_to(np.array([0.0, 0.0, 1.0]), R_WB),
+            ),
+            self._config,
+        )
+
+
+def tilt_to(direction_W: Array, R_WB: Array) -> Array:
+    """Return the body rotation vector (3,) that turns the thrust axis to a world direction.
+
+    It is the shortest rotation between the two, so it has no yaw.
+    """
+    direction_B = R_WB.T @ direction_W
+    direction_B = direction_B / np.linalg.norm(direction_B)
+    axis = np.array([-direction_B[1], direction_B[0], 0.0])  # z cross direction
+    sine = math.hypot(axis[0], axis[1])
+    if sine < 1e-9:
+        # Upright, or exactly upside down, where every horizontal axis is as short: roll.
+        return np.zeros(3) if direction_B[2] > 0.0 else np.array([math.pi, 0.0, 0.0])
+    return np.asarray(axis * (math.atan2(sine, direction_B[2]) / sine))
+
+
+def idle(config: MpcConfig) -> Input:
+    """Return the command of a vehicle that is to stay on the ground."""
+    return Input(throttle=config.throttle_min, w_WB_B=np.zeros(3))
+
+
+def bounded(u: Input, config: MpcConfig) -> Input:
+    """Return the input inside the bounds of the configuration, itself if it is."""
+    x, y, z = u.w_WB_B.tolist()
+    x_max, y_max, z_max = config.omega_max
+    if (
+        config.throttle_min <= u.throttle <= config.throttle_max
+        and abs(x) <= x_max
+        and abs(y) <= y_max
+        and abs(z) <= z_max
+    ):
+        return u
+    limit = np.array(config.omega_max)
+    return Input(
+        throttle=min(max(u.throttle, config.throttle_min), config.throttle_max),
+        w_WB_B=np.clip(u.w_WB_B, -limit, limit),
+    )
+
+
+def dead_reckoned(R_WB: Array, w_WB_B: Array, *, duration: float) -> Array:
+    """Return the attitude after turning at ``w_WB_B`` for ``duration`` seconds."""
+    return np.asarray(R_WB @ so3.exp(duration * w_WB_B))

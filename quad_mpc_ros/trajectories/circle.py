@@ -1,0 +1,40 @@
+"""A level circle, anticlockwise around its origin, with the nose where it is."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.path import PathSamples
+
+
+class Circle:
+    """The circle, round and round; at t = 0 in full motion, east of its origin."""
+
+    periodic = True
+
+    def __init__(self, config: ReferenceConfig) -> None:
+        self._centre = np.array([*config.origin, config.height])
+        self._radius = config.circle_radius
+        self._frequency = config.circle_speed / config.circle_radius
+
+    @property
+    def duration(self) -> float:
+        """Once round [s]."""
+        return math.tau / self._frequency
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the circle at times (n,) [s]."""
+        angle, w = self._frequency * seconds, self._frequency
+        still = np.zeros_like(angle)
+        outwards = self._radius * np.stack((np.cos(angle), np.sin(angle), still), axis=-1)
+        along = self._radius * np.stack((-np.sin(angle), np.cos(angle), still), axis=-1)
+        return PathSamples(
+            p_WB=self._centre + outwards,
+            v_WB_W=w * along,
+            a_WB_W=-(w**2) * outwards,
+            j_WB_W=-(w**3) * along,
+        )

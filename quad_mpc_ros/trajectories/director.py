@@ -1,0 +1,273 @@
+"""Who is to fly what, when: take-off, hold, the trajectory, a goal, landing.
+
+A state machine over a :class:`Timeline`, told the time and without ROS. Every request either is
+accepted, and then what it asks for is joined to the present reference without a jump, or is
+refused with the reason and changes nothing: a transition is judged against the vehicle's limits
+as a trajectory is.
+
+On the ground the reference rests ``IDLE_DEPTH`` below it. That is more than a controller needs to
+give up all thrust, and so the motors idle; should the vehicle not stand there after all, it sinks
+by that depth and no further.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.trajectories.catalogue import limits_of
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.feasibility import judged
+from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
+from quad_mpc_ros.trajectories.path import Path, Straight
+from quad_mpc_ros.trajectories.polynomial import End
+from quad_mpc_ros.trajectories.timeline import Phase, Timeline
+from quad_mpc_ros.trajectories.trajectory import Trajectory
+from quad_mpc_ros.trajectories.transition import Motion, motion_of, transition
+from quad_mpc_ros.trajectories.waypoints import Rest
+
+GROUND, TAKEOFF, HOLD, GOING, TRACKING, LANDING = (
+    "ground",
+    "takeoff",
+    "hold",
+    "going",
+    "tracking",
+    "landing",
+)
+IDLE_DEPTH = 0.5  # m; with 0.3 m both formulations command no throttle
+_VERTICAL_SPEED = 1.0  # m/s, from and to the ground
+_FLARE = 0.5  # m above the ground: from here on down at the touchdown speed
+_YAW_SHARE = 0.5  # of the limit
+_BEFORE_ALL = -(2**62)
+
+_Wanted = tuple[str, Motion, Motion]
+"""The name of a leg, and the motions that it leads from and to."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """Whether a request was accepted, and what is done or why not."""
+
+    accepted: bool
+    text: str
+
+
+class Director:
+    """Directs one vehicle over ground of the height ``ground`` [m]."""
+
+    def __init__(self, config: ReferenceConfig, first: Phase, *, ground: float) -> None:
+        self._config = config
+        self._ground = ground
+        self.timeline = Timeline(first)
+
+    @classmethod
+    def standing(cls, config: ReferenceConfig, *, p_WB: Array, yaw: float) -> Director:
+        """Return the director of a vehicle that stands on the ground at ``p_WB`` (3,) [m]."""
+        rest = _at_rest(config, _below(p_WB), yaw)
+        first = Phase(start_ns=_BEFORE_ALL, name=GROUND, trajectory=rest)
+        return cls(config, first, ground=float(p_WB[2]))
+
+    @classmethod
+    def flying(cls, config: ReferenceConfig, trajectory: Trajectory, *, start_ns: int) -> Director:
+        """Return the director of a vehicle that flies a trajectory, over ground of height 0."""
+        first = Phase(start_ns=start_ns, name=TRACKING, trajectory=trajectory)
+        return cls(config, first, ground=0.0)
+
+    def mode(self, now_ns: int) -> str:
+        """Return what is being flown."""
+        return self.timeline.phase(now_ns).name
+
+    def moved(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
+        """Tell where the vehicle stands that was carried over the ground."""
+        if self.mode(now_ns) == GROUND:
+            self._ground = float(p_WB[2])
+            rest = _at_rest(self._config, _below(p_WB), yaw)
+            self.timeline.follow([Phase(start_ns=now_ns, name=GROUND, trajectory=rest)])
+
+    def take_off(self, now_ns: int, *, height: float) -> Answer:
+        """Climb to ``height`` [m] above the ground, and hold."""
+        if self.mode(now_ns) != GROUND:
+            return self._refused(now_ns, "take-off")
+        if not 0.0 < height < np.inf:
+            return Answer(accepted=False, text=f"take-off to {height} m, expected a number > 0")
+        start = motion_of(self.timeline, now_ns)
+        above = self.timeline.at([now_ns]).p_WB[0]
+        above[2] = self._ground + height
+        goal = Motion.at_rest(above, yaw=start.yaw)
+        return self._go(now_ns, [(TAKEOFF, start, goal)], then=HOLD)
+
+    def fly(self, now_ns: int, trajectory: Trajectory) -> Answer:
+        """Go to the beginning of a trajectory, in the motion that it begins with, and fly it."""
+        if not self._airborne(now_ns):
+            return self._refused(now_ns, "start")
+        legs = [(GOING, motion_of(self.timeline, now_ns), motion_of(trajectory, 0))]
+        return self._go(now_ns, legs, then=TRACKING, trajectory=trajectory)
+
+    def hold(self, now_ns: int) -> Answer:
+        """Come to rest as soon as the limits let it, and stay there."""
+        if not self._airborne(now_ns):
+            return self._refused(now_ns, "hold")
+        start = motion_of(self.timeline, now_ns)
+        return self._go(now_ns, [(GOING, start, Motion.at_rest(None, yaw=start.yaw))], then=HOLD)
+
+    def go_to(self, now_ns: int, *, p_WB: Array, yaw: float) -> Answer:
+        """Go to a place (3,) [m] and heading [rad], and stay there."""
+        if not self._airborne(now_ns):
+            return self._refused(now_ns, "goal")
+        if not np.all(np.isfinite([*p_WB, yaw])):
+            return Answer(accepted=False, text=f"goal {[*p_WB, yaw]}, expected finite numbers")
+        legs = [(GOING, motion_of(self.timeline, now_ns), Motion.at_rest(p_WB, yaw=yaw))]
+        return self._go(now_ns, legs, then=HOLD)
+
+    def land(self, now_ns: int) -> Answer:
+        """Come to rest, descend to the ground where that is, and sink until it is touched."""
+        if not self._airborne(now_ns):
+            return self._refused(now_ns, "landing")
+        start = motion_of(self.timeline, now_ns)
+        stop = [(LANDING, start, Motion.at_rest(None, yaw=start.yaw))]
+        planned = self._planned(now_ns, stop)
+        if isinstance(planned, Answer):
+            return planned
+        above = _end_of(planned[-1].trajectory)
+        sinking = self._sinking(above)
+        planned = self._planned(now_ns, [*stop, (LANDING, above, sinking)])
+        if isinstance(planned, Answer):
+            return planned
+        # A leg that is too low for a descent ends wherever it has the speed to sink.
+        lowest = planned[-1].trajectory.before(planned[-1].trajectory.period_ns).p_WB[0]
+        down = Straight(lowest, v_WB_W=sinking.end.v_WB_W)
+        self._follow(now_ns, planned, LANDING, self._flown(down, above.yaw))
+        still = max(float(lowest[2]) - self._ground, 0.0) / self._config.touchdown_speed
+        seconds = 1e-9 * (self.timeline.last.start_ns - now_ns) + still
+        return Answer(accepted=True, text=f"ground in about {seconds:.1f} s")
+
+    def touched(self, now_ns: int, *, p_WB: Array) -> Answer:
+        """Let a landing vehicle that stands on the ground at ``p_WB`` (3,) [m] idle there."""
+        if self.mode(now_ns) != LANDING:
+            return self._refused(now_ns, "touchdown")
+        self._ground = float(p_WB[2])
+        start = motion_of(self.timeline, now_ns)
+        below = Motion.at_rest(_below(p_WB), yaw=start.yaw)
+        return self._go(now_ns, [(LANDING, start, below)], then=GROUND)
+
+    def is_sinking(self, now_ns: int) -> bool:
+        """Return whether a landing is under way that no touchdown has ended."""
+        return self.mode(now_ns) == LANDING == self.timeline.last.name
+
+    def resting_height(self, now_ns: int) -> float:
+        """Return the height [m] to keep: where it rests or will, else the present one."""
+        last = self.timeline.last
+        if self.mode(now_ns) == LANDING:
+            return self._ground + self._config.takeoff_height
+        time_ns = last.start_ns if last.name == HOLD else now_ns
+        return float(self.timeline.at([max(time_ns, now_ns)]).p_WB[0, 2])
+
+    @property
+    def ground(self) -> float:
+        """The height of the ground [m]."""
+        return self._ground
+
+    def _sinking(self, above: Motion) -> Motion:
+        """Return the motion in which a landing from a rest above goes on to sink."""
+        assert above.end.p_WB is not None
+        flare = np.array([*above.end.p_WB[:2], self._ground + _FLARE])
+        rest = End.at_rest(flare if above.end.p_WB[2] > flare[2] + _FLARE else None)
+        v_WB_W = np.array([0.0, 0.0, -self._config.touchdown_speed])
+        return Motion(end=dataclasses.replace(rest, v_WB_W=v_WB_W), yaw=above.yaw)
+
+    def _go(
+        self, now_ns: int, legs: list[_Wanted], *, then: str, trajectory: Trajectory | None = None
+    ) -> Answer:
+        """Fly legs one after the other, then a trajectory, or stay where the last one ends."""
+        phases = self._planned(now_ns, legs)
+        if isinstance(phases, Answer):
+            return phases
+        if trajectory is None:
+            end = _end_of(phases[-1].trajectory)
+            assert end.end.p_WB is not None
+            trajectory = _at_rest(self._config, end.end.p_WB, end.yaw)
+        return self._follow(now_ns, phases, then, trajectory)
+
+    def _follow(
+        self, now_ns: int, phases: list[Phase], then: str, trajectory: Trajectory
+    ) -> Answer:
+        """Follow phases, and then a trajectory under a name."""
+        last = phases[-1]
+        arrival_ns = last.start_ns + last.trajectory.period_ns
+        self.timeline.follow(
+            [*phases, Phase(start_ns=arrival_ns, name=then, trajectory=trajectory)]
+        )
+        return Answer(accepted=True, text=f"{then} in {1e-9 * (arrival_ns - now_ns):.1f} s")
+
+    def _planned(self, now_ns: int, legs: list[_Wanted]) -> list[Phase] | Answer:
+        """Return the phases of legs one after the other, or why they cannot be flown."""
+        phases, time_ns = [], now_ns
+        for name, start, goal in legs:
+            if start.inverted:
+                return Answer(accepted=False, text="not while upside down: ask again")
+            try:
+                leg = self._leg(name, start, goal)
+            except ValueError as error:
+                return Answer(accepted=False, text=f"no way there: {error}")
+            reason = self._objection(name, leg)
+            if reason:
+                return Answer(accepted=False, text=f"no way there: {reason}")
+            phases.append(Phase(start_ns=time_ns, name=name, trajectory=leg))
+            time_ns += leg.period_ns
+        return phases
+
+    def _objection(self, name: str, leg: FlatTrajectory) -> str:
+        """Return why a leg cannot be flown, or nothing."""
+        limits = dataclasses.replace(
+            limits_of(self._config), ground=-np.inf if _is_vertical(name) else self._ground
+        )
+        verdict = judged(leg, self._config.vehicle(), limits)
+        if not verdict.feasible:
+            return verdict.reason()
+        return "" if leg.upright else "it would have to be flown upside down"
+
+    def _leg(self, name: str, start: Motion, goal: Motion) -> FlatTrajectory:
+        path = transition(
+            start,
+            goal,
+            max_speed=min(
+                self._config.max_speed, _VERTICAL_SPEED if _is_vertical(name) else np.inf
+            ),
+            max_acceleration=self._config.max_acceleration,
+            max_yaw_rate=_YAW_SHARE * self._config.omega_max[2],
+        )
+        return self._flown(path, 0.0)
+
+    def _flown(self, path: Path, yaw: float) -> FlatTrajectory:
+        return _flat(self._config, path, yaw)
+
+    def _airborne(self, now_ns: int) -> bool:
+        return self.mode(now_ns) != GROUND
+
+    def _refused(self, now_ns: int, request: str) -> Answer:
+        return Answer(accepted=False, text=f"no {request} while in {self.mode(now_ns)}")
+
+
+def _is_vertical(name: str) -> bool:
+    """Return whether a leg leads from or to the ground, and slowly."""
+    return name in (TAKEOFF, LANDING)
+
+
+def _below(p_WB: Array) -> Array:
+    """Return where the reference rests while the vehicle stands on the ground."""
+    return np.asarray(p_WB - [0.0, 0.0, IDLE_DEPTH])
+
+
+def _at_rest(config: ReferenceConfig, p_WB: Array, yaw: float) -> FlatTrajectory:
+    return _flat(config, Rest(p_WB, duration=1.0), yaw)
+
+
+def _flat(config: ReferenceConfig, path: Path, yaw: float) -> FlatTrajectory:
+    return FlatTrajectory(path, gravity=config.gravity, drag=config.drag, yaw=yaw)
+
+
+def _end_of(trajectory: Trajectory) -> Motion:
+    return motion_of(trajectory, trajectory.period_ns)

@@ -1,0 +1,173 @@
+"""Whether a vehicle can fly a trajectory: what it needs along the whole way, against the limits.
+
+The throttle is that of the thrust along the body's z axis which Newton's law asks for, with drag;
+the body rates are the trajectory's own. Both are looked at every 2 ms, or a thousand times in all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples
+
+_SECOND_NS = 1_000_000_000
+_STEP_NS = 2_000_000
+_LEAST_SAMPLES, _MOST_SAMPLES = 1000, 20_000
+_AXES = ("roll", "pitch", "yaw")
+# A smoothed recording of a flight from the ground may dip below it by this.
+_GROUND_TOLERANCE = 0.05  # m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What a vehicle may be asked for: throttle from 0 to 1, body rates (3,) [rad/s].
+
+    ``margin`` is the share of the way from hovering to each limit that is to be left free,
+    ``ground`` [m] the height of the ground.
+    """
+
+    throttle_min: float
+    throttle_max: float
+    omega_max: tuple[float, ...]
+    margin: float = 0.0
+    ground: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Needs:
+    """What a trajectory needs over time.
+
+    Shapes: ``seconds``, ``throttle``, ``height`` [m], ``speed`` [m/s], ``acceleration`` [m/s^2]
+    (n,); ``w_WB_B`` (n, 3) [rad/s]. A throttle beyond 0 to 1 is what the curve would give there.
+    """
+
+    seconds: Array
+    throttle: Array
+    w_WB_B: Array
+    height: Array
+    speed: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Need:
+    """The worst of one need: its value and time [s], and the limit it is held against.
+
+    ``margin`` is what is left to the limit, negative where it is exceeded.
+    """
+
+    name: str
+    unit: str
+    worst: float
+    time: float
+    limit: float
+    margin: float
+
+    def complaint(self) -> str:
+        """Return what is wrong and where: ``'highest throttle 1.08 at 2.31 s, 0.08 beyond …'``."""
+        return (
+            f"{self.name} {self.worst:.4g}{self.unit} at {self.time:.3f} s, "
+            f"{-self.margin:.3g}{self.unit} beyond the limit of {self.limit:.4g}{self.unit}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verdict:
+    """Every need of a trajectory at its worst, the needs over time, and the jumps in it [s]."""
+
+    needs: tuple[Need, ...]
+    over_time: Needs
+    limits: Limits
+    jumps: tuple[float, ...]
+
+    @property
+    def feasible(self) -> bool:
+        """Whether nothing is beyond its limit, and nothing jumps."""
+        return not self.jumps and not self.exceeded
+
+    @property
+    def exceeded(self) -> tuple[Need, ...]:
+        """The needs beyond their limits, or not even finite."""
+        return tuple(need for need in self.needs if not need.margin >= 0.0)
+
+    def reason(self) -> str:
+        """Return why it is not feasible, or nothing."""
+        complaints = [need.complaint() for need in self.exceeded]
+        if self.jumps:
+            complaints.append(f"{len(self.jumps)} jumps, the first at {self.jumps[0]:.3f} s")
+        return "; ".join(complaints)
+
+
+def judged(trajectory: Trajectory, vehicle: Vehicle, limits: Limits) -> Verdict:
+    """Return the verdict on a trajectory, once through or once round; a second of a rest."""
+    period = trajectory.period_ns or _SECOND_NS
+    step = min(_STEP_NS, period // _LEAST_SAMPLES)
+    step = max(step, -(-period // _MOST_SAMPLES), 1)
+    times = [*range(0, period, step), period]
+    needs = needs_of(trajectory.at(times), vehicle, seconds=1e-9 * np.array(times))
+    # A trajectory that begins in motion is begun in motion: see --start.
+    jumps = trajectory.jumps(0, period - 1)
+    return Verdict(
+        needs=_worst(needs, limits, hover=vehicle.hover_throttle),
+        over_time=needs,
+        limits=limits,
+        jumps=tuple(1e-9 * jump for jump in jumps),
+    )
+
+
+def needs_of(samples: TrajectorySamples, vehicle: Vehicle, *, seconds: Array) -> Needs:
+    """Return what samples at times (n,) [s] need."""
+    R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
+    force = samples.a_WB_W + vehicle.drag * samples.v_WB_W + [0.0, 0.0, vehicle.gravity]
+    thrust = vehicle.mass * np.einsum("ni,ni->n", R_WB[:, :, 2], force)
+    return Needs(
+        seconds=seconds,
+        throttle=_throttle(vehicle, thrust),
+        w_WB_B=np.einsum("nji,nj->ni", R_WB, samples.w_WB_W),
+        height=samples.p_WB[:, 2],
+        speed=np.linalg.norm(samples.v_WB_W, axis=1),
+        acceleration=np.linalg.norm(samples.a_WB_W, axis=1),
+    )
+
+
+def _throttle(vehicle: Vehicle, thrust: Array) -> Array:
+    """Return throttles (n,) for thrusts (n,) [N], also those that the vehicle does not have."""
+    a, b, c = vehicle.thrust_curve
+    wanted = thrust / vehicle.motor_count - c
+    # The root of Vehicle.throttle_for; below the curve's own least thrust as its slope there says.
+    root = np.sqrt(b * b + 4.0 * a * np.maximum(wanted, 0.0))
+    return np.asarray(2.0 * wanted / np.maximum(b + root, np.finfo(float).tiny))
+
+
+def _worst(needs: Needs, limits: Limits, *, hover: float) -> tuple[Need, ...]:
+    share = 1.0 - limits.margin
+    highest = hover + share * (limits.throttle_max - hover)
+    lowest = hover + share * (limits.throttle_min - hover)
+    found = [
+        _need("highest throttle", "", needs.throttle, needs, highest),
+        _need("lowest throttle", "", needs.throttle, needs, lowest, least=True),
+    ]
+    for axis, rates, bound in zip(_AXES, needs.w_WB_B.T, limits.omega_max, strict=True):
+        found.append(_need(f"{axis} rate", " rad/s", np.abs(rates), needs, share * bound))
+    lowest = limits.ground - _GROUND_TOLERANCE
+    found.append(_need("lowest height", " m", needs.height, needs, lowest, least=True))
+    return tuple(found)
+
+
+def _need(
+    name: str, unit: str, values: Array, needs: Needs, limit: float, *, least: bool = False
+) -> Need:
+    place = int(np.argmin(values) if least else np.argmax(values))
+    worst = float(values[place])
+    return Need(
+        name=name,
+        unit=unit,
+        worst=worst,
+        time=float(needs.seconds[place]),
+        limit=limit,
+        margin=worst - limit if least else limit - worst,
+    )

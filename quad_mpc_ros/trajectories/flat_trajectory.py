@@ -1,0 +1,132 @@
+"""A path made a reference: attitude and body rates added by differential flatness."""
+
+from __future__ import annotations
+
+import bisect
+
+import numpy as np
+
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.trajectories.flatness import flat_inputs, thrust_axis
+from quad_mpc_ros.trajectories.path import Path, PathSamples
+from quad_mpc_ros.trajectories.thrust_frames import ThrustFrames
+from quad_mpc_ros.trajectories.trajectory import TrajectorySamples, held
+
+# Between knots the attitude comes from the path itself; at 20 rad/s they are 0.04 rad apart.
+_KNOT_STEP = 0.002  # s
+_LEAST_KNOTS, _MOST_KNOTS = 1000, 20_000
+_AT_REST = 1e-6
+
+
+class FlatTrajectory:
+    """A path, flown with the nose at ``yaw`` while level.
+
+    A path whose thrust stays above the horizon is flown in one chart of the Hopf fibration, any
+    other by rotation-minimising frames. Before its start it rests where it begins, level; one
+    that is not periodic rests after its end with the heading that it arrived with.
+    """
+
+    smooth = True
+
+    def __init__(self, path: Path, *, gravity: float, drag: float, yaw: float = 0.0) -> None:
+        """Prepare the frames; raises ``ValueError`` with the time of free fall."""
+        self._path = path
+        self._gravity, self._drag, self._yaw = gravity, drag, yaw
+        self._frames = self._prepared_frames()
+        start = path.at(np.zeros(1))
+        self._heading = yaw + float(np.ravel(start.yaw)[0])
+        self._starts_in_motion = bool(
+            max(np.abs(start.v_WB_W).max(), np.abs(start.a_WB_W).max()) > _AT_REST
+        )
+
+    @property
+    def period_ns(self) -> int:
+        """The path's duration, once round if it is periodic."""
+        return round(1e9 * self._path.duration)
+
+    @property
+    def upright(self) -> bool:
+        """Whether the thrust stays above the horizon, and yaw is yaw throughout."""
+        return self._frames is None
+
+    def at(self, times_ns: list[int]) -> TrajectorySamples:
+        """Return the samples at these times."""
+        seconds = 1e-9 * np.array(times_ns, dtype=np.float64)
+        end = np.inf if self._path.periodic else self._path.duration
+        moving = self._moving(np.clip(seconds, 0.0, end))
+        waiting = held(moving, seconds < 0.0, yaw=self._heading)
+        over = (seconds >= end)[:, None]
+        return TrajectorySamples(
+            p_WB=waiting.p_WB,
+            q_WB_xyzw=waiting.q_WB_xyzw,
+            v_WB_W=np.where(over, 0.0, waiting.v_WB_W),
+            a_WB_W=np.where(over, 0.0, waiting.a_WB_W),
+            w_WB_W=np.where(over, 0.0, waiting.w_WB_W),
+        )
+
+    def jumps(self, start_ns: int, end_ns: int) -> list[int]:
+        """Return the start if it is from rest into motion and in (start, end]."""
+        return [0] if self._starts_in_motion and start_ns < 0 <= end_ns else []
+
+    def before(self, time_ns: int) -> TrajectorySamples:
+        """Return the sample just before a time."""
+        return self.at([time_ns - 1])
+
+    def _moving(self, seconds: Array) -> TrajectorySamples:
+        path = self._path.at(seconds)
+        inputs = flat_inputs(
+            v_WB_W=path.v_WB_W,
+            a_WB_W=path.a_WB_W,
+            j_WB_W=path.j_WB_W,
+            yaw=self._yaw + np.asarray(path.yaw),
+            yaw_rate=path.yaw_rate,
+            gravity=self._gravity,
+            drag=self._drag,
+            chart=None if self._frames is None else self._frames.at(seconds),
+        )
+        return TrajectorySamples(
+            p_WB=path.p_WB,
+            q_WB_xyzw=so3.quaternion_xyzw_from_rotation(inputs.R_WB),
+            v_WB_W=path.v_WB_W,
+            a_WB_W=path.a_WB_W,
+            w_WB_W=np.einsum("nij,nj->ni", inputs.R_WB, inputs.w_WB_B),
+        )
+
+    def _prepared_frames(self) -> ThrustFrames | None:
+        """Return the frames of a path that is flown upside down; also look for free fall."""
+        count = (
+            int(np.clip(np.ceil(self._path.duration / _KNOT_STEP), _LEAST_KNOTS, _MOST_KNOTS)) + 1
+        )
+        knots = np.linspace(0.0, self._path.duration, count)
+        with np.errstate(over="ignore", invalid="ignore"):
+            path = self._path.at(knots)
+            z = self._thrust_direction(path, knots)
+        if self._path.periodic or z[:, 2].min() >= 0.0:
+            return None
+        return ThrustFrames(knots, z)
+
+    def _thrust_direction(self, path: PathSamples, knots: Array) -> Array:
+        """Return where the thrust points (n, 3); raises ``ValueError`` at the first free fall."""
+
+        def direction(count: int) -> Array:
+            z, _, _ = thrust_axis(
+                v_WB_W=path.v_WB_W[:count],
+                a_WB_W=path.a_WB_W[:count],
+                j_WB_W=path.j_WB_W[:count],
+                gravity=self._gravity,
+                drag=self._drag,
+            )
+            return z
+
+        def falls(count: int) -> bool:
+            try:
+                direction(count)
+            except ValueError:
+                return True
+            return False
+
+        try:
+            return direction(len(knots))
+        except ValueError as error:
+            first = bisect.bisect_left(range(len(knots)), True, key=lambda i: falls(i + 1))
+            raise ValueError(f"at {knots[first]:.3f} s {error}") from error

@@ -1,0 +1,127 @@
+"""Differential flatness with drag: from a path and a yaw to attitude, body rates and thrust.
+
+The model is the core's: dv/dt = g + (T/m) z_B - mu v, so the thrust over mass must be the specific
+force f = a + mu v + g e_3. It fixes the direction z_B = f/|f| of the body's z axis and, through
+df/dt = j + mu a, how that axis turns. What is left is the turn about it.
+
+Attitude is the shortest rotation that takes the world's z axis to z_B, followed by the yaw about
+z_B: the Hopf fibration of Watterson and Kumar, "Control of quadrotors using the Hopf fibration on
+SO(3)" (ISRR 2017). Unlike a heading, which is lost when the nose points up, this is singular for
+z_B = -e_3 only, thrust exactly downwards. Level and at yaw 0 the vehicle heads east.
+
+That is one chart, centred on e_3. ``chart`` gives the same map any other centre, and
+``trajectories/thrust_frames.py`` a sequence of them for paths that are flown upside down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from quad_mpc_ros.lie import Array, so3
+
+# Below this thrust over mass [m/s^2] the vehicle falls freely, and may do so in any attitude.
+_FREE_FALL = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FlatInputs:
+    """Attitude and inputs at n times.
+
+    Shapes: ``R_WB`` (n, 3, 3); ``w_WB_B`` (n, 3) [rad/s]; ``specific_thrust`` (n,), thrust over
+    mass along body z [m/s^2].
+    """
+
+    R_WB: Array
+    w_WB_B: Array
+    specific_thrust: Array
+
+
+def flat_inputs(
+    *,
+    v_WB_W: Array,
+    a_WB_W: Array,
+    j_WB_W: Array,
+    yaw: ArrayLike = 0.0,
+    yaw_rate: ArrayLike = 0.0,
+    gravity: float,
+    drag: float,
+    chart: Array | None = None,
+) -> FlatInputs:
+    """Return what flies a path: velocity, acceleration and jerk (n, 3) each, in the world.
+
+    ``yaw`` [rad] and ``yaw_rate`` [rad/s], (n,) or one number, turn about the body's z axis;
+    ``gravity`` [m/s^2] and ``drag`` [1/s] are the vehicle's. ``chart`` (n, 3, 3) are the
+    rotations from which the tilt is the shortest, instead of level and heading east. Raises
+    ``ValueError`` in free fall and where the thrust points exactly against the chart's z axis,
+    downwards without a chart: there is no attitude in the path.
+    """
+    z, z_rate, thrust = thrust_axis(
+        v_WB_W=v_WB_W, a_WB_W=a_WB_W, j_WB_W=j_WB_W, gravity=gravity, drag=drag
+    )
+    if chart is not None:
+        z, z_rate = (np.einsum("nji,nj->ni", chart, vector) for vector in (z, z_rate))
+    tilt, tilt_rate = _shortest_tilt(z, z_rate)
+    turn = so3.exp(_along_z(yaw, z))
+    R_WB = tilt @ turn if chart is None else chart @ tilt @ turn
+    return FlatInputs(
+        R_WB=np.asarray(R_WB),
+        w_WB_B=np.einsum("...ji,...j->...i", turn, tilt_rate) + _along_z(yaw_rate, z),
+        specific_thrust=thrust,
+    )
+
+
+def thrust_axis(
+    *, v_WB_W: Array, a_WB_W: Array, j_WB_W: Array, gravity: float, drag: float
+) -> tuple[Array, Array, Array]:
+    """Return the thrust's direction (n, 3), its time derivative (n, 3), and thrust over mass (n,).
+
+    Raises ``ValueError`` in free fall.
+    """
+    force = a_WB_W + drag * v_WB_W + [0.0, 0.0, gravity]
+    force_rate = j_WB_W + drag * a_WB_W
+    thrust = np.sqrt(np.sum(force * force, axis=-1))
+    if not np.all(np.isfinite(thrust) & (thrust > _FREE_FALL)):
+        raise ValueError(
+            f"thrust over mass from {np.min(thrust):.3g} to {np.max(thrust):.3g} m/s^2, where "
+            f"only finite ones above {_FREE_FALL:g} (not in free fall) have an attitude"
+        )
+    z = force / thrust[..., None]
+    along = np.sum(z * force_rate, axis=-1, keepdims=True)
+    return z, (force_rate - along * z) / thrust[..., None], thrust
+
+
+def _shortest_tilt(z: Array, z_rate: Array) -> tuple[Array, Array]:
+    """Return the shortest rotation from e_3 to z (n, 3, 3), and its body rate (n, 3)."""
+    a, b, c = np.moveaxis(z, -1, 0)
+    a_rate, b_rate, c_rate = np.moveaxis(z_rate, -1, 0)
+    # 1 + c, without cancellation where c is near -1.
+    h = np.where(c < 0.0, (a * a + b * b) / (1.0 + np.abs(c)), 1.0 + c)
+    if not np.all(h > 0.0):
+        raise ValueError("the thrust points exactly downwards, where yaw means nothing")
+    tilt = np.stack(
+        (
+            np.stack((1.0 - a * a / h, -a * b / h, a), axis=-1),
+            np.stack((-a * b / h, 1.0 - b * b / h, b), axis=-1),
+            np.stack((-a, -b, c), axis=-1),
+        ),
+        axis=-2,
+    )
+    tilt_rate = np.stack(  # vee(tilt.T d(tilt)/dt)
+        (
+            b * c_rate / h - b_rate,
+            a_rate - a * c_rate / h,
+            (b * a_rate - a * b_rate) / h,
+        ),
+        axis=-1,
+    )
+    return tilt, tilt_rate
+
+
+def _along_z(amount: ArrayLike, like: Array) -> Array:
+    """Return vectors along z, as many as in ``like``."""
+    vectors = np.zeros_like(like)
+    vectors[..., 2] = amount
+    return vectors

@@ -1,0 +1,61 @@
+"""A flip: a whole turn about the pitch or the roll axis, in the air that a short climb gives.
+
+While it turns the vehicle pushes with a constant small thrust and falls freely otherwise
+(``trajectories/thrust_path.py``); minimum-snap legs lead from hovering to the climb that the turn
+begins with, and from the fall that it ends with back to where it began.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.path import Chain, Path, with_lowest_point
+from quad_mpc_ros.trajectories.polynomial import End, Leg, leg_within
+from quad_mpc_ros.trajectories.smooth_turn import SmoothTurn
+from quad_mpc_ros.trajectories.thrust_path import ThrustPath, coasting_end, turning_thrust
+
+_UP = np.array([0.0, 0.0, 1.0])
+_CLIMB_ACCELERATION = 0.5  # mean over the way to the turn, over gravity
+_RECOVERY_ACCELERATION = 1.2  # over gravity
+_SAMPLES = 201
+
+
+def flip(config: ReferenceConfig) -> Path:
+    """Return the flip of a configuration, its lowest point at the configured height."""
+    turn = SmoothTurn.with_peak_rate(math.tau, rate=config.flip_rate)
+    force = config.coasting_thrust * config.gravity
+    # As high up as down: the climb that gravity, less the thrust's mean, takes back half way.
+    times = np.linspace(0.0, turn.duration, _SAMPLES)
+    lift = force * float(np.mean(np.cos(turn.at(times)[0])))
+    climb = 0.5 * (config.gravity - lift) * turn.duration
+    start = np.array([*config.origin, config.height])
+    entry = Leg(
+        End.at_rest(start),
+        coasting_end(climb * _UP, force=force, gravity=config.gravity, drag=config.drag),
+        duration=climb / (_CLIMB_ACCELERATION * config.gravity),
+    )
+    over = ThrustPath(
+        turning_thrust(turn, force=force, towards=_side(config)),
+        duration=turn.duration,
+        p_WB=entry.at(np.array([entry.duration])).p_WB[0],
+        v_WB_W=climb * _UP,
+        gravity=config.gravity,
+        drag=config.drag,
+    )
+    recovery = leg_within(
+        End.of(over.at(np.array([over.duration])), 0),
+        End.at_rest(start),
+        max_speed=math.inf,
+        max_acceleration=_RECOVERY_ACCELERATION * config.gravity,
+    )
+    return with_lowest_point(Chain([entry, over, recovery]), config.height)
+
+
+def _side(config: ReferenceConfig) -> Array:
+    """Return the horizontal direction (3,) that the thrust turns to: forwards, or right."""
+    forward = np.array([math.cos(config.yaw), math.sin(config.yaw), 0.0])
+    return forward if config.flip_axis == "pitch" else np.cross(forward, _UP)

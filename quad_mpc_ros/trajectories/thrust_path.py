@@ -1,0 +1,95 @@
+"""A path given by its thrust: what the vehicle does when it is told where to push, not to be.
+
+Where a vehicle turns over with little thrust no curve in space is natural; it falls. The thrust
+over time is given instead, and the path is what the true dynamics, drag included, make of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.trajectories.path import PathSamples
+from quad_mpc_ros.trajectories.polynomial import End
+from quad_mpc_ros.trajectories.smooth_turn import SmoothTurn
+
+Thrust = Callable[[Array], tuple[Array, Array]]
+"""Returns the thrust over mass (n, 3) [m/s^2] at times (n,) [s], and its time derivative."""
+
+_TOLERANCE = 1e-11
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class ThrustPath:
+    """The motion under a thrust from a position and velocity, (3,) each.
+
+    dp/dt = v and dv/dt = f - g e_3 - mu v, integrated once by an order 8 method with dense output;
+    acceleration and jerk follow from the thrust, so that flatness gives back exactly that thrust.
+    """
+
+    periodic = False
+
+    def __init__(
+        self,
+        thrust: Thrust,
+        *,
+        duration: float,
+        p_WB: Array,
+        v_WB_W: Array,
+        gravity: float,
+        drag: float,
+    ) -> None:
+        self.duration = duration
+        self._thrust, self._drag = thrust, drag
+        self._weight = np.array([0.0, 0.0, gravity])
+
+        def rate(time: float, state: Array) -> Array:
+            force, _ = thrust(np.array([time]))
+            return np.concatenate((state[3:], force[0] - self._weight - drag * state[3:]))
+
+        solved = solve_ivp(
+            rate,
+            (0.0, duration),
+            np.concatenate((p_WB, v_WB_W)),
+            method="DOP853",
+            dense_output=True,
+            rtol=_TOLERANCE,
+            atol=_TOLERANCE,
+        )
+        if solved.sol is None:
+            raise ValueError(f"the motion under a thrust cannot be integrated: {solved.message}")
+        self._state = solved.sol
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s] from 0 to its duration."""
+        seconds = np.clip(seconds, 0.0, self.duration)
+        force, force_rate = self._thrust(seconds)
+        state = self._state(seconds).T
+        acceleration = force - self._weight - self._drag * state[:, 3:]
+        return PathSamples(
+            p_WB=state[:, :3],
+            v_WB_W=state[:, 3:],
+            a_WB_W=acceleration,
+            j_WB_W=force_rate - self._drag * acceleration,
+        )
+
+
+def coasting_end(v_WB_W: Array, *, force: float, gravity: float, drag: float) -> End:
+    """Return the end of a leg at which the vehicle moves freely but for a thrust ``force`` up."""
+    acceleration = (force - gravity) * _UP - drag * v_WB_W
+    return End(p_WB=None, v_WB_W=v_WB_W, a_WB_W=acceleration, j_WB_W=-drag * acceleration)
+
+
+def turning_thrust(turn: SmoothTurn, *, force: float, towards: Array) -> Thrust:
+    """Return a thrust of constant size that turns from upwards by way of a direction (3,)."""
+
+    def thrust(seconds: Array) -> tuple[Array, Array]:
+        angle, rate, _, _ = turn.at(seconds)
+        sine, cosine = np.sin(angle)[:, None], np.cos(angle)[:, None]
+        direction = cosine * _UP + sine * towards
+        return force * direction, force * rate[:, None] * (cosine * towards - sine * _UP)
+
+    return thrust

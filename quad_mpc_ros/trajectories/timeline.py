@@ -1,0 +1,77 @@
+"""Trajectories one after the other on a clock: what is flown now and what comes next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples
+
+_FIELDS = ("p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W")
+_KEPT = 8  # phases that are over, for windows from a little while ago
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase:
+    """A trajectory that begins at a time of the clock, and what it is called."""
+
+    start_ns: int
+    name: str
+    trajectory: Trajectory
+
+
+class Timeline:
+    """A trajectory over the time of a clock, made of phases; each lasts until the next begins."""
+
+    smooth = True
+    period_ns = 0
+
+    def __init__(self, first: Phase) -> None:
+        self._phases = [first]
+
+    def phase(self, time_ns: int) -> Phase:
+        """Return the phase of a time, the first one before all."""
+        return self._phases[self._owner(time_ns)]
+
+    @property
+    def last(self) -> Phase:
+        """The phase that nothing follows yet."""
+        return self._phases[-1]
+
+    def follow(self, phases: list[Phase]) -> None:
+        """Let phases, in order of time, take the place of all that was to begin with or after."""
+        start_ns = phases[0].start_ns
+        kept = [phase for phase in self._phases if phase.start_ns < start_ns]
+        self._phases = [*kept[-_KEPT:], *phases]
+
+    def at(self, times_ns: list[int]) -> TrajectorySamples:
+        """Return the samples at these times."""
+        owners = np.array([self._owner(time_ns) for time_ns in times_ns])
+        found = {name: np.empty((len(times_ns), 4 if "q_" in name else 3)) for name in _FIELDS}
+        for number in np.unique(owners).tolist():
+            phase, mine = self._phases[number], np.flatnonzero(owners == number)
+            samples = phase.trajectory.at([times_ns[i] - phase.start_ns for i in mine.tolist()])
+            for name in _FIELDS:
+                found[name][mine] = getattr(samples, name)
+        return TrajectorySamples(**found)
+
+    def jumps(self, start_ns: int, end_ns: int) -> list[int]:
+        """Return the jumps inside the phases in (start, end]; between phases there are none."""
+        found = []
+        for number, phase in enumerate(self._phases):
+            following = self._phases[number + 1 : number + 2]
+            last = min([end_ns, *(after.start_ns - 1 for after in following)])
+            first = max(start_ns, phase.start_ns)
+            if first < last:
+                inside = phase.trajectory.jumps(first - phase.start_ns, last - phase.start_ns)
+                found += [phase.start_ns + time_ns for time_ns in inside]
+        return found
+
+    def before(self, time_ns: int) -> TrajectorySamples:
+        """Return the sample just before a time."""
+        return self.at([time_ns - 1])
+
+    def _owner(self, time_ns: int) -> int:
+        started = [n for n, phase in enumerate(self._phases) if phase.start_ns <= time_ns]
+        return started[-1] if started else 0

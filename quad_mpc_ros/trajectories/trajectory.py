@@ -1,0 +1,80 @@
+"""What a trajectory is: the reference as a function of time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.lie import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrajectorySamples:
+    """A trajectory at n times; world frame, as the message carries it.
+
+    Shapes: ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_W`` (n, 3) in m, m/s, m/s^2, rad/s;
+    ``q_WB_xyzw`` (n, 4).
+    """
+
+    p_WB: Array
+    q_WB_xyzw: Array
+    v_WB_W: Array
+    a_WB_W: Array
+    w_WB_W: Array
+
+
+class Trajectory(Protocol):
+    """A reference to fly. Times are integer nanoseconds from its start, and may be any number."""
+
+    def at(self, times_ns: list[int]) -> TrajectorySamples:
+        """Return the samples at these times; at a jump, the values after it."""
+        ...
+
+    def jumps(self, start_ns: int, end_ns: int) -> list[int]:
+        """Return the times in (start, end] at which the trajectory is not continuous."""
+        ...
+
+    def before(self, time_ns: int) -> TrajectorySamples:
+        """Return the single sample from the left of a time, as it is just before a jump there."""
+        ...
+
+    @property
+    def period_ns(self) -> int:
+        """Time after which the whole trajectory has been seen; 0 when it never moves."""
+        ...
+
+    @property
+    def smooth(self) -> bool:
+        """Whether a vehicle can follow it: it is previewed, and flights begin on it."""
+        ...
+
+
+def at_rest(p_WB: Array, *, yaw: float = 0.0) -> TrajectorySamples:
+    """Return samples that rest at positions (n, 3), level and at ``yaw`` [rad] from east."""
+    rest = np.zeros_like(p_WB)
+    level = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
+    return TrajectorySamples(
+        p_WB=p_WB,
+        q_WB_xyzw=np.tile(level, (len(p_WB), 1)),
+        v_WB_W=rest,
+        a_WB_W=rest,
+        w_WB_W=rest,
+    )
+
+
+def held(
+    samples: TrajectorySamples, where: NDArray[np.bool_], *, yaw: float = 0.0
+) -> TrajectorySamples:
+    """Return the samples, at rest in their positions at the times ``where`` (n,) is true."""
+    resting, choice = at_rest(samples.p_WB, yaw=yaw), where[:, None]
+    return TrajectorySamples(
+        p_WB=samples.p_WB,
+        q_WB_xyzw=np.where(choice, resting.q_WB_xyzw, samples.q_WB_xyzw),
+        v_WB_W=np.where(choice, resting.v_WB_W, samples.v_WB_W),
+        a_WB_W=np.where(choice, resting.a_WB_W, samples.a_WB_W),
+        w_WB_W=np.where(choice, resting.w_WB_W, samples.w_WB_W),
+    )

@@ -1,0 +1,106 @@
+"""From any motion to another one, without a jump in position, velocity, attitude or body rates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.trajectories.path import Path, Turned
+from quad_mpc_ros.trajectories.polynomial import End, Leg, leg_within
+from quad_mpc_ros.trajectories.thrust_frames import rotations_between
+from quad_mpc_ros.trajectories.trajectory import Trajectory
+
+_STEP_NS = 1_000_000
+_UPSIDE_DOWN = -1.0 + 1e-9  # cosine of the tilt
+_UP = np.array([[0.0, 0.0, 1.0]])
+# Of a rest-to-rest polynomial of degree 7: its highest rate over the mean.
+_PEAK = 35.0 / 16.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """Where a trajectory is and how it moves: ``end`` of a leg, yaw [rad] and its rate [rad/s].
+
+    Yaw is the turn about body z after the shortest tilt from level. ``inverted`` tells that the
+    thrust points below the horizon.
+    """
+
+    end: End
+    yaw: float
+    yaw_rate: float = 0.0
+    inverted: bool = False
+
+    @staticmethod
+    def at_rest(p_WB: Array | None, *, yaw: float) -> Motion:
+        """Return the motion that is none, at a position (3,) [m] or, with None, anywhere."""
+        return Motion(end=End.at_rest(p_WB), yaw=yaw)
+
+
+def motion_of(trajectory: Trajectory, time_ns: int) -> Motion:
+    """Return the motion of a smooth trajectory at a time.
+
+    Jerk and yaw rate are differences forwards: at the beginning there is nothing before.
+    """
+    samples = trajectory.at([time_ns, time_ns + _STEP_NS, time_ns + 2 * _STEP_NS])
+    R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
+    yaw = np.unwrap([yaw_of(R) for R in R_WB])
+    return Motion(
+        end=End(
+            p_WB=samples.p_WB[0],
+            v_WB_W=samples.v_WB_W[0],
+            a_WB_W=samples.a_WB_W[0],
+            j_WB_W=_slope(samples.a_WB_W),
+        ),
+        yaw=float(yaw[0]),
+        yaw_rate=float(_slope(yaw)),
+        inverted=bool(R_WB[0, 2, 2] < 0.0),
+    )
+
+
+def yaw_of(R_WB: Array) -> float:
+    """Return the yaw [rad] of an attitude (3, 3): what is left of it after the shortest tilt.
+
+    Upside down, where no tilt is the shortest, where its x axis points.
+    """
+    if R_WB[2, 2] < _UPSIDE_DOWN:
+        return math.atan2(R_WB[1, 0], R_WB[0, 0])
+    turn = rotations_between(_UP, R_WB[None, :, 2])[0].T @ R_WB
+    return math.atan2(turn[1, 0], turn[0, 0])
+
+
+def transition(
+    start: Motion, goal: Motion, *, max_speed: float, max_acceleration: float, max_yaw_rate: float
+) -> Path:
+    """Return the path of least snap from one motion to another, turning the shorter way.
+
+    It is as quick as the limits [m/s, m/s^2, rad/s] let it be.
+    """
+    turned = math.remainder(goal.yaw - start.yaw, math.tau)
+    leg = leg_within(start.end, goal.end, max_speed=max_speed, max_acceleration=max_acceleration)
+    enough = _PEAK * abs(turned) / max_yaw_rate
+    if leg.duration < enough:
+        leg = Leg(start.end, goal.end, duration=enough)
+    turn = Leg(
+        _yaw_end(start.yaw, start.yaw_rate),
+        _yaw_end(start.yaw + turned, goal.yaw_rate),
+        duration=leg.duration,
+    )
+    return Turned(leg, turn)
+
+
+def _yaw_end(yaw: float, rate: float) -> End:
+    """Return a yaw as the first coordinate of an end."""
+    return End(
+        p_WB=np.array([yaw, 0.0, 0.0]),
+        v_WB_W=np.array([rate, 0.0, 0.0]),
+        a_WB_W=np.zeros(3),
+        j_WB_W=np.zeros(3),
+    )
+
+
+def _slope(values: Array) -> Array:
+    """Return the derivative at the first of three values, to second order."""
+    return np.asarray((-3.0 * values[0] + 4.0 * values[1] - values[2]) / (2e-9 * _STEP_NS))

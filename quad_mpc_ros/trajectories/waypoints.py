@@ -1,0 +1,124 @@
+"""Waypoints of a configuration: held one after the other, or flown through without a stop."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.minimum_snap import minimum_snap_path
+from quad_mpc_ros.trajectories.path import Chain, Path, PathSamples
+from quad_mpc_ros.trajectories.trajectory import TrajectorySamples, at_rest
+
+_SAME_PLACE = 1e-6  # m
+
+
+def configured_waypoints(config: ReferenceConfig) -> Array:
+    """Return the waypoints (n, 3) [m] in the world.
+
+    Raises :class:`ConfigurationError` for fewer than two, and naming the index of one that is at
+    the place of the one before.
+    """
+    name, given = f"{config.owner}.waypoints", config.waypoints
+    if len(given) % 3:
+        raise ConfigurationError(name, given, f"x, y, z of each point, not {len(given)} numbers")
+    if len(given) < 6:
+        raise ConfigurationError(name, given, f"at least 2 points, not {len(given) // 3}")
+    points = np.reshape(given, (-1, 3))
+    for index, step in enumerate(np.linalg.norm(np.diff(points, axis=0), axis=1), start=1):
+        if not step > _SAME_PLACE:
+            raise ConfigurationError(
+                name,
+                given,
+                f"points apart from each other: waypoint {index} (counted from 0) is at the "
+                f"place of waypoint {index - 1}",
+            )
+    return np.asarray(points + np.array([*config.origin, 0.0]))
+
+
+def through_waypoints(config: ReferenceConfig) -> Path:
+    """Return the path of least snap through the waypoints."""
+    return minimum_snap_path(
+        configured_waypoints(config),
+        max_speed=config.max_speed,
+        max_acceleration=config.max_acceleration,
+    )
+
+
+def from_waypoint_to_waypoint(config: ReferenceConfig) -> Path:
+    """Return the path of least snap from each waypoint to the next, resting at each."""
+    points = configured_waypoints(config)
+    return Chain([*rests_and_legs(points, config), Rest(points[-1], duration=config.dwell_time)])
+
+
+def rests_and_legs(points: Array, config: ReferenceConfig) -> list[Path]:
+    """Return a rest at each point (n, 3) [m] but the last, and the leg from there to the next."""
+    links: list[Path] = []
+    for start, end in itertools.pairwise(points):
+        links.append(Rest(start, duration=config.dwell_time))
+        links.append(
+            minimum_snap_path(
+                np.stack((start, end)),
+                max_speed=config.max_speed,
+                max_acceleration=config.max_acceleration,
+            )
+        )
+    return links
+
+
+class Rest:
+    """A path that stays at a place (3,) [m]."""
+
+    periodic = False
+
+    def __init__(self, p_WB: Array, *, duration: float) -> None:
+        self._p_WB = p_WB
+        self.duration = duration
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the place, once for each time (n,) [s]."""
+        rest = np.zeros((len(seconds), 3))
+        return PathSamples(p_WB=rest + self._p_WB, v_WB_W=rest, a_WB_W=rest, j_WB_W=rest)
+
+
+class Steps:
+    """Jumps from one point (n, 3) [m] to the next, each held for a while.
+
+    With ``closed`` it goes round and round, otherwise it stays at the last one. Not feasible, and
+    so a test of the controller rather than of the reference.
+    """
+
+    smooth = False
+
+    def __init__(self, points: Array, *, dwell_time: float, yaw: float, closed: bool) -> None:
+        self._points = points
+        self._dwell_ns = round(dwell_time * 1e9)
+        self._yaw = yaw
+        self._closed = closed
+
+    @property
+    def period_ns(self) -> int:
+        """One round, or the whole way."""
+        return len(self._points) * self._dwell_ns
+
+    def at(self, times_ns: list[int]) -> TrajectorySamples:
+        """Return the points held at these times; the first one before the start."""
+        count = len(self._points)
+        legs = [max(time // self._dwell_ns, 0) for time in times_ns]
+        places = [leg % count if self._closed else min(leg, count - 1) for leg in legs]
+        return at_rest(self._points[places], yaw=self._yaw)
+
+    def jumps(self, start_ns: int, end_ns: int) -> list[int]:
+        """Return the switches between points in (start, end]."""
+        first = max(start_ns // self._dwell_ns + 1, 1)
+        last = end_ns // self._dwell_ns
+        if not self._closed:
+            last = min(last, len(self._points) - 1)
+        return [leg * self._dwell_ns for leg in range(first, last + 1)]
+
+    def before(self, time_ns: int) -> TrajectorySamples:
+        """Return the point held just before a time."""
+        return self.at([time_ns - 1])

@@ -1,0 +1,154 @@
+"""Which command acts when, and the state in which the next one will."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.estimation.command_history import CommandHistory
+from quad_mpc_ros.estimation.delay_compensation import StatePredictor
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.model.state import Input
+from quad_mpc_ros.mpc_config import MpcConfig
+
+MS = 1_000_000
+
+
+def throttle(value: float) -> Input:
+    return Input(throttle=value, w_WB_B=np.zeros(3))
+
+
+def test_commands_act_after_the_delay_and_until_the_next() -> None:
+    history = CommandHistory(delay_ns=25 * MS, initial=throttle(0.3))
+    history.record(throttle(0.5), stamp_ns=0)
+    history.record(throttle(0.7), stamp_ns=20 * MS)
+    acting = history.between(10 * MS, 60 * MS)
+    np.testing.assert_allclose(acting.durations, [0.015, 0.020, 0.015], atol=1e-12)
+    np.testing.assert_array_equal(acting.commands[:, 0], [0.3, 0.5, 0.7])
+
+
+def test_of_two_commands_for_the_same_odometry_the_later_one_acts() -> None:
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3))
+    history.record(throttle(0.5), stamp_ns=20 * MS)
+    history.record(throttle(0.7), stamp_ns=20 * MS)
+    np.testing.assert_array_equal(history.between(20 * MS, 40 * MS).commands[:, 0], [0.7])
+    np.testing.assert_array_equal(history.between(10 * MS, 40 * MS).commands[:, 0], [0.3, 0.7])
+
+
+def test_after_a_clock_was_set_back_the_new_commands_act() -> None:
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3))
+    history.record(throttle(0.5), stamp_ns=1000 * MS)
+    history.record(throttle(0.7), stamp_ns=20 * MS)
+    np.testing.assert_array_equal(history.between(20 * MS, 40 * MS).commands[:, 0], [0.7])
+
+
+@pytest.mark.parametrize("period_ms", [20, 1], ids=["forgets", "grows"])
+def test_a_long_flight_remembers_the_last_two_seconds(period_ms: int) -> None:
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3))
+    stamps = np.arange(0, 20_000, period_ms)
+    for stamp in stamps:
+        history.record(throttle(stamp * 1e-5), stamp_ns=int(stamp) * MS)
+    last = int(stamps[-1]) * MS
+    acting = history.between(last - 1_900 * MS, last)
+    assert acting.durations.sum() == pytest.approx(1.9, abs=1e-9)
+    assert len(acting.commands) == 1_900 // period_ms
+    np.testing.assert_allclose(np.diff(acting.commands[:, 0]), period_ms * 1e-5)
+    assert history.knows(last - 1_900 * MS)
+
+
+def test_the_intervals_fill_the_time_whatever_was_sent() -> None:
+    rng = np.random.default_rng(0)
+    history = CommandHistory(delay_ns=13 * MS, initial=throttle(0.3))
+    for stamp in np.cumsum(rng.integers(1, 40, 50)) * MS:
+        history.record(throttle(float(rng.random())), stamp_ns=int(stamp))
+    for start in range(0, 900, 37):
+        total = history.between(start * MS, (start + 31) * MS).durations.sum()
+        assert total == pytest.approx(0.031, abs=1e-12)
+
+
+def test_without_delay_the_situation_is_the_odometry() -> None:
+    predictor = StatePredictor(MpcConfig())
+    odometry = _odometry(stamp_ns=20 * MS)
+    situation = predictor.predict(odometry)
+    assert situation.stamp_ns == 20 * MS
+    np.testing.assert_array_equal(situation.x.p_WB, odometry.p_WB)
+    np.testing.assert_allclose(situation.x.v_WB_B, odometry.v_WB_B, atol=1e-15)
+
+
+def test_free_fall_across_the_delay() -> None:
+    """With the motors off for long enough, the state ahead is that of a stone."""
+    config = MpcConfig(input_delay=0.033, drag=0.0, thrust_curve=(1.88, 2.8, 0.0))
+    predictor = StatePredictor(config)
+    predictor.record(throttle(0.0), stamp_ns=-100 * MS)
+    situation = predictor.predict(_odometry(stamp_ns=0, v_WB_B=np.array([1.0, 0.0, 0.0])))
+    assert situation.stamp_ns == 33 * MS
+    np.testing.assert_allclose(
+        situation.x.p_WB, [0.033, 0.0, 5.0 - 0.5 * 9.81 * 0.033**2], atol=1e-9
+    )
+    np.testing.assert_allclose(situation.x.v_WB_W, [1.0, 0.0, -9.81 * 0.033], atol=1e-9)
+
+
+def test_rates_in_flight_turn_the_state_ahead() -> None:
+    predictor = StatePredictor(MpcConfig(input_delay=0.03))
+    predictor.record(Input(throttle=0.3, w_WB_B=np.array([0.0, 0.0, 2.0])), stamp_ns=-10 * MS)
+    situation = predictor.predict(_odometry(stamp_ns=0))
+    # Sent 10 ms ago with a delay of 30 ms: it acts for the last 10 ms of the 30 ahead.
+    np.testing.assert_allclose(so3.log(situation.x.R_WB), [0.0, 0.0, 2.0 * 0.010], atol=1e-12)
+
+
+def test_what_did_not_act_is_forgotten_when_commands_begin_to() -> None:
+    predictor = StatePredictor(MpcConfig(input_delay=0.03))
+    spin = Input(throttle=0.9, w_WB_B=np.array([0.0, 0.0, 5.0]))
+    predictor.engage(False)
+    for stamp_ns in range(-100 * MS, 0, 20 * MS):
+        predictor.record(spin, stamp_ns=stamp_ns)
+    predictor.engage(True)
+    ahead = predictor.predict(_odometry(stamp_ns=0)).x
+    np.testing.assert_allclose(ahead.R_WB, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(ahead.v_WB_W, 0.0, atol=1e-9)  # at hover, where another flew it
+
+
+@pytest.mark.parametrize(
+    ("engagements", "first", "last"),
+    [
+        ({}, 1, 99),
+        ({0: False, 20: True}, 20 + 16, 99),  # 0.3 s after the first of them acts
+        ({20: False}, 1, 19),
+        ({0: False}, None, None),
+    ],
+)
+def test_only_commands_that_act_teach(
+    engagements: dict[int, bool], first: int | None, last: int | None
+) -> None:
+    """A vehicle that drifts at a steady speed, whatever is asked of it."""
+    predictor = StatePredictor(MpcConfig())
+    learned = []
+    for k in range(100):
+        if k in engagements:
+            predictor.engage(engagements[k])
+        odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=np.array([1.0, 0.0, 0.0]))
+        learned.append(float(predictor.predict(odometry).disturbance.a_W[0]))
+        predictor.record(throttle(0.3), stamp_ns=20 * MS * k)
+    changes = np.flatnonzero(np.diff(learned)) + 1
+    assert (min(changes, default=None), max(changes, default=None)) == (first, last)
+
+
+def test_a_clock_that_is_set_back_is_no_end_of_knowing() -> None:
+    history = CommandHistory(delay_ns=10 * MS, initial=throttle(0.3))
+    for stamp in range(10**12, 10**12 + 500 * MS, 20 * MS):
+        history.record(throttle(0.5), stamp_ns=stamp)
+    history.record(throttle(0.7), stamp_ns=20 * MS)
+    assert history.knows(30 * MS)
+    ((command,),) = (history.between(30 * MS, 50 * MS).commands,)
+    assert command[0] == 0.7
+
+
+def _odometry(*, stamp_ns: int, v_WB_B: np.ndarray | None = None) -> OdometrySample:
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        p_WB=np.array([0.0, 0.0, 5.0]),
+        q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        v_WB_B=np.zeros(3) if v_WB_B is None else v_WB_B,
+        w_WB_B=np.zeros(3),
+    )

@@ -1,0 +1,315 @@
+"""From a bag to a flight: bags made by hand, and a flight of the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.evaluation import Flight, read_flight, summarise
+from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings import BagError
+from quad_mpc_ros.simulation.closed_loop import fly
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+
+HOVER_THROTTLE = 0.2923008  # of the paper's vehicle
+HALF = np.sqrt(0.5)
+
+BagStarter = Callable[..., Any]
+
+
+def read(bag: Any) -> Flight:
+    """End a bag and read it."""
+    bag.writer.close()
+    return read_flight(bag.writer.directory)
+
+
+@pytest.mark.parametrize("namespace", ["", "/uav1", "/fleet/uav1"])
+def test_everything_is_read_back(
+    make_bag: BagStarter, build: SimpleNamespace, namespace: str
+) -> None:
+    random = np.random.default_rng(1)
+    bag = make_bag(namespace=namespace)
+    stamps = [build.start_ns + n * build.period_ns for n in range(4)]
+    flown = [
+        build.odometry(
+            stamp,
+            p_WB=random.normal(size=3),
+            q_WB_xyzw=np.array([0.0, 0.6, 0.0, -0.8]),
+            v_WB_B=random.normal(size=3),
+            w_WB_B=random.normal(size=3),
+        )
+        for stamp in stamps
+    ]
+    commands = [
+        CommandSample(stamp_ns=stamp, throttle=random.uniform(), w_WB_B=random.normal(size=3))
+        for stamp in stamps
+    ]
+    for n, stamp in enumerate(stamps):
+        bag.odometry(flown[n], latency_ms=0.5)
+        bag.reference(build.window(stamp, [1.0 * n, 2.0, 3.0]))
+        bag.command(commands[n], latency_ms=2.5)
+        bag.tick(build.tick(stamp, iterations=25 * n, step_time_us=0.1 * n, reason="a reason"))
+    bag.parameters("mpc", {"mass": 0.5, "control_rate": 40.0, "use_sim_time": True})
+
+    flight = read(bag)
+    assert flight.stamp_ns.tolist() == stamps
+    assert flight.publish_time_ns.tolist() == [stamp + 500_000 for stamp in stamps]
+    assert flight.time == pytest.approx([0.0, 0.02, 0.04, 0.06])
+    for name in ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B"):
+        assert np.array_equal(getattr(flight, name), [getattr(one, name) for one in flown])
+    assert flight.reference is not None
+    assert flight.reference.p_WB[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert flight.commands.stamp_ns.tolist() == stamps
+    assert flight.commands.publish_time_ns.tolist() == [stamp + 2_500_000 for stamp in stamps]
+    assert flight.commands.throttle.tolist() == [one.throttle for one in commands]
+    assert np.array_equal(flight.commands.w_WB_B, [one.w_WB_B for one in commands])
+    assert flight.stats["iterations"].tolist() == [0, 25, 50, 75]
+    assert flight.stats["iterations"].dtype == np.int64
+    assert flight.stats["step_time_us"].tolist() == [0.1 * n for n in range(4)]
+    assert flight.stats["reason"].tolist() == ["a reason"] * 4
+    assert flight.parameters["mpc"]["use_sim_time"] is True
+    assert (flight.mpc.mass, flight.mpc.control_rate) == (0.5, 40.0)
+
+
+def test_a_bag_of_nothing_but_odometry(make_bag: BagStarter, build: SimpleNamespace) -> None:
+    bag = make_bag()
+    bag.odometry(build.odometry(build.start_ns))
+    flight = read(bag)
+    assert flight.reference is None
+    assert flight.commands.w_WB_B.shape == (0, 3)
+    assert len(flight.stats["iterations"]) == 0
+    assert flight.parameters == {}
+    assert flight.mpc == MpcConfig()
+
+
+class TestReference:
+    def test_the_window_in_force_is_the_last_one_stamped_before(
+        self, make_bag: BagStarter, build: SimpleNamespace
+    ) -> None:
+        bag, start = make_bag(), build.start_ns
+        for n in range(5):
+            bag.odometry(build.odometry(start + n * 10))
+        for offset, x in ((15, 1.0), (20, 2.0), (39, 3.0)):
+            bag.reference(build.window(start + offset, [x, 0.0, 0.0]))
+        reference = read(bag).reference
+        assert reference is not None
+        # Odometries at 0, 10, 20, 30, 40; before the first window it is the first one.
+        assert reference.p_WB[:, 0].tolist() == [1.0, 1.0, 2.0, 2.0, 3.0]
+
+    def test_it_is_sampled_at_the_odometry(
+        self, make_bag: BagStarter, build: SimpleNamespace
+    ) -> None:
+        bag, start = make_bag(), build.start_ns
+        east = np.array([[2.0, 0.0, 0.0]] * 2)
+        # Nose to the north, and lifting it: turning about the east.
+        north = Rotation.from_quat([0.0, 0.0, HALF, HALF])
+        rolled = Rotation.from_rotvec([0.2, 0.0, 0.0]) * north
+        window = build.window(
+            start,
+            [0.0, 0.0, 0.0],
+            p_WB=np.array([[0.0, 0.0, 1.0], [4.0, 0.0, 1.0]]),
+            v_WB_W=east,
+            w_WB_W=np.array([[0.1, 0.0, 0.0]] * 2),
+            q_WB_xyzw=np.stack([north.as_quat(), rolled.as_quat()]),
+        )
+        bag.reference(window)
+        bag.odometry(build.odometry(start + 500_000_000))
+        reference = read(bag).reference
+        assert reference is not None
+        assert reference.p_WB == pytest.approx(np.array([[1.0, 0.0, 1.0]]))
+        # Flying east with the nose to the north is flying to the right, and left is positive.
+        assert reference.v_WB_B == pytest.approx(np.array([[0.0, -2.0, 0.0]]))
+        assert reference.w_WB_B == pytest.approx(np.array([[0.0, -0.1, 0.0]]))
+        nose = [0.0, np.cos(0.05), np.sin(0.05)]
+        assert reference.R_WB[0] @ [1.0, 0.0, 0.0] == pytest.approx(nose)
+
+    @pytest.mark.parametrize("recorded", [True, False])
+    def test_its_throttle_is_that_of_the_vehicle(
+        self, make_bag: BagStarter, build: SimpleNamespace, recorded: bool
+    ) -> None:
+        bag, start = make_bag(), build.start_ns
+        if recorded:
+            # A linear curve: 4 N at full throttle, and a weight of 1 N.
+            bag.parameters(
+                "/uav1/mpc", {"mass": 0.1, "gravity": 10.0, "thrust_curve": [0.0, 1.0, 0.0]}
+            )
+        bag.odometry(build.odometry(start))
+        bag.reference(build.window(start, [0.0, 0.0, 2.0]))
+        reference = read(bag).reference
+        assert reference is not None
+        expected = 0.25 if recorded else HOVER_THROTTLE
+        assert reference.throttle == pytest.approx([expected], abs=1e-7)
+
+    def test_an_unusable_window_is_passed_over(
+        self, make_bag: BagStarter, build: SimpleNamespace
+    ) -> None:
+        bag, start = make_bag(), build.start_ns
+        bag.reference(build.window(start, [1.0, 0.0, 0.0]))
+        bag.reference(build.window(start + 1, [np.nan, 0.0, 0.0]))
+        bag.empty("reference", "trajectory_msgs/msg/MultiDOFJointTrajectory", start + 2)
+        bag.odometry(build.odometry(start + 20))
+        reference = read(bag).reference
+        assert reference is not None
+        assert reference.p_WB.tolist() == [[1.0, 0.0, 0.0]]
+
+
+def test_unusable_odometry_is_left_out(make_bag: BagStarter, build: SimpleNamespace) -> None:
+    bag, start = make_bag(), build.start_ns
+    bag.odometry(build.odometry(start))
+    bag.odometry(build.odometry(start + 10, p_WB=np.array([np.nan, 0.0, 0.0])))
+    bag.odometry(build.odometry(start + 20, q_WB_xyzw=np.zeros(4)))
+    bag.odometry(build.odometry(start + 30))
+    assert read(bag).stamp_ns.tolist() == [start, start + 30]
+
+
+def test_a_twist_in_the_world_frame_is_turned(
+    make_bag: BagStarter, build: SimpleNamespace
+) -> None:
+    bag = make_bag()
+    bag.parameters("mpc", {"odometry.twist_frame": "world"})
+    bag.odometry(
+        build.odometry(
+            build.start_ns,
+            q_WB_xyzw=np.array([0.0, 0.0, HALF, HALF]),  # nose to the north
+            v_WB_B=np.array([0.0, 3.0, 0.0]),
+            w_WB_B=np.array([1.0, 0.0, 2.0]),
+        )
+    )
+    flight = read(bag)
+    assert flight.v_WB_B == pytest.approx(np.array([[3.0, 0.0, 0.0]]))
+    assert flight.w_WB_B == pytest.approx(np.array([[0.0, -1.0, 2.0]]))
+
+
+def test_the_flight_ends_with_the_last_odometry(
+    make_bag: BagStarter, build: SimpleNamespace
+) -> None:
+    bag, start = make_bag(), build.start_ns
+    for n, source in enumerate(("mpc", "plan", "mpc", "hover", "blind")):
+        stamp = start + n * build.period_ns
+        if n < 3:
+            bag.odometry(build.odometry(stamp))
+        bag.tick(build.tick(stamp, source=source))
+        bag.command(CommandSample(stamp_ns=stamp, throttle=0.3, w_WB_B=np.zeros(3)))
+    flight = read(bag)
+    assert flight.stats["source"].tolist() == ["mpc", "plan", "mpc"]
+    summary = summarise(flight, wall_seconds=None)
+    assert (summary["commands"], summary["fallbacks"]) == (3, 1)
+
+
+def test_of_messages_sent_again_the_first_counts(
+    make_bag: BagStarter, build: SimpleNamespace
+) -> None:
+    bag, start = make_bag(), build.start_ns
+    for latency_ms in (0.0, 200.0):
+        bag.odometry(build.odometry(start), latency_ms=latency_ms)
+    for latency_ms in (201.0, 202.0):
+        bag.command(
+            CommandSample(stamp_ns=start, throttle=0.3, w_WB_B=np.zeros(3)), latency_ms=latency_ms
+        )
+        bag.tick(build.tick(start, source="plan"))
+    summary = summarise(read(bag), wall_seconds=None)
+    assert (summary["odometries"], summary["commands"], summary["fallbacks"]) == (1, 1, 1)
+    assert summary["odom_to_command_ms"]["max"] == pytest.approx(201.0)
+
+
+class TestRefusals:
+    @staticmethod
+    def refusal(bag: Any) -> str:
+        """Return the one line with which a bag is refused."""
+        with pytest.raises(UserError) as caught:
+            read(bag)
+        assert "\n" not in str(caught.value)
+        return str(caught.value)
+
+    def test_no_bag(self, tmp_path: Path) -> None:
+        with pytest.raises(BagError, match="does not exist"):
+            read_flight(tmp_path / "none")
+
+    def test_no_odometry(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
+        bag = make_bag()
+        bag.reference(build.window(build.start_ns, [0.0, 0.0, 0.0]))
+        assert "no flight in it" in self.refusal(bag)
+
+    def test_no_usable_odometry(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
+        bag = make_bag()
+        bag.odometry(build.odometry(build.start_ns, p_WB=np.full(3, np.inf)))
+        assert "no flight in it" in self.refusal(bag)
+
+    def test_two_vehicles(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
+        bag = make_bag(namespace="/uav1")
+        bag.odometry(build.odometry(build.start_ns))
+        bag.empty("/uav2/odom", "nav_msgs/msg/Odometry", build.start_ns)
+        assert "/uav1/odom, /uav2/odom" in self.refusal(bag)
+
+    def test_a_topic_of_another_type_or_name_is_not_ours(
+        self, make_bag: BagStarter, build: SimpleNamespace
+    ) -> None:
+        bag = make_bag(namespace="/uav1")
+        bag.odometry(build.odometry(build.start_ns))
+        bag.empty("/other/odom", "geometry_msgs/msg/TwistStamped", build.start_ns)
+        bag.empty("/visual_odom", "nav_msgs/msg/Odometry", build.start_ns)
+        bag.writer.add_topic("/silent/odom", "nav_msgs/msg/Odometry")
+        assert read(bag).stamp_ns.tolist() == [build.start_ns]
+
+    def test_statistics_that_are_not_ours(
+        self, make_bag: BagStarter, build: SimpleNamespace
+    ) -> None:
+        bag = make_bag()
+        bag.odometry(build.odometry(build.start_ns))
+        bag.empty("mpc/stats", "diagnostic_msgs/msg/DiagnosticArray", build.start_ns)
+        assert "mpc/stats" in self.refusal(bag)
+
+    def test_parameters_that_cannot_be(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
+        bag = make_bag()
+        bag.parameters("mpc", {"mass": -1.0})
+        bag.odometry(build.odometry(build.start_ns))
+        assert "mpc.mass" in self.refusal(bag)
+
+
+def test_the_papers_square(make_bag: BagStarter) -> None:
+    """The paper's flight: RMSE 0.788 m, at most 0.03 m off before each switch."""
+    mpc = MpcConfig(formulation="paper", terminal_weight=1.0)
+    simulator = SimulatorConfig(dynamics="paper", duration=10.0)
+    bag = make_bag()
+    steps = list(fly(mpc=mpc, simulator=simulator, reference=ReferenceConfig()))
+    for step in steps:
+        assert step.tick is not None
+        assert step.tick.command is not None
+        bag.odometry(step.odometry)
+        bag.reference(step.window)
+        bag.command(step.tick.command, latency_ms=0.4)
+        bag.tick(step.tick.stats)
+    bag.parameters("mpc", mpc.flattened())
+
+    flight = read(bag)
+    summary = summarise(flight, wall_seconds=9.98)
+    assert flight.mpc == mpc
+    assert summary["position_rmse_m"] == pytest.approx(0.788, abs=0.01)
+    assert summary["position_max_m"] == pytest.approx(2.0, abs=0.01)
+    # Before the switches at 2, 4, 6 and 8 s, and at the end of the last dwell.
+    assert len(summary["waypoint_error_m"]) == 5
+    assert max(summary["waypoint_error_m"]) <= 0.03
+    assert summary["iterations"]["p99"] <= 75
+    assert summary["iterations"]["max"] <= 100
+    assert summary["odometries"] == summary["commands"] == 500
+    for name in ("solver_failures", "fallbacks", "deadline_misses", "unanswered_odometries"):
+        assert summary[name] == 0
+    assert summary["realtime_factor"] == pytest.approx(1.0)
+    assert flight.reference is not None
+    squared = [np.sum((step.window.p_WB[0] - step.odometry.p_WB) ** 2) for step in steps]
+    assert summary["position_rmse_m"] == pytest.approx(np.sqrt(np.mean(squared)), abs=1e-12)
+    at_bound = [
+        np.max(np.abs(step.tick.command.w_WB_B) - mpc.omega_max) > -1e-3
+        for step in steps
+        if step.tick is not None and step.tick.command is not None
+    ]
+    assert summary["rate_saturation_fraction"] == pytest.approx(np.mean(at_bound))

@@ -1,0 +1,418 @@
+"""What is fitted to a flight of the simulator is what the simulator was given."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+
+from quad_mpc_ros.configuration import files
+from quad_mpc_ros.identification import (
+    Identification,
+    Measurements,
+    identification_table,
+    identify,
+    measurements_of,
+    parameter_file,
+    write_fit_figure,
+)
+from quad_mpc_ros.identification.lag import LaggedCommands
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings import BagError
+from quad_mpc_ros.recordings.recorded_run import Received, RecordedRun
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.odometry_stream import OdometryStream
+from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.simulation.sensors import Sensors
+
+START_NS = 1_000_000_000
+NOISE = {
+    "position_noise": 0.01,
+    "attitude_noise": math.radians(0.5),
+    "velocity_noise": 0.05,
+    "rate_noise": 0.02,
+}
+TRUTH = {
+    "rate_time_constant": 0.03,
+    "thrust_time_constant": 0.04,
+    "command_delay": 0.02,
+    "mass_scale": 1.2,
+}
+
+
+@functools.cache
+def flown(
+    *, duration: float = 15.0, lively: float = 1.0, seed: int = 0, **simulator: object
+) -> RecordedRun:
+    """Return a flight whose pilot keeps level and still, and knocks the sticks about.
+
+    The knocks are random, so that no part of this package has a say in what is commanded.
+    """
+    hover = SimulatorConfig.build(simulator).vehicle().hover_throttle
+    config = SimulatorConfig.build(
+        {
+            "duration": duration,
+            "initial_position": (0.0, 0.0, 50.0),
+            "initial_throttle": hover,
+            "seed": seed,
+            **simulator,
+        }
+    )
+    plant, random = Plant(config), np.random.default_rng(seed)
+    stream = OdometryStream(plant, config, start_stamp_ns=START_NS)
+    odometries, commands = [], []
+    knock, until_ns = np.zeros(4), 0
+    while (sent := stream.step()) is not None:
+        odometries.append(received(sent.odometry, START_NS + sent.time_ns))
+        if sent.time_ns >= until_ns:
+            knock = lively * random.uniform(-1.0, 1.0, 4) * [0.12, 4.0, 4.0, 2.0]
+            until_ns = sent.time_ns + int(random.uniform(0.04e9, 0.4e9))
+        command = piloted(sent.truth, hover, knock)
+        plant.apply(command)
+        commands.append(received(command, START_NS + sent.time_ns))
+    return recording(odometries, commands)
+
+
+def piloted(truth: OdometrySample, hover: float, knock: np.ndarray) -> CommandSample:
+    R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw)
+    v_WB_W = R_WB @ truth.v_WB_B
+    up = np.array([0.0, 0.0, 1.0]) - 0.05 * v_WB_W * [1.0, 1.0, 0.0]
+    tilt = np.cross(R_WB[:, 2], up / np.linalg.norm(up))
+    return CommandSample(
+        stamp_ns=truth.stamp_ns,
+        throttle=hover - 0.03 * float(v_WB_W[2]) + float(knock[0]),
+        w_WB_B=4.0 * R_WB.T @ tilt + knock[1:],
+    )
+
+
+def noisy(run: RecordedRun, *, seed: int = 0) -> RecordedRun:
+    """Return a flight as it is measured."""
+    sensors = Sensors(SimulatorConfig.build({**NOISE, "seed": seed}))
+    return dataclasses.replace(
+        run,
+        odometries=[
+            dataclasses.replace(odometry, value=sensors.measured(odometry.value))
+            for odometry in run.odometries
+        ],
+    )
+
+
+def received(value: object, time_ns: int) -> Received:
+    return Received(value=value, log_time_ns=time_ns, publish_time_ns=time_ns)
+
+
+def recording(odometries: list[Received], commands: list[Received]) -> RecordedRun:
+    return RecordedRun(
+        bag=Path("bag"),
+        odometries=odometries,
+        windows=[],
+        commands=commands,
+        stats=[],
+        parameters={},
+    )
+
+
+def measured(run: RecordedRun) -> Measurements:
+    return measurements_of(run, vehicle=MpcConfig().vehicle(), twist_frame="child")
+
+
+def identified(run: RecordedRun) -> Identification:
+    return identify(measured(run))
+
+
+def assert_near(
+    found: Identification,
+    *,
+    relative: float,
+    delay: float = 0.02,
+    drag: float = 0.2,
+    drag_within: float | None = None,
+) -> None:
+    near = {
+        "rate_time_constant": 0.03,
+        "thrust_time_constant": 0.04,
+        "input_delay": delay,
+        "thrust_scale": 1.0 / 1.2,
+    }
+    for name, truth in near.items():
+        estimate = getattr(found, name)
+        assert estimate.observable, name
+        assert estimate.value == pytest.approx(truth, rel=relative), name
+    assert found.drag.value == pytest.approx(drag, rel=drag_within or relative)
+
+
+@pytest.mark.parametrize("time_constant", [0.0, 0.03, 0.5])
+def test_a_held_command_is_followed_as_the_differential_equation_says(
+    time_constant: float,
+) -> None:
+    time = np.array([0.0, 0.02, 0.05, 0.3])
+    command = np.array([[1.0], [3.0], [-2.0], [0.5]])
+    lag = LaggedCommands(time, command, time_constant=time_constant)
+
+    def wanted(t: float) -> float:
+        held = command[max(int(np.searchsorted(time, t, side="right")) - 1, 0), 0]
+        if time_constant == 0.0:
+            return float(held)
+        y = 1.0
+        for begin, end, target in zip(time, [*time[1:], 10.0], command[:, 0], strict=True):
+            if t <= begin:
+                break
+            y = solve_ivp(
+                lambda _, y, target=target: (target - y) / time_constant,
+                (begin, min(t, end)),
+                [y],
+                rtol=1e-10,
+                atol=1e-12,
+            ).y[0, -1]
+        return float(y)
+
+    asked = np.array([0.01, 0.021, 0.049, 0.12, 0.4])
+    assert lag.at(asked)[:, 0] == pytest.approx([wanted(t) for t in asked], abs=1e-8)
+    mean, mean_square = lag.means(np.array([0.06]), np.array([0.2]))
+    points = {"points": [0.061, 0.07, 0.1]}
+    assert mean[0, 0] == pytest.approx(quad(wanted, 0.06, 0.26, **points)[0] / 0.2, abs=1e-6)
+    assert mean_square[0, 0] == pytest.approx(
+        quad(lambda t: wanted(t) ** 2, 0.06, 0.26, **points)[0] / 0.2, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize("odom_rate", [50.0, 200.0])
+def test_what_the_simulator_was_given_is_found_exactly_without_noise(odom_rate: float) -> None:
+    found = identified(flown(**TRUTH, drag=0.3, odom_rate=odom_rate, duration=10.0))
+    assert_near(found, relative=0.01, drag=0.3, drag_within=0.03)
+    assert found.rates.explained > 0.999
+
+
+def test_commands_that_did_not_act_are_left_out() -> None:
+    """For four seconds another flies, while the controller goes on commanding."""
+    run = flown(**TRUTH, duration=15.0)
+    released_ns, engaged_ns = START_NS + 5_000_000_000, START_NS + 9_000_000_000
+    commands = [
+        received(
+            dataclasses.replace(
+                command.value,
+                throttle=1.0 - command.value.throttle,
+                w_WB_B=-command.value.w_WB_B,
+            ),
+            command.log_time_ns,
+        )
+        if released_ns <= command.log_time_ns < engaged_ns
+        else command
+        for command in run.commands
+    ]
+    untold = dataclasses.replace(run, commands=commands)
+    told = dataclasses.replace(
+        untold,
+        engagements=[
+            received(True, START_NS),
+            received(False, released_ns),
+            received(True, engaged_ns),
+        ],
+    )
+    assert identified(untold).rates.explained < 0.9
+    assert_near(identified(told), relative=0.02, drag_within=0.05)
+    with pytest.raises(BagError, match="commands acted on 0% of them"):
+        identified(dataclasses.replace(run, engagements=[received(False, START_NS)]))
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        {},
+        {"odom_dropout": 0.1, "odom_jitter": 0.003},
+        {"wind": (3.0, -2.0, 0.0), "gust_intensity": 0.7},
+    ],
+    ids=["noise", "losses and jitter", "wind and gusts"],
+)
+def test_noise_losses_and_wind_cost_at_most_a_tenth(trouble: dict[str, object]) -> None:
+    found = identified(noisy(flown(**TRUTH, **trouble)))
+    assert_near(found, relative=0.1, drag_within=0.5)
+
+
+def test_wind_is_told_from_drag() -> None:
+    found = identified(flown(**TRUTH, wind=(4.0, -2.0, 0.0)))
+    assert found.wind_acceleration_W == pytest.approx([0.8, -0.4], abs=0.02)
+    assert found.drag.value == pytest.approx(0.2, rel=0.03)
+
+
+def test_the_delay_counts_from_the_stamp_of_the_odometry() -> None:
+    # Sent 15 ms after it was measured, answered at once, acting 20 ms later.
+    found = identified(noisy(flown(**TRUTH, odom_delay=0.015)))
+    assert_near(found, relative=0.1, delay=0.035, drag_within=0.5)
+
+
+def test_a_vehicle_without_lags_has_none() -> None:
+    found = identified(noisy(flown()))
+    for estimate in (found.rate_time_constant, found.thrust_time_constant, found.input_delay):
+        assert estimate.seen
+        assert abs(estimate.value) <= min(estimate.half_width, 0.005)
+    assert found.thrust_scale.value == pytest.approx(1.0, rel=0.01)
+
+
+def test_single_wild_odometries_do_not_matter() -> None:
+    run = noisy(flown(**TRUTH))
+    odometries = list(run.odometries)
+    for i in range(100, 700, 40):
+        wild = dataclasses.replace(
+            odometries[i].value,
+            v_WB_B=odometries[i].value.v_WB_B + np.array((5.0, 0.0, -5.0)),
+            w_WB_B=odometries[i].value.w_WB_B + 10.0,
+        )
+        odometries[i] = dataclasses.replace(odometries[i], value=wild)
+    assert_near(
+        identified(dataclasses.replace(run, odometries=odometries)), relative=0.1, drag_within=0.6
+    )
+
+
+def test_a_twist_in_the_world_is_turned() -> None:
+    run = flown(**TRUTH)
+    turned = []
+    for received_odometry in run.odometries:
+        odometry = received_odometry.value
+        R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
+        world = dataclasses.replace(
+            odometry, v_WB_B=R_WB @ odometry.v_WB_B, w_WB_B=R_WB @ odometry.w_WB_B
+        )
+        turned.append(dataclasses.replace(received_odometry, value=world))
+    data = measurements_of(
+        dataclasses.replace(run, odometries=turned),
+        vehicle=MpcConfig().vehicle(),
+        twist_frame="world",
+    )
+    assert_near(identify(data), relative=0.01, drag_within=0.05)
+
+
+def test_hover_shows_the_thrust_and_nothing_else() -> None:
+    run = flown(**TRUTH, lively=0.0)
+    found = identified(run)
+    assert found.thrust_scale.observable
+    assert found.thrust_scale.value == pytest.approx(1.0 / 1.2, rel=0.01)
+    unseen = ("rate_time_constant", "thrust_time_constant", "input_delay", "drag")
+    assert [name for name in unseen if getattr(found, name).seen] == []
+    told = identification_table(found, MpcConfig(), command_age=float("nan"))
+    for name in unseen:
+        assert f"{name} cannot be told" in told
+    assert "lemniscate" in told
+    text = parameter_file(found, MpcConfig(), bag=Path("bag"), keep="mass")
+    assert "rate_time_constant:" not in text.partition("/**/mpc:")[2]
+
+
+def test_standing_on_the_ground_is_no_flight() -> None:
+    run = noisy(flown(**TRUTH))
+    first = run.odometries[0].value
+    resting = dataclasses.replace(first, v_WB_B=np.zeros(3), w_WB_B=np.zeros(3))
+    ground, idle = [], []
+    for k in range(200):
+        stamp_ns = first.stamp_ns - (200 - k) * 20_000_000
+        ground.append(received(dataclasses.replace(resting, stamp_ns=stamp_ns), stamp_ns))
+        # Commands that would roll it over if it flew.
+        command = CommandSample(stamp_ns=stamp_ns, throttle=0.1, w_WB_B=np.full(3, (-1.0) ** k))
+        idle.append(received(command, stamp_ns))
+    whole = dataclasses.replace(
+        run, odometries=[*ground, *run.odometries], commands=[*idle, *run.commands]
+    )
+    assert not measured(whole).usable[:200].any()
+    assert_near(identified(whole), relative=0.1, drag_within=0.6)
+
+
+@pytest.mark.parametrize("keep", ["mass", "curve"])
+def test_the_parameter_file_is_the_vehicle(keep: str, tmp_path: Path) -> None:
+    found = identified(flown(**TRUTH))
+    path = tmp_path / "vehicle.yaml"
+    path.write_text(parameter_file(found, MpcConfig(), bag=Path("bag"), keep=keep))
+    mpc = files.load([str(path)], [], schema={"mpc": MpcConfig})["mpc"]
+    assert isinstance(mpc, MpcConfig)
+    true = SimulatorConfig.build(TRUTH).vehicle()
+    assert mpc.vehicle().hover_throttle == pytest.approx(true.hover_throttle, rel=0.01)
+    assert mpc.mass == pytest.approx(MpcConfig().mass * (1.0 if keep == "mass" else 1.2), rel=0.01)
+    assert mpc.rate_time_constant == pytest.approx(0.03, rel=0.01)
+    assert mpc.input_delay == pytest.approx(0.02, rel=0.01)
+
+
+def test_rates_of_another_flight_are_told(tmp_path: Path) -> None:
+    run, other = flown(**TRUTH), flown(seed=1)
+    found = identified(dataclasses.replace(run, commands=other.commands))
+    told = identification_table(found, MpcConfig(), command_age=float("nan"))
+    assert "warning" in told
+    figure = write_fit_figure(found, tmp_path / "fit.png")
+    assert figure.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_too_little_is_refused() -> None:
+    run = flown(duration=4.0)
+    with pytest.raises(BagError, match="longer flight"):
+        identified(run)
+    with pytest.raises(BagError, match="0 commands"):
+        measured(dataclasses.replace(run, commands=[]))
+    with pytest.raises(BagError, match="10 usable odometries"):
+        measured(dataclasses.replace(run, odometries=run.odometries[:10]))
+    long_ago = [
+        dataclasses.replace(
+            sent, value=dataclasses.replace(sent.value, stamp_ns=sent.value.stamp_ns % 10**9)
+        )
+        for sent in run.commands
+    ]
+    with pytest.raises(BagError, match="stamped"):
+        measured(dataclasses.replace(run, commands=long_ago[:40]))
+
+
+def test_nonsense_and_a_clock_that_was_set_do_not_matter() -> None:
+    run = flown(**TRUTH)
+    commands = list(run.commands)
+    for i, throttle, rate in ((50, np.nan, 0.0), (150, 0.3, 1e300), (250, -np.inf, np.inf)):
+        wild = dataclasses.replace(commands[i].value, throttle=throttle, w_WB_B=np.full(3, rate))
+        commands[i] = dataclasses.replace(commands[i], value=wild)
+    before = [
+        dataclasses.replace(
+            odometry, value=dataclasses.replace(odometry.value, stamp_ns=k * 20_000_000)
+        )
+        for k, odometry in enumerate(run.odometries[:20])
+    ]
+    late = [
+        dataclasses.replace(
+            odometry,
+            value=dataclasses.replace(
+                odometry.value, stamp_ns=odometry.value.stamp_ns + 2_000_000_000 * 10**9
+            ),
+        )
+        for odometry in run.odometries
+    ]
+    later = [
+        dataclasses.replace(
+            sent,
+            value=dataclasses.replace(
+                sent.value, stamp_ns=sent.value.stamp_ns + 2_000_000_000 * 10**9
+            ),
+        )
+        for sent in commands
+    ]
+    whole = dataclasses.replace(run, odometries=[*before, *late], commands=later)
+    found = identified(whole)
+    assert found.rate_time_constant.value == pytest.approx(0.03, rel=0.1)
+    assert found.thrust_scale.value == pytest.approx(1.0 / 1.2, rel=0.1)
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth_about_as_often_as_they_say() -> None:
+    truth = {
+        "rate_time_constant": 0.03,
+        "thrust_time_constant": 0.04,
+        "input_delay": 0.02,
+        "thrust_scale": 1.0 / 1.2,
+        "drag": 0.2,
+    }
+    inside = dict.fromkeys(truth, 0)
+    for seed in range(8):
+        found = identified(noisy(flown(**TRUTH), seed=seed))
+        for name, value in truth.items():
+            estimate = getattr(found, name)
+            inside[name] += abs(estimate.value - value) <= estimate.half_width
+    # Of 8 intervals of 95 %, fewer than 6 hold the truth less than once in a hundred times.
+    assert {name for name in truth if inside[name] < 6} == set(), inside

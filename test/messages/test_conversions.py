@@ -1,0 +1,102 @@
+"""Messages and values: nothing lost, every field in its place, with rclpy and without."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.recordings import RosbagsMessages
+from quad_mpc_ros.ros.messages import new_message
+
+New = Callable[[str], Any]
+
+
+@pytest.fixture(params=["rclpy", "rosbags"])
+def new(request: pytest.FixtureRequest) -> New:
+    return new_message if request.param == "rclpy" else RosbagsMessages().new
+
+
+def test_odometry_fields(new: New) -> None:
+    message = new("nav_msgs/msg/Odometry")
+    odometry = OdometrySample(
+        stamp_ns=12_000_000_345,
+        p_WB=np.array([1.0, 2.0, 3.0]),
+        q_WB_xyzw=np.array([0.1, 0.2, 0.3, 0.9]),
+        v_WB_B=np.array([4.0, 5.0, 6.0]),
+        w_WB_B=np.array([7.0, 8.0, 9.0]),
+        frame_id="map",
+        child_frame_id="uav",
+    )
+
+    conversions.fill_odometry(message, odometry)
+
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (12, 345)
+    assert (message.header.frame_id, message.child_frame_id) == ("map", "uav")
+    pose, twist = message.pose.pose, message.twist.twist
+    assert (pose.position.x, pose.position.y, pose.position.z) == (1.0, 2.0, 3.0)
+    q = pose.orientation
+    assert (q.x, q.y, q.z, q.w) == (0.1, 0.2, 0.3, 0.9)
+    assert (twist.linear.x, twist.linear.y, twist.linear.z) == (4.0, 5.0, 6.0)
+    assert (twist.angular.x, twist.angular.y, twist.angular.z) == (7.0, 8.0, 9.0)
+    _assert_same(conversions.odometry_from_message(message), odometry)
+
+
+def test_command_is_throttle_in_linear_z_and_rates_in_angular(new: New) -> None:
+    message = new("geometry_msgs/msg/TwistStamped")
+    command = CommandSample(stamp_ns=7, throttle=0.3, w_WB_B=np.array([1.0, -2.0, 3.0]))
+
+    conversions.fill_command(message, command)
+
+    assert message.twist.linear.z == 0.3
+    assert (message.twist.linear.x, message.twist.linear.y) == (0.0, 0.0)
+    angular = message.twist.angular
+    assert (angular.x, angular.y, angular.z) == (1.0, -2.0, 3.0)
+    _assert_same(conversions.command_from_message(message), command)
+
+
+def test_reference_survives_the_message(new: New) -> None:
+    rng = np.random.default_rng(3)
+    window = ReferenceWindow(
+        stamp_ns=5_000_000_001,
+        offset_ns=np.array([0, 50_000_000, 50_000_000, 2_000_000_000]),
+        p_WB=rng.normal(size=(4, 3)),
+        q_WB_xyzw=rng.normal(size=(4, 4)),
+        v_WB_W=rng.normal(size=(4, 3)),
+        a_WB_W=rng.normal(size=(4, 3)),
+        w_WB_W=rng.normal(size=(4, 3)),
+        frame_id="map",
+    )
+    message = new("trajectory_msgs/msg/MultiDOFJointTrajectory")
+
+    conversions.fill_reference(message, window, child_frame_id="base_link", new=new)
+
+    assert list(message.joint_names) == ["base_link"]
+    assert message.points[3].time_from_start.sec == 2
+    assert message.points[1].velocities[0].angular.y == window.w_WB_W[1, 1]
+    assert message.points[1].accelerations[0].linear.z == window.a_WB_W[1, 2]
+    _assert_same(conversions.reference_from_message(message), window)
+
+
+def test_reference_of_others_may_leave_out_derivatives(new: New) -> None:
+    message = new("trajectory_msgs/msg/MultiDOFJointTrajectory")
+    point = new("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint")
+    point.transforms = [new("geometry_msgs/msg/Transform")]
+    message.points = [point]
+
+    window = conversions.reference_from_message(message)
+
+    assert not window.v_WB_W.any()
+    assert not window.a_WB_W.any()
+    point.transforms = []
+    with pytest.raises(ValueError, match="point 0 of the reference has no transform"):
+        conversions.reference_from_message(message)
+
+
+def _assert_same(a: object, b: object) -> None:
+    for name, value in vars(b).items():
+        np.testing.assert_array_equal(getattr(a, name), value, err_msg=name)

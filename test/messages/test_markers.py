@@ -1,0 +1,134 @@
+"""What viewers are shown: where it stands, how large it is, and when it vanishes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+from visualization_msgs.msg import Marker
+
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.messages import conversions, markers
+from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.nodes.trail import Trail
+from quad_mpc_ros.ros.messages import new_message
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def odometry() -> OdometrySample:
+    """Return a vehicle at (1, 2, 3), rolled by 90 degrees to the right."""
+    half = np.sqrt(0.5)
+    return OdometrySample(
+        stamp_ns=5 * SECOND + 7,
+        p_WB=np.array([1.0, 2.0, 3.0]),
+        q_WB_xyzw=np.array([half, 0.0, 0.0, half]),
+        v_WB_B=np.zeros(3),
+        w_WB_B=np.zeros(3),
+        frame_id="map",
+    )
+
+
+def in_frame(marker: Marker) -> np.ndarray:
+    """Return the points of a marker as a viewer places them."""
+    p, q = marker.pose.position, marker.pose.orientation
+    rotation = so3.rotation_from_quaternion_xyzw(np.array([q.x, q.y, q.z, q.w]))
+    points = np.array([(point.x, point.y, point.z) for point in marker.points])
+    return points @ rotation.T + np.array([p.x, p.y, p.z])
+
+
+def test_hover_thrust_is_an_arrow_of_the_given_length(odometry: OdometrySample) -> None:
+    vehicle = Vehicle()
+    hover = vehicle.hover_throttle
+    arrow = markers.thrust_marker(odometry, hover, vehicle, length=0.3, new=new_message)
+    assert arrow.type == Marker.ARROW
+    tail, tip = in_frame(arrow)
+    assert tail == pytest.approx([1.0, 2.0, 3.0])
+    # Rolled about the nose by +90 degrees in FLU, up points to the right: -y.
+    assert tip - tail == pytest.approx([0.0, -0.3, 0.0])
+
+
+def test_the_vehicle_is_around_its_position(odometry: OdometrySample) -> None:
+    drawn = markers.vehicle_marker(odometry, arm=0.2, new=new_message)
+    assert drawn.type == Marker.LINE_LIST
+    assert len(drawn.points) % 2 == 0
+    points = in_frame(drawn) - odometry.p_WB
+    # Beams of 0.4 m across, rotors of 0.12 m beyond; flat in the body's plane, here x-z.
+    assert np.linalg.norm(points, axis=1).max() == pytest.approx(0.32)
+    assert np.linalg.norm(points[0] - points[1]) == pytest.approx(0.4)
+    assert np.abs(points[:, 1]).max() < 1e-12
+
+
+def test_lines_are_in_the_frame_of_the_odometry(odometry: OdometrySample) -> None:
+    path = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [2.0, 1.0, 1.0]])
+    for make in (markers.trail_marker, markers.predicted_marker):
+        line = make(odometry, path, new=new_message)
+        assert (line.type, line.action) == (Marker.LINE_STRIP, Marker.ADD)
+        assert line.header.frame_id == "map"
+        assert conversions.nanoseconds(line.header.stamp) == odometry.stamp_ns
+        assert in_frame(line) == pytest.approx(path)
+        assert line.color.a == 1.0
+
+
+def test_what_no_line_can_be_made_of_is_taken_away(odometry: OdometrySample) -> None:
+    for count in (0, 1):
+        line = markers.trail_marker(odometry, np.zeros((count, 3)), new=new_message)
+        assert line.action == Marker.DELETE
+
+
+def test_only_what_the_controller_does_is_fleeting(odometry: OdometrySample) -> None:
+    path = np.zeros((2, 3))
+    fleeting = [
+        markers.predicted_marker(odometry, path, new=new_message),
+        markers.thrust_marker(odometry, 0.3, Vehicle(), length=1.0, new=new_message),
+    ]
+    staying = [
+        markers.trail_marker(odometry, path, new=new_message),
+        markers.vehicle_marker(odometry, arm=0.1, new=new_message),
+    ]
+    assert all(0 < conversions.nanoseconds(marker.lifetime) <= SECOND for marker in fleeting)
+    assert not any(conversions.nanoseconds(marker.lifetime) for marker in staying)
+    names = {marker.ns for marker in fleeting + staying}
+    assert len(names) == 4  # or one would replace the other
+
+
+def test_a_trail_forgets(odometry: OdometrySample) -> None:
+    trail = Trail(duration=2.0, spacing=0.1)
+    assert trail.p_WB.shape == (0, 3)
+    for tick in range(500):  # 10 s at 50 Hz
+        trail.add(tick * SECOND // 50, np.array([float(tick), 0.0, 0.0]))
+    assert trail.p_WB[:, 0].tolist() == list(range(400, 500, 5))
+    trail.add(0, np.array([9.0, 9.0, 9.0]))  # another flight
+    assert trail.p_WB.tolist() == [[9.0, 9.0, 9.0]]
+
+
+def test_a_transform_as_another_library_reads_it(odometry: OdometrySample) -> None:
+    kind = "tf2_msgs/msg/TFMessage"
+    message = STORE.types[kind](transforms=[])
+
+    def new(type_name: str) -> object:
+        assert type_name == "geometry_msgs/msg/TransformStamped"
+        geometry = {
+            name: STORE.types[f"geometry_msgs/msg/{name}"]
+            for name in ("TransformStamped", "Transform", "Vector3", "Quaternion")
+        }
+        time = STORE.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+        header = STORE.types["std_msgs/msg/Header"](stamp=time, frame_id="")
+        return geometry["TransformStamped"](
+            header=header,
+            child_frame_id="",
+            transform=geometry["Transform"](
+                translation=geometry["Vector3"](x=0.0, y=0.0, z=0.0),
+                rotation=geometry["Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+            ),
+        )
+
+    conversions.fill_transform(message, odometry, new=new)
+    read = STORE.deserialize_cdr(STORE.serialize_cdr(message, kind), kind)
+    (transform,) = read.transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base_link")
+    assert transform.transform.translation.z == 3.0
+    assert transform.transform.rotation.x == transform.transform.rotation.w > 0.7

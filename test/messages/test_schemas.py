@@ -1,0 +1,213 @@
+"""Schemas against the installed packages, rosidl's own parser, and rosbag2's test vector."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rosbags.typesys import Stores, get_typestore
+from rosidl_adapter.parser import parse_message_string
+
+from quad_mpc_ros.messages.schemas import installed_schema
+from quad_mpc_ros.recordings import (
+    SHIPPED_TYPES,
+    BagError,
+    BagReader,
+    BagWriter,
+    RosbagsMessages,
+    schema_for,
+)
+
+SHARE = Path(sys.prefix) / "share"
+SEPARATOR = "\n" + "=" * 80 + "\nMSG: "
+TOOL = Path(__file__).parents[2] / "tools" / "update_schemas.py"
+
+
+def expected_sections(reference: str, seen: list[str]) -> list[tuple[str, str]]:
+    """Return names and texts in rosbag2's order, the fields as rosidl's parser sees them."""
+    package, name = reference.split("/")
+    text = (SHARE / package / "msg" / f"{name}.msg").read_bytes().decode()
+    sections = [(reference, text)]
+    fields = parse_message_string(package, name, text).fields
+    used = {f"{f.type.pkg_name}/{f.type.type}" for f in fields if f.type.pkg_name}
+    for dependency in sorted(used):
+        if dependency not in seen:
+            seen.append(dependency)
+            sections += expected_sections(dependency, seen)
+    return sections
+
+
+@pytest.mark.parametrize("type_name", [*SHIPPED_TYPES, "sensor_msgs/msg/Imu"])
+def test_text_is_what_rosbag2_writes_of_the_installed_files(type_name: str) -> None:
+    (_, root), *used = expected_sections(type_name.replace("/msg/", "/"), [])
+    expected = root + "".join(f"{SEPARATOR}{name}\n{text}" for name, text in used)
+    assert schema_for(type_name).text == expected
+
+
+@pytest.mark.parametrize("type_name", SHIPPED_TYPES)
+def test_hash_is_that_of_the_installed_package_and_of_rosbags(type_name: str) -> None:
+    package, _, name = type_name.split("/")
+    description = json.loads((SHARE / package / "msg" / f"{name}.json").read_text())
+    hashes = {entry["type_name"]: entry["hash_string"] for entry in description["type_hashes"]}
+    type_hash = schema_for(type_name).type_hash
+    assert type_hash == hashes[type_name]
+    assert type_hash == get_typestore(Stores.ROS2_JAZZY).hash_rihs01(type_name)
+
+
+@pytest.mark.parametrize("type_name", SHIPPED_TYPES)
+def test_shipped_equals_installed(type_name: str) -> None:
+    assert schema_for(type_name) == installed_schema(type_name)
+
+
+def test_update_tool_writes_what_is_shipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = importlib.util.spec_from_file_location("update_schemas", TOOL)
+    assert spec is not None
+    assert spec.loader is not None
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    shipped = {path.name: path.read_bytes() for path in tool.FOLDER.iterdir()}
+    monkeypatch.setattr(tool, "FOLDER", tmp_path / "schemas")
+    tool.main()
+    assert {path.name: path.read_bytes() for path in tool.FOLDER.iterdir()} == shipped
+
+
+def install(prefix: Path, reference: str, text: str) -> None:
+    package, name = reference.split("/")
+    folder = prefix / "share" / package / "msg"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{name}.msg").write_text(text)
+    hashes = [{"type_name": f"{package}/msg/{name}", "hash_string": f"RIHS01_{name}"}]
+    (folder / f"{name}.json").write_text(json.dumps({"type_hashes": hashes}))
+
+
+def test_test_vector_of_rosbag2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``can_find_msg_deps`` in rosbag2_cpp/test/.../test_local_message_definition_source.cpp."""
+    install(tmp_path, "rosbag2_test_msgdefs/ComplexMsg", "rosbag2_test_msgdefs/BasicMsg b\n")
+    install(tmp_path, "rosbag2_test_msgdefs/BasicMsg", "float32 c\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
+    schema = schema_for("rosbag2_test_msgdefs/msg/ComplexMsg")
+    assert schema.text == (
+        "rosbag2_test_msgdefs/BasicMsg b\n"
+        "\n"
+        "================================================================================\n"
+        "MSG: rosbag2_test_msgdefs/BasicMsg\n"
+        "float32 c\n"
+    )
+    assert schema.type_hash == "RIHS01_ComplexMsg"
+
+
+def test_each_dependency_once_depth_first_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(tmp_path, "p/Root", "Zed[<=3] z\nstring<=4 s\nuint8 A=1\nb/Alpha[2] a # Ghost g\n")
+    install(tmp_path, "p/Zed", "b/Alpha a")
+    install(tmp_path, "b/Alpha", "Beta b\n")
+    install(tmp_path, "b/Beta", "int8 x\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    sections = schema_for("p/msg/Root").text.split(SEPARATOR)
+    assert [section.partition("\n")[0] for section in sections[1:]] == [
+        "b/Alpha",
+        "b/Beta",
+        "p/Zed",
+    ]
+    assert sections[-1] == "p/Zed\nb/Alpha a"
+
+
+def install_idl(prefix: Path, reference: str, text: str) -> None:
+    install(prefix, reference, "")
+    package, name = reference.split("/")
+    folder = prefix / "share" / package / "msg"
+    (folder / f"{name}.msg").unlink()
+    (folder / f"{name}.idl").write_text(text)
+
+
+def test_a_type_that_has_only_idl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As ``can_find_idl_deps`` of rosbag2: a heading for each type, the root included."""
+    gain = "module lab_msgs { module msg { struct Gain { octet k; }; }; };\n"
+    gains = (
+        '// Two gains.\n#include "lab_msgs/msg/Gain.idl"\n\n'
+        "module lab_msgs { module msg { struct Gains { lab_msgs::msg::Gain first; }; }; };\n"
+    )
+    install_idl(tmp_path, "lab_msgs/Gain", gain)
+    install_idl(tmp_path, "lab_msgs/Gains", gains)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    schema = schema_for("lab_msgs/msg/Gains")
+    line = "=" * 80
+    assert schema.encoding == "ros2idl"
+    assert schema.text == (
+        f"{line}\nIDL: lab_msgs/msg/Gains\n{gains}\n{line}\nIDL: lab_msgs/msg/Gain\n{gain}"
+    )
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/gains", "lab_msgs/msg/Gains")
+        data = b"\x00\x01\x00\x00\x07"
+        writer.write("/gains", data, log_time_ns=1, publish_time_ns=1)
+    (ours,) = BagReader(tmp_path / "bag").messages()
+    assert ours.message.first.k == b"\x07"
+
+
+def test_idl_as_rosidl_generates_it_is_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, codec: RosbagsMessages
+) -> None:
+    for reference in ("std_msgs/Header", "builtin_interfaces/Time"):
+        package, name = reference.split("/")
+        text = (SHARE / package / "msg" / f"{name}.idl").read_text()
+        install_idl(tmp_path, reference, text)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    monkeypatch.setattr(sys, "prefix", "/nowhere")
+    schema = schema_for("std_msgs/msg/Header")
+    assert schema.encoding == "ros2idl"
+    registered = RosbagsMessages()
+    registered.register(schema)  # refused if it differed from the one known
+    header = codec.new("std_msgs/msg/Header")
+    assert registered.encode("std_msgs/msg/Header", header) == codec.encode(
+        "std_msgs/msg/Header", header
+    )
+
+
+def test_a_type_found_nowhere_tells_what_was_looked_for_and_where(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    with pytest.raises(BagError) as caught:
+        schema_for("px4_msgs/msg/VehicleOdometry")
+    message = str(caught.value)
+    assert "share/px4_msgs/msg/VehicleOdometry.msg" in message
+    assert str(tmp_path) in message
+    assert sys.prefix in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("name", ["Odometry", "nav_msgs/Odometry", "a/srv/B", "../../x", ""])
+def test_names_that_are_no_message_types(name: str) -> None:
+    with pytest.raises(BagError, match="expected pkg/msg/Type"):
+        schema_for(name)
+
+
+WITHOUT_ROS = """
+import sys
+sys.prefix = "/nowhere"
+from pathlib import Path
+from quad_mpc_ros.recordings import SHIPPED_TYPES, BagReader, BagWriter
+with BagWriter(Path(sys.argv[1])) as writer:
+    for type_name in SHIPPED_TYPES:
+        writer.add_topic("/" + type_name, type_name)
+assert len(BagReader(Path(sys.argv[1])).topics) == len(SHIPPED_TYPES)
+packages = {name.partition(".")[0] for name in sys.modules}
+loaded = [name for name in packages if name.endswith(("rclpy", "_msgs", "_interfaces"))]
+assert not loaded, loaded
+"""
+
+
+def test_nothing_here_needs_ros(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment.pop("AMENT_PREFIX_PATH", None)
+    subprocess.run(
+        [sys.executable, "-c", WITHOUT_ROS, str(tmp_path / "bag")], check=True, env=environment
+    )

@@ -1,0 +1,331 @@
+"""Reading bags of other writers, of interrupted recordings, and of broken files."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+
+from quad_mpc_ros.recordings import (
+    BagError,
+    BagReader,
+    BagWriter,
+    RosbagsMessages,
+    TopicInfo,
+    schema_for,
+)
+
+WriteFlight = Callable[[BagWriter, int], None]
+CLOCK = "rosgraph_msgs/msg/Clock"
+START_NS = 1_700_000_000_000_000_000
+
+
+def test_topics_messages_and_metadata(flight_bag: Path) -> None:
+    reader = BagReader(flight_bag)
+    odometry = reader.topics["/odom"]
+    assert odometry.type_name == "nav_msgs/msg/Odometry"
+    assert odometry.message_count == 10
+    assert "reliability: best_effort" in odometry.qos_profiles
+    assert odometry.type_hash == schema_for("nav_msgs/msg/Odometry").type_hash
+    assert reader.duration_ns == 9 * 20_000_000
+    assert reader.metadata["parameters"] == {"mpc": "control_rate: 50.0"}
+    messages = list(reader.messages())
+    assert [m.log_time_ns for m in messages] == sorted(m.log_time_ns for m in messages)
+    assert len(messages) == 15
+    commands = list(reader.messages(["/command"]))
+    assert [m.message.twist.linear.z for m in commands] == [0.001 * i for i in (0, 2, 4, 6, 8)]
+    assert commands[1].publish_time_ns == START_NS + 2 * 20_000_000 + 1500
+    assert commands[0].message is commands[0].message
+    assert list(reader.messages(["/none"])) == []
+
+
+def test_a_single_file_is_read_too(flight_bag: Path) -> None:
+    reader = BagReader(flight_bag / "flight_0.mcap")
+    assert reader.topics == BagReader(flight_bag).topics
+
+
+def test_the_last_metadata_of_a_name_wins(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.write_metadata("parameters", {"mpc": "old", "gone": "x"})
+        writer.write_metadata("parameters", {"mpc": "new"})
+    assert BagReader(tmp_path / "bag").metadata["parameters"] == {"mpc": "new"}
+
+
+@pytest.mark.parametrize("version", [8, 9])
+def test_a_bag_of_another_writer(tmp_path: Path, version: int) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with RosbagsWriter(
+        tmp_path / "theirs",
+        version=version,  # type: ignore[arg-type]
+        storage_plugin=StoragePlugin.MCAP,
+    ) as writer:
+        connection = writer.add_connection("/clock", CLOCK, typestore=store)
+        time_class, clock_class = store.types["builtin_interfaces/msg/Time"], store.types[CLOCK]
+        for second in (3, 1, 2):
+            message = clock_class(clock=time_class(sec=second, nanosec=0))
+            writer.write(connection, second * 10**9, store.serialize_cdr(message, CLOCK))
+    reader = BagReader(tmp_path / "theirs")
+    assert reader.topics["/clock"].message_count == 3
+    assert [m.message.clock.sec for m in reader.messages()] == [1, 2, 3]
+    assert reader.duration_ns == 2 * 10**9
+
+
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_what_rosbag2_compresses_is_unpacked(tmp_path: Path, mode: CompressionMode) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    writer = RosbagsWriter(tmp_path / "theirs", version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/clock", CLOCK, typestore=store)
+        for second in range(100):
+            data = b"\x00\x01\x00\x00" + second.to_bytes(4, "little") + bytes(4)
+            writer.write(connection, second, data)
+    reader = BagReader(tmp_path / "theirs")
+    assert [m.message.clock.sec for m in reader.messages()] == list(range(100))
+    assert reader.complete
+    assert [m.log_time_ns for m in reader.messages(from_ns=98)] == [98, 99]
+    (tmp_path / "theirs" / "metadata.yaml").unlink()
+    reader = BagReader(tmp_path / "theirs")
+    assert [m.message.clock.sec for m in reader.messages()] == list(range(100))
+    assert not reader.complete
+
+
+def write_mcap(
+    path: Path,
+    times: list[int],
+    *,
+    type_name: str = CLOCK,
+    text: str | None = None,
+    data: bytes | None = None,
+    use_chunking: bool = True,
+) -> None:
+    """Write messages with the plain MCAP library, as some other recorder might."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.LZ4, use_chunking=use_chunking)
+        writer.start(profile="ros2")
+        text = schema_for(type_name).text if text is None else text
+        schema = writer.register_schema(type_name, "ros2msg", text.encode())
+        channel = writer.register_channel("/topic", "cdr", schema)
+        for time in times:
+            clock = b"\x00\x01\x00\x00" + time.to_bytes(4, "little") + bytes(4)
+            writer.add_message(channel, time, clock if data is None else data, time)
+        writer.finish()
+
+
+def test_split_bags_are_one(tmp_path: Path) -> None:
+    """Files overlap in time; without metadata.yaml they are taken by number, not by name."""
+    write_mcap(tmp_path / "run_10.mcap", [2, 4], data=b"ten")
+    write_mcap(tmp_path / "run_2.mcap", [1, 4, 9], data=b"two")
+    write_mcap(tmp_path / "run_0.mcap", [3], data=b"zero")
+    reader = BagReader(tmp_path)
+    assert [(m.log_time_ns, m.data) for m in reader.messages()] == [
+        (1, b"two"),
+        (2, b"ten"),
+        (3, b"zero"),
+        (4, b"two"),
+        (4, b"ten"),
+        (9, b"two"),
+    ]
+    assert reader.topics["/topic"] == TopicInfo(
+        type_name=CLOCK, encoding="cdr", message_count=6, qos_profiles="", type_hash=""
+    )
+    assert reader.duration_ns == 8
+    (tmp_path / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information:\n  storage_identifier: mcap\n  compression_mode: ''\n"
+        "  relative_file_paths: [run_0.mcap, run_2.mcap]\n"
+    )
+    assert [m.log_time_ns for m in BagReader(tmp_path).messages()] == [1, 3, 4, 9]
+
+
+def test_a_file_without_chunks(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "plain.mcap", [2, 1], use_chunking=False)
+    assert [m.log_time_ns for m in BagReader(tmp_path).messages()] == [1, 2]
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_reading_from_a_time_on(flight_bag: Path, whole: bool) -> None:
+    if not whole:
+        (flight_bag / "metadata.yaml").unlink()
+        file = flight_bag / "flight_0.mcap"
+        file.write_bytes(file.read_bytes()[:-30])
+    reader = BagReader(flight_bag)
+    times = [m.log_time_ns for m in reader.messages()]
+    assert [m.log_time_ns for m in reader.messages(from_ns=times[4])] == times[4:]
+    assert list(reader.messages(from_ns=times[-1] + 1)) == []
+
+
+def test_messages_of_one_time_keep_their_order(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/clock", CLOCK)
+        for index in range(50):
+            data = b"\x00\x01\x00\x00" + index.to_bytes(4, "little") + bytes(4)
+            writer.write("/clock", data, log_time_ns=5, publish_time_ns=5)
+            writer.flush_if_due(float(index))
+    read = [m.message.clock.sec for m in BagReader(tmp_path / "bag").messages()]
+    assert read == list(range(50))
+
+
+def test_a_type_of_another_package_is_decoded_by_the_definition_in_the_bag(
+    tmp_path: Path,
+) -> None:
+    text = f"lab_msgs/Gain gain\n\n{'=' * 80}\nMSG: lab_msgs/Gain\nuint8 k\nstring name\n"
+    data = b"\x00\x01\x00\x00" + b"\x07\x00\x00\x00" + b"\x02\x00\x00\x00p\x00"
+    write_mcap(tmp_path / "lab.mcap", [1, 2], type_name="lab_msgs/msg/Gains", text=text, data=data)
+    read = [m.message.gain for m in BagReader(tmp_path).messages()]
+    assert [(gain.k, gain.name) for gain in read] == [(7, "p")] * 2
+
+
+@pytest.mark.parametrize(
+    ("type_name", "text", "data", "reason"),
+    [
+        (CLOCK, None, b"\x00\x01\x00\x00", "cannot decode"),
+        (CLOCK, None, b"", "cannot decode"),
+        (CLOCK, "uint8 other\n", None, "schema of rosgraph_msgs/msg/Clock"),
+        ("lab_msgs/msg/Gains", "no such[ syntax", None, "schema of lab_msgs/msg/Gains"),
+        (
+            "lab_msgs/msg/Gains",
+            "lab_msgs/Missing m\n",
+            None,
+            "lab_msgs/msg/Missing is not defined",
+        ),
+    ],
+)
+def test_an_undecodable_message_can_still_be_passed_on(
+    tmp_path: Path, type_name: str, text: str | None, data: bytes | None, reason: str
+) -> None:
+    write_mcap(tmp_path / "odd.mcap", [1, 2], type_name=type_name, text=text, data=data)
+    for message in BagReader(tmp_path).messages():
+        assert data is None or message.data == data
+        with pytest.raises(BagError, match=reason) as caught:
+            _ = message.message
+        assert "\n" not in str(caught.value)
+
+
+@pytest.fixture
+def recorded(tmp_path: Path, write_flight: WriteFlight) -> bytes:
+    """Return an MCAP file of 30 messages in two chunks."""
+    with BagWriter(tmp_path / "whole", compression="zstd") as writer:
+        write_flight(writer, 12)
+        writer.flush_if_due(0.0)
+        data = RosbagsMessages().encode(CLOCK, RosbagsMessages().new(CLOCK))
+        writer.add_topic("/clock", CLOCK)
+        for index in range(12):
+            writer.write("/clock", data, log_time_ns=START_NS - index, publish_time_ns=0)
+    return (tmp_path / "whole" / "whole_0.mcap").read_bytes()
+
+
+def test_a_recording_cut_anywhere_is_read_up_to_its_last_whole_chunk(
+    tmp_path: Path, recorded: bytes
+) -> None:
+    (tmp_path / "cut.mcap").write_bytes(recorded)
+    whole = [(m.log_time_ns, m.data) for m in BagReader(tmp_path / "cut.mcap").messages()]
+    assert len(whole) == 30
+    counts = set()
+    for length in [*range(8, len(recorded), 37), len(recorded) - 1]:
+        (tmp_path / "cut.mcap").write_bytes(recorded[:length])
+        reader = BagReader(tmp_path / "cut.mcap")
+        read = [(m.log_time_ns, m.data) for m in reader.messages()]
+        assert len(read) == sum(topic.message_count for topic in reader.topics.values())
+        assert [time for time, _ in read] == sorted(time for time, _ in read)
+        assert set(read) <= set(whole)
+        counts.add(len(read))
+    assert counts == {0, 18, 30}
+
+
+def test_a_tail_of_zeros_is_a_cut(tmp_path: Path, recorded: bytes) -> None:
+    half = recorded[: len(recorded) // 2]
+    (tmp_path / "cut.mcap").write_bytes(half)
+    expected = len(list(BagReader(tmp_path).messages()))
+    (tmp_path / "cut.mcap").write_bytes(half + bytes(5000))
+    assert len(list(BagReader(tmp_path).messages())) == expected
+
+
+def test_damage_is_noticed_or_harmless(tmp_path: Path, recorded: bytes) -> None:
+    """A flipped byte never leads to a foreign exception, nor to altered messages."""
+    (tmp_path / "bad.mcap").write_bytes(recorded)
+    whole = {(m.log_time_ns, m.data) for m in BagReader(tmp_path).messages()}
+    refused = 0
+    for index in range(0, len(recorded), 11):
+        damaged = bytearray(recorded)
+        damaged[index] ^= 0x41
+        (tmp_path / "bad.mcap").write_bytes(damaged)
+        try:
+            reader = BagReader(tmp_path)
+            read = {(m.log_time_ns, m.data) for m in reader.messages()}
+        except BagError as error:
+            refused += 1
+            assert str(tmp_path / "bad.mcap") in str(error)
+            assert "\n" not in str(error)
+        else:
+            assert read <= whole
+    assert refused > 20
+
+
+def metadata_yaml(**information: object) -> dict[str, bytes]:
+    return {"metadata.yaml": json.dumps({"rosbag2_bagfile_information": information}).encode()}
+
+
+@pytest.mark.parametrize(
+    ("files", "reason"),
+    [
+        ({}, "is no bag: neither metadata.yaml nor an .mcap file"),
+        ({"x_0.mcap": b""}, "x_0.mcap: is empty"),
+        ({"x_0.mcap": b"not an MCAP file"}, "x_0.mcap: is not an MCAP file"),
+        (metadata_yaml(storage_identifier="mcap"), "relative_file_paths names no file"),
+        (
+            metadata_yaml(storage_identifier="mcap", relative_file_paths=["y.mcap"]),
+            "y.mcap: cannot be read: No such file",
+        ),
+        (
+            metadata_yaml(storage_identifier="sqlite3", relative_file_paths=["y.db3"]),
+            "storage is 'sqlite3', expected 'mcap'; convert",
+        ),
+        (
+            metadata_yaml(storage_identifier="mcap", compression_mode="FILE"),
+            "compression None of mode 'FILE' is not supported",
+        ),
+        (
+            metadata_yaml(
+                storage_identifier="mcap", compression_mode="FILE", compression_format="lz4"
+            ),
+            "compression 'lz4' of mode 'FILE' is not supported, expected zstd",
+        ),
+        ({"metadata.yaml": b"- 1"}, "rosbag2_bagfile_information is missing"),
+        ({"metadata.yaml": b"a: [\n\tb"}, "metadata.yaml: is not YAML"),
+        ({"metadata.yaml": b"\xff\xfe\x00\xd8"}, "metadata.yaml: is not YAML"),
+    ],
+)
+def test_what_is_no_bag_is_refused_in_one_line(
+    tmp_path: Path, files: dict[str, bytes], reason: str
+) -> None:
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(BagError, match=reason) as caught:
+        BagReader(tmp_path)
+    assert "\n" not in str(caught.value)
+    assert str(tmp_path) in str(caught.value)
+
+
+def test_a_missing_bag_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="nowhere: does not exist"):
+        BagReader(tmp_path / "nowhere")
+
+
+def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x_0.mcap").mkdir()
+    with pytest.raises(BagError, match=r"x_0\.mcap: cannot be read: Is a directory"):
+        BagReader(tmp_path)
+
+
+def test_a_file_that_vanishes_is_refused(flight_bag: Path) -> None:
+    reader = BagReader(flight_bag)
+    shutil.rmtree(flight_bag)
+    with pytest.raises(BagError, match=r"flight_0.mcap: cannot be read"):
+        list(reader.messages())

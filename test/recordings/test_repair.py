@@ -1,0 +1,337 @@
+"""Repair of cut and damaged bags, judged by other people's readers and by what was written."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
+
+from quad_mpc_ros.recordings import BagError, BagReader, BagWriter, Compression, Split
+from quad_mpc_ros.recordings.repair import repair
+
+WriteFlight = Callable[[BagWriter, int], None]
+CLOCK = "rosgraph_msgs/msg/Clock"
+
+
+def clock_data(number: int) -> bytes:
+    return b"\x00\x01\x00\x00" + number.to_bytes(4, "little") + bytes(4)
+
+
+def write_clocks(
+    directory: Path, count: int, *, compression: Compression = "zstd", split: int = 0
+) -> None:
+    """Write numbered messages in chunks of ten; each carries its number as its time too."""
+    with BagWriter(
+        directory, compression=compression, split=Split(max_duration_ns=split)
+    ) as writer:
+        writer.add_topic("/clock", CLOCK)
+        for number in range(count):
+            writer.write("/clock", clock_data(number), log_time_ns=number, publish_time_ns=number)
+            if number % 10 == 9:
+                writer.flush_if_due(float(number))
+
+
+def cut(directory: Path, length: int) -> None:
+    """Leave what a recorder leaves that is killed when so many bytes are written."""
+    (directory / "metadata.yaml").unlink()
+    file = directory / f"{directory.name}_0.mcap"
+    file.write_bytes(file.read_bytes()[:length])
+
+
+def numbers(directory: Path) -> list[int]:
+    """Return the messages of a bag as rosbags reads them, which needs index and metadata."""
+    with AnyReader([directory]) as reader:
+        found = [
+            reader.deserialize(data, connection.msgtype).clock.sec
+            for connection, _, data in reader.messages()
+        ]
+        assert reader.message_count == len(found)
+    return found
+
+
+def names(directory: Path) -> list[str]:
+    return sorted(path.name for path in directory.iterdir())
+
+
+@pytest.mark.parametrize("compression", ["none", "zstd", "lz4"])
+def test_cut_anywhere_every_message_written_whole_is_kept(
+    tmp_path: Path, compression: Compression
+) -> None:
+    write_clocks(tmp_path / "whole", 35, compression=compression)
+    content = (tmp_path / "whole" / "whole_0.mcap").read_bytes()
+    kept_before = 0
+    kept_counts = set()
+    for length in range(0, len(content), 131):
+        bag = tmp_path / f"cut{length}"
+        write_clocks(bag, 35, compression=compression)
+        (bag / f"{bag.name}_0.mcap").write_bytes(content)
+        cut(bag, length)
+
+        repair(bag)
+
+        kept = numbers(bag)
+        assert kept == list(range(len(kept)))
+        assert len(kept) >= kept_before, "a longer beginning holds less"
+        kept_before = len(kept)
+        kept_counts.add(len(kept))
+        (mcap,) = bag.glob("*.mcap")
+        with mcap.open("rb") as stream:
+            summary = make_reader(stream, validate_crcs=True).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(kept)
+        assert (bag / f"{mcap.name}.broken").read_bytes() == content[:length]
+    assert {0, 10, 20, 35} <= kept_counts
+    if compression == "none":
+        assert len(kept_counts) > 5, "nothing of a cut chunk was kept"
+
+
+def test_a_complete_bag_is_left_alone(flight_bag: Path) -> None:
+    before = {path.name: path.read_bytes() for path in flight_bag.iterdir()}
+    assert not repair(flight_bag).needed
+    assert {path.name: path.read_bytes() for path in flight_bag.iterdir()} == before
+
+
+def test_a_second_repair_finds_nothing_to_do(tmp_path: Path) -> None:
+    write_clocks(tmp_path / "bag", 35)
+    cut(tmp_path / "bag", 2500)
+    assert repair(tmp_path / "bag").needed
+    before = {path.name: path.read_bytes() for path in (tmp_path / "bag").iterdir()}
+    assert not repair(tmp_path / "bag").needed
+    assert {path.name: path.read_bytes() for path in (tmp_path / "bag").iterdir()} == before
+
+
+def test_everything_but_the_messages_is_kept_too(
+    tmp_path: Path, write_flight: WriteFlight
+) -> None:
+    directory = tmp_path / "flight"
+    with BagWriter(directory) as writer:
+        write_flight(writer, 10)
+        writer.write_metadata("parameters", {"mpc": "control_rate: 50.0"})
+        writer.flush_if_due(0.0)
+    metadata = yaml.safe_load((directory / "metadata.yaml").read_text())
+    before = BagReader(directory)
+    file = directory / "flight_0.mcap"
+    cut(directory, file.stat().st_size - 20)
+
+    repair(directory)
+
+    after = BagReader(directory)
+    assert after.topics == before.topics
+    assert after.metadata["parameters"] == {"mpc": "control_rate: 50.0"}
+    assert [(m.log_time_ns, m.publish_time_ns, m.topic, m.data) for m in after.messages()] == [
+        (m.log_time_ns, m.publish_time_ns, m.topic, m.data)
+        for m in BagReader(directory / "flight_0.mcap").messages()
+    ]
+    assert yaml.safe_load((directory / "metadata.yaml").read_text()) == metadata
+
+
+def test_a_split_bag_of_which_the_last_file_was_cut(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    write_clocks(bag, 60, split=20)
+    files = sorted(bag.glob("*.mcap"))
+    assert len(files) == 3
+    (bag / "metadata.yaml").unlink()
+    files[2].write_bytes(files[2].read_bytes()[:-100])
+    untouched = files[0].read_bytes()
+
+    done = repair(bag)
+
+    assert [file.path for file in done.files] == [files[2]]
+    assert numbers(bag) == list(range(60))
+    assert files[0].read_bytes() == untouched
+    information = yaml.safe_load((bag / "metadata.yaml").read_text())
+    assert information["rosbag2_bagfile_information"]["relative_file_paths"] == [
+        "bag_0.mcap",
+        "bag_1.mcap",
+        "bag_2.mcap",
+    ]
+
+
+def test_only_the_damaged_chunk_is_left_out(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    write_clocks(bag, 40, compression="none")
+    file = bag / "bag_0.mcap"
+    content = bytearray(file.read_bytes())
+    content[content.index(clock_data(15)) + 5] ^= 0x10
+    file.write_bytes(content)
+
+    (repaired,) = repair(bag).files
+
+    assert repaired.damaged_chunks == 1
+    assert numbers(bag) == [*range(10), *range(20, 40)]
+    assert (bag / "metadata.yaml.broken").exists()
+    assert repaired.original.read_bytes() == content
+
+
+@pytest.mark.parametrize("zeros", [1, 9, 5000])
+def test_zeros_after_a_power_failure_are_no_messages(tmp_path: Path, zeros: int) -> None:
+    """Some file systems keep the length of a file whose last blocks were never written."""
+    write_clocks(tmp_path / "whole", 30, compression="none")
+    content = (tmp_path / "whole" / "whole_0.mcap").read_bytes()
+    for start in range(600, len(content) - 100, 151):
+        bag = tmp_path / f"bag{start}"
+        write_clocks(bag, 1)
+        cut(bag, 0)
+        (bag / f"bag{start}_0.mcap").write_bytes(content[:start] + bytes(zeros))
+        repair(bag)
+        kept = numbers(bag)
+        assert kept == list(range(len(kept)))
+
+
+def test_an_interrupted_repair_is_taken_up_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a file system without hard links, between the two renamings."""
+    bag = tmp_path / "bag"
+    write_clocks(bag, 35)
+    cut(bag, 2500)
+    content = (bag / "bag_0.mcap").read_bytes()
+
+    def no_link(self: Path, target: Path) -> None:
+        raise PermissionError
+
+    def killed(self: Path, target: Path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "hardlink_to", no_link)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", killed)
+        with pytest.raises(KeyboardInterrupt):
+            repair(bag)
+    assert (bag / "bag_0.mcap.broken").read_bytes() == content
+    assert not (bag / "bag_0.mcap").exists()
+
+    repair(bag)
+
+    assert numbers(bag) == list(range(30))
+    assert (bag / "bag_0.mcap.broken").read_bytes() == content
+    assert names(bag) == ["bag_0.mcap", "bag_0.mcap.broken", "metadata.yaml"]
+
+
+def test_a_bag_of_another_writer_without_chunks(tmp_path: Path) -> None:
+    with (tmp_path / "run_0.mcap").open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE, use_chunking=False)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("lab_msgs/msg/Gain", "ros2msg", b"uint8 k\n")
+        channel = writer.register_channel("/gain", "cdr", schema)
+        for number in range(5):
+            data = b"\x00\x01\x00\x00" + bytes([number])
+            writer.add_message(channel, number, data, number, sequence=number)
+        writer.add_attachment(1, 2, "notes.txt", "text/plain", b"remember")
+        writer.finish()
+    file = tmp_path / "run_0.mcap"
+    file.write_bytes(file.read_bytes()[:-30])
+
+    repair(tmp_path)
+
+    with file.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert [(m.sequence, m.data[4]) for _, _, m in reader.iter_messages()] == [
+            (number, number) for number in range(5)
+        ]
+        assert [a.data for a in reader.iter_attachments()] == [b"remember"]
+    with AnyReader([tmp_path]) as bag:
+        assert bag.topics["/gain"].msgcount == 5
+
+
+@pytest.mark.parametrize("finished", [True, False])
+def test_a_flipped_byte_anywhere_makes_no_message_up(tmp_path: Path, finished: bool) -> None:
+    write_clocks(tmp_path / "whole", 35)
+    content = (tmp_path / "whole" / "whole_0.mcap").read_bytes()
+    if not finished:
+        content = content[: content.rindex(b"zstd") + 60]
+    least = 35
+    for index in range(8, len(content), 29):
+        bag = tmp_path / f"bag{index}"
+        bag.mkdir()
+        damaged = bytearray(content)
+        damaged[index] ^= 0x41
+        file = bag / f"{bag.name}_0.mcap"
+        file.write_bytes(damaged)
+
+        repair(bag)
+
+        kept = numbers(bag)
+        assert set(kept) <= set(range(35))
+        assert len(set(kept)) == len(kept)
+        least = min(least, len(kept))
+        if not file.with_name(f"{file.name}.broken").exists():
+            assert file.read_bytes() == damaged
+    assert least < 30, "no flip did any damage"
+
+
+REFUSED = {
+    "no such folder": (None, "is no bag directory"),
+    "empty folder": ({}, "neither metadata.yaml nor an .mcap file"),
+    "some text": ({"x_0.mcap": b"flight notes\n"}, "x_0.mcap: is not an MCAP file"),
+    "packed": ({"x_0.mcap.zstd": b"\x28\xb5\x2f\xfd"}, "compressed as a whole"),
+    "repaired before": ({"x_0.mcap": b"\x89MCAP0\r\n", "x_0.mcap.broken": b"old"}, "exists"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_repaired_is_refused_untouched(tmp_path: Path, case: str) -> None:
+    files, reason = REFUSED[case]
+    bag = tmp_path / "bag"
+    if files is not None:
+        bag.mkdir()
+        for name, content in files.items():
+            (bag / name).write_bytes(content)
+    with pytest.raises(BagError, match=reason) as caught:
+        repair(bag)
+    assert "\n" not in str(caught.value)
+    if files is not None:
+        assert {path.name: path.read_bytes() for path in bag.iterdir()} == files
+
+
+RECORDER = """
+import sys, time
+from pathlib import Path
+from quad_mpc_ros.recordings import BagWriter
+writer = BagWriter(Path(sys.argv[1]), durable=True)
+writer.add_topic("/clock", "rosgraph_msgs/msg/Clock")
+print("recording", flush=True)
+while True:
+    now_ns = time.time_ns()
+    writer.write("/clock", b"\\0\\1\\0\\0" + bytes(8), log_time_ns=now_ns, publish_time_ns=0)
+    writer.flush_if_due(time.monotonic())
+    time.sleep(0.002)
+"""
+
+
+@pytest.mark.slow
+def test_killed_at_any_moment_at_most_the_last_second_is_lost(tmp_path: Path) -> None:
+    moments = random.Random(1)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    for attempt in range(20):
+        bag = tmp_path / f"bag{attempt}"
+        process = subprocess.Popen(
+            [sys.executable, "-c", RECORDER, str(bag)], stdout=subprocess.PIPE, env=environment
+        )
+        with process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == b"recording\n"
+            started_ns = time.time_ns()
+            time.sleep(moments.uniform(0.0, 2.5))
+            process.send_signal(signal.SIGKILL)
+            killed_ns = time.time_ns()
+
+        repair(bag)
+
+        with AnyReader([bag]) as reader:
+            times = [time_ns for _, time_ns, _ in reader.messages()]
+        last_ns = times[-1] if times else started_ns
+        assert killed_ns - last_ns < 1e9
+        assert len(times) > (last_ns - started_ns) / 1e9 * 50

@@ -1,0 +1,200 @@
+"""A flight in real time, recorded as a recorder hears it, is resolved to the same commands."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.tick import Tick
+from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings.recorded_run import Received, RecordedRun
+from quad_mpc_ros.replay.command_comparison import compare_commands, comparison_table
+from quad_mpc_ros.replay.resolution import Resolved, resolve
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.odometry_stream import OdometryStream
+from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.server import ReferenceServer
+
+START_NS = 1_000_000_000_000
+MS = 1_000_000
+# A model for which it matters when a command was sent.
+MPC = MpcConfig(
+    formulation="manifold",
+    rate_time_constant=0.03,
+    thrust_time_constant=0.03,
+    input_delay=0.015,
+    estimate_disturbance=True,
+)
+
+
+def recorded(value: object, time_ns: int, *, later_ns: int = 0) -> Received:
+    return Received(value=value, log_time_ns=time_ns + later_ns, publish_time_ns=time_ns)
+
+
+def flown_in_real_time(
+    *,
+    odom_rate: float = 50.0,
+    silent: tuple[float, float] = (9.0, 9.0),
+    engaged: dict[int, bool] | None = None,
+) -> tuple[RecordedRun, list[Tick]]:
+    """Fly as the node does: everything arrives when it does, and the recorder hears it later.
+
+    Odometry is withheld from the controller over ``silent`` seconds, when its watchdog acts; the
+    first ones come before any reference. ``engaged`` are by the time in milliseconds.
+    """
+    random = np.random.default_rng(1)
+    simulator = SimulatorConfig(
+        duration=3.0, odom_rate=odom_rate, initial_position=(0.0, 0.0, 2.0), initial_throttle=0.3
+    )
+    plant, server = Plant(simulator), ReferenceServer(ReferenceConfig(trajectory="lemniscate"))
+    stream = OdometryStream(plant, simulator, start_stamp_ns=START_NS)
+    controller = Controller(MPC)
+    server.start(START_NS)
+    odometries, windows, commands, ticks = [], [], [], []
+    next_window_ns = next_watch_ns = START_NS + 33 * MS
+
+    def take(tick: Tick | None, now_ns: int) -> None:
+        if tick is None:
+            return
+        ticks.append(tick)
+        if tick.command is not None:
+            plant.apply(tick.command)
+            commands.append(recorded(tick.command, now_ns, later_ns=MS // 2))
+
+    engagements = [
+        recorded(told, START_NS + time_ms * MS) for time_ms, told in (engaged or {}).items()
+    ]
+    due = list(engagements)
+    while (sent := stream.step()) is not None:
+        while due and due[0].publish_time_ns < START_NS + sent.time_ns:
+            controller.engage(due.pop(0).value)
+        now_ns = START_NS + sent.time_ns + int(random.uniform(0.2, 3.0) * MS)
+        while next_window_ns < now_ns:
+            window = server.window(next_window_ns)
+            received_ns = next_window_ns + int(random.uniform(0.05, 0.2) * MS)
+            # The recorder is slow now and then, and hears it after the next odometry.
+            windows.append(
+                recorded(window, next_window_ns, later_ns=int(random.choice([1, 1, 8]) * MS))
+            )
+            take(controller.receive_reference(window, now_ns=received_ns), received_ns)
+            next_window_ns += 20 * MS
+        while next_watch_ns < now_ns:
+            take(controller.watch(now_ns=next_watch_ns), next_watch_ns)
+            next_watch_ns += 20 * MS
+        if silent[0] <= sent.time_ns * 1e-9 < silent[1]:
+            continue
+        odometries.append(recorded(sent.odometry, START_NS + sent.time_ns, later_ns=MS))
+        take(controller.receive_odometry(sent.odometry, now_ns=now_ns), now_ns)
+    run = RecordedRun(
+        bag=Path("bag"),
+        odometries=odometries,
+        windows=windows,
+        commands=commands,
+        stats=[tick.stats for tick in ticks],
+        parameters={"/uav1/mpc": MPC.flattened()},
+        engagements=engagements,
+    )
+    return run, ticks
+
+
+def commands_of(steps: list[Resolved]) -> list[CommandSample]:
+    return [step.tick.command for step in steps if step.tick and step.tick.command]
+
+
+def as_bytes(commands: list[CommandSample]) -> list[tuple[int, bytes]]:
+    return [
+        (command.stamp_ns, np.array([command.throttle, *command.w_WB_B]).tobytes())
+        for command in commands
+    ]
+
+
+def test_commands_that_did_not_act_are_resolved_as_such() -> None:
+    run, ticks = flown_in_real_time(engaged={50: False, 1205: True})
+    flown = as_bytes([tick.command for tick in ticks if tick.command])
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == flown
+    unknowing = dataclasses.replace(run, engagements=())
+    assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
+
+
+@pytest.mark.parametrize("odom_rate", [50.0, 120.0])
+def test_real_time_is_resolved_bit_for_bit(odom_rate: float) -> None:
+    run, ticks = flown_in_real_time(odom_rate=odom_rate)
+    flown = [tick.command for tick in ticks if tick.command]
+    assert len(flown) > 100
+    assert ticks[0].command is None  # no reference yet
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == as_bytes(flown)
+
+
+def test_the_watchdog_acts_again() -> None:
+    run, ticks = flown_in_real_time(silent=(1.0, 1.6))
+    assert any(tick.stats.source == "blind" for tick in ticks)
+    flown = [tick.command for tick in ticks if tick.command]
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == as_bytes(flown)
+
+
+def test_a_recording_without_figures_is_resolved_all_the_same() -> None:
+    run, ticks = flown_in_real_time()
+    bare = RecordedRun(
+        bag=run.bag,
+        odometries=run.odometries,
+        windows=run.windows,
+        commands=run.commands,
+        stats=[],
+        parameters={},
+    )
+    comparison = compare_commands(
+        [sent.value for sent in run.commands],
+        commands_of(list(resolve(bare, MPC))),
+        recorded_stats=run.stats,
+        resolved_stats=[tick.stats for tick in ticks],
+    )
+    assert comparison.only_recorded <= 2
+    summary = comparison.summary()
+    # When things came is not known, and does not matter while each odometry is answered.
+    assert summary["equal"] >= 0.98 * summary["compared"]
+    assert all(len(line) <= 80 for line in comparison_table(comparison).splitlines())
+
+
+def test_a_made_reference_takes_the_place_of_the_recorded_one() -> None:
+    run, _ = flown_in_real_time()
+    server = ReferenceServer(ReferenceConfig(trajectory="hover"))
+    server.start(START_NS)
+    steps = list(resolve(run, MPC, windows=server.window))
+    assert len(commands_of(steps)) == len(run.odometries)
+    for step in steps:
+        assert step.window is not None and step.odometry is not None
+        assert step.window.stamp_ns == step.odometry.value.stamp_ns
+        assert np.ptp(step.window.p_WB, axis=0).max() == 0.0
+
+
+def test_lockstep_pairs_by_stamp_whatever_the_order_of_recording() -> None:
+    run, _ = flown_in_real_time()
+    lockstep = MPC.updated({"lockstep": True})
+    server = ReferenceServer(ReferenceConfig(trajectory="lemniscate"))
+    server.start(START_NS)
+    windows = [
+        recorded(server.window(odometry.value.stamp_ns), odometry.log_time_ns)
+        for odometry in run.odometries
+    ]
+
+    def resolved(odometries: list[Received], windows: list[Received]) -> list[CommandSample]:
+        again = RecordedRun(
+            bag=run.bag,
+            odometries=odometries,
+            windows=windows,
+            commands=[],
+            stats=[],
+            parameters={},
+        )
+        return commands_of(list(resolve(again, lockstep)))
+
+    straight = resolved(list(run.odometries), windows)
+    assert len(straight) == len(run.odometries)
+    twice = [odometry for odometry in run.odometries for _ in range(2)]
+    assert as_bytes(resolved(twice, windows[::-1])) == as_bytes(straight)

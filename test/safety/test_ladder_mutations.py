@@ -1,0 +1,56 @@
+"""No condition of the safety ladder can be changed without a test that notices."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+from quad_mpc_ros.safety import ladder
+
+
+def _neighbour(name: str) -> ModuleType:
+    """Import a file beside this one: tests are no package."""
+    path = Path(__file__).with_name(f"{name}.py")
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    import sys
+
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+mutation = _neighbour("mutation")
+_stories = _neighbour("test_ladder")
+STORIES: list[Callable[[ModuleType], None]] = [
+    story
+    for name, story in inspect.getmembers(_stories, inspect.isfunction)
+    if name.startswith("test_") and list(inspect.signature(story).parameters) == ["ladder"]
+]
+
+
+def _is_noticed(changed: ModuleType) -> bool:
+    for story in STORIES:
+        try:
+            story(changed)
+        except Exception:  # a wrong rung, or no rung at all
+            return True
+    return False
+
+
+def test_the_stories_hold_for_the_ladder_as_it_is() -> None:
+    assert len(STORIES) > 10
+    assert not _is_noticed(ladder)
+
+
+def test_every_changed_condition_is_noticed() -> None:
+    source = Path(inspect.getfile(ladder)).read_text(encoding="utf-8")
+    found = list(mutation.mutants(source))
+    assert len(found) > 50
+    unnoticed = [m.description for m in found if not _is_noticed(m.load())]
+    assert unnoticed == []

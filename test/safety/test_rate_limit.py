@@ -1,0 +1,41 @@
+"""Slew limits on commands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from quad_mpc_ros.model.state import Input
+from quad_mpc_ros.mpc_config import SlewParameters
+from quad_mpc_ros.safety.rate_limit import slewed
+
+BEFORE = Input(throttle=0.5, w_WB_B=np.array([1.0, 0.0, -1.0]))
+FAR = Input(throttle=0.9, w_WB_B=np.array([-9.0, 0.1, -8.0]))
+
+
+@pytest.mark.parametrize(
+    ("limits", "throttle", "w_WB_B"),
+    [
+        (SlewParameters(), 0.9, [-9.0, 0.1, -8.0]),
+        (SlewParameters(throttle_max=5.0), 0.6, [-9.0, 0.1, -8.0]),
+        (SlewParameters(rate_max=100.0), 0.9, [-1.0, 0.1, -3.0]),
+        (SlewParameters(throttle_max=5.0, rate_max=100.0), 0.6, [-1.0, 0.1, -3.0]),
+    ],
+)
+def test_a_command_changes_by_no_more_than_it_may(
+    limits: SlewParameters, throttle: float, w_WB_B: list[float]
+) -> None:
+    u = slewed(FAR, BEFORE, limits, duration=0.02)
+    assert u.throttle == pytest.approx(throttle)
+    assert_allclose(u.w_WB_B, w_WB_B)
+    back = slewed(BEFORE, FAR, limits, duration=0.02)
+    assert back.throttle - FAR.throttle == pytest.approx(BEFORE.throttle - throttle)
+    assert_allclose(back.w_WB_B - FAR.w_WB_B, BEFORE.w_WB_B - w_WB_B)
+
+
+def test_what_is_within_reach_is_not_touched() -> None:
+    limits = SlewParameters(throttle_max=50.0, rate_max=1000.0)
+    u = slewed(FAR, BEFORE, limits, duration=0.02)
+    assert u.throttle == FAR.throttle
+    assert_allclose(u.w_WB_B, FAR.w_WB_B, atol=0.0)
