@@ -5,12 +5,11 @@ Fields and constants after https://github.com/aerostack2/aerostack2 (as2_msgs).
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
-from quad_mpc_ros.lie import so3
 from quad_mpc_ros.messages.conversions import fill_time, odometry_from_pose_and_twist
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.state import with_body_twist
 
 # ACRO until August 2026, BODY_RATES since: the number stayed.
 CONTROL_MODE_BODY_RATES = 6
@@ -34,10 +33,7 @@ def odometry_from_self_localization(pose: Any, twist: Any) -> OdometrySample:
             f"the twist is in frame {twist.header.frame_id!r}, expected {BODY_FRAME} or one of "
             f"{', '.join(_WORLD_FRAMES)}"
         )
-    R_BW = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw).T
-    return dataclasses.replace(
-        odometry, v_WB_B=R_BW @ odometry.v_WB_B, w_WB_B=R_BW @ odometry.w_WB_B
-    )
+    return with_body_twist(odometry)
 
 
 def fill_thrust(

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.lie import so3
 from quad_mpc_ros.messages.conversions import nanoseconds, odometry_from_message
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.state import with_body_twist
 
 PWM_FULL = 65535.0
 PWM_LARGEST = 60000.0  # where the server cuts
@@ -30,9 +30,8 @@ def odometry_from_odom(message: Any) -> OdometrySample:
 
     Raises ``ValueError`` for a quaternion without a rotation.
     """
-    odometry = odometry_from_message(message)
-    R_BW = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw).T
-    return dataclasses.replace(odometry, v_WB_B=R_BW @ odometry.v_WB_B, w_WB_B=np.zeros(3))
+    odometry = with_body_twist(odometry_from_message(message))
+    return dataclasses.replace(odometry, w_WB_B=np.zeros(3))
 
 
 def odometry_from_pose(message: Any) -> OdometrySample:

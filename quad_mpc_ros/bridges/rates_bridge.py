@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,11 +12,11 @@ from quad_mpc_ros.bridges.bridge import Answer, Sending, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.own_switch import SwitchedBridge
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.lie import so3
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.state import with_body_twist
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,13 +112,10 @@ class RatesBridge(SwitchedBridge):
         odometry = conversions.odometry_from_message(message)
         if self._config.twist_frame == "world":
             try:
-                R_BW = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw).T
+                odometry = with_body_twist(odometry)
             except ValueError as error:
                 self._refuse(f"{self._config.odometry_topic}: {error}")
                 return None
-            odometry = dataclasses.replace(
-                odometry, v_WB_B=R_BW @ odometry.v_WB_B, w_WB_B=R_BW @ odometry.w_WB_B
-            )
         return self._passed_on(odometry, now_ns=now_ns)
 
     def _on_battery(self, message: Any, now_ns: int) -> None:

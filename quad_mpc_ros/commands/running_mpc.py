@@ -11,7 +11,7 @@ from rclpy.parameter_client import AsyncParameterClient
 
 from quad_mpc_ros.commands.observer import Observer
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages.topics import STATS
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.recorded_stats import tick_stats

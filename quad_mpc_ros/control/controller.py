@@ -18,24 +18,23 @@ from quad_mpc_ros.control.mpc import Mpc, MpcStep
 from quad_mpc_ros.control.tick import Counts, Tick, figures_of
 from quad_mpc_ros.estimation.contact import GroundContact
 from quad_mpc_ros.estimation.twist_frame import TwistFrameCheck
-from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.lie import Array
 from quad_mpc_ros.lie.kernels import largest
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.model.state import Input, State, state_from_odometry
+from quad_mpc_ros.model.state import Input, State, state_from_odometry, with_body_twist
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.formulation import Plan
 from quad_mpc_ros.safety import ladder
+from quad_mpc_ros.safety.command_limits import clamped, rate_limited
 from quad_mpc_ros.safety.fallbacks import (
     BlindFallback,
     HoverFallback,
-    bounded,
     dead_reckoned,
     idle,
 )
 from quad_mpc_ros.safety.flight_limits import FlightLimits
 from quad_mpc_ros.safety.ladder import Breach, Decision, Source
 from quad_mpc_ros.safety.odometry_gate import OdometryGate
-from quad_mpc_ros.safety.rate_limit import slewed
 from quad_mpc_ros.safety.validation import coverage_fault, reference_fault
 
 _SECOND = 1_000_000_000
@@ -63,7 +62,7 @@ class Controller:
         self._vehicle = config.vehicle()
         self._weight = self._vehicle.mass * self._vehicle.gravity
         self._timeouts = ladder.timeouts_of(config)
-        self._ladder_memory = ladder.Memory()
+        self._ladder_memory = ladder.LadderState()
         self._period_ns = round(_SECOND / config.control_rate)
         self._decimation = Decimation(self._period_ns)
 
@@ -133,7 +132,8 @@ class Controller:
             self._reject(refusal)
             return None
         self._unchecked.append(odometry)
-        odometry = self._with_body_twist(odometry)
+        if self._config.odometry.twist_frame == "world":
+            odometry = with_body_twist(odometry)
         self._odometry, self._odometry_received_ns = odometry, self._gate.news_ns
         if self._config.lockstep:
             return self._answer_in_lockstep(odometry)
@@ -152,8 +152,8 @@ class Controller:
         decision = self._decide(now_ns, plan_fault="not run without odometry")
         return self._finish(decision, now_ns, now_ns=now_ns)
 
-    def sent_instead(self, command: CommandSample, *, now_ns: int) -> None:
-        """Tell that another command than that of the last tick was sent, which acts instead."""
+    def replace_last_command(self, command: CommandSample, *, now_ns: int) -> None:
+        """Take note that this command was sent in place of that of the last tick."""
         self._input = Input(throttle=command.throttle, w_WB_B=command.w_WB_B)
         self._sent_ns = now_ns
         self._mpc.sent(self._input, stamp_ns=command.stamp_ns)
@@ -303,8 +303,8 @@ class Controller:
         """Return the command nearest to one that bounds and slew limits allow."""
         if self._sent_ns is not None:
             elapsed = max(now_ns - self._sent_ns, 0) * 1e-9
-            u = slewed(u, self._input, self._config.slew, duration=elapsed)
-        return bounded(u, self._config)
+            u = rate_limited(u, self._input, self._config.slew, duration=elapsed)
+        return clamped(u, self._config)
 
     def _state(self, odometry: OdometrySample) -> State:
         """Return the last known state, with the attitude as it is by dead reckoning."""
@@ -318,14 +318,6 @@ class Controller:
             self._solver_failures,
             self._deadline_misses,
             self._rejected,
-        )
-
-    def _with_body_twist(self, odometry: OdometrySample) -> OdometrySample:
-        if self._config.odometry.twist_frame == "child":
-            return odometry
-        R_BW = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw).T
-        return dataclasses.replace(
-            odometry, v_WB_B=R_BW @ odometry.v_WB_B, w_WB_B=R_BW @ odometry.w_WB_B
         )
 
     def _check_twists(self) -> None:

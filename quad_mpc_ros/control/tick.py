@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from quad_mpc_ros.control.mpc import MpcStep
-from quad_mpc_ros.control.stats import TickStats
-from quad_mpc_ros.model.rollout import NO_DISTURBANCE
 from quad_mpc_ros.model.samples import CommandSample
-from quad_mpc_ros.ocp.formulation import Plan
-from quad_mpc_ros.safety.ladder import Decision
+
+if TYPE_CHECKING:  # who reads the figures of a recording needs no solver
+    from quad_mpc_ros.control.mpc import MpcStep
+    from quad_mpc_ros.ocp.formulation import Plan
+    from quad_mpc_ros.safety.ladder import Decision
 
 
 class Tick:
@@ -41,6 +43,38 @@ class Tick:
         return self._figures()
 
 
+@dataclass(kw_only=True, slots=True)
+class TickStats:
+    """Figures of one tick, published as ``mpc/stats``; each is explained by its comment."""
+
+    stamp_ns: int  # stamp of the odometry answered, or the time of a tick without one [ns]
+    source: str  # rung of the safety ladder that commanded: mpc, plan, hover, idle, blind, silent
+    reason: str  # why that rung, empty when all is well
+    solver_status: str  # as OSQP names it, or "not run"
+    iterations: int  # of OSQP
+    primal_residual: float  # of the scaled problem
+    dual_residual: float  # of the scaled problem
+    solve_time_us: float  # OSQP's own run time [us]
+    step_time_us: float  # state in to plan out [us]
+    disturbance_x: float = 0.0  # estimated acceleration of the disturbance, world [m/s^2]
+    disturbance_y: float = 0.0  # the same
+    disturbance_z: float = 0.0  # the same
+    thrust_scale: float = 1.0  # estimated true thrust over the modelled
+    rate_time_constant_ms: float = 0.0  # in the model by now, estimated where there is one [ms]
+    thrust_time_constant_ms: float = 0.0  # the same
+    odom_age_ms: float  # age of the odometry by its stamp when the tick began [ms]
+    reference_age_ms: float  # age of the reference since it arrived [ms]
+    commands: int  # commands sent so far
+    fallbacks: int  # of those, not from the MPC
+    solver_failures: int  # solves so far that gave no plan
+    deadline_misses: int = 0  # plans so far that came too late and were dropped
+    rejected_inputs: int  # odometry and reference messages ignored so far as unusable
+
+    def items(self) -> list[tuple[str, str]]:
+        """Return the figures as text, numbers with every digit."""
+        return [(field.name, str(getattr(self, field.name))) for field in dataclasses.fields(self)]
+
+
 class Counts(NamedTuple):
     """What has been counted so far; see :class:`TickStats`."""
 
@@ -61,26 +95,39 @@ def figures_of(
     reference_age_ns: int,
 ) -> TickStats:
     """Return the figures of a tick; ``step`` is None when the MPC did not run."""
-    solution = step.solution if step is not None else None
-    d = step.situation.disturbance if step is not None else NO_DISTURBANCE
-    model = step.situation.model if step is not None else None
     return TickStats(
         stamp_ns=stamp_ns,
         source=decision.source.name.lower(),
         reason=decision.reason,
-        solver_status=solution.status if solution else "not run",
-        iterations=step.iterations if step else 0,
-        primal_residual=solution.primal_residual if solution else 0.0,
-        dual_residual=solution.dual_residual if solution else 0.0,
-        solve_time_us=1e6 * step.solve_time if step else 0.0,
-        step_time_us=1e6 * step.step_time if step else 0.0,
-        disturbance_x=float(d.a_W[0]),
-        disturbance_y=float(d.a_W[1]),
-        disturbance_z=float(d.a_W[2]),
-        thrust_scale=d.thrust_scale,
-        rate_time_constant_ms=1e3 * model.rate_time_constant if model else 0.0,
-        thrust_time_constant_ms=1e3 * model.thrust_time_constant if model else 0.0,
         odom_age_ms=1e-6 * odom_age_ns,
         reference_age_ms=1e-6 * reference_age_ns,
         **counts._asdict(),
+        **_solver_figures(step),
     )
+
+
+def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
+    if step is None:
+        return {
+            "solver_status": "not run",
+            "iterations": 0,
+            "primal_residual": 0.0,
+            "dual_residual": 0.0,
+            "solve_time_us": 0.0,
+            "step_time_us": 0.0,
+        }
+    d, model = step.situation.disturbance, step.situation.model
+    return {
+        "solver_status": step.solution.status,
+        "iterations": step.iterations,
+        "primal_residual": step.solution.primal_residual,
+        "dual_residual": step.solution.dual_residual,
+        "solve_time_us": 1e6 * step.solve_time,
+        "step_time_us": 1e6 * step.step_time,
+        "disturbance_x": float(d.a_W[0]),
+        "disturbance_y": float(d.a_W[1]),
+        "disturbance_z": float(d.a_W[2]),
+        "thrust_scale": d.thrust_scale,
+        "rate_time_constant_ms": 1e3 * model.rate_time_constant,
+        "thrust_time_constant_ms": 1e3 * model.thrust_time_constant,
+    }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +10,13 @@ from typing import Any, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quad_mpc_ros.control.stats import TickStats
-from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.control.tick import TickStats
+from quad_mpc_ros.lie import Array
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, STATS
 from quad_mpc_ros.model.reference_window import sample
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.samples import ReferenceWindow
+from quad_mpc_ros.model.state import with_body_twist
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.paper import reference_input
@@ -137,7 +137,9 @@ def _odometry(messages: Sequence[RecordedMessage], *, twist_frame: str) -> dict[
         for odometry in [conversions.odometry_from_message(message.message)]
         if odometry_fault(odometry, frame_id=odometry.frame_id) is None
     ]
-    samples = [_with_body_twist(odometry, twist_frame) for odometry, _ in usable]
+    samples = [odometry for odometry, _ in usable]
+    if twist_frame == "world":
+        samples = [with_body_twist(odometry) for odometry in samples]
     stamp_ns, first = _by_stamp([odometry.stamp_ns for odometry in samples])
     return {
         "stamp_ns": stamp_ns,
@@ -147,15 +149,6 @@ def _odometry(messages: Sequence[RecordedMessage], *, twist_frame: str) -> dict[
         "v_WB_B": _rows([odometry.v_WB_B for odometry in samples], 3)[first],
         "w_WB_B": _rows([odometry.w_WB_B for odometry in samples], 3)[first],
     }
-
-
-def _with_body_twist(odometry: OdometrySample, twist_frame: str) -> OdometrySample:
-    if twist_frame == "child":
-        return odometry
-    R_BW = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw).T
-    return dataclasses.replace(
-        odometry, v_WB_B=R_BW @ odometry.v_WB_B, w_WB_B=R_BW @ odometry.w_WB_B
-    )
 
 
 def _reference(

@@ -15,7 +15,7 @@ from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
 
 
-class Action(enum.Enum):
+class ProcessFault(enum.Enum):
     """What is done to processes instead of messages."""
 
     PAUSE_MPC = "SIGSTOP, SIGCONT"
@@ -46,7 +46,7 @@ class Fault:
     reference: Distortion[ReferenceWindow] | None = None
     solver: SolverFault | None = None
     clock: float = 0.0
-    action: Action | None = None
+    process: ProcessFault | None = None
     intruder: bool = False
     grounded: bool = False
 
@@ -312,7 +312,7 @@ _MACHINE = (
         duration=1.0,
         course=courses.anything,
         recovery=_at_once,
-        action=Action.PAUSE_MPC,
+        process=ProcessFault.PAUSE_MPC,
     ),
     Fault(
         name="simulator_restarts",
@@ -321,7 +321,7 @@ _MACHINE = (
         course=courses.odometry_lost,
         recovery=_at_once,
         home=10.0,
-        action=Action.RESTART_SIMULATOR,
+        process=ProcessFault.RESTART_SIMULATOR,
     ),
     Fault(
         name="parameters_hammered",
@@ -329,7 +329,7 @@ _MACHINE = (
         duration=1.0,
         course=courses.unimpressed,
         recovery=_at_once,
-        action=Action.SET_PARAMETERS,
+        process=ProcessFault.SET_PARAMETERS,
     ),
     Fault(
         name="start_orders",
@@ -337,7 +337,7 @@ _MACHINE = (
         duration=0.0,
         course=courses.unimpressed,
         recovery=_at_once,
-        action=Action.START_NODES,
+        process=ProcessFault.START_NODES,
     ),
 )
 

@@ -10,7 +10,7 @@ import numpy as np
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.tick import Tick
-from quad_mpc_ros.faults.cases import Action, Fault
+from quad_mpc_ros.faults.cases import Fault, ProcessFault
 from quad_mpc_ros.faults.channel import Channel
 from quad_mpc_ros.faults.parameter_storm import storm
 from quad_mpc_ros.faults.solver import FaultySolver, SolverFault
@@ -76,9 +76,9 @@ class FaultFlight:
         self._solver.fault = self._fault.solver
         self._fly_until(self._end_ns)
         self._solver.fault = None
-        if self._fault.action is Action.RESTART_SIMULATOR:
+        if self._fault.process is ProcessFault.RESTART_SIMULATOR:
             self._start_plant()
-        if self._fault.action is Action.PAUSE_MPC:
+        if self._fault.process is ProcessFault.PAUSE_MPC:
             self._wake_up()
         self._fly_home()
         return self._record(origin_ns, counted)
@@ -112,14 +112,14 @@ class FaultFlight:
 
     def _step(self) -> None:
         """Let happen what is due now."""
-        action = self._fault.action if self._active else None
-        if action is Action.SET_PARAMETERS and self._time_ns % self._period_ns == 0:
+        process = self._fault.process if self._active else None
+        if process is ProcessFault.SET_PARAMETERS and self._time_ns % self._period_ns == 0:
             self._set_parameters()
         if self._time_ns % self._window_period_ns == 0:
             self._send_window()
-        if action is not Action.RESTART_SIMULATOR:
+        if process is not ProcessFault.RESTART_SIMULATOR:
             self._send_odometries()
-        if action is not Action.PAUSE_MPC:
+        if process is not ProcessFault.PAUSE_MPC:
             self._windows.deliver(self._time_ns)
             self._odometries.deliver(self._time_ns)
             if self._time_ns % self._period_ns == self._period_ns // 2:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.estimation.disturbance_ekf import SCALE_BOUNDS
 from quad_mpc_ros.identification.result import Estimate
 from quad_mpc_ros.identification.vehicle_file import (

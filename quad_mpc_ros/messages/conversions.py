@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 

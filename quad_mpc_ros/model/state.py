@@ -6,6 +6,7 @@ attitude.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,6 +75,17 @@ def state_from_odometry(odometry: OdometrySample) -> State:
         p_WB=odometry.p_WB,
         v_WB_B=odometry.v_WB_B,
         R_WB=so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw),
+    )
+
+
+def with_body_twist(odometry: OdometrySample) -> OdometrySample:
+    """Return an odometry whose twist was in the world with the twist in the body frame.
+
+    Raises ``ValueError`` for a quaternion without a rotation.
+    """
+    R_BW = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw).T
+    return dataclasses.replace(
+        odometry, v_WB_B=R_BW @ odometry.v_WB_B, w_WB_B=R_BW @ odometry.w_WB_B
     )
 
 

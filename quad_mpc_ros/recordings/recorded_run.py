@@ -14,7 +14,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import (
     COMMAND,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import STATS
 from quad_mpc_ros.recordings import BagError, RecordedMessage

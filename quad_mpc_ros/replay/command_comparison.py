@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.evaluation.metrics import FALLBACKS, NOT_FAILED, percentiles
 from quad_mpc_ros.figures import style
 from quad_mpc_ros.lie import Array

@@ -16,8 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.stats import TickStats
-from quad_mpc_ros.control.tick import Tick
+from quad_mpc_ros.control.tick import Tick, TickStats
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.recorded_parameters import recorded_parameters
@@ -76,7 +75,7 @@ def resolve(
         for warning in controller.take_warnings():
             warn(warning)
         if tick is not None and tick.stats.stamp_ns in sent:
-            controller.sent_instead(sent[tick.stats.stamp_ns], now_ns=event.now_ns)
+            controller.replace_last_command(sent[tick.stats.stamp_ns], now_ns=event.now_ns)
         yield Resolved(
             now_ns=event.now_ns,
             log_time_ns=event.log_time_ns,

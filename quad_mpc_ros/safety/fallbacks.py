@@ -14,6 +14,7 @@ import numpy as np
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.safety.command_limits import clamped
 
 _POSITION_GAIN = 4.0  # 1/s^2: with the next one a closed loop of 2 rad/s, critically damped
 _VELOCITY_GAIN = 4.0  # 1/s
@@ -54,7 +55,7 @@ class HoverFallback:
 
         thrust = self._vehicle.mass * float(x.R_WB[:, 2] @ wanted)
         reachable = min(max(thrust, self._vehicle.thrust(0.0)), self._vehicle.thrust(1.0))
-        return bounded(
+        return clamped(
             Input(
                 throttle=self._vehicle.throttle_for(reachable),
                 w_WB_B=_TILT_GAIN * tilt_to(wanted, x.R_WB),
@@ -73,7 +74,7 @@ class BlindFallback:
     def command(self, R_WB: Array, *, elapsed: float) -> Input:
         """Return the command for the estimated attitude, ``elapsed`` seconds after going blind."""
         share = min(elapsed / max(self._config.blind_time, 1e-9), 1.0)
-        return bounded(
+        return clamped(
             Input(
                 throttle=self._hover_throttle * (1.0 - _BLIND_DESCENT * share),
                 w_WB_B=_TILT_GAIN * tilt_to(np.array([0.0, 0.0, 1.0]), R_WB),
@@ -100,24 +101,6 @@ def tilt_to(direction_W: Array, R_WB: Array) -> Array:
 def idle(config: MpcConfig) -> Input:
     """Return the command of a vehicle that is to stay on the ground."""
     return Input(throttle=config.throttle_min, w_WB_B=np.zeros(3))
-
-
-def bounded(u: Input, config: MpcConfig) -> Input:
-    """Return the input inside the bounds of the configuration, itself if it is."""
-    x, y, z = u.w_WB_B.tolist()
-    x_max, y_max, z_max = config.omega_max
-    if (
-        config.throttle_min <= u.throttle <= config.throttle_max
-        and abs(x) <= x_max
-        and abs(y) <= y_max
-        and abs(z) <= z_max
-    ):
-        return u
-    limit = np.array(config.omega_max)
-    return Input(
-        throttle=min(max(u.throttle, config.throttle_min), config.throttle_max),
-        w_WB_B=np.clip(u.w_WB_B, -limit, limit),
-    )
 
 
 def dead_reckoned(R_WB: Array, w_WB_B: Array, *, duration: float) -> Array:

@@ -1,6 +1,6 @@
 """The safety ladder: which source commands the vehicle, and why (see ``docs/safety.md``).
 
-A pure state machine: what is known now and what it remembers in, a decision and the new memory
+A pure state machine: what is known now and what it remembers in, a decision and the new state
 out. It reads no clock; all times are in nanoseconds of whatever one clock the caller uses.
 """
 
@@ -73,7 +73,7 @@ class Inputs(NamedTuple):
     standing: bool = False
 
 
-class Memory(NamedTuple):
+class LadderState(NamedTuple):
     """What the ladder remembers from decision to decision.
 
     The time of the last plan, since when it has flown blind, and why it was stopped for good.
@@ -94,53 +94,53 @@ def timeouts_of(config: MpcConfig) -> Timeouts:
     )
 
 
-def decide(inputs: Inputs, memory: Memory, timeouts: Timeouts) -> tuple[Decision, Memory]:
+def decide(inputs: Inputs, state: LadderState, timeouts: Timeouts) -> tuple[Decision, LadderState]:
     """Return who commands now, and what to remember."""
     sighted = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.odometry)
     fault = _input_fault(inputs, timeouts) or inputs.plan_fault
-    planned_ns = memory.planned_ns if fault else inputs.now_ns
+    planned_ns = state.planned_ns if fault else inputs.now_ns
     if planned_ns is None:
-        return Decision(Source.WAITING, fault), memory
+        return Decision(Source.WAITING, fault), state
     holding = _is_within(planned_ns, inputs.now_ns, timeouts.plan_hold)
     # Where the vehicle was when it was last seen says nothing of where it is.
     breach = inputs.breach if sighted else None
-    memory = Memory(
+    state = LadderState(
         planned_ns=planned_ns,
-        blind_since_ns=_blind_since(inputs.now_ns, memory, seeing=sighted or holding),
-        stopped=memory.stopped or _reason_to_stop(breach),
+        blind_since_ns=_blind_since(inputs.now_ns, state, seeing=sighted or holding),
+        stopped=state.stopped or _reason_to_stop(breach),
     )
-    return _rung(inputs, memory, timeouts, fault=fault, breach=breach, holding=holding), memory
+    return _rung(inputs, state, timeouts, fault=fault, breach=breach, holding=holding), state
 
 
 def _rung(
     inputs: Inputs,
-    memory: Memory,
+    state: LadderState,
     timeouts: Timeouts,
     *,
     fault: str,
     breach: Breach | None,
     holding: bool,
 ) -> Decision:
-    if memory.stopped:
-        return Decision(Source.SILENT, memory.stopped)
+    if state.stopped:
+        return Decision(Source.SILENT, state.stopped)
     if breach is not None and breach.action is Action.HOVER:
         return Decision(Source.IDLE if inputs.standing else Source.HOVER, breach.reason)
     if not fault:
         return Decision(Source.MPC, breach.reason if breach is not None else "")
     if holding and not inputs.standing:  # a plan may take off later
         return Decision(Source.PLAN, fault)
-    if memory.blind_since_ns is None:
+    if state.blind_since_ns is None:
         return Decision(Source.IDLE if inputs.standing else Source.HOVER, fault)
-    if _is_within(memory.blind_since_ns, inputs.now_ns, timeouts.blind):
+    if _is_within(state.blind_since_ns, inputs.now_ns, timeouts.blind):
         return Decision(Source.IDLE if inputs.standing else Source.BLIND, fault)
     return Decision(Source.SILENT, fault)
 
 
-def _blind_since(now_ns: int, memory: Memory, *, seeing: bool) -> int | None:
+def _blind_since(now_ns: int, state: LadderState, *, seeing: bool) -> int | None:
     """Return since when nothing but dead reckoning flies; the plan, as long as it holds, sees."""
     if seeing:
         return None
-    return now_ns if memory.blind_since_ns is None else memory.blind_since_ns
+    return now_ns if state.blind_since_ns is None else state.blind_since_ns
 
 
 def _reason_to_stop(breach: Breach | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from quad_mpc_ros.faults.cases import FAULTS, Action, Fault
+from quad_mpc_ros.faults.cases import FAULTS, Fault, ProcessFault
 from quad_mpc_ros.faults.flight import FaultFlight
 from quad_mpc_ros.faults.verdict import complaints
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -13,7 +13,7 @@ from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 CONFIG = MpcConfig()
 # Between processes only: here there are none to start.
-FLOWN = [fault for fault in FAULTS.values() if fault.action is not Action.START_NODES]
+FLOWN = [fault for fault in FAULTS.values() if fault.process is not ProcessFault.START_NODES]
 
 
 def flight(fault: Fault) -> FaultFlight:

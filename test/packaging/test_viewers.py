@@ -14,7 +14,7 @@ import yaml
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
-from quad_mpc_ros.control.stats import TickStats
+from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import topics
 from quad_mpc_ros.messages.conversions import STATS_NAME
 

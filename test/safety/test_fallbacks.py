@@ -19,7 +19,6 @@ from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.safety.fallbacks import (
     BlindFallback,
     HoverFallback,
-    bounded,
     dead_reckoned,
     tilt_to,
 )
@@ -163,13 +162,3 @@ def test_dead_reckoning_turns_with_the_body_rates() -> None:
     north = Rotation.from_euler("z", 90, degrees=True)
     rolled = dead_reckoned(north.as_matrix(), np.array([0.5, 0.0, 0.0]), duration=0.2)
     assert_allclose(rolled, (north * Rotation.from_euler("x", 0.1)).as_matrix(), atol=1e-15)
-
-
-def test_bounded_keeps_what_is_inside_and_clips_the_rest(paper_config: MpcConfig) -> None:
-    inside = Input(throttle=0.4, w_WB_B=np.array([1.0, -2.0, 3.0]))
-    kept = bounded(inside, paper_config)
-    assert kept.throttle == 0.4
-    assert_allclose(kept.w_WB_B, inside.w_WB_B, atol=0.0)
-    clipped = bounded(Input(throttle=1.5, w_WB_B=np.array([99.0, -99.0, 99.0])), paper_config)
-    assert clipped.throttle == 1.0
-    assert_allclose(clipped.w_WB_B, np.array([6.0, -6.0, 3.0]) * math.pi, atol=1e-12)

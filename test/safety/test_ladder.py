@@ -40,7 +40,7 @@ class Flight:
 
     def __init__(self, ladder: ModuleType, *, plan_hold: int = 200, blind: int = 1000) -> None:
         self._ladder = ladder
-        self._memory = ladder.Memory()
+        self._state = ladder.LadderState()
         self._timeouts = ladder.Timeouts(
             odometry=100 * MS, reference=500 * MS, plan_hold=plan_hold * MS, blind=blind * MS
         )
@@ -67,7 +67,7 @@ class Flight:
         broken = None
         if breach is not None:
             broken = self._ladder.Breach(self._ladder.Action[breach[0]], breach[1])
-        decision, self._memory = self._ladder.decide(
+        decision, self._state = self._ladder.decide(
             self._ladder.Inputs(
                 now_ns=stamp(None),
                 odometry_ns=None if "odometry" in never else stamp(odometry),
@@ -76,7 +76,7 @@ class Flight:
                 breach=broken,
                 standing=standing,
             ),
-            self._memory,
+            self._state,
             self._timeouts,
         )
         return decision.source.name, decision.reason

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from quad_mpc_ros.commands.soak.injection import inject
 from quad_mpc_ros.commands.soak.rig import Rig
 from quad_mpc_ros.commands.soak.start_orders import start_in_every_order
-from quad_mpc_ros.faults.cases import Action, Fault
+from quad_mpc_ros.faults.cases import Fault, ProcessFault
 from quad_mpc_ros.faults.verdict import Record, Sighting, complaints, course_seen
 from quad_mpc_ros.mpc_config import MpcConfig
 
@@ -39,9 +39,9 @@ def campaign(faults: tuple[Fault, ...], rig: Rig, config: MpcConfig) -> Iterator
     Raises :class:`SoakError` when the flight itself comes to an end.
     """
     for fault in faults:
-        if fault.action is Action.START_NODES:
+        if fault.process is ProcessFault.START_NODES:
             yield _started(fault, rig)
-    in_flight = [fault for fault in faults if fault.action is not Action.START_NODES]
+    in_flight = [fault for fault in faults if fault.process is not ProcessFault.START_NODES]
     if in_flight:
         rig.fly()
     for fault in in_flight:

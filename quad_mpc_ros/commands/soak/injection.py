@@ -7,7 +7,7 @@ import time
 from typing import Any, NamedTuple
 
 from quad_mpc_ros.commands.soak.rig import Rig
-from quad_mpc_ros.faults.cases import Action, Fault
+from quad_mpc_ros.faults.cases import Fault, ProcessFault
 from quad_mpc_ros.faults.parameter_storm import Change, storm
 from quad_mpc_ros.mpc_config import MpcConfig
 
@@ -33,12 +33,12 @@ class Injected(NamedTuple):
 
 def inject(fault: Fault, rig: Rig, config: MpcConfig) -> Injected:
     """Let a fault happen from its beginning to its end."""
-    match fault.action:
-        case Action.PAUSE_MPC:
+    match fault.process:
+        case ProcessFault.PAUSE_MPC:
             return _pause(fault, rig)
-        case Action.RESTART_SIMULATOR:
+        case ProcessFault.RESTART_SIMULATOR:
             return _restart(rig)
-        case Action.SET_PARAMETERS:
+        case ProcessFault.SET_PARAMETERS:
             return _set_parameters(fault, rig, config)
         case _:
             return _distort(fault, rig)
