@@ -20,13 +20,13 @@ from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.safety.validation import odometry_fault
 from quad_mpc_ros.trajectories.catalogue import configured_trajectory, joined_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.director import Answer
-from quad_mpc_ros.trajectories.flight_time import FlightTime
+from quad_mpc_ros.trajectories.director import Reply
 from quad_mpc_ros.trajectories.live import LiveReference
+from quad_mpc_ros.trajectories.timeline import FlightTime
 from quad_mpc_ros.trajectories.trajectory import TrajectorySamples
 
 _BODY_FRAME = "base_link"
-_INACTIVE = Answer(accepted=False, text="the reference node is inactive: activate it first")
+_INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
 
 
 class ReferenceNode(ManagedNode[ReferenceConfig]):
@@ -101,9 +101,9 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if odometry_fault(odometry, frame_id=self._config.frame_id) is not None:
             return  # the controller warns of it
         starting = not self._live.started
-        answer = self._live.observe(replace(odometry, stamp_ns=self._time.at(odometry.stamp_ns)))
-        if answer is not None:
-            self._tell_request("touchdown" if answer.accepted else "odometry", answer)
+        reply = self._live.observe(replace(odometry, stamp_ns=self._time.at(odometry.stamp_ns)))
+        if reply is not None:
+            self._tell_request("touchdown" if reply.accepted else "odometry", reply)
         if starting or self._config.lockstep:
             self._newest_ns = odometry.stamp_ns
             self._publish(odometry.stamp_ns)
@@ -112,9 +112,9 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if self.active:
             self._publish(self._now_ns())
 
-    def _serve(self, name: str, request: Callable[[int], Answer], _: Any, response: Any) -> Any:
-        answer = self._handle(name, request)
-        response.success, response.message = answer.accepted, answer.text
+    def _serve(self, name: str, request: Callable[[int], Reply], _: Any, response: Any) -> Any:
+        reply = self._handle(name, request)
+        response.success, response.message = reply.accepted, reply.text
         return response
 
     def _on_goal(self, message: Any) -> None:
@@ -130,24 +130,24 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         try:
             window = conversions.reference_from_message(message)
         except ValueError as error:
-            self._tell_request("trajectory", Answer(accepted=False, text=str(error)))
+            self._tell_request("trajectory", Reply(accepted=False, text=str(error)))
             return
         self._handle("trajectory", lambda now_ns: self._live.follow(now_ns, window))
 
-    def _handle(self, name: str, request: Callable[[int], Answer]) -> Answer:
+    def _handle(self, name: str, request: Callable[[int], Reply]) -> Reply:
         """Put a request to the flight, tell what became of it, draw what is flown then."""
         now_ns = self._flight_ns()
-        answer = request(now_ns) if self.active else _INACTIVE
-        self._tell_request(name, answer)
-        if answer.accepted:
+        reply = request(now_ns) if self.active else _INACTIVE
+        self._tell_request(name, reply)
+        if reply.accepted:
             self._publish_path(self._live.course(now_ns))
-        return answer
+        return reply
 
-    def _tell_request(self, name: str, answer: Answer) -> None:
+    def _tell_request(self, name: str, reply: Reply) -> None:
         """Log what became of a request and report it, but the same refusal only once."""
         before = self._request
-        self._request = f"{name} {'accepted' if answer.accepted else 'refused'}: {answer.text}"
-        if answer.accepted:
+        self._request = f"{name} {'accepted' if reply.accepted else 'refused'}: {reply.text}"
+        if reply.accepted:
             self.get_logger().info(self._request)
         elif self._request != before:
             self.get_logger().warning(self._request)

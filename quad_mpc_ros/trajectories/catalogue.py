@@ -10,14 +10,13 @@ from pathlib import Path as FilePath
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.trajectories.circle import Circle
 from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.csv_file import read_csv
 from quad_mpc_ros.trajectories.feasibility import Limits, Verdict, judged
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.trajectories.flip import flip
 from quad_mpc_ros.trajectories.hover import Hover
 from quad_mpc_ros.trajectories.lemniscate import Lemniscate
 from quad_mpc_ros.trajectories.path import Path, Slowed
-from quad_mpc_ros.trajectories.recorded_path import Recording, recorded_path
+from quad_mpc_ros.trajectories.point_table import PointTable, read_csv, table_path
 from quad_mpc_ros.trajectories.split_s import split_s
 from quad_mpc_ros.trajectories.square import smooth_square, square
 from quad_mpc_ros.trajectories.trajectory import Trajectory
@@ -29,7 +28,7 @@ from quad_mpc_ros.trajectories.waypoints import (
     through_waypoints,
 )
 
-BagReader = Callable[[FilePath], Recording]
+BagReader = Callable[[FilePath], PointTable]
 """Returns the odometry of a recorded run. Bags are read above this layer, so it is handed in."""
 
 PATHS: dict[str, Callable[[ReferenceConfig], Path]] = {
@@ -131,12 +130,12 @@ def _path(config: ReferenceConfig, read_bag: BagReader | None) -> Path:
         )
     file = FilePath(config.file).expanduser()
     if config.trajectory == "csv":
-        return recorded_path(read_csv(file), config)
+        return table_path(read_csv(file), config)
     if read_bag is None:
         raise ConfigurationError(
             f"{config.owner}.trajectory", config.trajectory, "one that needs no bag, here"
         )
-    return recorded_path(read_bag(file), config)
+    return table_path(read_bag(file), config)
 
 
 def _flown(path: Path, config: ReferenceConfig) -> tuple[FlatTrajectory, Verdict]:

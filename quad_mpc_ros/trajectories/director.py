@@ -22,12 +22,11 @@ from quad_mpc_ros.trajectories.catalogue import limits_of
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.feasibility import judged
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
-from quad_mpc_ros.trajectories.path import Path, Straight
-from quad_mpc_ros.trajectories.polynomial import End
+from quad_mpc_ros.trajectories.minimum_snap import End
+from quad_mpc_ros.trajectories.path import Path, Rest, Straight
 from quad_mpc_ros.trajectories.timeline import Phase, Timeline
 from quad_mpc_ros.trajectories.trajectory import Trajectory
-from quad_mpc_ros.trajectories.transition import Motion, motion_of, transition
-from quad_mpc_ros.trajectories.waypoints import Rest
+from quad_mpc_ros.trajectories.transition import FlatState, flat_state_of, transition
 
 GROUND, TAKEOFF, HOLD, GOING, TRACKING, LANDING = (
     "ground",
@@ -43,12 +42,12 @@ _FLARE = 0.5  # m above the ground: from here on down at the touchdown speed
 _YAW_SHARE = 0.5  # of the limit
 _BEFORE_ALL = -(2**62)
 
-_Wanted = tuple[str, Motion, Motion]
-"""The name of a leg, and the motions that it leads from and to."""
+_Wanted = tuple[str, FlatState, FlatState]
+"""The name of a leg, and the flat states that it leads from and to."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
+class Reply:
     """Whether a request was accepted, and what is done or why not."""
 
     accepted: bool
@@ -87,54 +86,55 @@ class Director:
             rest = _at_rest(self._config, _below(p_WB), yaw)
             self.timeline.follow([Phase(start_ns=now_ns, name=GROUND, trajectory=rest)])
 
-    def take_off(self, now_ns: int, *, height: float) -> Answer:
+    def take_off(self, now_ns: int, *, height: float) -> Reply:
         """Climb to ``height`` [m] above the ground, and hold."""
         if self.mode(now_ns) != GROUND:
             return self._refused(now_ns, "take-off")
         if not 0.0 < height < np.inf:
-            return Answer(accepted=False, text=f"take-off to {height} m, expected a number > 0")
-        start = motion_of(self.timeline, now_ns)
+            return Reply(accepted=False, text=f"take-off to {height} m, expected a number > 0")
+        start = flat_state_of(self.timeline, now_ns)
         above = self.timeline.at([now_ns]).p_WB[0]
         above[2] = self._ground + height
-        goal = Motion.at_rest(above, yaw=start.yaw)
+        goal = FlatState.at_rest(above, yaw=start.yaw)
         return self._go(now_ns, [(TAKEOFF, start, goal)], then=HOLD)
 
-    def fly(self, now_ns: int, trajectory: Trajectory) -> Answer:
+    def fly(self, now_ns: int, trajectory: Trajectory) -> Reply:
         """Go to the beginning of a trajectory, in the motion that it begins with, and fly it."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "start")
-        legs = [(GOING, motion_of(self.timeline, now_ns), motion_of(trajectory, 0))]
+        legs = [(GOING, flat_state_of(self.timeline, now_ns), flat_state_of(trajectory, 0))]
         return self._go(now_ns, legs, then=TRACKING, trajectory=trajectory)
 
-    def hold(self, now_ns: int) -> Answer:
+    def hold(self, now_ns: int) -> Reply:
         """Come to rest as soon as the limits let it, and stay there."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "hold")
-        start = motion_of(self.timeline, now_ns)
-        return self._go(now_ns, [(GOING, start, Motion.at_rest(None, yaw=start.yaw))], then=HOLD)
+        start = flat_state_of(self.timeline, now_ns)
+        rest = FlatState.at_rest(None, yaw=start.yaw)
+        return self._go(now_ns, [(GOING, start, rest)], then=HOLD)
 
-    def go_to(self, now_ns: int, *, p_WB: Array, yaw: float) -> Answer:
+    def go_to(self, now_ns: int, *, p_WB: Array, yaw: float) -> Reply:
         """Go to a place (3,) [m] and heading [rad], and stay there."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "goal")
         if not np.all(np.isfinite([*p_WB, yaw])):
-            return Answer(accepted=False, text=f"goal {[*p_WB, yaw]}, expected finite numbers")
-        legs = [(GOING, motion_of(self.timeline, now_ns), Motion.at_rest(p_WB, yaw=yaw))]
+            return Reply(accepted=False, text=f"goal {[*p_WB, yaw]}, expected finite numbers")
+        legs = [(GOING, flat_state_of(self.timeline, now_ns), FlatState.at_rest(p_WB, yaw=yaw))]
         return self._go(now_ns, legs, then=HOLD)
 
-    def land(self, now_ns: int) -> Answer:
+    def land(self, now_ns: int) -> Reply:
         """Come to rest, descend to the ground where that is, and sink until it is touched."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "landing")
-        start = motion_of(self.timeline, now_ns)
-        stop = [(LANDING, start, Motion.at_rest(None, yaw=start.yaw))]
+        start = flat_state_of(self.timeline, now_ns)
+        stop = [(LANDING, start, FlatState.at_rest(None, yaw=start.yaw))]
         planned = self._planned(now_ns, stop)
-        if isinstance(planned, Answer):
+        if isinstance(planned, Reply):
             return planned
         above = _end_of(planned[-1].trajectory)
         sinking = self._sinking(above)
         planned = self._planned(now_ns, [*stop, (LANDING, above, sinking)])
-        if isinstance(planned, Answer):
+        if isinstance(planned, Reply):
             return planned
         # A leg that is too low for a descent ends wherever it has the speed to sink.
         lowest = planned[-1].trajectory.before(planned[-1].trajectory.period_ns).p_WB[0]
@@ -142,15 +142,15 @@ class Director:
         self._follow(now_ns, planned, LANDING, self._flown(down, above.yaw))
         still = max(float(lowest[2]) - self._ground, 0.0) / self._config.touchdown_speed
         seconds = 1e-9 * (self.timeline.last.start_ns - now_ns) + still
-        return Answer(accepted=True, text=f"ground in about {seconds:.1f} s")
+        return Reply(accepted=True, text=f"ground in about {seconds:.1f} s")
 
-    def touched(self, now_ns: int, *, p_WB: Array) -> Answer:
+    def touched(self, now_ns: int, *, p_WB: Array) -> Reply:
         """Let a landing vehicle that stands on the ground at ``p_WB`` (3,) [m] idle there."""
         if self.mode(now_ns) != LANDING:
             return self._refused(now_ns, "touchdown")
         self._ground = float(p_WB[2])
-        start = motion_of(self.timeline, now_ns)
-        below = Motion.at_rest(_below(p_WB), yaw=start.yaw)
+        start = flat_state_of(self.timeline, now_ns)
+        below = FlatState.at_rest(_below(p_WB), yaw=start.yaw)
         return self._go(now_ns, [(LANDING, start, below)], then=GROUND)
 
     def is_sinking(self, now_ns: int) -> bool:
@@ -170,20 +170,20 @@ class Director:
         """The height of the ground [m]."""
         return self._ground
 
-    def _sinking(self, above: Motion) -> Motion:
-        """Return the motion in which a landing from a rest above goes on to sink."""
+    def _sinking(self, above: FlatState) -> FlatState:
+        """Return the flat state in which a landing from a rest above goes on to sink."""
         assert above.end.p_WB is not None
         flare = np.array([*above.end.p_WB[:2], self._ground + _FLARE])
         rest = End.at_rest(flare if above.end.p_WB[2] > flare[2] + _FLARE else None)
         v_WB_W = np.array([0.0, 0.0, -self._config.touchdown_speed])
-        return Motion(end=dataclasses.replace(rest, v_WB_W=v_WB_W), yaw=above.yaw)
+        return FlatState(end=dataclasses.replace(rest, v_WB_W=v_WB_W), yaw=above.yaw)
 
     def _go(
         self, now_ns: int, legs: list[_Wanted], *, then: str, trajectory: Trajectory | None = None
-    ) -> Answer:
+    ) -> Reply:
         """Fly legs one after the other, then a trajectory, or stay where the last one ends."""
         phases = self._planned(now_ns, legs)
-        if isinstance(phases, Answer):
+        if isinstance(phases, Reply):
             return phases
         if trajectory is None:
             end = _end_of(phases[-1].trajectory)
@@ -193,28 +193,28 @@ class Director:
 
     def _follow(
         self, now_ns: int, phases: list[Phase], then: str, trajectory: Trajectory
-    ) -> Answer:
+    ) -> Reply:
         """Follow phases, and then a trajectory under a name."""
         last = phases[-1]
         arrival_ns = last.start_ns + last.trajectory.period_ns
         self.timeline.follow(
             [*phases, Phase(start_ns=arrival_ns, name=then, trajectory=trajectory)]
         )
-        return Answer(accepted=True, text=f"{then} in {1e-9 * (arrival_ns - now_ns):.1f} s")
+        return Reply(accepted=True, text=f"{then} in {1e-9 * (arrival_ns - now_ns):.1f} s")
 
-    def _planned(self, now_ns: int, legs: list[_Wanted]) -> list[Phase] | Answer:
+    def _planned(self, now_ns: int, legs: list[_Wanted]) -> list[Phase] | Reply:
         """Return the phases of legs one after the other, or why they cannot be flown."""
         phases, time_ns = [], now_ns
         for name, start, goal in legs:
             if start.inverted:
-                return Answer(accepted=False, text="not while upside down: ask again")
+                return Reply(accepted=False, text="not while upside down: ask again")
             try:
                 leg = self._leg(name, start, goal)
             except ValueError as error:
-                return Answer(accepted=False, text=f"no way there: {error}")
+                return Reply(accepted=False, text=f"no way there: {error}")
             reason = self._objection(name, leg)
             if reason:
-                return Answer(accepted=False, text=f"no way there: {reason}")
+                return Reply(accepted=False, text=f"no way there: {reason}")
             phases.append(Phase(start_ns=time_ns, name=name, trajectory=leg))
             time_ns += leg.period_ns
         return phases
@@ -229,7 +229,7 @@ class Director:
             return verdict.reason()
         return "" if leg.upright else "it would have to be flown upside down"
 
-    def _leg(self, name: str, start: Motion, goal: Motion) -> FlatTrajectory:
+    def _leg(self, name: str, start: FlatState, goal: FlatState) -> FlatTrajectory:
         path = transition(
             start,
             goal,
@@ -247,8 +247,8 @@ class Director:
     def _airborne(self, now_ns: int) -> bool:
         return self.mode(now_ns) != GROUND
 
-    def _refused(self, now_ns: int, request: str) -> Answer:
-        return Answer(accepted=False, text=f"no {request} while in {self.mode(now_ns)}")
+    def _refused(self, now_ns: int, request: str) -> Reply:
+        return Reply(accepted=False, text=f"no {request} while in {self.mode(now_ns)}")
 
 
 def _is_vertical(name: str) -> bool:
@@ -269,5 +269,5 @@ def _flat(config: ReferenceConfig, path: Path, yaw: float) -> FlatTrajectory:
     return FlatTrajectory(path, gravity=config.gravity, drag=config.drag, yaw=yaw)
 
 
-def _end_of(trajectory: Trajectory) -> Motion:
-    return motion_of(trajectory, trajectory.period_ns)
+def _end_of(trajectory: Trajectory) -> FlatState:
+    return flat_state_of(trajectory, trajectory.period_ns)

@@ -7,9 +7,8 @@ import bisect
 import numpy as np
 
 from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.trajectories.flatness import flat_inputs, thrust_axis
+from quad_mpc_ros.trajectories.flatness import ThrustFrames, flat_inputs, thrust_axis
 from quad_mpc_ros.trajectories.path import Path, PathSamples
-from quad_mpc_ros.trajectories.thrust_frames import ThrustFrames
 from quad_mpc_ros.trajectories.trajectory import TrajectorySamples, held
 
 # Between knots the attitude comes from the path itself; at 20 rad/s they are 0.04 rad apart.

@@ -9,12 +9,23 @@ z_B: the Hopf fibration of Watterson and Kumar, "Control of quadrotors using the
 SO(3)" (ISRR 2017). Unlike a heading, which is lost when the nose points up, this is singular for
 z_B = -e_3 only, thrust exactly downwards. Level and at yaw 0 the vehicle heads east.
 
-That is one chart, centred on e_3. ``chart`` gives the same map any other centre, and
-``trajectories/thrust_frames.py`` a sequence of them for paths that are flown upside down.
+That is one chart, centred on e_3. ``chart`` gives the same map any other centre.
+
+No continuous choice of attitude as a function of the thrust's direction alone exists on the whole
+sphere, so a path that is flown upside down needs one that remembers where it came from. Here it is
+the rotation-minimising one: the body turns with its thrust axis and never about it, w_z = 0. In a
+vertical loop that is pitching on through 180 degrees, and of all attitudes it asks for the least
+body rates. See Wang, Juettler, Zheng and Liu, "Computation of rotation minimizing frames" (2008).
+It is a sequence of charts, :class:`ThrustFrames`: one at each knot in time, centred on the
+thrust's direction there and joined so that the attitude is continuous. Between two knots the
+thrust is never far from the centre of its chart, so no chart is used near where it is singular.
+The price is memory: the heading after a spatial manoeuvre depends on the way taken. A path whose
+thrust stays above the horizon therefore keeps the single chart, in which yaw is yaw.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +35,9 @@ from quad_mpc_ros.lie import Array, so3
 
 # Below this thrust over mass [m/s^2] the vehicle falls freely, and may do so in any attitude.
 _FREE_FALL = 1e-3
+_ABOUT = -0.99  # cosine of a turn in 2 ms that is none
+_UPSIDE_DOWN = -1.0 + 1e-9  # cosine of the tilt
+_UP = np.array([[0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,6 +105,54 @@ def thrust_axis(
     z = force / thrust[..., None]
     along = np.sum(z * force_rate, axis=-1, keepdims=True)
     return z, (force_rate - along * z) / thrust[..., None], thrust
+
+
+class ThrustFrames:
+    """The charts of a path, by time."""
+
+    def __init__(self, knots: Array, z: Array) -> None:
+        """Join charts at ``knots`` (n,) [s], where the thrust points along ``z`` (n, 3).
+
+        Raises ``ValueError`` where the thrust turns about between two knots.
+        """
+        about = np.flatnonzero(np.sum(z[:-1] * z[1:], axis=-1) < _ABOUT)
+        if len(about):
+            raise ValueError(f"at {knots[about[0]]:.3f} s the thrust turns about at once")
+        self._knots = knots
+        self._charts = np.empty((len(knots), 3, 3))
+        chart = rotations_between(_UP, z[:1])[0]
+        self._charts[0] = chart
+        for place, step in enumerate(rotations_between(z[:-1], z[1:]), start=1):
+            chart = step @ chart
+            self._charts[place] = chart
+
+    def at(self, seconds: Array) -> Array:
+        """Return the charts (n, 3, 3) for times (n,) [s]."""
+        last = len(self._knots) - 1
+        places = np.clip(np.searchsorted(self._knots, seconds, side="right") - 1, 0, last)
+        return np.asarray(self._charts[places])
+
+
+def yaw_of(R_WB: Array) -> float:
+    """Return the yaw [rad] of an attitude (3, 3): what is left of it after the shortest tilt.
+
+    Upside down, where no tilt is the shortest, where its x axis points.
+    """
+    if R_WB[2, 2] < _UPSIDE_DOWN:
+        return math.atan2(R_WB[1, 0], R_WB[0, 0])
+    turn = rotations_between(_UP, R_WB[None, :, 2])[0].T @ R_WB
+    return math.atan2(turn[1, 0], turn[0, 0])
+
+
+def rotations_between(start: Array, end: Array) -> Array:
+    """Return the shortest rotations (n, 3, 3) that take unit vectors to others, (n, 3) each.
+
+    There is none between opposite ones.
+    """
+    cosine = np.sum(start * end, axis=-1)
+    skew = so3.hat(np.cross(start, end))
+    # Rodrigues' formula without an angle: (1 - cos) / sin^2 = 1 / (1 + cos).
+    return np.asarray(np.eye(3) + skew + skew @ skew / (1.0 + cosine)[:, None, None])
 
 
 def _shortest_tilt(z: Array, z_rate: Array) -> tuple[Array, Array]:

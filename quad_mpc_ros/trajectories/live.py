@@ -16,19 +16,19 @@ from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.trajectories.catalogue import limits_of
 from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.director import GROUND, LANDING, Answer, Director
+from quad_mpc_ros.trajectories.director import GROUND, LANDING, Director, Reply
 from quad_mpc_ros.trajectories.feasibility import judged
-from quad_mpc_ros.trajectories.received import pose_fault, received_trajectory
+from quad_mpc_ros.trajectories.flatness import yaw_of
+from quad_mpc_ros.trajectories.point_table import pose_fault, received_trajectory
 from quad_mpc_ros.trajectories.server import ReferenceServer
 from quad_mpc_ros.trajectories.touchdown import Touchdown
 from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples
-from quad_mpc_ros.trajectories.transition import yaw_of
 
 _CARRIED = 0.1  # m
 _MOST_DRAWN = 500  # poses: a path is drawn between two windows
 _STEP_NS = 50_000_000
 
-_NOT_YET = Answer(accepted=False, text="no usable odometry yet")
+_NOT_YET = Reply(accepted=False, text="no usable odometry yet")
 
 
 class LiveReference:
@@ -65,7 +65,7 @@ class LiveReference:
         """Whether the next odometry makes a difference: at the beginning and near the ground."""
         return self.mode(now_ns) in ("waiting", GROUND, LANDING)
 
-    def observe(self, odometry: OdometrySample) -> Answer | None:
+    def observe(self, odometry: OdometrySample) -> Reply | None:
         """Take an odometry; return what follows from it, if it is the first or a touchdown."""
         now_ns = odometry.stamp_ns
         if self._director is None:
@@ -97,37 +97,37 @@ class LiveReference:
         step_ns = max(_STEP_NS, -(-(end_ns - now_ns) // _MOST_DRAWN))
         return self._director.timeline.at([*range(now_ns, end_ns, step_ns), end_ns])
 
-    def take_off(self, now_ns: int) -> Answer:
+    def take_off(self, now_ns: int) -> Reply:
         """Climb to the configured height above the ground, and hold."""
         if self._director is None:
             return _NOT_YET
         self._follow_over_the_ground(self._director, now_ns)
         return self._done(self._director.take_off(now_ns, height=self._config.takeoff_height))
 
-    def start(self, now_ns: int) -> Answer:
+    def start(self, now_ns: int) -> Reply:
         """Go to the configured trajectory and fly it."""
         if self._director is None:
             return _NOT_YET
         try:
             trajectory = self._joined()
         except UserError as error:
-            return Answer(accepted=False, text=str(error))
+            return Reply(accepted=False, text=str(error))
         return self._done(self._director.fly(now_ns, trajectory))
 
-    def hold(self, now_ns: int) -> Answer:
+    def hold(self, now_ns: int) -> Reply:
         """Come to rest and stay there."""
         return _NOT_YET if self._director is None else self._done(self._director.hold(now_ns))
 
-    def land(self, now_ns: int) -> Answer:
+    def land(self, now_ns: int) -> Reply:
         """Descend to the ground and idle there."""
         if self._director is None:
             return _NOT_YET
-        answer = self._done(self._director.land(now_ns))
-        if answer.accepted:
+        reply = self._done(self._director.land(now_ns))
+        if reply.accepted:
             self._touchdown = Touchdown(self._config.touchdown_speed)
-        return answer
+        return reply
 
-    def go_to(self, now_ns: int, *, frame_id: str, p_WB: Array, q_WB_xyzw: Array) -> Answer:
+    def go_to(self, now_ns: int, *, frame_id: str, p_WB: Array, q_WB_xyzw: Array) -> Reply:
         """Go to a pose, position (3,) [m] and quaternion (4,), of which the heading counts.
 
         A height of exactly zero, which is what a tool of two dimensions sends, keeps the height.
@@ -141,31 +141,31 @@ class LiveReference:
             q_WB_xyzw=q_WB_xyzw[None],
         )
         if fault is not None:
-            return Answer(accepted=False, text=fault)
+            return Reply(accepted=False, text=fault)
         if p_WB[2] == 0.0:
             p_WB = np.array([*p_WB[:2], self._director.resting_height(now_ns)])
         fault = self._out_of_reach(self._director, p_WB[None])
         if fault is not None:
-            return Answer(accepted=False, text=fault)
+            return Reply(accepted=False, text=fault)
         yaw = yaw_of(so3.rotation_from_quaternion_xyzw(q_WB_xyzw))
         return self._done(self._director.go_to(now_ns, p_WB=p_WB, yaw=yaw))
 
-    def follow(self, now_ns: int, message: ReferenceWindow) -> Answer:
+    def follow(self, now_ns: int, message: ReferenceWindow) -> Reply:
         """Go to the beginning of a received trajectory and fly it; its stamp is not asked for."""
         if self._director is None:
             return _NOT_YET
         try:
             trajectory = received_trajectory(message, self._config)
         except (UserError, ValueError) as error:
-            return Answer(accepted=False, text=str(error))
+            return Reply(accepted=False, text=str(error))
         limits = dataclasses.replace(limits_of(self._config), ground=self._director.ground)
         verdict = judged(trajectory, self._config.vehicle(), limits)
         fault = verdict.reason() or self._out_of_reach(self._director, message.p_WB)
         if fault:
-            return Answer(accepted=False, text=fault)
+            return Reply(accepted=False, text=fault)
         return self._done(self._director.fly(now_ns, trajectory))
 
-    def _begin(self, odometry: OdometrySample) -> Answer | None:
+    def _begin(self, odometry: OdometrySample) -> Reply | None:
         self._home = odometry.p_WB
         if self._at_once:
             self._server.start(odometry.stamp_ns)
@@ -180,18 +180,18 @@ class LiveReference:
             q_WB_xyzw=odometry.q_WB_xyzw[None],
         )
         if fault is not None:
-            return Answer(accepted=False, text=f"odometry is no start: {fault}")
+            return Reply(accepted=False, text=f"odometry is no start: {fault}")
         self._director = Director.standing(
             self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)
         )
         self._direct(self._director)
         return None
 
-    def _done(self, answer: Answer) -> Answer:
-        if answer.accepted and self._at_once and self._director is not None:
+    def _done(self, reply: Reply) -> Reply:
+        if reply.accepted and self._at_once and self._director is not None:
             self._at_once = False
             self._direct(self._director)
-        return answer
+        return reply
 
     def _direct(self, director: Director) -> None:
         """Cut the windows out of the director's timeline from now on."""

@@ -9,12 +9,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from quad_mpc_ros.lie import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 _LOOKED_AT, _MOST_LOOKS = 0.002, 20_000  # s
 
@@ -96,6 +99,21 @@ class Round:
         return self._path.at(np.mod(seconds, self.duration))
 
 
+class Rest:
+    """A path that stays at a place (3,) [m]."""
+
+    periodic = False
+
+    def __init__(self, p_WB: Array, *, duration: float) -> None:
+        self._p_WB = p_WB
+        self.duration = duration
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the place, once for each time (n,) [s]."""
+        rest = np.zeros((len(seconds), 3))
+        return PathSamples(p_WB=rest + self._p_WB, v_WB_W=rest, a_WB_W=rest, j_WB_W=rest)
+
+
 class Straight:
     """A path straight on at a constant velocity (3,) [m/s] from a place (3,) [m]."""
 
@@ -114,6 +132,22 @@ class Straight:
             a_WB_W=rest,
             j_WB_W=rest,
         )
+
+
+class SplinePath:
+    """A spline of degree 5 or more from 0 to ``duration`` [s] with values (n, 3) [m]."""
+
+    periodic = False
+
+    def __init__(self, curve: BSpline, *, duration: float) -> None:
+        self.duration = duration
+        self._curves = [curve.derivative(order) if order else curve for order in range(4)]
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s] from 0 to its duration."""
+        seconds = np.clip(seconds, 0.0, self.duration)
+        p, v, a, j = (np.asarray(curve(seconds)) for curve in self._curves)
+        return PathSamples(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=j)
 
 
 class Slowed:

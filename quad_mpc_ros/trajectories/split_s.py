@@ -13,8 +13,8 @@ import numpy as np
 
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.minimum_snap import End, Leg, leg_within
 from quad_mpc_ros.trajectories.path import Chain, Path, with_lowest_point
-from quad_mpc_ros.trajectories.polynomial import End, Leg, leg_within
 from quad_mpc_ros.trajectories.smooth_turn import SmoothTurn
 from quad_mpc_ros.trajectories.thrust_path import Thrust, ThrustPath, coasting_end, turning_thrust
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from quad_mpc_ros.lie import Array
+from quad_mpc_ros.trajectories.minimum_snap import End
 from quad_mpc_ros.trajectories.path import PathSamples
-from quad_mpc_ros.trajectories.polynomial import End
 from quad_mpc_ros.trajectories.smooth_turn import SmoothTurn
 
 Thrust = Callable[[Array], tuple[Array, Array]]
@@ -42,6 +41,8 @@ class ThrustPath:
         gravity: float,
         drag: float,
     ) -> None:
+        from scipy.integrate import solve_ivp
+
         self.duration = duration
         self._thrust, self._drag = thrust, drag
         self._weight = np.array([0.0, 0.0, gravity])

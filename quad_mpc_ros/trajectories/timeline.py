@@ -1,4 +1,4 @@
-"""Trajectories one after the other on a clock: what is flown now and what comes next."""
+"""Trajectories one after the other on a clock, and the time by which they are flown."""
 
 from __future__ import annotations
 
@@ -75,3 +75,29 @@ class Timeline:
     def _owner(self, time_ns: int) -> int:
         started = [n for n, phase in enumerate(self._phases) if phase.start_ns <= time_ns]
         return started[-1] if started else 0
+
+
+class FlightTime:
+    """The time by which a reference is flown: it stands still while nothing is published.
+
+    After a pause the flight goes on where it stopped, and does not jump ahead. All times
+    are nanoseconds of the clock of the stamps.
+    """
+
+    def __init__(self) -> None:
+        self._paused_ns = 0
+        self._since_ns: int | None = None
+
+    def pause(self, now_ns: int) -> None:
+        """Stand still from now on."""
+        self._since_ns = now_ns
+
+    def resume(self, now_ns: int) -> None:
+        """Go on, when it stood still; a clock that was set back meanwhile pauses nothing."""
+        if self._since_ns is not None:
+            self._paused_ns += max(0, now_ns - self._since_ns)
+            self._since_ns = None
+
+    def at(self, stamp_ns: int) -> int:
+        """Return the time of the flight at a stamp."""
+        return stamp_ns - self._paused_ns

@@ -1,4 +1,4 @@
-"""From any motion to another one, without a jump in position, velocity, attitude or body rates."""
+"""From one flat state to another, without a jump in position, velocity, attitude or rates."""
 
 from __future__ import annotations
 
@@ -8,21 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.trajectories.flatness import yaw_of
+from quad_mpc_ros.trajectories.minimum_snap import End, Leg, leg_within
 from quad_mpc_ros.trajectories.path import Path, Turned
-from quad_mpc_ros.trajectories.polynomial import End, Leg, leg_within
-from quad_mpc_ros.trajectories.thrust_frames import rotations_between
 from quad_mpc_ros.trajectories.trajectory import Trajectory
 
 _STEP_NS = 1_000_000
-_UPSIDE_DOWN = -1.0 + 1e-9  # cosine of the tilt
-_UP = np.array([[0.0, 0.0, 1.0]])
 # Of a rest-to-rest polynomial of degree 7: its highest rate over the mean.
 _PEAK = 35.0 / 16.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
-    """Where a trajectory is and how it moves: ``end`` of a leg, yaw [rad] and its rate [rad/s].
+class FlatState:
+    """Flat outputs and their derivatives: ``end`` of a leg, yaw [rad] and its rate [rad/s].
 
     Yaw is the turn about body z after the shortest tilt from level. ``inverted`` tells that the
     thrust points below the horizon.
@@ -34,20 +32,20 @@ class Motion:
     inverted: bool = False
 
     @staticmethod
-    def at_rest(p_WB: Array | None, *, yaw: float) -> Motion:
-        """Return the motion that is none, at a position (3,) [m] or, with None, anywhere."""
-        return Motion(end=End.at_rest(p_WB), yaw=yaw)
+    def at_rest(p_WB: Array | None, *, yaw: float) -> FlatState:
+        """Return rest at a position (3,) [m] or, with None, anywhere."""
+        return FlatState(end=End.at_rest(p_WB), yaw=yaw)
 
 
-def motion_of(trajectory: Trajectory, time_ns: int) -> Motion:
-    """Return the motion of a smooth trajectory at a time.
+def flat_state_of(trajectory: Trajectory, time_ns: int) -> FlatState:
+    """Return the flat state of a smooth trajectory at a time.
 
     Jerk and yaw rate are differences forwards: at the beginning there is nothing before.
     """
     samples = trajectory.at([time_ns, time_ns + _STEP_NS, time_ns + 2 * _STEP_NS])
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
     yaw = np.unwrap([yaw_of(R) for R in R_WB])
-    return Motion(
+    return FlatState(
         end=End(
             p_WB=samples.p_WB[0],
             v_WB_W=samples.v_WB_W[0],
@@ -60,21 +58,15 @@ def motion_of(trajectory: Trajectory, time_ns: int) -> Motion:
     )
 
 
-def yaw_of(R_WB: Array) -> float:
-    """Return the yaw [rad] of an attitude (3, 3): what is left of it after the shortest tilt.
-
-    Upside down, where no tilt is the shortest, where its x axis points.
-    """
-    if R_WB[2, 2] < _UPSIDE_DOWN:
-        return math.atan2(R_WB[1, 0], R_WB[0, 0])
-    turn = rotations_between(_UP, R_WB[None, :, 2])[0].T @ R_WB
-    return math.atan2(turn[1, 0], turn[0, 0])
-
-
 def transition(
-    start: Motion, goal: Motion, *, max_speed: float, max_acceleration: float, max_yaw_rate: float
+    start: FlatState,
+    goal: FlatState,
+    *,
+    max_speed: float,
+    max_acceleration: float,
+    max_yaw_rate: float,
 ) -> Path:
-    """Return the path of least snap from one motion to another, turning the shorter way.
+    """Return the path of least snap from one flat state to another, turning the shorter way.
 
     It is as quick as the limits [m/s, m/s^2, rad/s] let it be.
     """

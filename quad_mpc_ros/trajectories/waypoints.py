@@ -10,7 +10,7 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.minimum_snap import minimum_snap_path
-from quad_mpc_ros.trajectories.path import Chain, Path, PathSamples
+from quad_mpc_ros.trajectories.path import Chain, Path, Rest
 from quad_mpc_ros.trajectories.trajectory import TrajectorySamples, at_rest
 
 _SAME_PLACE = 1e-6  # m
@@ -67,21 +67,6 @@ def rests_and_legs(points: Array, config: ReferenceConfig) -> list[Path]:
             )
         )
     return links
-
-
-class Rest:
-    """A path that stays at a place (3,) [m]."""
-
-    periodic = False
-
-    def __init__(self, p_WB: Array, *, duration: float) -> None:
-        self._p_WB = p_WB
-        self.duration = duration
-
-    def at(self, seconds: Array) -> PathSamples:
-        """Return the place, once for each time (n,) [s]."""
-        rest = np.zeros((len(seconds), 3))
-        return PathSamples(p_WB=rest + self._p_WB, v_WB_W=rest, a_WB_W=rest, j_WB_W=rest)
 
 
 class Steps:

@@ -15,11 +15,12 @@ from numpy.testing import assert_allclose
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.director import IDLE_DEPTH, Answer, Director
-from quad_mpc_ros.trajectories.polynomial import End
+from quad_mpc_ros.trajectories.director import IDLE_DEPTH, Director, Reply
+from quad_mpc_ros.trajectories.flatness import yaw_of
+from quad_mpc_ros.trajectories.minimum_snap import End
 from quad_mpc_ros.trajectories.timeline import Timeline
 from quad_mpc_ros.trajectories.trajectory import Trajectory
-from quad_mpc_ros.trajectories.transition import Motion, transition, yaw_of
+from quad_mpc_ros.trajectories.transition import FlatState, transition
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -110,7 +111,7 @@ def test_a_whole_flight() -> None:
     assert director.timeline.jumps(START - SECOND, now + SECOND) == []
 
 
-REQUESTS: dict[str, Callable[[Director, int], Answer]] = {
+REQUESTS: dict[str, Callable[[Director, int], Reply]] = {
     "start": lambda director, now: director.fly(now, flown("circle")),
     "hold": lambda director, now: director.hold(now),
     "land": lambda director, now: director.land(now),
@@ -194,10 +195,10 @@ vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 def test_a_transition_joins_two_motions(
     p: Array, v: Array, a: Array, goal: Array, yaw: float, goal_yaw: float
 ) -> None:
-    start = Motion(end=End(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=-a), yaw=yaw, yaw_rate=0.3)
+    start = FlatState(end=End(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=-a), yaw=yaw, yaw_rate=0.3)
     path = transition(
         start,
-        Motion.at_rest(goal, yaw=goal_yaw),
+        FlatState.at_rest(goal, yaw=goal_yaw),
         max_speed=5.0,
         max_acceleration=6.0,
         max_yaw_rate=3.0,

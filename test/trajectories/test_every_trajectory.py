@@ -18,7 +18,7 @@ from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
 from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import TRAJECTORY_NAMES, ReferenceConfig
-from quad_mpc_ros.trajectories.recorded_path import Recording
+from quad_mpc_ros.trajectories.point_table import PointTable
 from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples
 
 SECOND = 1_000_000_000
@@ -46,11 +46,11 @@ def spiral(seconds: Array) -> Array:
     return np.column_stack((np.cos(angle), np.sin(angle), 1.0 + 0.2 * seconds))
 
 
-def recorded(path: Path) -> Recording:
+def recorded(path: Path) -> PointTable:
     """Return a run round a spiral, as noisy odometry tells of it."""
     seconds = np.arange(0.0, 4.0, 0.02)
     noise = np.random.default_rng(1).normal(0.0, 0.003, (len(seconds), 3))
-    return Recording(source=str(path), seconds=seconds, p_WB=spiral(seconds) + noise)
+    return PointTable(source=str(path), seconds=seconds, p_WB=spiral(seconds) + noise)
 
 
 def table(folder: Path) -> Path:

@@ -13,7 +13,7 @@ from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.trajectories.catalogue import configured_trajectory, joined_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.director import Answer
+from quad_mpc_ros.trajectories.director import Reply
 from quad_mpc_ros.trajectories.live import LiveReference
 from quad_mpc_ros.trajectories.server import ReferenceServer
 
@@ -175,13 +175,13 @@ SPAN = np.arange(0.0, 8.0, 0.1)
 RING = np.column_stack((np.cos(SPAN), np.sin(SPAN), 2.0 + 0.0 * SPAN))
 
 
-def goal(*p_WB: float, frame_id: str = "odom", q: object = LEVEL) -> Callable[..., Answer]:
+def goal(*p_WB: float, frame_id: str = "odom", q: object = LEVEL) -> Callable[..., Reply]:
     return lambda reference, now: reference.go_to(
         now, frame_id=frame_id, p_WB=np.array(p_WB), q_WB_xyzw=np.array(q)
     )
 
 
-def course(*arguments: object, **options: object) -> Callable[..., Answer]:
+def course(*arguments: object, **options: object) -> Callable[..., Reply]:
     return lambda reference, now: reference.follow(now, message(*arguments, **options))
 
 

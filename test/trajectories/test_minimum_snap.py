@@ -15,8 +15,13 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.minimum_snap import minimum_snap_path, snap_spline
-from quad_mpc_ros.trajectories.polynomial import End, Leg, leg_within
+from quad_mpc_ros.trajectories.minimum_snap import (
+    End,
+    Leg,
+    leg_within,
+    minimum_snap_path,
+    snap_spline,
+)
 
 POINTS = np.array([[0.0, 0.0, 1.0], [2.0, 0.5, 1.5], [2.5, 2.0, 3.0], [0.0, 2.0, 2.0]])
 TIMES = np.array([0.0, 1.2, 2.0, 3.7])

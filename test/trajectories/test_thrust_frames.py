@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
+from quad_mpc_ros.trajectories.flatness import ThrustFrames, rotations_between
 from quad_mpc_ros.trajectories.path import PathSamples
-from quad_mpc_ros.trajectories.thrust_frames import ThrustFrames, rotations_between
 
 
 class Tumbling:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from quad_mpc_ros.trajectories.flight_time import FlightTime
+from quad_mpc_ros.trajectories.timeline import FlightTime
 
 
 def test_it_is_that_of_the_stamps_without_a_pause() -> None:

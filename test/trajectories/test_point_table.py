@@ -12,8 +12,7 @@ from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.csv_file import read_csv
-from quad_mpc_ros.trajectories.recorded_path import Recording, recorded_path
+from quad_mpc_ros.trajectories.point_table import PointTable, read_csv, table_path
 
 HEADER = "time [s], x [m], y [m], z [m]"
 ROWS = [f"{0.5 * k}, {0.1 * k * k}, {k}, 2" for k in range(8)]
@@ -87,19 +86,19 @@ def circle(seconds: Array) -> Array:
     return np.column_stack((2 * np.cos(seconds), 2 * np.sin(seconds), np.full(len(seconds), 2.0)))
 
 
-def recording(noise: float, yaw: bool = False) -> Recording:
+def recording(noise: float, yaw: bool = False) -> PointTable:
     seconds = np.arange(0.0, 6.0, 0.02)
     p_WB = circle(seconds)
     p_WB += np.random.default_rng(0).normal(0.0, noise, p_WB.shape) if noise else 0.0
     angle = (seconds + np.pi) % (2.0 * np.pi) - np.pi  # jumps by a turn, as angles are recorded
-    return Recording(source="run", seconds=seconds, p_WB=p_WB, yaw=angle if yaw else None)
+    return PointTable(source="run", seconds=seconds, p_WB=p_WB, yaw=angle if yaw else None)
 
 
 @pytest.mark.parametrize(("noise", "tolerance"), [(0.0, 1e-4), (0.005, 0.0087), (0.02, 0.035)])
 def test_noise_does_not_become_acceleration(noise: float, tolerance: float) -> None:
     """Differentiated twice as it is, 5 mm of noise at 50 Hz would be 30 m/s^2."""
     config = ReferenceConfig(path_tolerance=tolerance, max_acceleration=5.0)
-    path = recorded_path(recording(noise), config)
+    path = table_path(recording(noise), config)
     times = np.linspace(0.0, path.duration, 4001)
     samples = path.at(times)
     # It begins in motion: a way in from rest comes first.
@@ -114,7 +113,7 @@ def test_noise_does_not_become_acceleration(noise: float, tolerance: float) -> N
 
 
 def test_recorded_yaw_is_unwound() -> None:
-    path = recorded_path(recording(0.0, yaw=True), ReferenceConfig(max_acceleration=5.0))
+    path = table_path(recording(0.0, yaw=True), ReferenceConfig(max_acceleration=5.0))
     samples = path.at(np.linspace(0.0, path.duration, 2001))
     assert np.abs(samples.yaw_rate).max() < 1.2
     assert np.ptp(samples.yaw) == pytest.approx(6.0, abs=1.5)
@@ -123,9 +122,9 @@ def test_recorded_yaw_is_unwound() -> None:
 def test_recordings_that_make_no_sense_name_the_point() -> None:
     seconds, p_WB = np.arange(8.0), np.zeros((8, 3))
     with pytest.raises(UserError, match=r"run: the time of point 4 .* 1 s, is not after .* 3 s"):
-        Recording(source="run", seconds=np.array([0, 1, 2, 3, 1, 5, 6, 7.0]), p_WB=p_WB)
+        PointTable(source="run", seconds=np.array([0, 1, 2, 3, 1, 5, 6, 7.0]), p_WB=p_WB)
     p_WB[5, 1] = np.nan
     with pytest.raises(UserError, match=r"run: point 5 .* is not finite"):
-        Recording(source="run", seconds=seconds, p_WB=p_WB)
+        PointTable(source="run", seconds=seconds, p_WB=p_WB)
     with pytest.raises(UserError, match="run: 5 points, expected at least 6"):
-        Recording(source="run", seconds=seconds[:5], p_WB=np.zeros((5, 3)))
+        PointTable(source="run", seconds=seconds[:5], p_WB=np.zeros((5, 3)))
