@@ -36,7 +36,8 @@ class FaultFlight:
     """Plant, reference and controller, and between them the fault.
 
     References and odometries come at their rates, and a timer watches between two odometries.
-    A command takes effect at once. Only the solver that runs long needs the wall clock.
+    A command takes effect at once. Only the solver that runs long needs the wall clock. ``ticks``
+    are all of the controller's with their times from the start of the flight [ns].
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class FaultFlight:
         self._changes = storm(mpc)
 
         self._time_ns = 0
-        self._ticks: list[tuple[int, Tick]] = []
+        self.ticks: list[tuple[int, Tick]] = []
         self._unsound: list[str] = []
         self._home_ns: int | None = None
         self._start_plant()
@@ -148,7 +149,7 @@ class FaultFlight:
         """Let the command act, and keep what is to be judged."""
         if tick is None:
             return
-        self._ticks.append((self._time_ns, tick))
+        self.ticks.append((self._time_ns, tick))
         if tick.command is not None:
             fault = command_fault(tick.command, self._config)
             if fault is not None:
@@ -182,9 +183,9 @@ class FaultFlight:
         return Record(
             sightings=[
                 Sighting(time=since(time_ns), source=tick.stats.source, reason=tick.stats.reason)
-                for time_ns, tick in self._ticks
+                for time_ns, tick in self.ticks
             ],
-            commands=[since(time_ns) for time_ns, tick in self._ticks if tick.command is not None],
+            commands=[since(time_ns) for time_ns, tick in self.ticks if tick.command is not None],
             end=since(self._end_ns),
             over=since(self._end_ns),
             home=None if self._home_ns is None else since(self._home_ns),
@@ -194,7 +195,7 @@ class FaultFlight:
 
     def _count(self) -> int | None:
         """Return the fault's counter; None when it has none, or when it is not told."""
-        stats = dict(self._ticks[-1][1].stats.items())
+        stats = dict(self.ticks[-1][1].stats.items())
         return int(stats[self._fault.counter]) if self._fault.counter in stats else None
 
     @property

@@ -1,0 +1,65 @@
+"""The tools that tell whether a change alters commands or step times."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+TOOLS = Path(__file__).parents[2] / "tools"
+
+
+def tool(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, TOOLS / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_flight_has_the_same_fingerprint_twice_and_another_has_another() -> None:
+    fingerprints = tool("flight_fingerprints")
+    fly = [fingerprints.flown("simulate", ["--duration", "0.5"], given) for given in ([], [])]
+    other = fingerprints.flown("simulate", ["--duration", "0.5"], ["mpc.horizon_steps=9"])
+    assert fly[0] == fly[1] != other
+    assert fly[0][0] == other[0] == 25
+
+
+def test_a_flight_with_a_fault_tells_who_commanded() -> None:
+    name, count, digest, sources = (
+        tool("flight_fingerprints").fingerprint("fault_ground_reference_stops").split()
+    )
+    assert name == "fault_ground_reference_stops"
+    assert int(count) > 0 and len(digest) == 32 and sources == "IDLE,MPC"
+
+
+def test_a_flight_that_is_not_flown_has_no_fingerprint() -> None:
+    with pytest.raises(SystemExit, match=r"mpc\.mass"):
+        tool("flight_fingerprints").flown("simulate", [], ["mpc.mass=-1"])
+
+
+def test_unknown_flights_are_refused() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-P", TOOLS / "flight_fingerprints.py", "out.txt", "--only", "nowhere"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 2 and "given nowhere" in ended.stderr
+
+
+def test_table_of_step_times_has_pairs_ratios_and_medians() -> None:
+    compare = tool("compare_steps")
+    times = compare.StepTimes
+    pairs = [
+        (times(p50=400.0, p99=1000.0), times(p50=500.0, p99=1100.0)),
+        (times(p50=400.0, p99=1000.0), times(p50=400.0, p99=900.0)),
+        (times(p50=200.0, p99=2000.0), times(p50=100.0, p99=1900.0)),
+    ]
+    lines = [line.split() for line in compare.table(pairs).splitlines()]
+    assert lines[2] == ["1", "400", "500", "1.250", "1000", "1100", "1.100"]
+    assert lines[-1] == ["median", "400", "400", "1.000", "1000", "1100", "0.950"]

@@ -1,0 +1,105 @@
+"""Whether a control step takes longer than it did: two installations, run by turns.
+
+    python tools/compare_steps.py OLD_PYTHON NEW_PYTHON [--pairs 10] [-- OPTIONS of simulate]
+
+Both Pythons have quad_mpc_ros installed, in environments of their own. Each pair of runs of
+``quad_mpc simulate`` flies the same flight, the old one first in every other pair, and gives the
+ratios new / old of the p50 and the p99 of its step times. A machine that is busy for a while is so
+for both runs of a pair, hence the median of the ratios tells a change from the machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+
+class StepTimes(NamedTuple):
+    """Step times of a flight [us]."""
+
+    p50: float
+    p99: float
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("old", type=Path, help="python of one environment")
+    parser.add_argument("new", type=Path, help="python of the other one")
+    parser.add_argument("--pairs", type=int, default=10, help="pairs of runs (default: 10)")
+    parser.add_argument("simulate", nargs="*", help="options of quad_mpc simulate, after --")
+    options = parser.parse_args()
+    if options.pairs < 1:
+        parser.error(f"--pairs: given {options.pairs}, expected a number >= 1")
+    for name in ("old", "new"):
+        python = getattr(options, name)
+        print(f"{name}  {package_of(python)}")
+        step_times(python, options.simulate)  # its code may have to be compiled
+    pairs = []
+    for number in range(options.pairs):
+        print(f"pair {number + 1} of {options.pairs}", file=sys.stderr, flush=True)
+        order = [options.old, options.new] if number % 2 == 0 else [options.new, options.old]
+        times = {python: step_times(python, options.simulate) for python in order}
+        pairs.append((times[options.old], times[options.new]))
+    print(table(pairs))
+
+
+def package_of(python: Path) -> str:
+    """Return where a Python has the package from."""
+    ended = run(python, "-c", "import quad_mpc_ros; print(quad_mpc_ros.__path__[0])")
+    if ended.returncode:
+        raise SystemExit(f"{python}: {ended.stderr}")
+    return ended.stdout.strip()
+
+
+def step_times(python: Path, options: list[str]) -> StepTimes:
+    """Fly once, and return the step times that its summary tells."""
+    with tempfile.TemporaryDirectory() as folder:
+        summary = Path(folder) / "run" / "summary.json"
+        command = ("-m", "quad_mpc_ros.cli", "simulate", *options, "--out", str(summary.parent))
+        ended = run(python, *command)
+        if not summary.exists():  # a flight with a fallback is one, too
+            raise SystemExit(f"{python}: {ended.stderr}")
+        times = json.loads(summary.read_text(encoding="utf-8"))["step_time_us"]
+        return StepTimes(times["p50"], times["p99"])
+
+
+def run(python: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a Python that sees its own environment only."""
+    environment = {
+        name: value for name, value in os.environ.items() if not name.startswith("PYTHON")
+    }
+    return subprocess.run(
+        [python, "-P", *arguments], capture_output=True, text=True, check=False, env=environment
+    )
+
+
+def table(pairs: list[tuple[StepTimes, StepTimes]]) -> str:
+    """Return the table of pairs old, new: their step times, ratios, and the medians of each."""
+    lines = [
+        "       p50 [us]                p99 [us]",
+        "pair     old     new  new/old     old     new  new/old",
+    ]
+    rows = [
+        [value for a, b in zip(old, new, strict=True) for value in (a, b, b / a)]
+        for old, new in pairs
+    ]
+    medians = [statistics.median(column) for column in zip(*rows, strict=True)]
+    names = [*(str(number + 1) for number in range(len(rows))), "median"]
+    for name, row in zip(names, [*rows, medians], strict=True):
+        cells = "".join(
+            f"{value:9.3f}" if column % 3 == 2 else f"{value:8.0f}"
+            for column, value in enumerate(row)
+        )
+        lines.append(f"{name:5}{cells[1:]}" if len(name) > 4 else f"{name:4}{cells}")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()
