@@ -16,10 +16,10 @@ from quad_mpc_ros.simulation.odometry_stream import OdometryStream
 from quad_mpc_ros.simulation.plants import make_plant
 from quad_mpc_ros.trajectories.catalogue import configured_trajectory, joined_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.director import Answer
+from quad_mpc_ros.trajectories.director import Reply
 from quad_mpc_ros.trajectories.live import LiveReference
 
-Requests = dict[float, Callable[[LiveReference, int], Answer]]
+Requests = dict[float, Callable[[LiveReference, int], Reply]]
 
 LAGS = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
 
