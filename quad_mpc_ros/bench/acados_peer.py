@@ -90,10 +90,7 @@ class AcadosPeer:
         force = points.a_WB_W[middles] + self._vehicle.drag * points.v_WB_W[middles]
         force[:, 2] += self._vehicle.gravity
         thrust = self._vehicle.mass * np.einsum("ni,ni->n", points.R_WB[middles][..., 2], force)
-        lowest, highest = self._vehicle.thrust(0.0), self._vehicle.thrust(1.0)
-        throttles = [
-            self._vehicle.throttle_for(min(max(t, lowest), highest)) for t in thrust.tolist()
-        ]
+        throttles = [self._vehicle.nearest_throttle(t) for t in thrust.tolist()]
         inputs = np.column_stack((throttles, points.w_WB_B[middles]))
         references[:-1, 15:] = np.clip(inputs, self._u_min, self._u_max)
         for stage, reference in enumerate(references):

@@ -74,8 +74,7 @@ class ThrustMap:
                 np.interp(thrust, self._parameters.table_thrust, self._parameters.table_throttle)
             )
         else:
-            lowest, highest = self._stack.thrust(0.0), self._stack.thrust(1.0)
-            throttle = self._stack.throttle_for(min(max(thrust, lowest), highest))
+            throttle = self._stack.nearest_throttle(thrust)
         return min(max(throttle, 0.0), 1.0)
 
 

@@ -19,7 +19,7 @@ from quad_mpc_ros.control.tick import Counts, Tick, figures_of
 from quad_mpc_ros.estimation.contact import GroundContact
 from quad_mpc_ros.estimation.twist_frame import TwistFrameCheck
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.lie.kernels import largest
+from quad_mpc_ros.lie.kernels import infinity_norm
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input, State, state_from_odometry, with_body_twist
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -207,7 +207,7 @@ class Controller:
         if step.plan is None:
             self._solver_failures += 1
             return step, f"solver: {step.solution.status}"
-        if not math.isfinite(largest(step.plan.inputs.ravel())):
+        if not math.isfinite(infinity_norm(step.plan.inputs.ravel())):
             self._solver_failures += 1
             return step, "the plan is not finite"
         if step.step_time > self._deadline:

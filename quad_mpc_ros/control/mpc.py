@@ -14,8 +14,8 @@ from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.formulation import Formulation, Plan
 from quad_mpc_ros.ocp.horizon_qp import HorizonQP
 from quad_mpc_ros.ocp.manifold import ManifoldFormulation
-from quad_mpc_ros.ocp.osqp_solver import QpSolution, QpSolver
 from quad_mpc_ros.ocp.paper import PaperFormulation
+from quad_mpc_ros.ocp.qp_solver import QpSolution, QpSolver
 from quad_mpc_ros.ocp.situation import Situation
 
 FORMULATIONS: dict[str, Callable[[MpcConfig], Formulation]] = {

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.estimation.command_history import CommandHistory, acting_between
 from quad_mpc_ros.estimation.disturbance_ekf import Memory, VehicleEstimator, follow, start_at
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.lie import kernels as so3
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.rollout import (
     NO_DISTURBANCE,
     Disturbance,
@@ -221,5 +220,5 @@ def _arrive(
             frozen,
         )
     actuators_now[0, 0] = throttle[0]
-    so3.store_matrix(so3.matrix(R_now[0]), R_before)
-    so3.store_vector(so3.vector(w_WB_B), w_before)
+    kernels.store_matrix(kernels.matrix(R_now[0]), R_before)
+    kernels.store_vector(kernels.vector(w_WB_B), w_before)

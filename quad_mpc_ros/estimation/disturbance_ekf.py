@@ -22,8 +22,7 @@ import numpy as np
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.estimation.command_history import Acting
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.lie import kernels as so3
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.rollout import Body, Disturbance, Model, input_at, moved_on
 
 # State of the filter: velocity, acceleration, factor on the thrust, time constant of the thrust.
@@ -70,9 +69,9 @@ class _Slopes(NamedTuple):
     ``v_by_scale`` and ``v_by_lag`` of the velocity, ``w_by_lag`` of the rates.
     """
 
-    v_by_scale: so3.Vector
-    v_by_lag: so3.Vector
-    w_by_lag: so3.Vector
+    v_by_scale: kernels.Vector
+    v_by_lag: kernels.Vector
+    w_by_lag: kernels.Vector
 
 
 class VehicleEstimator:
@@ -193,11 +192,13 @@ def follow(
         x[_TAU],
         memory.rate_lag[0],
     )
-    axis = _mean_axis(so3.column(so3.matrix(R_before), 2), so3.column(so3.matrix(R_after), 2))
+    axis = _mean_axis(
+        kernels.column(kernels.matrix(R_before), 2), kernels.column(kernels.matrix(R_after), 2)
+    )
     start = Body(
         (0.0, 0.0, 0.0),
-        so3.vector(x[_V : _V + 3]),
-        so3.matrix(R_before),
+        kernels.vector(x[_V : _V + 3]),
+        kernels.matrix(R_before),
         (memory.throttle[0], w_before[0], w_before[1], w_before[2]),
     )
     reached, slopes = _followed(believed, memory, commands, durations, axis, start)
@@ -205,8 +206,8 @@ def follow(
         return
     duration = durations.sum()
     thrust = slopes.v_by_scale[2] / duration
-    v = so3.vector(v_after)
-    resting = so3.dot(v, v) < _REST_SPEED**2
+    v = kernels.vector(v_after)
+    resting = kernels.dot(v, v) < _REST_SPEED**2
     if not resting or thrust > _LIFT * modelled.gravity:
         flown[0] = 1.0
     elif thrust < _LANDED * modelled.gravity:
@@ -220,13 +221,13 @@ def follow(
 
 
 @compiled
-def _mean_axis(before: so3.Vector, after: so3.Vector) -> so3.Vector:
+def _mean_axis(before: kernels.Vector, after: kernels.Vector) -> kernels.Vector:
     """Return the mean of a direction that turned evenly from one to another (Simpson)."""
-    middle = so3.plus(before, after)
-    length = math.sqrt(so3.dot(middle, middle))
+    middle = kernels.plus(before, after)
+    length = math.sqrt(kernels.dot(middle, middle))
     if length < 1e-6:
         return after
-    return so3.scaled(1.0 / 6.0, so3.plus(middle, so3.scaled(4.0 / length, middle)))
+    return kernels.scaled(1.0 / 6.0, kernels.plus(middle, kernels.scaled(4.0 / length, middle)))
 
 
 @compiled
@@ -261,11 +262,11 @@ def _followed(
     memory: Memory,
     commands: Array,
     durations: Array,
-    thrust_axis_W: so3.Vector,
+    thrust_axis_W: kernels.Vector,
     start: Body,
 ) -> tuple[Body, _Slopes]:
     """Move a state on through commands (n, 4) by what is believed; return it and its slopes."""
-    x, body, d_W = memory.x, start, so3.vector(memory.x[_D : _D + 3])
+    x, body, d_W = memory.x, start, kernels.vector(memory.x[_D : _D + 3])
     throttle, slope = memory.throttle[0], memory.throttle[1]
     v_by_scale = v_by_lag = w_by_lag = (0.0, 0.0, 0.0)
     for k in range(len(durations)):
@@ -276,15 +277,17 @@ def _followed(
             body.actuators[2] - command[2],
             body.actuators[3] - command[3],
         )
-        w_by_lag = so3.plus(so3.scaled(decay, w_by_lag), so3.scaled(decay_slope, excess))
+        w_by_lag = kernels.plus(
+            kernels.scaled(decay, w_by_lag), kernels.scaled(decay_slope, excess)
+        )
         decay, share, decay_slope, share_slope = _lag_slopes(model.thrust_time_constant, dt)
         off = throttle - command[0]
         mean, mean_slope = command[0] + share * off, share * slope + share_slope * off
         throttle, slope = command[0] + decay * off, decay * slope + decay_slope * off
         push = dt * ((model.a * mean + model.b) * mean + model.c)
         push_slope = dt * x[_K] * (2.0 * model.a * mean + model.b) * mean_slope
-        v_by_scale = so3.plus(v_by_scale, so3.scaled(push, thrust_axis_W))
-        v_by_lag = so3.plus(v_by_lag, so3.scaled(push_slope, thrust_axis_W))
+        v_by_scale = kernels.plus(v_by_scale, kernels.scaled(push, thrust_axis_W))
+        v_by_lag = kernels.plus(v_by_lag, kernels.scaled(push_slope, thrust_axis_W))
         body = moved_on(model, d_W, x[_K], command, dt, _LONGEST, body)
     memory.throttle[0], memory.throttle[1] = throttle, slope
     return body, _Slopes(v_by_scale, v_by_lag, w_by_lag)
@@ -302,14 +305,14 @@ def _learn(
 ) -> None:
     """Correct what is believed by what was measured where ``reached`` was expected."""
     x, P = memory.x, memory.P
-    so3.store_vector(reached.v, x[_V : _V + 3])
+    kernels.store_vector(reached.v, x[_V : _V + 3])
     _spread(model, P, slopes, duration)
     before = x[_TAU]
     for i in range(3):
         _correct(x, P, i, v_WB_W[i])
     for i in range(3):
-        x[_D + i] = min(max(x[_D + i], -_ACCELERATION_BOUND), _ACCELERATION_BOUND)
-    x[_K] = min(max(x[_K], SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
+        x[_D + i] = kernels.clamp(x[_D + i], -_ACCELERATION_BOUND, _ACCELERATION_BOUND)
+    x[_K] = kernels.clamp(x[_K], SCALE_BOUNDS[0], SCALE_BOUNDS[1])
     x[_TAU] = _bounded_lag(x[_TAU], model.thrust_time_constant)
     memory.throttle[0] += memory.throttle[1] * (x[_TAU] - before)
     _correct_rate_lag(
@@ -319,7 +322,7 @@ def _learn(
 
 @compiled
 def _bounded_lag(time_constant: float, modelled: float) -> float:
-    return min(max(time_constant, modelled / _LAG_BOUND), modelled * _LAG_BOUND)
+    return kernels.clamp(time_constant, modelled / _LAG_BOUND, modelled * _LAG_BOUND)
 
 
 @compiled
@@ -361,8 +364,8 @@ def _correct(x: Array, P: Array, entry: int, measured: float) -> None:
 def _correct_rate_lag(
     model: Model,
     rate_lag: Array,
-    expected: so3.Vector,
-    slopes: so3.Vector,
+    expected: kernels.Vector,
+    slopes: kernels.Vector,
     measured: Array,
     duration: float,
 ) -> None:

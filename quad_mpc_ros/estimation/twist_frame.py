@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.lie import kernels as so3
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.samples import OdometrySample
 
 _SPEED_ENOUGH = 0.5  # m/s, below it noise hides the frame
@@ -56,12 +55,13 @@ def _disagreement(
     p_before: Array, p_after: Array, q_WB_xyzw: Array, v: Array, duration: float
 ) -> tuple[float, float, float]:
     """Return the speed between two positions, and how far the twist is off if body or world."""
-    measured = so3.scaled(
-        1.0 / duration, so3.plus(so3.vector(p_after), so3.scaled(-1.0, so3.vector(p_before)))
+    measured = kernels.scaled(
+        1.0 / duration,
+        kernels.plus(kernels.vector(p_after), kernels.scaled(-1.0, kernels.vector(p_before))),
     )
-    R_WB = so3.rotation((q_WB_xyzw[0], q_WB_xyzw[1], q_WB_xyzw[2], q_WB_xyzw[3]))
-    world = so3.vector(v)
-    child = so3.apply(R_WB, world)
+    R_WB = kernels.rotation((q_WB_xyzw[0], q_WB_xyzw[1], q_WB_xyzw[2], q_WB_xyzw[3]))
+    world = kernels.vector(v)
+    child = kernels.apply(R_WB, world)
     return (
         _distance(measured, (0.0, 0.0, 0.0)),
         _distance(measured, child),
@@ -70,6 +70,6 @@ def _disagreement(
 
 
 @compiled
-def _distance(a: so3.Vector, b: so3.Vector) -> float:
-    difference = so3.plus(a, so3.scaled(-1.0, b))
-    return math.sqrt(so3.dot(difference, difference))
+def _distance(a: kernels.Vector, b: kernels.Vector) -> float:
+    difference = kernels.plus(a, kernels.scaled(-1.0, b))
+    return math.sqrt(kernels.dot(difference, difference))

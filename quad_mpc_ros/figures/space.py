@@ -8,7 +8,7 @@ import numpy as np
 
 from quad_mpc_ros.figures import style
 from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.outline import ARM, outline
+from quad_mpc_ros.model.vehicle import ARM, outline
 
 _ELEVATION, _AZIMUTH = 22.0, -60.0  # deg, of the eye
 _ZOOM = 1.12

@@ -5,7 +5,7 @@ What runs in every control step is therefore compiled: plain loops over tuples o
 live in registers.
 
 A vector is a tuple of three, a matrix one of nine, row by row. Conventions are those of
-:mod:`quad_mpc_ros.lie.so3`, which wraps these for single rotations.
+:mod:`quad_mpc_ros.lie.so3`, which is the same on arrays.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _SERIES_SQUARE = 0.0625
 
 
 @compiled
-def largest(values: Array) -> float:
+def infinity_norm(values: Array) -> float:
     """Return the largest magnitude in (n,); NaN when one is NaN."""
     # Without their sign the bits of floats order as whole numbers do, NaN above infinity, and of
     # those a processor compares several at a time.
@@ -45,6 +45,12 @@ def largest(values: Array) -> float:
         most = max(most, bits & _MAGNITUDE)
     found[0] = most
     return float(found.view(np.float64)[0])
+
+
+@compiled
+def clamp(value: float, lowest: float, highest: float) -> float:
+    """Return the number in [lowest, highest] that is nearest to a value."""
+    return min(max(value, lowest), highest)
 
 
 @compiled
@@ -214,6 +220,30 @@ def right_jacobian_inverse(phi: Vector) -> Matrix:
     else:
         deficit = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square
     return _polynomial(phi, 0.5, deficit)
+
+
+@compiled
+def shortest_rotation(start: Vector, end: Vector) -> Matrix:
+    """Return the shortest rotation from the direction of one vector to that of another.
+
+    Rodrigues' formula without an angle, (1 - cos) / sin^2 = 1 / (1 + cos). Neither vector may be
+    zero, nor may they be opposite.
+    """
+    lengths = math.sqrt(dot(start, start) * dot(end, end))
+    cosine = dot(start, end) / lengths
+    x, y, z = scaled(1.0 / lengths, cross(start, end))
+    k = 1.0 / (1.0 + cosine)
+    return (
+        cosine + k * x * x,
+        k * x * y - z,
+        k * x * z + y,
+        k * x * y + z,
+        cosine + k * y * y,
+        k * y * z - x,
+        k * x * z - y,
+        k * y * z + x,
+        cosine + k * z * z,
+    )
 
 
 @compiled

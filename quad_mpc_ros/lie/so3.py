@@ -86,6 +86,30 @@ def right_jacobian_inverse(phi: ArrayLike) -> Array:
     return np.array(kernels.right_jacobian_inverse((x, y, z))).reshape(3, 3)
 
 
+def shortest_rotation(start: Array, end: Array) -> Array:
+    """Return the shortest rotations (n, 3, 3) that take unit vectors to others, (n, 3) each.
+
+    There is none between opposite ones.
+    """
+    cosine = np.sum(start * end, axis=-1)
+    skew = hat(np.cross(start, end))
+    # Rodrigues' formula without an angle: (1 - cos) / sin^2 = 1 / (1 + cos).
+    return np.asarray(np.eye(3) + skew + skew @ skew / (1.0 + cosine)[:, None, None])
+
+
+def shortest_turn_of_z(direction: Array) -> Array:
+    """Return the rotation vector (3,) of the shortest rotation from e_3 to a direction (3,).
+
+    It has no component along e_3. Opposite to e_3 every horizontal axis is as short: e_1.
+    """
+    x, y, z = direction / np.linalg.norm(direction)
+    axis = np.array([-y, x, 0.0])  # e_3 cross direction
+    sine = math.hypot(axis[0], axis[1])
+    if sine < 1e-9:
+        return np.zeros(3) if z > 0.0 else np.array([math.pi, 0.0, 0.0])
+    return np.asarray(axis * (math.atan2(sine, z) / sine))
+
+
 def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
     """Return the rotation of a quaternion (x, y, z, w), normalised first; (..., 4) → (..., 3, 3).
 

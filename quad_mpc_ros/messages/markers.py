@@ -9,9 +9,8 @@ import numpy as np
 
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.messages.conversions import NewMessage, fill_time
-from quad_mpc_ros.model.outline import outline
 from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.model.vehicle import Vehicle, outline
 
 # Of visualization_msgs/Marker.
 ARROW, LINE_STRIP, LINE_LIST = 0, 4, 5

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.lie import kernels as so3
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.samples import ReferenceWindow
 
 
@@ -109,8 +108,8 @@ def sample_into(
                 p_at[k, i] = p[lower, i]
                 v_at[k, i] = moving * v[lower, i]
                 a_at[k, i] = moving * a[lower, i]
-            so3.store_matrix(R, R_at[k])
-            so3.store_vector(so3.scaled(moving, w_before), w_at[k])
+            kernels.store_matrix(R, R_at[k])
+            kernels.store_vector(kernels.scaled(moving, w_before), w_at[k])
             continue
         width = 1e-9 * (offsets[upper] - offsets[lower])
         fraction = 1e-9 * (time - offsets[lower]) / width
@@ -125,8 +124,10 @@ def sample_into(
         x0, s0 = _cubic(0.0, turn[0], w_before[0], w_after[0], fraction, width)
         x1, s1 = _cubic(0.0, turn[1], w_before[1], w_after[1], fraction, width)
         x2, s2 = _cubic(0.0, turn[2], w_before[2], w_after[2], fraction, width)
-        so3.store_matrix(so3.multiply(R, so3.exp((x0, x1, x2))), R_at[k])
-        so3.store_vector(so3.apply(so3.right_jacobian((x0, x1, x2)), (s0, s1, s2)), w_at[k])
+        kernels.store_matrix(kernels.multiply(R, kernels.exp((x0, x1, x2))), R_at[k])
+        kernels.store_vector(
+            kernels.apply(kernels.right_jacobian((x0, x1, x2)), (s0, s1, s2)), w_at[k]
+        )
 
 
 @compiled
@@ -145,21 +146,26 @@ def _is_still(p: Array, q: Array, v: Array, a: Array, w: Array, lower: int) -> b
 @compiled
 def _segment(
     q_xyzw: Array, w_WB_W: Array, lower: int, upper: int
-) -> tuple[so3.Matrix, so3.Vector, so3.Vector, so3.Vector]:
+) -> tuple[kernels.Matrix, kernels.Vector, kernels.Vector, kernels.Vector]:
     """Return attitude before, turn to the one after, and its slopes, in the body before."""
-    R = so3.rotation((q_xyzw[lower, 0], q_xyzw[lower, 1], q_xyzw[lower, 2], q_xyzw[lower, 3]))
-    before = so3.apply_transposed(R, so3.vector(w_WB_W[lower]))
+    R = kernels.rotation((q_xyzw[lower, 0], q_xyzw[lower, 1], q_xyzw[lower, 2], q_xyzw[lower, 3]))
+    before = kernels.apply_transposed(R, kernels.vector(w_WB_W[lower]))
     held = True
     for i in range(4):
         held &= q_xyzw[lower, i] == q_xyzw[upper, i]
     if held:  # exactly
-        return R, (0.0, 0.0, 0.0), before, so3.apply_transposed(R, so3.vector(w_WB_W[upper]))
-    R_after = so3.rotation(
+        return (
+            R,
+            (0.0, 0.0, 0.0),
+            before,
+            kernels.apply_transposed(R, kernels.vector(w_WB_W[upper])),
+        )
+    R_after = kernels.rotation(
         (q_xyzw[upper, 0], q_xyzw[upper, 1], q_xyzw[upper, 2], q_xyzw[upper, 3])
     )
-    turn = so3.log(so3.multiply(so3.transposed(R), R_after))
-    after = so3.apply_transposed(R_after, so3.vector(w_WB_W[upper]))
-    return R, turn, before, so3.apply(so3.right_jacobian_inverse(turn), after)
+    turn = kernels.log(kernels.multiply(kernels.transposed(R), R_after))
+    after = kernels.apply_transposed(R_after, kernels.vector(w_WB_W[upper]))
+    return R, turn, before, kernels.apply(kernels.right_jacobian_inverse(turn), after)
 
 
 @compiled

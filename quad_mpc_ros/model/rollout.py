@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.lie import kernels as so3
+from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.model import vehicle as vehicles
 from quad_mpc_ros.model.vehicle import Vehicle
 
 POSITION = slice(0, 3)
@@ -35,6 +35,10 @@ STATE_SIZE = 13
 INPUT_SIZE = 4
 
 SUBSTEPS = 4
+
+
+inverse_throttle_curve = compiled(vehicles.inverse_throttle_curve)
+"""That of :mod:`quad_mpc_ros.model.vehicle`, for compiled code."""
 
 
 class Disturbance(NamedTuple):
@@ -97,11 +101,11 @@ def motion(count: int) -> Motion:
 @compiled
 def read_odometry(p_WB: Array, q_WB_xyzw: Array, v_WB_B: Array, w_WB_B: Array, x: Motion) -> None:
     """Write the one state of an odometry whose twist is in the body, but for its throttle."""
-    R = so3.rotation((q_WB_xyzw[0], q_WB_xyzw[1], q_WB_xyzw[2], q_WB_xyzw[3]))
-    so3.store_vector(so3.vector(p_WB), x.p_WB[0])
-    so3.store_vector(so3.apply(R, so3.vector(v_WB_B)), x.v_WB_W[0])
-    so3.store_matrix(R, x.R_WB[0])
-    so3.store_vector(so3.vector(w_WB_B), x.actuators[0, 1:])
+    R = kernels.rotation((q_WB_xyzw[0], q_WB_xyzw[1], q_WB_xyzw[2], q_WB_xyzw[3]))
+    kernels.store_vector(kernels.vector(p_WB), x.p_WB[0])
+    kernels.store_vector(kernels.apply(R, kernels.vector(v_WB_B)), x.v_WB_W[0])
+    kernels.store_matrix(R, x.R_WB[0])
+    kernels.store_vector(kernels.vector(w_WB_B), x.actuators[0, 1:])
 
 
 class _Discretisation(NamedTuple):
@@ -153,9 +157,9 @@ Actuators = tuple[float, float, float, float]
 class Body(NamedTuple):
     """A state as plain numbers, for compiled code."""
 
-    p: so3.Vector
-    v: so3.Vector
-    R: so3.Matrix
+    p: kernels.Vector
+    v: kernels.Vector
+    R: kernels.Matrix
     actuators: Actuators
 
 
@@ -166,9 +170,9 @@ class _Middle(NamedTuple):
 
     mean: Actuators
     push: float
-    half_turn: so3.Vector
-    half: so3.Matrix
-    R: so3.Matrix
+    half_turn: kernels.Vector
+    half: kernels.Matrix
+    R: kernels.Matrix
 
 
 @compiled
@@ -180,18 +184,18 @@ def input_at(u: Array) -> Actuators:
 @compiled
 def _load(x: Motion, k: int) -> Body:
     return Body(
-        so3.vector(x.p_WB[k]),
-        so3.vector(x.v_WB_W[k]),
-        so3.matrix(x.R_WB[k]),
+        kernels.vector(x.p_WB[k]),
+        kernels.vector(x.v_WB_W[k]),
+        kernels.matrix(x.R_WB[k]),
         input_at(x.actuators[k]),
     )
 
 
 @compiled
 def _store(body: Body, x: Motion, k: int) -> None:
-    so3.store_vector(body.p, x.p_WB[k])
-    so3.store_vector(body.v, x.v_WB_W[k])
-    so3.store_matrix(body.R, x.R_WB[k])
+    kernels.store_vector(body.p, x.p_WB[k])
+    kernels.store_vector(body.v, x.v_WB_W[k])
+    kernels.store_matrix(body.R, x.R_WB[k])
     for i in range(4):
         x.actuators[k, i] = body.actuators[i]
 
@@ -211,23 +215,25 @@ def _followed(keep: Actuators, x: Actuators, command: Actuators) -> Actuators:
 def _substep(
     model: Model,
     step: _Discretisation,
-    d_W: so3.Vector,
+    d_W: kernels.Vector,
     thrust_scale: float,
     command: Actuators,
     x: Body,
 ) -> tuple[Body, _Middle]:
     """Return the state after a substep under a command, and half way."""
     mean = _followed(step.share, x.actuators, command)
-    half_turn = so3.scaled(0.5 * step.dt, (mean[1], mean[2], mean[3]))
-    half = so3.exp(half_turn)
-    R_mid = so3.multiply(x.R, half)
+    half_turn = kernels.scaled(0.5 * step.dt, (mean[1], mean[2], mean[3]))
+    half = kernels.exp(half_turn)
+    R_mid = kernels.multiply(x.R, half)
     push = thrust_scale * ((model.a * mean[0] + model.b) * mean[0] + model.c)
-    force = so3.plus(so3.scaled(push, so3.column(R_mid, 2)), d_W)
+    force = kernels.plus(kernels.scaled(push, kernels.column(R_mid, 2)), d_W)
     a = force[0], force[1], force[2] - model.gravity
     after = Body(
-        so3.plus(x.p, so3.plus(so3.scaled(step.phi1, x.v), so3.scaled(step.phi2, a))),
-        so3.plus(so3.scaled(step.velocity_decay, x.v), so3.scaled(step.phi1, a)),
-        so3.multiply(R_mid, half),
+        kernels.plus(
+            x.p, kernels.plus(kernels.scaled(step.phi1, x.v), kernels.scaled(step.phi2, a))
+        ),
+        kernels.plus(kernels.scaled(step.velocity_decay, x.v), kernels.scaled(step.phi1, a)),
+        kernels.multiply(R_mid, half),
         _followed(step.decay, x.actuators, command),
     )
     return after, _Middle(mean, push, half_turn, half, R_mid)
@@ -236,7 +242,7 @@ def _substep(
 @compiled
 def moved_on(
     model: Model,
-    d_W: so3.Vector,
+    d_W: kernels.Vector,
     thrust_scale: float,
     command: Actuators,
     duration: float,
@@ -265,7 +271,7 @@ def advance(
 
     In substeps of ``longest`` [s] at most.
     """
-    x, d_W = _load(states, 0), so3.vector(a_W)
+    x, d_W = _load(states, 0), kernels.vector(a_W)
     for k in range(len(durations)):
         command = input_at(commands[k])
         x = moved_on(model, d_W, thrust_scale, command, durations[k], longest, x)
@@ -288,7 +294,7 @@ def roll_out(
     """
     steps, substeps = inputs.shape[:2]
     discretisation = _discretised(model, step / substeps)
-    x, d_W = _load(start, 0), so3.vector(a_W)
+    x, d_W = _load(start, 0), kernels.vector(a_W)
     _store(x, states, 0)
     for i in range(steps):
         for j in range(substeps):
@@ -323,7 +329,7 @@ def jacobians(
     steps, substeps = inputs.shape[:2]
     lagging = A.shape[1] > _WITHOUT_ACTUATORS
     d = _discretised(model, step / substeps)
-    x, d_W = _load(start, 0), so3.vector(a_W)
+    x, d_W = _load(start, 0), kernels.vector(a_W)
     _store(x, states, 0)
     # Sensitivities of attitude, velocity and position.
     dR, dv, dp = np.empty((_TURNING, 3)), np.empty((_TURNING, 3)), np.empty((_TURNING, 3))
@@ -339,9 +345,9 @@ def jacobians(
             mean_gained = _followed(d.share, gained, let)
             _turn_on(d, middle, mean_kept, mean_gained, lagging, dR, dv, dp)
             slope = thrust_scale * (2.0 * model.a * middle.mean[0] + model.b)
-            push = so3.scaled(slope, so3.column(middle.R, 2))
-            by_throttle = _push_on(d, so3.scaled(mean_kept[0], push), by_throttle)
-            by_command = _push_on(d, so3.scaled(mean_gained[0], push), by_command)
+            push = kernels.scaled(slope, kernels.column(middle.R, 2))
+            by_throttle = _push_on(d, kernels.scaled(mean_kept[0], push), by_throttle)
+            by_command = _push_on(d, kernels.scaled(mean_gained[0], push), by_command)
             kept = _followed(d.decay, kept, (0.0, 0.0, 0.0, 0.0))
             gained = _followed(d.decay, gained, let)
             own_p += d.phi1 * own_v
@@ -362,13 +368,15 @@ def _begin(dR: Array, dv: Array, dp: Array) -> None:
 
 @compiled
 def _push_on(
-    d: _Discretisation, acceleration: so3.Vector, moved: tuple[so3.Vector, so3.Vector]
-) -> tuple[so3.Vector, so3.Vector]:
+    d: _Discretisation, acceleration: kernels.Vector, moved: tuple[kernels.Vector, kernels.Vector]
+) -> tuple[kernels.Vector, kernels.Vector]:
     """Return velocity and position after a substep with an acceleration."""
     v, p = moved
     return (
-        so3.plus(so3.scaled(d.velocity_decay, v), so3.scaled(d.phi1, acceleration)),
-        so3.plus(p, so3.plus(so3.scaled(d.phi1, v), so3.scaled(d.phi2, acceleration))),
+        kernels.plus(kernels.scaled(d.velocity_decay, v), kernels.scaled(d.phi1, acceleration)),
+        kernels.plus(
+            p, kernels.plus(kernels.scaled(d.phi1, v), kernels.scaled(d.phi2, acceleration))
+        ),
     )
 
 
@@ -387,26 +395,31 @@ def _turn_on(
 
     Those to rates that do not lag are zero.
     """
-    J = so3.right_jacobian(middle.half_turn)
-    x_axis, y_axis = so3.column(middle.R, 0), so3.column(middle.R, 1)
+    J = kernels.right_jacobian(middle.half_turn)
+    x_axis, y_axis = kernels.column(middle.R, 0), kernels.column(middle.R, 1)
     for n in range(_TURNING):
         if _FROM_RATE <= n < _FROM_COMMAND and not lagging:
             continue
         # By how much half of the turn moves.
         half = (0.0, 0.0, 0.0)
         if n >= _FROM_COMMAND:
-            half = so3.scaled(0.5 * d.dt * mean_gained[n - 5], so3.column(J, n - _FROM_COMMAND))
+            half = kernels.scaled(
+                0.5 * d.dt * mean_gained[n - 5], kernels.column(J, n - _FROM_COMMAND)
+            )
         elif n >= _FROM_RATE:
-            half = so3.scaled(0.5 * d.dt * mean_kept[n - 2], so3.column(J, n - _FROM_RATE))
-        turned = so3.plus(so3.apply_transposed(middle.half, so3.vector(dR[n])), half)
+            half = kernels.scaled(0.5 * d.dt * mean_kept[n - 2], kernels.column(J, n - _FROM_RATE))
+        turned = kernels.plus(kernels.apply_transposed(middle.half, kernels.vector(dR[n])), half)
         # The thrust's direction moves by R (phi x e3).
-        acceleration = so3.scaled(
-            middle.push, so3.plus(so3.scaled(turned[1], x_axis), so3.scaled(-turned[0], y_axis))
+        acceleration = kernels.scaled(
+            middle.push,
+            kernels.plus(kernels.scaled(turned[1], x_axis), kernels.scaled(-turned[0], y_axis)),
         )
-        v, p = _push_on(d, acceleration, (so3.vector(dv[n]), so3.vector(dp[n])))
-        so3.store_vector(v, dv[n])
-        so3.store_vector(p, dp[n])
-        so3.store_vector(so3.plus(so3.apply_transposed(middle.half, turned), half), dR[n])
+        v, p = _push_on(d, acceleration, (kernels.vector(dv[n]), kernels.vector(dp[n])))
+        kernels.store_vector(v, dv[n])
+        kernels.store_vector(p, dp[n])
+        kernels.store_vector(
+            kernels.plus(kernels.apply_transposed(middle.half, turned), half), dR[n]
+        )
 
 
 # Entries of the attitude, and of the state without actuators.
@@ -422,7 +435,7 @@ def _fill(
     dR: Array,
     dv: Array,
     dp: Array,
-    by_command: tuple[so3.Vector, so3.Vector],
+    by_command: tuple[kernels.Vector, kernels.Vector],
 ) -> None:
     """Write what can be other than zero of position, velocity and attitude."""
     for k in range(3):
@@ -448,7 +461,7 @@ def _fill_actuators(
     dR: Array,
     dv: Array,
     dp: Array,
-    by_throttle: tuple[so3.Vector, so3.Vector],
+    by_throttle: tuple[kernels.Vector, kernels.Vector],
 ) -> None:
     """Write the columns and rows of body rate and throttle."""
     for k in range(3):

@@ -1,11 +1,19 @@
-"""The vehicle: mass, drag and the throttle curve of the paper (Eq. 2, Table 1)."""
+"""The vehicle: mass, drag, the throttle curve of the paper (Eq. 2, Table 1), and its outline."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 
+import numpy as np
+
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
+from quad_mpc_ros.lie import Array
+
+ARM = 0.11
+"""From the centre to a rotor [m]: the paper's 220 mm diagonal."""
+
+_ROTOR_POINTS = 24
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -89,12 +97,11 @@ class Vehicle(VehicleParameters):
                 f"which gives {lowest:.6g} N to {highest:.6g} N"
             )
         a, b, c = self.thrust_curve
-        remainder = c - thrust / self.motor_count
-        if remainder >= 0.0:  # no thrust wanted above that of throttle 0
-            return 0.0
-        # The paper's root, multiplied out so that it neither cancels nor divides by a = 0.
-        root = math.sqrt(b * b - 4.0 * a * remainder)
-        return min(-2.0 * remainder / (b + root), 1.0)
+        return inverse_throttle_curve(a, b, c, thrust / self.motor_count)
+
+    def nearest_throttle(self, thrust: float) -> float:
+        """Return the throttle in [0, 1] whose total thrust is nearest to one wanted [N]."""
+        return self.throttle_for(min(max(thrust, self.thrust(0.0)), self.thrust(1.0)))
 
     @property
     def hover_throttle(self) -> float:
@@ -109,3 +116,26 @@ class Vehicle(VehicleParameters):
         """
         a, b, c = self.thrust_curve
         return self.motor_count * (c - b * b / (4.0 * a)) if a > 0.0 else -math.inf
+
+
+def inverse_throttle_curve(a: float, b: float, c: float, thrust: float) -> float:
+    """Return the throttle s in [0, 1] for which a s^2 + b s + c is nearest to a thrust.
+
+    The paper's root (section 2.1), multiplied out so that it neither cancels nor divides by a = 0.
+    Units are those of the curve. Compiled code has it from :mod:`quad_mpc_ros.model.rollout`;
+    here it is plain, so that reading a configuration does not load Numba.
+    """
+    missing = c - thrust
+    if missing >= 0.0:  # no thrust wanted above that of throttle 0
+        return 0.0
+    root = math.sqrt(b * b - 4.0 * a * missing)
+    return min(-2.0 * missing / (b + root), 1.0)
+
+
+def outline(arm: float) -> tuple[Array, Array]:
+    """Return, for pictures, two beams (2, 2, 3) and four rotors (4, points, 3) in the body [m]."""
+    directions = np.radians([45.0, 135.0, 225.0, 315.0])
+    hubs = arm * np.column_stack((np.cos(directions), np.sin(directions), np.zeros(4)))
+    turn = np.linspace(0.0, 2.0 * np.pi, _ROTOR_POINTS, endpoint=False)
+    disc = 0.6 * arm * np.column_stack((np.cos(turn), np.sin(turn), np.zeros(_ROTOR_POINTS)))
+    return hubs[[[0, 2], [1, 3]]], hubs[:, None] + disc

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.model.outline import ARM
-from quad_mpc_ros.model.vehicle import VehicleParameters
+from quad_mpc_ros.model.vehicle import ARM, VehicleParameters
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.lie.kernels import largest
+from quad_mpc_ros.lie.kernels import infinity_norm
 
 Mask = NDArray[np.bool_]
 
@@ -256,7 +256,13 @@ def _write(
                 for j in range(nx):
                     constant += A[0, k, j] * x0[j]
             lower[i * nx + k] = upper[i * nx + k] = constant / state_size[k]
-    return largest(q) + largest(lower) + largest(upper) + largest(P_data) + largest(A_data)
+    return (
+        infinity_norm(q)
+        + infinity_norm(lower)
+        + infinity_norm(upper)
+        + infinity_norm(P_data)
+        + infinity_norm(A_data)
+    )
 
 
 @compiled

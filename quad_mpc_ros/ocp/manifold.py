@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.rollout import (
     ATTITUDE,
     INPUT_SIZE,
@@ -390,10 +390,10 @@ def _bound(
     for i in range(steps):
         for k in range(4):
             mean = target.mean_inputs[i, k]
-            deviation[i, k] = min(max(mean + deviation[i, k], u_min[k]), u_max[k]) - mean
+            deviation[i, k] = kernels.clamp(mean + deviation[i, k], u_min[k], u_max[k]) - mean
             for j in range(substeps):
                 wanted = target.inputs[i, j, k] + deviation[i, k]
-                inputs[i, j, k] = min(max(wanted, u_min[k]), u_max[k])
+                inputs[i, j, k] = kernels.clamp(wanted, u_min[k], u_max[k])
                 free[i, j, k] = 1.0 if abs(inputs[i, j, k] - wanted) < _ROUNDING else 0.0
 
 
@@ -401,7 +401,7 @@ def _bound(
 def _shift(inputs: Array, elapsed: float, shifted: Array) -> None:
     """Write inputs (N, 4) as they are ``elapsed`` stages later, the last one held."""
     last = len(inputs) - 1
-    elapsed = min(max(elapsed, 0.0), float(len(inputs)))
+    elapsed = kernels.clamp(elapsed, 0.0, float(len(inputs)))
     whole = int(elapsed)
     share = elapsed - whole
     for i in range(len(inputs)):

@@ -104,8 +104,7 @@ def reference_input(reference: ReferencePoints, vehicle: Vehicle) -> Input:
     specific_force = reference.a_WB_W + vehicle.drag * reference.v_WB_W
     specific_force[2] += vehicle.gravity
     thrust = vehicle.mass * float(reference.R_WB[:, 2] @ specific_force)
-    reachable = min(max(thrust, vehicle.thrust(0.0)), vehicle.thrust(1.0))
-    return Input(throttle=vehicle.throttle_for(reachable), w_WB_B=reference.w_WB_B)
+    return Input(throttle=vehicle.nearest_throttle(thrust), w_WB_B=reference.w_WB_B)
 
 
 def _state_of(reference: ReferencePoints) -> State:

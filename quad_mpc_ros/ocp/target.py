@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.lie import kernels as so3
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.reference_window import sample_into
-from quad_mpc_ros.model.rollout import INPUT_SIZE, Disturbance, Model
+from quad_mpc_ros.model.rollout import INPUT_SIZE, Disturbance, Model, inverse_throttle_curve
 from quad_mpc_ros.model.samples import ReferenceWindow
 
 
@@ -121,7 +120,7 @@ def _sample(
     """Write the target from a window and the times of the ends of all substeps (N M + 1)."""
     model = Model(a, b, c, drag, gravity, thrust_time_constant, rate_time_constant)
     target = Target(p_target, v_target, R_target, inputs, mean_inputs)
-    count, d = len(substeps_ns), so3.vector(d_W)
+    count, d = len(substeps_ns), kernels.vector(d_W)
     p, R, v = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3))
     dv, w = np.empty((count, 3)), np.empty((count, 3))
     sample_into(
@@ -140,14 +139,14 @@ def _sample(
     )
     substeps = inputs.shape[1]
     held = np.empty((count, INPUT_SIZE))
-    R_held, throttle = so3.matrix(R[0]), 0.0
+    R_held, throttle = kernels.matrix(R[0]), 0.0
     for k in range(count):
         if k == 0 or not _is_same(R, v, dv, k):
             R_held, throttle = _hold(
                 model,
-                so3.matrix(R[k]),
-                so3.vector(v[k]),
-                so3.vector(dv[k]),
+                kernels.matrix(R[k]),
+                kernels.vector(v[k]),
+                kernels.vector(dv[k]),
                 d,
                 thrust_scale,
             )
@@ -156,9 +155,9 @@ def _sample(
             held[k, 1 + n] = w[k, n]
         if k > 0 and k % substeps == 0:
             i = k // substeps - 1
-            so3.store_vector(so3.vector(p[k]), target.p_WB[i])
-            so3.store_vector(so3.vector(v[k]), target.v_WB_W[i])
-            so3.store_matrix(R_held, target.R_WB[i])
+            kernels.store_vector(kernels.vector(p[k]), target.p_WB[i])
+            kernels.store_vector(kernels.vector(v[k]), target.v_WB_W[i])
+            kernels.store_matrix(R_held, target.R_WB[i])
     _lead(model, dt, held, u_min, u_max, target)
 
 
@@ -188,7 +187,7 @@ def _lead(
                 before, after = held[i * substeps + j, n], held[i * substeps + j + 1, n]
                 # The inverse of a first-order lag: c = x + tau dx/dt.
                 command = 0.5 * (before + after) + lag / dt * (after - before)
-                target.inputs[i, j, n] = min(max(command, u_min[n]), u_max[n])
+                target.inputs[i, j, n] = kernels.clamp(command, u_min[n], u_max[n])
                 total += target.inputs[i, j, n]
             target.mean_inputs[i, n] = total / substeps
 
@@ -196,52 +195,29 @@ def _lead(
 @compiled
 def _hold(
     model: Model,
-    R_WB: so3.Matrix,
-    v_WB_W: so3.Vector,
-    a_WB_W: so3.Vector,
-    d_W: so3.Vector,
+    R_WB: kernels.Matrix,
+    v_WB_W: kernels.Vector,
+    a_WB_W: kernels.Vector,
+    d_W: kernels.Vector,
     thrust_scale: float,
-) -> tuple[so3.Matrix, float]:
+) -> tuple[kernels.Matrix, float]:
     """Return the attitude, tilted against a disturbance, and the throttle for a reference."""
-    x, y, z = so3.plus(a_WB_W, so3.scaled(model.drag, v_WB_W))
+    x, y, z = kernels.plus(a_WB_W, kernels.scaled(model.drag, v_WB_W))
     force = x, y, z + model.gravity
-    against = so3.plus(force, so3.scaled(-1.0, d_W))
+    against = kernels.plus(force, kernels.scaled(-1.0, d_W))
     if d_W[0] != 0.0 or d_W[1] != 0.0 or d_W[2] != 0.0:
         R_WB = _tilted(force, against, R_WB)
-    thrust = so3.dot(so3.column(R_WB, 2), against)
-    return R_WB, throttle_for(model, thrust / thrust_scale)
+    thrust = kernels.dot(kernels.column(R_WB, 2), against)
+    return R_WB, inverse_throttle_curve(model.a, model.b, model.c, thrust / thrust_scale)
 
 
 @compiled
-def throttle_for(model: Model, thrust: float) -> float:
-    """Return the throttle in [0, 1] whose thrust over mass [m/s^2] is nearest to one wanted."""
-    missing = model.c - thrust
-    if missing >= 0.0:
-        return 0.0
-    root = math.sqrt(model.b * model.b - 4.0 * model.a * missing)
-    return min(-2.0 * missing / (model.b + root), 1.0)
-
-
-@compiled
-def _tilted(before: so3.Vector, after: so3.Vector, R_WB: so3.Matrix) -> so3.Matrix:
+def _tilted(before: kernels.Vector, after: kernels.Vector, R_WB: kernels.Matrix) -> kernels.Matrix:
     """Return an attitude turned by the shortest rotation between two directions."""
-    lengths = math.sqrt(so3.dot(before, before) * so3.dot(after, after))
+    lengths = math.sqrt(kernels.dot(before, before) * kernels.dot(after, after))
     if lengths < 1e-6:
         return R_WB  # no direction
-    cosine = so3.dot(before, after) / lengths
+    cosine = kernels.dot(before, after) / lengths
     if cosine < -0.9:
         return R_WB  # none that is shortest
-    x, y, z = so3.scaled(1.0 / lengths, so3.cross(before, after))
-    k = 1.0 / (1.0 + cosine)
-    rotation = (
-        cosine + k * x * x,
-        k * x * y - z,
-        k * x * z + y,
-        k * x * y + z,
-        cosine + k * y * y,
-        k * y * z - x,
-        k * x * z - y,
-        k * y * z + x,
-        cosine + k * z * z,
-    )
-    return so3.multiply(rotation, R_WB)
+    return kernels.multiply(kernels.shortest_rotation(before, after), R_WB)

@@ -11,8 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.lie import kernels as so3
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.rollout import Motion
 from quad_mpc_ros.ocp.target import Target
 
@@ -37,9 +36,11 @@ def tracking_cost(
         for k in range(3):
             errors[i, k] = states.p_WB[i + 1, k] - target.p_WB[i, k]
             errors[i, 3 + k] = states.v_WB_W[i + 1, k] - target.v_WB_W[i, k]
-        R_target = so3.matrix(target.R_WB[i])
-        R_error = so3.multiply(so3.transposed(R_target), so3.matrix(states.R_WB[i + 1]))
-        so3.store_vector(so3.log(R_error), errors[i, 6:])
+        R_target = kernels.matrix(target.R_WB[i])
+        R_error = kernels.multiply(
+            kernels.transposed(R_target), kernels.matrix(states.R_WB[i + 1])
+        )
+        kernels.store_vector(kernels.log(R_error), errors[i, 6:])
         for k in range(9):
             cost += weights.stage[i] * weights.Q[k] * errors[i, k] ** 2
         for k in range(4):
@@ -56,10 +57,10 @@ def quadratic_cost(weights: Weights, errors: Array, H: Array, g: Array) -> None:
         for k in range(6):
             H[i, k, k] = factor * Q[k]
             g[i, k] = factor * Q[k] * errors[i, k]
-        e = so3.vector(errors[i, 6:])
-        J = so3.right_jacobian_inverse(e)
+        e = kernels.vector(errors[i, 6:])
+        J = kernels.right_jacobian_inverse(e)
         weighted = factor * Q[6] * e[0], factor * Q[7] * e[1], factor * Q[8] * e[2]
-        so3.store_vector(so3.apply_transposed(J, weighted), g[i, 6:9])
+        kernels.store_vector(kernels.apply_transposed(J, weighted), g[i, 6:9])
         for a in range(3):
             for b in range(3):
                 H[i, 6 + a, 6 + b] = factor * (

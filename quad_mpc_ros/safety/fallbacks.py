@@ -54,10 +54,9 @@ class HoverFallback:
         wanted[2] += self._vehicle.gravity
 
         thrust = self._vehicle.mass * float(x.R_WB[:, 2] @ wanted)
-        reachable = min(max(thrust, self._vehicle.thrust(0.0)), self._vehicle.thrust(1.0))
         return clamped(
             Input(
-                throttle=self._vehicle.throttle_for(reachable),
+                throttle=self._vehicle.nearest_throttle(thrust),
                 w_WB_B=_TILT_GAIN * tilt_to(wanted, x.R_WB),
             ),
             self._config,
@@ -88,14 +87,7 @@ def tilt_to(direction_W: Array, R_WB: Array) -> Array:
 
     It is the shortest rotation between the two, so it has no yaw.
     """
-    direction_B = R_WB.T @ direction_W
-    direction_B = direction_B / np.linalg.norm(direction_B)
-    axis = np.array([-direction_B[1], direction_B[0], 0.0])  # z cross direction
-    sine = math.hypot(axis[0], axis[1])
-    if sine < 1e-9:
-        # Upright, or exactly upside down, where every horizontal axis is as short: roll.
-        return np.zeros(3) if direction_B[2] > 0.0 else np.array([math.pi, 0.0, 0.0])
-    return np.asarray(axis * (math.atan2(sine, direction_B[2]) / sine))
+    return so3.shortest_turn_of_z(R_WB.T @ direction_W)
 
 
 def idle(config: MpcConfig) -> Input:

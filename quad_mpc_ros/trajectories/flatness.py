@@ -120,9 +120,9 @@ class ThrustFrames:
             raise ValueError(f"at {knots[about[0]]:.3f} s the thrust turns about at once")
         self._knots = knots
         self._charts = np.empty((len(knots), 3, 3))
-        chart = rotations_between(_UP, z[:1])[0]
+        chart = so3.shortest_rotation(_UP, z[:1])[0]
         self._charts[0] = chart
-        for place, step in enumerate(rotations_between(z[:-1], z[1:]), start=1):
+        for place, step in enumerate(so3.shortest_rotation(z[:-1], z[1:]), start=1):
             chart = step @ chart
             self._charts[place] = chart
 
@@ -140,23 +140,16 @@ def yaw_of(R_WB: Array) -> float:
     """
     if R_WB[2, 2] < _UPSIDE_DOWN:
         return math.atan2(R_WB[1, 0], R_WB[0, 0])
-    turn = rotations_between(_UP, R_WB[None, :, 2])[0].T @ R_WB
+    turn = so3.shortest_rotation(_UP, R_WB[None, :, 2])[0].T @ R_WB
     return math.atan2(turn[1, 0], turn[0, 0])
 
 
-def rotations_between(start: Array, end: Array) -> Array:
-    """Return the shortest rotations (n, 3, 3) that take unit vectors to others, (n, 3) each.
-
-    There is none between opposite ones.
-    """
-    cosine = np.sum(start * end, axis=-1)
-    skew = so3.hat(np.cross(start, end))
-    # Rodrigues' formula without an angle: (1 - cos) / sin^2 = 1 / (1 + cos).
-    return np.asarray(np.eye(3) + skew + skew @ skew / (1.0 + cosine)[:, None, None])
-
-
 def _shortest_tilt(z: Array, z_rate: Array) -> tuple[Array, Array]:
-    """Return the shortest rotation from e_3 to z (n, 3, 3), and its body rate (n, 3)."""
+    """Return the shortest rotation from e_3 to z (n, 3, 3), and its body rate (n, 3).
+
+    It is that of :func:`so3.shortest_rotation`, written so that it keeps its digits near straight
+    down, and that its rate shares its terms.
+    """
     a, b, c = np.moveaxis(z, -1, 0)
     a_rate, b_rate, c_rate = np.moveaxis(z_rate, -1, 0)
     # 1 + c, without cancellation where c is near -1.

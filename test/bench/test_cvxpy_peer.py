@@ -15,7 +15,7 @@ from quad_mpc_ros.estimation.delay_compensation import StatePredictor
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig, SolverParameters
 from quad_mpc_ros.ocp.horizon_qp import HorizonQP
-from quad_mpc_ros.ocp.osqp_solver import QpSolver
+from quad_mpc_ros.ocp.qp_solver import QpSolver
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 

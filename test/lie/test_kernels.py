@@ -13,11 +13,11 @@ from quad_mpc_ros.lie import kernels
     [([], 0.0), ([1.0, -3.0, 2.0], 3.0), ([0.0, -np.inf], np.inf)],
 )
 def test_largest_magnitude(values: list[float], expected: float) -> None:
-    assert kernels.largest(np.array(values)) == expected
+    assert kernels.infinity_norm(np.array(values)) == expected
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_not_a_number_is_the_largest_of_all(place: int) -> None:
     values = np.array([5.0, np.inf, -7.0])
     values[place] = np.nan
-    assert np.isnan(kernels.largest(values))
+    assert np.isnan(kernels.infinity_norm(values))

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
-from quad_mpc_ros.trajectories.flatness import ThrustFrames, rotations_between
+from quad_mpc_ros.trajectories.flatness import ThrustFrames
 from quad_mpc_ros.trajectories.path import PathSamples
 
 
@@ -95,7 +95,7 @@ def test_shortest_rotations(first: tuple[float, ...], second: tuple[float, ...])
     a, b = (np.array([v]) / np.linalg.norm(v) for v in (first, second))
     if float(np.sum(a * b)) < -0.999:
         return
-    R = rotations_between(a, b)[0]
+    R = so3.shortest_rotation(a, b)[0]
     assert_allclose(R @ a[0], b[0], atol=1e-9)
     assert_allclose(R.T @ R, np.eye(3), atol=1e-9)
     # Shortest: by the angle between them and no more.

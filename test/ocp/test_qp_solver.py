@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import osqp
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.mpc_config import SolverParameters
 from quad_mpc_ros.ocp.horizon_qp import HorizonPattern, HorizonQP, HorizonStages
-from quad_mpc_ros.ocp.osqp_solver import QpSolver
+from quad_mpc_ros.ocp.qp_solver import QpSolver
 
 
 @pytest.fixture(scope="module")
@@ -162,31 +161,3 @@ def test_two_solvers_agree_bit_for_bit(qp: HorizonQP, stages: list[HorizonStages
         first, second = one.solve(), other.solve()
         assert first.iterations == second.iterations
         assert_array_equal(first.z, second.z)
-
-
-def test_the_public_interface_of_osqp_gives_the_same(
-    qp: HorizonQP, stages: list[HorizonStages]
-) -> None:
-    """What is called directly is what its Python layer calls."""
-    solver = QpSolver(qp, SolverParameters())
-    qp.update(stages[0])
-    solver.solve()
-    public = osqp.OSQP()
-    public.setup(
-        P=qp.P, q=qp.q, A=qp.A, l=qp.lower, u=qp.upper, verbose=False,
-        eps_abs=1e-3, eps_rel=1e-3, max_iter=400, scaling=1,
-        check_termination=5, rho=0.3, alpha=1.4,
-        adaptive_rho=1, adaptive_rho_interval=10,
-    )  # fmt: skip
-    first = public.solve(raise_error=False)
-    for horizon in stages[1:6]:
-        qp.update(horizon)
-        found = solver.solve()
-        public.update(q=qp.q, l=qp.lower, u=qp.upper, Px=qp.P.data, Ax=qp.A.data)
-        public.warm_start(x=first.x, y=first.y)
-        first = public.solve(raise_error=False)
-        assert_array_equal(found.z, first.x)
-        assert found.iterations == first.info.iter
-        assert found.primal_residual == first.info.prim_res
-        assert found.dual_residual == first.info.dual_res
-        assert found.status == first.info.status
