@@ -8,6 +8,17 @@ from setuptools import Distribution, find_packages, setup
 PACKAGE = "quad_mpc_ros"
 INIT = Path(PACKAGE, "__init__.py").read_text(encoding="utf-8")
 
+# The bridges to flight stacks. A new one is one line here, from which come its executable and the
+# entry point by which launch files, ``quad_mpc bridges`` and the parameter files know it.
+BRIDGES = {
+    "px4_bridge": "quad_mpc_ros.bridges.px4:Px4Bridge",
+    "mavros_bridge": "quad_mpc_ros.bridges.mavros:MavrosBridge",
+    "rosflight_bridge": "quad_mpc_ros.bridges.rosflight:RosflightBridge",
+    "aerostack2_bridge": "quad_mpc_ros.bridges.aerostack2:Aerostack2Bridge",
+    "crazyswarm2_bridge": "quad_mpc_ros.bridges.crazyswarm2:Crazyswarm2Bridge",
+    "rates_bridge": "quad_mpc_ros.bridges.rates:RatesBridge",
+}
+
 # Elsewhere the package runs with an installed ROS 2 Jazzy.
 ROS_WHEELS_EXIST = "sys_platform == 'linux' and platform_machine == 'x86_64'"
 ACADOS_WHEELS_EXIST = ROS_WHEELS_EXIST
@@ -128,22 +139,10 @@ setup(
             "recorder_node = quad_mpc_ros.nodes.recorder_node:main",
             "visualisation_node = quad_mpc_ros.nodes.visualisation_node:main",
             "player_node = quad_mpc_ros.nodes.player_node:main",
-            "px4_bridge = quad_mpc_ros.bridges.px4_bridge:main",
-            "mavros_bridge = quad_mpc_ros.bridges.mavros_bridge:main",
-            "rosflight_bridge = quad_mpc_ros.bridges.rosflight_bridge:main",
-            "aerostack2_bridge = quad_mpc_ros.bridges.aerostack2_bridge:main",
-            "crazyswarm2_bridge = quad_mpc_ros.bridges.crazyswarm2_bridge:main",
-            "rates_bridge = quad_mpc_ros.bridges.rates_bridge:main",
+            *(f"{name} = {bridge}.main" for name, bridge in BRIDGES.items()),
             "quad_mpc = quad_mpc_ros.cli:main",
         ],
         # Other packages add theirs in the same group.
-        "quad_mpc_ros.bridges": [
-            "px4_bridge = quad_mpc_ros.bridges.px4_bridge:Px4Bridge",
-            "mavros_bridge = quad_mpc_ros.bridges.mavros_bridge:MavrosBridge",
-            "rosflight_bridge = quad_mpc_ros.bridges.rosflight_bridge:RosflightBridge",
-            "aerostack2_bridge = quad_mpc_ros.bridges.aerostack2_bridge:Aerostack2Bridge",
-            "crazyswarm2_bridge = quad_mpc_ros.bridges.crazyswarm2_bridge:Crazyswarm2Bridge",
-            "rates_bridge = quad_mpc_ros.bridges.rates_bridge:RatesBridge",
-        ],
+        "quad_mpc_ros.bridges": [f"{name} = {bridge}" for name, bridge in BRIDGES.items()],
     },
 )

@@ -26,9 +26,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
-from quad_mpc_ros.bridges.bridge import Sending
+from quad_mpc_ros.bridges.bridge import OutgoingMessage
 from quad_mpc_ros.bridges.node import BridgeNode
-from quad_mpc_ros.bridges.rates_bridge import RatesBridge
+from quad_mpc_ros.bridges.rates import RatesBridge
 
 
 class Stopwatch:
@@ -67,9 +67,9 @@ class TimedBridge(BridgeNode):
         with self.stopwatch.timing():
             super()._on_command(message)
 
-    def _send(self, sending: Sending) -> None:
+    def _send(self, outgoing: OutgoingMessage) -> None:
         with self.stopwatch.timing_publishing():
-            super()._send(sending)
+            super()._send(outgoing)
 
 
 class TimedRelay(Node):

@@ -10,28 +10,29 @@ from pathlib import Path
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration
+from launch.substitutions import EqualsSubstitution, LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
+from quad_mpc_ros.bridges.registry import bridge_packages
 
 PACKAGE = "quad_mpc_ros"
-BRIDGES = ["px4", "mavros", "rosflight", "aerostack2", "crazyswarm2", "rates"]
+SUFFIX = "_bridge"  # of executable and node
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return bridge, mpc, and the reference unless told not to."""
     default_config = Path(get_package_share_directory(PACKAGE), "config", "default.yaml")
     common = {
-        "package": PACKAGE,
         "namespace": LaunchConfiguration("namespace"),
         "parameters": [LaunchConfiguration("config")],
         "output": "screen",
     }
-    bridge = [LaunchConfiguration("bridge"), "_bridge"]
+    bridges = bridge_packages()
+    choices = [name.removesuffix(SUFFIX) for name in bridges]
     return LaunchDescription(
         [
-            DeclareLaunchArgument("bridge", description="the flight stack", choices=BRIDGES),
+            DeclareLaunchArgument("bridge", description="the flight stack", choices=choices),
             DeclareLaunchArgument(
                 "config",
                 default_value=str(default_config),
@@ -43,9 +44,23 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "with_reference", default_value="true", description="start the reference node"
             ),
-            Node(executable=bridge, name=bridge, **common),
-            Node(executable="mpc_node", name="mpc", **common),
+            *(
+                Node(
+                    package=package,
+                    executable=name,
+                    name=name,
+                    condition=IfCondition(
+                        EqualsSubstitution(
+                            LaunchConfiguration("bridge"), name.removesuffix(SUFFIX)
+                        )
+                    ),
+                    **common,
+                )
+                for name, package in bridges.items()
+            ),
+            Node(package=PACKAGE, executable="mpc_node", name="mpc", **common),
             Node(
+                package=PACKAGE,
                 executable="reference_node",
                 name="reference",
                 condition=IfCondition(LaunchConfiguration("with_reference")),

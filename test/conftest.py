@@ -43,7 +43,12 @@ def _free_domain() -> int:
 
 os.environ["ROS_DOMAIN_ID"] = str(_free_domain())
 
-pytest_plugins = ["fixtures.bags", "fixtures.controller", "fixtures.recorded_flights"]
+pytest_plugins = [
+    "fixtures.bags",
+    "fixtures.controller",
+    "fixtures.recorded_flights",
+    "fixtures.setup_py",
+]
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

@@ -8,26 +8,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from quad_mpc_ros.bridges.aerostack2_bridge import Aerostack2Bridge
-from quad_mpc_ros.bridges.crazyswarm2_bridge import Crazyswarm2Bridge
-from quad_mpc_ros.bridges.mavros_bridge import MavrosBridge
-from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
-from quad_mpc_ros.bridges.rates_bridge import RatesBridge
-from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
+from quad_mpc_ros.bridges.registry import bridge_configurations, bridge_packages
 from quad_mpc_ros.commands.parameter_tables import NODES, as_markdown, as_yaml
 from quad_mpc_ros.faults.table import fault_table
 
 ROOT = Path(__file__).resolve().parents[1]
 
-BRIDGES = (
-    Px4Bridge,
-    MavrosBridge,
-    RosflightBridge,
-    Aerostack2Bridge,
-    Crazyswarm2Bridge,
-    RatesBridge,
-)
-ALL_NODES = {**NODES, **{bridge.name: bridge.Config for bridge in BRIDGES}}
+OURS = {name for name, package in bridge_packages().items() if package == "quad_mpc_ros"}
+BRIDGES = {name: kind for name, kind in bridge_configurations().items() if name in OURS}
+if missing := OURS - BRIDGES.keys():
+    raise SystemExit(f"setup.py has changed ({', '.join(sorted(missing))}): install it again")
+ALL_NODES = {**NODES, **BRIDGES}
 
 _SOAK_PAGE = Path("docs", "soak.md")
 _TABLE_BEGINS, _TABLE_ENDS = "<!-- faults -->", "<!-- end of faults -->"

@@ -1,17 +1,19 @@
-"""The contract of every bridge: a stack's rules and messages, without ROS and without a clock.
+"""The contract of every bridge: the rules and messages of a flight stack.
 
-A bridge turns the stack's state into odometry and the MPC's command into the stack's messages. It
-is told the time and given a way to make empty messages; it reads attributes and fills messages,
-and imports no message package. So the same object runs in a node, in a test and in a simulation.
+A bridge turns the stack's state into odometry, and the MPC's command into the stack's messages.
+It needs neither ROS nor a clock: it is given the time and a function that makes empty messages,
+and it only reads and fills attributes. So the same object runs in a node, in a test and in a
+simulation. Its file holds both halves: the codec, functions with frame and unit in their names,
+and the rules, a subclass of :class:`Bridge`.
 
-What every bridge obeys:
+Every bridge obeys these rules:
 
-- It speaks only in answer to a fresh command. It has no timer, so when the MPC falls silent the
-  stack hears nothing more, no heartbeat either, and its own failsafe acts.
-- What is not finite or not in a frame it knows is refused with a reason.
-- A reset of the estimator is passed on: the same frame, the next stamp, another position.
-- It arms and switches modes only when it is asked to.
-- It says whether the vehicle acts on commands, from which the MPC learns.
+- It sends only in answer to a fresh command. It has no timer: when the MPC falls silent the stack
+  hears nothing more, no heartbeat either, and its own failsafe acts.
+- It refuses, with a reason, what is not finite or not in a known frame.
+- It passes on a reset of the estimator: same frame, next stamp, another position.
+- It arms and switches modes only when asked to.
+- It says whether the vehicle acts on commands. Otherwise the MPC learns nothing from them.
 """
 
 from __future__ import annotations
@@ -24,22 +26,22 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from quad_mpc_ros.bridges.config import BridgeConfig
-from quad_mpc_ros.bridges.jumps import PositionJumps
-from quad_mpc_ros.bridges.stamps import OdometryStamps
+from quad_mpc_ros.bridges.odometry import OdometryStamps, PositionJumps
 from quad_mpc_ros.bridges.thrust import ThrustMap
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.safety.validation import odometry_fault
 
-_FASTEST_TURN = 100.0  # rad/s, which no gyroscope of a vehicle measures
+_FASTEST_TURN = 100.0  # rad/s: more than the gyroscope of a vehicle can measure
 
 
 @dataclass(frozen=True, kw_only=True)
 class Subscription:
-    """A topic of the stack, and what takes its message and the time of its arrival [ns].
+    """A topic of the stack and the function that takes its messages.
 
-    ``receive`` returns an odometry when there is one to pass on.
+    ``receive`` gets a message and the time of its arrival [ns], and returns an odometry if there
+    is one to pass on.
     """
 
     topic: Topic
@@ -47,16 +49,19 @@ class Subscription:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sending:
-    """A filled message for a topic of the stack."""
+class OutgoingMessage:
+    """A filled message and the stack's topic that it goes to."""
 
     topic: Topic
     message: Any
 
 
 @dataclass(frozen=True, kw_only=True)
-class Call:
-    """A filled request for a service of the stack; ``type_name`` like ``std_srvs/srv/SetBool``."""
+class ServiceCall:
+    """A filled request and the stack's service that it goes to.
+
+    ``type_name`` is like ``std_srvs/srv/SetBool``.
+    """
 
     service: str
     type_name: str
@@ -64,13 +69,16 @@ class Call:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answer:
-    """What became of a wish to arm or to engage: refused with a reason, or sent on."""
+class Response:
+    """The response to a request to arm or to engage, and what is to be sent for it.
+
+    A refusal gives its reason in ``text``.
+    """
 
     accepted: bool
     text: str
-    sendings: Sequence[Sending] = ()
-    calls: Sequence[Call] = ()
+    messages: Sequence[OutgoingMessage] = ()
+    calls: Sequence[ServiceCall] = ()
 
 
 class Bridge(ABC):
@@ -83,8 +91,15 @@ class Bridge(ABC):
     packages: ClassVar[tuple[str, ...]]
     """The message packages that it needs."""
     how_to_get: ClassVar[str]
-    """How to get them when they are missing."""
+    """How to install them when they are missing."""
     Config: ClassVar[type[BridgeConfig]]
+
+    @classmethod
+    def main(cls, args: list[str] | None = None) -> int:
+        """Run the node around this bridge and return its exit code: what the executable calls."""
+        from quad_mpc_ros.bridges.node import run_bridge  # a bridge itself needs no ROS
+
+        return run_bridge(cls, args)
 
     def __init__(self, config: Any, new: NewMessage) -> None:
         self.thrust = ThrustMap(config)
@@ -112,27 +127,30 @@ class Bridge(ABC):
         return ()
 
     @abstractmethod
-    def arm(self, wanted: bool, *, now_ns: int) -> Answer:
+    def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Arm or disarm, because somebody asked for it."""
 
     @abstractmethod
-    def engage(self, wanted: bool, *, now_ns: int) -> Answer:
+    def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Hand the vehicle to the MPC, or take it away, because somebody asked for it."""
 
     @abstractmethod
     def _reason_for_silence(self, now_ns: int) -> str | None:
-        """Return why the stack must hear nothing now, or None."""
+        """Return why nothing must be sent to the stack now, or None."""
 
     def _acts(self, now_ns: int) -> bool:
-        """Return whether the vehicle acts on what it hears, as far as the stack tells."""
+        """Return whether the vehicle acts on setpoints, as far as the stack tells."""
         return True
 
     @abstractmethod
-    def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
-        """Return what the stack is to hear of a fresh command."""
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
+        """Return what is to be sent to the stack for a fresh command."""
 
-    def receive_command(self, command: CommandSample, *, now_ns: int) -> list[Sending]:
-        """Return what is to be sent for a command that arrives now: nothing when it must not."""
+    def receive_command(self, command: CommandSample, *, now_ns: int) -> list[OutgoingMessage]:
+        """Return what is to be sent for a command that arrives now, which may be nothing.
+
+        Afterwards ``silence`` says why nothing was sent, or is empty.
+        """
         self.commands += 1
         fault = self._command_fault(command, now_ns) or self._reason_for_silence(now_ns)
         if fault is not None:
@@ -148,24 +166,27 @@ class Bridge(ABC):
 
     @property
     def jumps(self) -> int:
-        """How often the estimated position stepped."""
+        """How often the estimated position jumped."""
         return self._jumps.count
 
     def take_warnings(self) -> list[str]:
-        """Return what there is to tell the log since the last call."""
+        """Return the warnings since the last call."""
         warnings, self._warnings = self._warnings, []
         return warnings
 
     def _passed_on(
         self, odometry: OdometrySample, *, now_ns: int, cause: str | None = None
     ) -> OdometrySample | None:
-        """Return an odometry stamped and named for the MPC, or None with the reason told."""
+        """Return an odometry with the stamp and the frames that the MPC wants.
+
+        Returns None, and notes why, if it is not valid or not newer than the last.
+        """
         odometry = dataclasses.replace(
             odometry,
             frame_id=self._config.frame_id,
             child_frame_id=self._config.child_frame_id,
         )
-        # What the MPC would refuse; its stamp is another matter.
+        # As the MPC judges it; the stamp comes after.
         fault = odometry_fault(odometry, frame_id=odometry.frame_id)
         if fault is not None:
             self._refuse(f"the stack's state is not valid: {fault}")
@@ -184,6 +205,16 @@ class Bridge(ABC):
         self.refused += 1
         self._warnings.append(reason)
 
+    def _battery_subscription(self, topic: Topic, *, field: str = "voltage") -> list[Subscription]:
+        """Return the subscription to the battery's voltage, if the thrust map uses it."""
+        if self._config.thrust_map.battery_voltage == 0.0:
+            return []
+
+        def receive(message: Any, now_ns: int) -> None:
+            self.thrust.receive_voltage(float(getattr(message, field)), now_ns=now_ns)
+
+        return [Subscription(topic=topic, receive=receive)]
+
     def _command_fault(self, command: CommandSample, now_ns: int) -> str | None:
         if not all(map(math.isfinite, (command.throttle, *command.w_WB_B.tolist()))):
             return "the command is not finite"
@@ -196,3 +227,17 @@ class Bridge(ABC):
         if abs(age) > self._config.command_timeout:
             return f"the command is {age:.3f} s old, by its stamp"
         return None
+
+
+class SwitchedBridge(Bridge):
+    """A bridge to a stack without modes: it sends nothing until it was asked to engage."""
+
+    _engaged = False
+
+    def engage(self, wanted: bool, *, now_ns: int) -> Response:
+        """Let commands through, or no longer."""
+        self._engaged = wanted
+        return Response(accepted=True, text="engaged" if wanted else "released")
+
+    def _reason_for_silence(self, now_ns: int) -> str | None:
+        return None if self._engaged else "not engaged: call the service engage"

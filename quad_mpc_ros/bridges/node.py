@@ -9,7 +9,13 @@ from typing import Any
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 
-from quad_mpc_ros.bridges.bridge import Answer, Bridge, Call, Sending, Subscription
+from quad_mpc_ros.bridges.bridge import (
+    Bridge,
+    OutgoingMessage,
+    Response,
+    ServiceCall,
+    Subscription,
+)
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, ODOMETRY
@@ -57,8 +63,8 @@ class BridgeNode(Node):
     def _on_command(self, message: Any) -> None:
         self._command_ns = now_ns = self._now_ns()
         command = conversions.command_from_message(message)
-        for sending in self._bridge.receive_command(command, now_ns=now_ns):
-            self._send(sending)
+        for outgoing in self._bridge.receive_command(command, now_ns=now_ns):
+            self._send(outgoing)
         self._follow_engagement(now_ns)
         if self._bridge.silence != self._silence:
             self._silence = self._bridge.silence
@@ -101,32 +107,32 @@ class BridgeNode(Node):
             self._bridge.engage(bool(request.data), now_ns=self._now_ns()), response
         )
 
-    def _carry_out(self, answer: Answer, response: Any) -> Any:
-        """Send what was asked for; whether the stack agrees is told when it has answered."""
+    def _carry_out(self, decided: Response, response: Any) -> Any:
+        """Send what was asked for; the stack's own response is logged when it comes."""
         missing = [
             call.service
-            for call in answer.calls
+            for call in decided.calls
             if not self._clients_by_name[call.service].service_is_ready()
         ]
-        response.success = answer.accepted and not missing
-        response.message = f"nobody offers the service {missing[0]}" if missing else answer.text
+        response.success = decided.accepted and not missing
+        response.message = f"nobody offers the service {missing[0]}" if missing else decided.text
         if response.success:
-            for sending in answer.sendings:
-                self._send(sending)
-            for call in answer.calls:
+            for outgoing in decided.messages:
+                self._send(outgoing)
+            for call in decided.calls:
                 self._call(call)
         self.get_logger().info(response.message)
         return response
 
-    def _call(self, call: Call) -> None:
+    def _call(self, call: ServiceCall) -> None:
         future = self._clients_by_name[call.service].call_async(call.request)
         future.add_done_callback(functools.partial(self._on_answered, call.service))
 
     def _on_answered(self, service: str, future: Any) -> None:
         self.get_logger().info(f"{service} answers {future.result()}")
 
-    def _send(self, sending: Sending) -> None:
-        self._stack[sending.topic.name].publish(sending.message)
+    def _send(self, outgoing: OutgoingMessage) -> None:
+        self._stack[outgoing.topic.name].publish(outgoing.message)
 
     def _probe(self) -> Health:
         bridge = self._bridge

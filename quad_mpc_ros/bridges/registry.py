@@ -1,7 +1,9 @@
 """Which bridges there are: ours and those of other packages, by entry point.
 
 A package adds its own by an entry point ``name = module:Class`` in the group
-``quad_mpc_ros.bridges``. Nothing of a bridge's stack is imported to list it.
+``quad_mpc_ros.bridges``, and an executable ``name = module:Class.main``. From here the command
+line, the launch file and the tool that writes the parameter files know it. No message package of
+a stack is imported for that.
 """
 
 from __future__ import annotations
@@ -29,19 +31,32 @@ class RegisteredBridge:
 
 def registered_bridges() -> list[RegisteredBridge]:
     """Return every bridge that an installed package has registered, by name."""
-    return [_looked_at(each) for each in sorted(entry_points(group=GROUP), key=lambda e: e.name)]
+    return [_looked_at(entry) for entry in _entries()]
+
+
+def bridge_packages() -> dict[str, str]:
+    """Return the ROS package of every registered bridge, by its name. Nothing is loaded."""
+    return {
+        entry.name: entry.dist.name.replace("-", "_")
+        for entry in _entries()
+        if entry.dist is not None
+    }
 
 
 def bridge_configurations() -> dict[str, type[Configuration]]:
     """Return the parameters of every registered bridge that can be loaded, by the node's name."""
     found: dict[str, type[Configuration]] = {}
-    for entry in sorted(entry_points(group=GROUP), key=lambda e: e.name):
+    for entry in _entries():
         try:
             bridge: Any = entry.load()
             found[str(bridge.name)] = bridge.Config
         except (ImportError, AttributeError):  # quad_mpc bridges tells of it
             continue
     return found
+
+
+def _entries() -> list[EntryPoint]:
+    return sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
 
 
 def _looked_at(entry: EntryPoint) -> RegisteredBridge:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.setup_py import executable
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -309,13 +309,13 @@ def matching() -> float:
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
-    """Start nodes by module, like ``nodes.mpc_node``, and arguments; they end with the test."""
+    """Start nodes by executable, like ``mpc_node``, and arguments; they end with the test."""
 
     with ExitStack() as stack:
 
-        def started(module: str, *arguments: str) -> subprocess.Popen[bytes]:
-            log = stack.enter_context((tmp_path / f"{module}.log").open("wb"))
-            command = [sys.executable, "-m", f"quad_mpc_ros.{module}", "--ros-args", *arguments]
+        def started(name: str, *arguments: str) -> subprocess.Popen[bytes]:
+            log = stack.enter_context((tmp_path / f"{name}.log").open("wb"))
+            command = [*executable(name), "--ros-args", *arguments]
             process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
             stack.callback(_end, process)
             return process

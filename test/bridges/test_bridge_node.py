@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from fixtures.setup_py import executable
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
@@ -20,14 +20,14 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
 from quad_mpc_ros.bridges import node as node_module
-from quad_mpc_ros.bridges.aerostack2_bridge import Aerostack2Bridge
+from quad_mpc_ros.bridges.aerostack2 import Aerostack2Bridge
 from quad_mpc_ros.bridges.bridge import Bridge
-from quad_mpc_ros.bridges.crazyswarm2_bridge import Crazyswarm2Bridge
-from quad_mpc_ros.bridges.mavros_bridge import MavrosBridge
+from quad_mpc_ros.bridges.crazyswarm2 import Crazyswarm2Bridge
+from quad_mpc_ros.bridges.mavros import MavrosBridge
 from quad_mpc_ros.bridges.node import run_bridge
-from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
-from quad_mpc_ros.bridges.rates_bridge import RatesBridge
-from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
+from quad_mpc_ros.bridges.px4 import Px4Bridge
+from quad_mpc_ros.bridges.rates import RatesBridge
+from quad_mpc_ros.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, ODOMETRY, Topic
 from quad_mpc_ros.ros.health import HealthReporter
 from quad_mpc_ros.ros.qos import qos_of
@@ -43,11 +43,9 @@ BRIDGES: list[type[Bridge]] = [
 
 
 def start(bridge: str, *arguments: str, log: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", f"quad_mpc_ros.bridges.{bridge}_bridge"]
+    command = [*executable(f"{bridge}_bridge"), "--ros-args", *arguments]
     with log.open("wb") as output:
-        return subprocess.Popen(
-            [*command, "--ros-args", *arguments], stdout=output, stderr=subprocess.STDOUT
-        )
+        return subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
 
 
 def end(process: subprocess.Popen[bytes]) -> int:

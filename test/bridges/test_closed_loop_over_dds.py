@@ -39,13 +39,13 @@ LAP_NS = 8_000_000_000
 VEHICLE = Vehicle()
 TIMEOUT_NS = 500_000_000
 NODES: dict[str, tuple[str, ...]] = {
-    "nodes.simulator_node": (
+    "simulator_node": (
         *("-r", "odom:=truth", "-r", "command:=motors"),
         *("-p", "autostart:=false", "-p", f"duration:={DURATION}"),
     ),
-    "nodes.reference_node": (),
-    "nodes.mpc_node": (),
-    "bridges.rates_bridge": (
+    "reference_node": (),
+    "mpc_node": (),
+    "rates_bridge": (
         *("-p", "thrust_unit:=newton", "-p", "body_frame:=frd", "-p", "angle_unit:=deg"),
     ),
 }
@@ -133,7 +133,7 @@ def stack() -> Iterator[FakeStack]:
 
 @pytest.fixture
 def processes(start: Callable[..., Process]) -> dict[str, Process]:
-    return {module: start(module, *arguments) for module, arguments in NODES.items()}
+    return {name: start(name, *arguments) for name, arguments in NODES.items()}
 
 
 def last_lap(errors: dict[int, float]) -> float:
@@ -152,8 +152,8 @@ def test_a_stack_of_other_units_flies_the_square_as_well_as_without_a_bridge(
     engage = SetBool.Request(data=True)
     assert stack.call(SetBool, "rates_bridge/engage", engage, matching=matching).success
     assert stack.call(Trigger, "simulator/start", Trigger.Request(), matching=matching).success
-    assert stack.spin(lambda: processes["nodes.simulator_node"].poll() is not None)
-    assert processes["nodes.simulator_node"].returncode == 0
+    assert stack.spin(lambda: processes["simulator_node"].poll() is not None)
+    assert processes["simulator_node"].returncode == 0
 
     simulator = SimulatorConfig(duration=DURATION)
     plain = fly(mpc=MpcConfig(), simulator=simulator, reference=ReferenceConfig())

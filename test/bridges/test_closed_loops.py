@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quad_mpc_ros.bridges.aerostack2_bridge import Aerostack2Bridge
+from quad_mpc_ros.bridges.aerostack2 import Aerostack2Bridge
 from quad_mpc_ros.bridges.bridge import Bridge
-from quad_mpc_ros.bridges.crazyswarm2_bridge import Crazyswarm2Bridge
-from quad_mpc_ros.bridges.mavros_bridge import MavrosBridge
-from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
-from quad_mpc_ros.bridges.rates_bridge import RatesBridge
-from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
+from quad_mpc_ros.bridges.crazyswarm2 import Crazyswarm2Bridge
+from quad_mpc_ros.bridges.mavros import MavrosBridge
+from quad_mpc_ros.bridges.px4 import Px4Bridge
+from quad_mpc_ros.bridges.rates import RatesBridge
+from quad_mpc_ros.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.lie import Array, so3
@@ -453,14 +453,14 @@ class Bridged:
         return self.bridge.engaged(now_ns=now_ns)
 
     def ask(self, now_ns: int) -> None:
-        for answer in (
+        for response in (
             self.bridge.engage(True, now_ns=now_ns),
             self.bridge.arm(True, now_ns=now_ns),
         ):
-            for call in answer.calls:
+            for call in response.calls:
                 assert (call.service, call.type_name) in self.bridge.services
                 self.stack.serve(call.service, call.request, now_ns)
-            for sending in answer.sendings:
+            for sending in response.messages:
                 self.stack.hear(sending.topic.name, sending.message, now_ns)
 
 

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quad_mpc_ros.bridges.aerostack2_bridge import Aerostack2Bridge
-from quad_mpc_ros.bridges.bridge import Answer, Bridge, Sending
-from quad_mpc_ros.bridges.crazyswarm2_bridge import Crazyswarm2Bridge
-from quad_mpc_ros.bridges.mavros_bridge import MavrosBridge
-from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
-from quad_mpc_ros.bridges.rates_bridge import RatesBridge
-from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
+from quad_mpc_ros.bridges.aerostack2 import Aerostack2Bridge
+from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response
+from quad_mpc_ros.bridges.crazyswarm2 import Crazyswarm2Bridge
+from quad_mpc_ros.bridges.mavros import MavrosBridge
+from quad_mpc_ros.bridges.px4 import Px4Bridge
+from quad_mpc_ros.bridges.rates import RatesBridge
+from quad_mpc_ros.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.model.samples import OdometrySample
 
@@ -153,9 +153,9 @@ def check_message(message: Any) -> None:
             assert np.all(np.isfinite(value)), (path, value)
 
 
-def check_answer(answer: Answer) -> None:
-    assert answer.text
-    for sending in answer.sendings:
+def check_response(response: Response) -> None:
+    assert response.text
+    for sending in response.messages:
         check_message(sending.message)
 
 
@@ -173,7 +173,7 @@ def check_odometry(odometry: OdometrySample, bridge: Bridge, now_ns: int, new: N
 FASTEST, FASTEST_DEGREES, FULL_THRUST, MASS = 100.0, 5730.0, 18.8, 0.39
 
 
-def check_sendings(sendings: list[Sending], case: str, bridge: Bridge) -> None:
+def check_sendings(sendings: list[OutgoingMessage], case: str, bridge: Bridge) -> None:
     """Finite, and what the stack's message can mean."""
     for sending in sendings:
         assert sending.topic in bridge.publications
@@ -287,7 +287,7 @@ def test_no_command_and_no_wish_makes_a_bridge_send_what_is_absurd(
                 assert bridge.silence
             if run.random.random() < 0.05:
                 wish = run.random.choice((bridge.arm, bridge.engage))
-                check_answer(wish(run.random.random() < 0.8, now_ns=now_ns))
+                check_response(wish(run.random.random() < 0.8, now_ns=now_ns))
         except Exception as error:
             raise run.failed(error, message) from error
     assert sent > MESSAGES // 20

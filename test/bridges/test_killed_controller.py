@@ -27,10 +27,10 @@ SILENT_AFTER_NS = SECOND // 10
 
 # The simulator plays the stack: it says where it is on a topic of its own, and acts on setpoints.
 NODES: dict[str, tuple[str, ...]] = {
-    "nodes.simulator_node": ("-r", "odom:=stack_odom", "-r", "command:=rates_setpoint"),
-    "nodes.reference_node": ("-p", "trajectory:=hover", "-p", "height:=1.0"),
-    "bridges.rates_bridge": (),
-    "nodes.mpc_node": (),
+    "simulator_node": ("-r", "odom:=stack_odom", "-r", "command:=rates_setpoint"),
+    "reference_node": ("-p", "trajectory:=hover", "-p", "height:=1.0"),
+    "rates_bridge": (),
+    "mpc_node": (),
 }
 
 
@@ -96,7 +96,7 @@ def listener() -> Iterator[Listener]:
 
 @pytest.fixture
 def processes(start: Callable[..., Process]) -> dict[str, Process]:
-    return {module: start(module, *arguments) for module, arguments in NODES.items()}
+    return {name: start(name, *arguments) for name, arguments in NODES.items()}
 
 
 @pytest.mark.timeout(3 * _PATIENCE)
@@ -111,15 +111,15 @@ def test_the_stack_hears_nothing_more_when_the_controller_is_killed_or_hangs(
     assert listener.spin(lambda: len(listener.sent_ns) >= before + 10)
 
     signalled_ns = time.time_ns()
-    os.kill(processes["nodes.mpc_node"].pid, number)
+    os.kill(processes["mpc_node"].pid, number)
     listener.spin(lambda: False, timeout=0.7)
 
     assert listener.sent_ns[-1] - signalled_ns <= SILENT_AFTER_NS
     # It was flying until then, and the bridge has not gone with it.
     assert signalled_ns - listener.sent_ns[-1] <= SECOND // 2
     assert listener.spin(lambda: listener.told["text"] == "silent: no command comes")
-    assert processes["bridges.rates_bridge"].poll() is None
+    assert processes["rates_bridge"].poll() is None
     if number == signal.SIGSTOP:
         heard = len(listener.sent_ns)
-        processes["nodes.mpc_node"].send_signal(signal.SIGCONT)
+        processes["mpc_node"].send_signal(signal.SIGCONT)
         assert listener.spin(lambda: len(listener.sent_ns) > heard + 10), "it does not fly again"

@@ -11,13 +11,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.bridges import (
-    aerostack2_codec,
-    crazyswarm2_codec,
-    mavros_codec,
-    rates_codec,
-    rosflight_codec,
+    aerostack2,
+    crazyswarm2,
+    mavros,
+    rates,
+    rosflight,
 )
-from quad_mpc_ros.bridges.differentiator import PoseDifferentiator
+from quad_mpc_ros.bridges.odometry import PoseDifferentiator
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
@@ -51,7 +51,7 @@ def set_q(q: Any, R: Array) -> None:
 @pytest.mark.parametrize("axis", AXES)
 def test_mavros_takes_flu_as_it_is(new: New, axis: tuple[float, ...]) -> None:
     message = new("mavros_msgs/msg/AttitudeTarget")
-    mavros_codec.fill_attitude_target(message, command(axis), throttle=0.42, now_ns=NOW_NS)
+    mavros.fill_attitude_target(message, command(axis), throttle=0.42, now_ns=NOW_NS)
     assert vector(message.body_rate) == axis
     assert message.thrust == pytest.approx(0.42)
     # Ignore the attitude, and none of the rates (1, 2, 4) nor the thrust (64).
@@ -62,7 +62,7 @@ def test_mavros_takes_flu_as_it_is(new: New, axis: tuple[float, ...]) -> None:
 @pytest.mark.parametrize("axis", AXES)
 def test_rosflight_takes_frd_behind_three_forces(new: New, axis: tuple[float, ...]) -> None:
     message = new("rosflight_msgs/msg/Command")
-    rosflight_codec.fill_command(message, command(axis), throttle=0.5, now_ns=NOW_NS)
+    rosflight.fill_command(message, command(axis), throttle=0.5, now_ns=NOW_NS)
     assert message.u.tolist() == [0.0, 0.0, 0.5, *FRD[axis], 0.0, 0.0, 0.0, 0.0]
     assert (message.mode, message.ignore) == (1, 0)
 
@@ -78,7 +78,7 @@ def test_rosflight_of_the_first_releases_names_its_six_values() -> None:
         qx = qy = qz = fx = fy = fz = math.nan
 
     message: Any = First()
-    rosflight_codec.fill_command(message, command((1.0, 2.0, 3.0)), throttle=0.5, now_ns=0)
+    rosflight.fill_command(message, command((1.0, 2.0, 3.0)), throttle=0.5, now_ns=0)
     assert (message.qx, message.qy, message.qz) == (1.0, -2.0, -3.0)
     assert (message.fx, message.fy, message.fz) == (0.0, 0.0, 0.5)
 
@@ -92,14 +92,14 @@ def test_rosflight_nose_down_heading_north_leans_north(new: New, kind: str) -> N
         message.p_n, message.p_e, message.p_d = 1.0, 2.0, -3.0
         message.v_x, message.v_y, message.v_z = 4.0, 5.0, 6.0
         message.p, message.q, message.r = 0.1, 0.2, 0.3
-        odometry = rosflight_codec.odometry_from_state(message)
+        odometry = rosflight.odometry_from_state(message)
     else:
         set_q(message.pose.orientation, R_ned_frd)
         p, v, w = message.pose.position, message.twist.linear, message.twist.angular
         p.x, p.y, p.z = 1.0, 2.0, -3.0
         v.x, v.y, v.z = 4.0, 5.0, 6.0
         w.x, w.y, w.z = 0.1, 0.2, 0.3
-        odometry = rosflight_codec.odometry_from_sim_state(message)
+        odometry = rosflight.odometry_from_sim_state(message)
     assert_allclose(odometry.p_WB, [2.0, 1.0, 3.0])  # east, north, up
     assert_allclose(odometry.v_WB_B, [4.0, -5.0, -6.0])
     assert_allclose(odometry.w_WB_B, [0.1, -0.2, -0.3], rtol=1e-6)
@@ -111,16 +111,14 @@ def test_rosflight_without_an_attitude_is_refused(new: New) -> None:
     message = new("roscopter_msgs/msg/State")
     message.quat.w = 0.0
     with pytest.raises(ValueError, match="no rotation"):
-        rosflight_codec.odometry_from_state(message)
+        rosflight.odometry_from_state(message)
 
 
 @pytest.mark.parametrize("axis", AXES)
 def test_aerostack2_takes_flu_and_newton(new: New, axis: tuple[float, ...]) -> None:
     twist, thrust = new("geometry_msgs/msg/TwistStamped"), new("as2_msgs/msg/Thrust")
-    aerostack2_codec.fill_body_rates(
-        twist, command(axis), frame_id="drone0/base_link", now_ns=NOW_NS
-    )
-    aerostack2_codec.fill_thrust(
+    aerostack2.fill_body_rates(twist, command(axis), frame_id="drone0/base_link", now_ns=NOW_NS)
+    aerostack2.fill_thrust(
         thrust, thrust_newton=7.5, throttle=0.4, frame_id="drone0/base_link", now_ns=NOW_NS
     )
     assert vector(twist.twist.angular) == axis
@@ -140,7 +138,7 @@ def test_aerostack2_turns_a_twist_of_the_world(new: New, frame: str, v_B: list[f
     set_q(pose.pose.orientation, so3.exp([0.0, 0.0, math.pi / 2.0]))
     twist.header.frame_id = frame
     twist.twist.linear.x = 1.0
-    odometry = aerostack2_codec.odometry_from_self_localization(pose, twist)
+    odometry = aerostack2.odometry_from_self_localization(pose, twist)
     assert_allclose(odometry.v_WB_B, v_B, atol=1e-12)
 
 
@@ -149,7 +147,7 @@ def test_aerostack2_refuses_a_twist_of_an_unknown_frame(new: New) -> None:
     pose.pose.orientation.w = 1.0
     twist.header.frame_id = "camera"
     with pytest.raises(ValueError, match="'camera', expected base_link"):
-        aerostack2_codec.odometry_from_self_localization(pose, twist)
+        aerostack2.odometry_from_self_localization(pose, twist)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +165,7 @@ def test_crazyswarm2_takes_degrees_in_the_old_frame(
     new: New, w: tuple[float, ...], field: str, degrees: float
 ) -> None:
     message = new("geometry_msgs/msg/Twist")
-    crazyswarm2_codec.fill_setpoint(message, command(w), throttle=0.5)
+    crazyswarm2.fill_setpoint(message, command(w), throttle=0.5)
     part, name = field.split(".")
     assert getattr(getattr(message, part), name) == pytest.approx(degrees)
     others = {"linear.x", "linear.y", "angular.x", "angular.y", "angular.z"} - {field}
@@ -181,7 +179,7 @@ def test_crazyswarm2_takes_thrust_in_pwm_and_cuts_it(
     new: New, throttle: float, pwm: float
 ) -> None:
     message = new("geometry_msgs/msg/Twist")
-    crazyswarm2_codec.fill_setpoint(message, command(), throttle=throttle)
+    crazyswarm2.fill_setpoint(message, command(), throttle=throttle)
     assert message.linear.z == pytest.approx(pwm)
 
 
@@ -189,9 +187,7 @@ def test_crazyswarm2_gives_its_velocity_in_the_world(new: New) -> None:
     message = new("nav_msgs/msg/Odometry")
     set_q(message.pose.pose.orientation, so3.exp([0.0, 0.0, math.pi / 2.0]))
     message.twist.twist.linear.y = 2.0  # north, which is ahead
-    assert_allclose(
-        crazyswarm2_codec.odometry_from_odom(message).v_WB_B, [2.0, 0.0, 0.0], atol=1e-12
-    )
+    assert_allclose(crazyswarm2.odometry_from_odom(message).v_WB_B, [2.0, 0.0, 0.0], atol=1e-12)
 
 
 def poses_of_a_turn(w_WB_B: Array, v_WB_W: Array) -> list[OdometrySample]:
@@ -239,7 +235,7 @@ def test_rates_in_every_frame_and_unit(
     new: New, axis: tuple[float, ...], angle_unit: str, scale: float, body_frame: str
 ) -> None:
     message = new("geometry_msgs/msg/TwistStamped")
-    rates_codec.fill_rates(
+    rates.fill_rates(
         message,
         command(axis),
         thrust=4.0,

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from quad_mpc_ros.bridges import px4_codec
+from quad_mpc_ros.bridges import px4
 from quad_mpc_ros.bridges.frames import enu_from_ned, flu_from_frd
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import CommandSample
@@ -57,7 +57,7 @@ def command(throttle: float = 0.3, w: tuple[float, float, float] = (0.0, 0.0, 0.
 def test_position_and_world_velocity_axis_by_axis(
     new: New, ned: list[float], enu: list[float]
 ) -> None:
-    odometry = px4_codec.odometry_from_vehicle_odometry(
+    odometry = px4.odometry_from_vehicle_odometry(
         odometry_message(new, position=ned, velocity=ned)
     )
     assert_allclose(odometry.p_WB, enu)
@@ -80,17 +80,17 @@ def test_body_rates_and_body_velocity_axis_by_axis(
     new: New, frd: list[float], flu: list[float]
 ) -> None:
     message = odometry_message(new, angular_velocity=frd, velocity=frd, velocity_frame=3)
-    odometry = px4_codec.odometry_from_vehicle_odometry(message)
+    odometry = px4.odometry_from_vehicle_odometry(message)
     assert_allclose(odometry.w_WB_B, flu)
     assert_allclose(odometry.v_WB_B, flu)
 
     rates = new("px4_msgs/msg/VehicleRatesSetpoint")
-    px4_codec.fill_vehicle_rates_setpoint(rates, command(w=(flu[0], flu[1], flu[2])), throttle=0.3)
+    px4.fill_vehicle_rates_setpoint(rates, command(w=(flu[0], flu[1], flu[2])), throttle=0.3)
     assert [rates.roll, rates.pitch, rates.yaw] == frd
 
 
 def test_level_and_heading_north_is_a_yaw_of_90_degrees(new: New) -> None:
-    odometry = px4_codec.odometry_from_vehicle_odometry(odometry_message(new))
+    odometry = px4.odometry_from_vehicle_odometry(odometry_message(new))
     R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
     assert_allclose(R_WB @ [1.0, 0.0, 0.0], NORTH_ENU, atol=1e-12)
     assert_allclose(R_WB @ [0.0, 0.0, 1.0], UP, atol=1e-12)
@@ -98,7 +98,7 @@ def test_level_and_heading_north_is_a_yaw_of_90_degrees(new: New) -> None:
 
 def test_heading_east_is_the_identity(new: New) -> None:
     message = odometry_message(new, q=wxyz([0.0, 0.0, math.pi / 2.0]))
-    odometry = px4_codec.odometry_from_vehicle_odometry(message)
+    odometry = px4.odometry_from_vehicle_odometry(message)
     R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
     assert_allclose(R_WB, np.eye(3), atol=1e-7)
 
@@ -106,27 +106,27 @@ def test_heading_east_is_the_identity(new: New) -> None:
 def test_nose_down_heading_north_accelerates_north(new: New) -> None:
     # FRD: the nose goes down with a negative pitch; the thrust then leans forward.
     message = odometry_message(new, q=wxyz([0.0, -0.3, 0.0]))
-    odometry = px4_codec.odometry_from_vehicle_odometry(message)
+    odometry = px4.odometry_from_vehicle_odometry(message)
     thrust_W = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw) @ UP
     assert_allclose(thrust_W, math.sin(0.3) * NORTH_ENU + math.cos(0.3) * UP, atol=1e-7)
 
 
 def test_rolling_right_heading_north_accelerates_east(new: New) -> None:
     message = odometry_message(new, q=wxyz([0.3, 0.0, 0.0]))
-    odometry = px4_codec.odometry_from_vehicle_odometry(message)
+    odometry = px4.odometry_from_vehicle_odometry(message)
     thrust_W = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw) @ UP
     assert_allclose(thrust_W, math.sin(0.3) * EAST_ENU + math.cos(0.3) * UP, atol=1e-7)
 
 
 def test_a_rate_that_lowers_the_nose_is_a_negative_pitch_rate(new: New) -> None:
     rates = new("px4_msgs/msg/VehicleRatesSetpoint")
-    px4_codec.fill_vehicle_rates_setpoint(rates, command(w=(0.0, 1.5, 0.0)), throttle=0.3)
+    px4.fill_vehicle_rates_setpoint(rates, command(w=(0.0, 1.5, 0.0)), throttle=0.3)
     assert rates.pitch == -1.5
 
 
 def test_thrust_points_up_which_is_negative(new: New) -> None:
     rates = new("px4_msgs/msg/VehicleRatesSetpoint")
-    px4_codec.fill_vehicle_rates_setpoint(rates, command(), throttle=0.25)
+    px4.fill_vehicle_rates_setpoint(rates, command(), throttle=0.25)
     assert rates.thrust_body.tolist() == [0.0, 0.0, -0.25]
     assert rates.timestamp == 0
 
@@ -144,7 +144,7 @@ def test_attitude_is_that_of_independently_built_rotations(
     R_frd_flu = np.diag([1.0, -1.0, -1.0])
     R_ned_frd = so3.exp(turn)
     message = odometry_message(new, q=wxyz(turn), velocity=velocity)
-    odometry = px4_codec.odometry_from_vehicle_odometry(message)
+    odometry = px4.odometry_from_vehicle_odometry(message)
     R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
     assert_allclose(R_WB, R_enu_ned @ R_ned_frd @ R_frd_flu, atol=1e-6)
     v_FRD = R_ned_frd.T @ velocity
@@ -160,9 +160,9 @@ def test_vectors_there_and_back(values: list[float]) -> None:
 
 def test_stamp_is_the_time_of_sampling_in_microseconds(new: New) -> None:
     message = odometry_message(new, timestamp=2_000_000, timestamp_sample=1_990_000)
-    assert px4_codec.odometry_from_vehicle_odometry(message).stamp_ns == 1_990_000_000
+    assert px4.odometry_from_vehicle_odometry(message).stamp_ns == 1_990_000_000
     message = odometry_message(new, timestamp=2_000_000)
-    assert px4_codec.odometry_from_vehicle_odometry(message).stamp_ns == 2_000_000_000
+    assert px4.odometry_from_vehicle_odometry(message).stamp_ns == 2_000_000_000
 
 
 @pytest.mark.parametrize(
@@ -181,13 +181,13 @@ def test_unknown_frames_and_no_attitude_are_refused(
     new: New, fields: dict[str, Any], reason: str
 ) -> None:
     with pytest.raises(ValueError, match=reason):
-        px4_codec.odometry_from_vehicle_odometry(odometry_message(new, **fields))
+        px4.odometry_from_vehicle_odometry(odometry_message(new, **fields))
 
 
 def test_heartbeat_claims_body_rates_and_nothing_else(new: New) -> None:
     message = new("px4_msgs/msg/OffboardControlMode")
     message.position = True  # as if it had been used before
-    px4_codec.fill_offboard_control_mode(message)
+    px4.fill_offboard_control_mode(message)
     claimed = [name for name in message.FIELDS if getattr(message, name) is True]
     assert claimed == ["body_rate"]
     assert message.timestamp == 0
@@ -196,8 +196,8 @@ def test_heartbeat_claims_body_rates_and_nothing_else(new: New) -> None:
 @pytest.mark.parametrize(
     ("fill", "number", "parameters"),
     [
-        (px4_codec.fill_offboard_mode, 176, [1.0, 6.0, 0.0]),
-        (px4_codec.fill_hold_mode, 176, [1.0, 4.0, 3.0]),
+        (px4.fill_offboard_mode, 176, [1.0, 6.0, 0.0]),
+        (px4.fill_hold_mode, 176, [1.0, 4.0, 3.0]),
     ],
 )
 def test_mode_commands(
@@ -213,5 +213,5 @@ def test_mode_commands(
 @pytest.mark.parametrize("wanted", [True, False])
 def test_arming_command(new: New, wanted: bool) -> None:
     message = new("px4_msgs/msg/VehicleCommand")
-    px4_codec.fill_arming(message, wanted=wanted, target_system=1)
+    px4.fill_arming(message, wanted=wanted, target_system=1)
     assert (message.command, message.param1, message.from_external) == (400, float(wanted), True)

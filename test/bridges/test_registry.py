@@ -2,60 +2,39 @@
 
 from __future__ import annotations
 
-import ast
 import importlib
+import itertools
 import subprocess
 import sys
+import types
 from pathlib import Path
 
+import numpy as np
 import pytest
+from fixtures.setup_py import declared, write_metadata
 
 from quad_mpc_ros.bridges.bridge import Bridge
-from quad_mpc_ros.bridges.registry import GROUP, registered_bridges
+from quad_mpc_ros.bridges.registry import GROUP, bridge_packages, registered_bridges
 from quad_mpc_ros.cli import main
+from quad_mpc_ros.model.samples import CommandSample
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def declared() -> dict[str, list[str]]:
-    for node in ast.walk(ast.parse((ROOT / "setup.py").read_text())):
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup":
-            for keyword in node.keywords:
-                if keyword.arg == "entry_points":
-                    found: dict[str, list[str]] = ast.literal_eval(keyword.value)
-                    return found
-    raise AssertionError("setup.py has no entry points")
-
-
-def install(folder: Path, name: str, *entries: str) -> None:
-    """Put the metadata of a distribution into a folder of the search path."""
-    info = folder / f"{name}-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-    lines = "\n".join(entries)
-    (info / "entry_points.txt").write_text(f"[{GROUP}]\n{lines}\n")
-
-
-@pytest.mark.parametrize("entry", declared()[GROUP])
-def test_every_entry_is_a_bridge_with_an_executable_of_its_name(entry: str) -> None:
-    name, target = entry.split(" = ")
+@pytest.mark.parametrize(("name", "target"), declared(GROUP).items())
+def test_every_entry_is_a_bridge_with_an_executable_of_its_name(name: str, target: str) -> None:
     module, kind = target.split(":")
     bridge = getattr(importlib.import_module(module), kind)
     assert issubclass(bridge, Bridge)
     assert bridge.name == name == bridge.Config.owner
-    assert f"{name} = {module}:main" in declared()["console_scripts"]
+    assert declared("console_scripts")[name] == f"{target}.main"
 
 
 def test_other_packages_add_theirs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    install(tmp_path, "quad-mpc-ros-under-test", *declared()[GROUP])
-    install(
-        tmp_path,
-        "somebody",
-        "kite_bridge = a_kite:KiteBridge",
-        "ghost_bridge = not_there:GhostBridge",
-    )
+    theirs = ["kite_bridge = a_kite:KiteBridge", "ghost_bridge = not_there:GhostBridge"]
+    write_metadata(tmp_path, "some-body", {GROUP: theirs})
     (tmp_path / "a_kite.py").write_text(
         "class KiteBridge:\n"
         "    name, speaks = 'kite_bridge', 'Kites: pulls on two lines'\n"
@@ -68,6 +47,9 @@ def test_other_packages_add_theirs(
     assert "not_there" in found["ghost_bridge"].fault
     assert found["rates_bridge"].missing == ()
 
+    assert bridge_packages()["kite_bridge"] == "some_body"
+    assert bridge_packages()["rates_bridge"] == "quad_mpc_ros"
+
     assert main(["bridges"]) == 0
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
     assert lines["kite_bridge"].endswith("missing kite_msgs: ask the wind")
@@ -75,11 +57,28 @@ def test_other_packages_add_theirs(
     assert "broken" in lines["ghost_bridge"]
 
 
+def test_the_bridge_of_contributing_passes_commands_on() -> None:
+    diff = (ROOT / "CONTRIBUTING.md").read_text().split("+++ b/quad_mpc_ros/bridges/kite.py\n")[1]
+    lines = itertools.takewhile(lambda line: line.startswith("+"), diff.splitlines())
+    module = types.ModuleType("kite")
+    sys.modules["kite"] = module  # where dataclasses look
+    exec("\n".join(line[1:] for line in lines), module.__dict__)
+    bridge: Bridge = module.KiteBridge(module.KiteConfig(), lambda _: types.SimpleNamespace())
+    command = CommandSample(stamp_ns=1, throttle=0.3, w_WB_B=np.array([1.0, 2.0, 3.0]))
+
+    assert bridge.receive_command(command, now_ns=1) == []
+    assert bridge.engage(True, now_ns=1).accepted
+    (outgoing,) = bridge.receive_command(command, now_ns=1)
+    assert outgoing.topic.name == "/kite/pull"
+    assert vars(outgoing.message) == {"p": 1.0, "q": 2.0, "r": 3.0, "throttle": 0.3}
+    assert [each.topic.name for each in bridge.subscriptions] == ["/kite/odometry"]
+
+
 def test_bridges_know_no_ros() -> None:
     # Whoever tests or simulates with a codec needs none of it.
     script = (
         "import sys\n"
-        + "".join(f"import {entry.split(' = ')[1].split(':')[0]}\n" for entry in declared()[GROUP])
+        + "".join(f"import {target.split(':')[0]}\n" for target in declared(GROUP).values())
         + "sys.exit(any(name.split('.')[0] in ('rclpy', 'geometry_msgs', 'std_srvs') "
         "for name in sys.modules))"
     )

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quad_mpc_ros.bridges.aerostack2_bridge import Aerostack2Bridge
-from quad_mpc_ros.bridges.bridge import Bridge, Sending
-from quad_mpc_ros.bridges.crazyswarm2_bridge import Crazyswarm2Bridge
-from quad_mpc_ros.bridges.mavros_bridge import MavrosBridge
-from quad_mpc_ros.bridges.px4_bridge import Px4Bridge
-from quad_mpc_ros.bridges.rates_bridge import RatesBridge
-from quad_mpc_ros.bridges.rosflight_bridge import RosflightBridge
-from quad_mpc_ros.bridges.stamps import OdometryStamps
+from quad_mpc_ros.bridges.aerostack2 import Aerostack2Bridge
+from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage
+from quad_mpc_ros.bridges.crazyswarm2 import Crazyswarm2Bridge
+from quad_mpc_ros.bridges.mavros import MavrosBridge
+from quad_mpc_ros.bridges.odometry import OdometryStamps
+from quad_mpc_ros.bridges.px4 import Px4Bridge
+from quad_mpc_ros.bridges.rates import RatesBridge
+from quad_mpc_ros.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 New = Callable[[str], Any]
@@ -37,7 +37,7 @@ def command(stamp_ns: int, throttle: float = 0.3, w: float = 0.0) -> CommandSamp
     return CommandSample(stamp_ns=stamp_ns, throttle=throttle, w_WB_B=np.array([w, 0.0, 0.0]))
 
 
-def topics(sendings: list[Sending]) -> list[str]:
+def topics(sendings: list[OutgoingMessage]) -> list[str]:
     return [sending.topic.name for sending in sendings]
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import operator
 import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from catkin_pkg.package import Package, parse_package
+from fixtures.setup_py import declared, setup_arguments
 
 import quad_mpc_ros
 
@@ -25,15 +27,6 @@ COMES_WITH = {"mpl_toolkits": "matplotlib"}
 @pytest.fixture(scope="module")
 def package_xml() -> Package:
     return parse_package(str(ROOT))
-
-
-@pytest.fixture(scope="module")
-def setup_arguments() -> dict[str, ast.expr]:
-    """Return the arguments of the call of ``setup``, by name."""
-    for node in ast.walk(ast.parse((ROOT / "setup.py").read_text())):
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup":
-            return {keyword.arg: keyword.value for keyword in node.keywords if keyword.arg}
-    raise AssertionError("setup.py does not call setup()")
 
 
 def imports_of(folder: Path) -> dict[str, str]:
@@ -66,8 +59,8 @@ def ros_dependencies(package_xml: Package) -> set[str]:
     return {import_name(dependency.name) for dependency in package_xml.exec_depends}
 
 
-def python_dependencies(setup_arguments: dict[str, ast.expr]) -> set[str]:
-    return {import_name(each) for each in ast.literal_eval(setup_arguments["install_requires"])}
+def python_dependencies() -> set[str]:
+    return {import_name(each) for each in setup_arguments()["install_requires"]}
 
 
 def test_package_xml_is_valid_and_of_ament_python(package_xml: Package) -> None:
@@ -81,16 +74,11 @@ def test_version_is_the_same_everywhere(package_xml: Package) -> None:
     assert package_xml.version == quad_mpc_ros.__version__
 
 
-def test_setup_and_package_xml_describe_the_same_package(
-    package_xml: Package, setup_arguments: dict[str, ast.expr]
-) -> None:
-    def declared(name: str) -> Any:
-        return ast.literal_eval(setup_arguments[name])
-
+def test_setup_and_package_xml_describe_the_same_package(package_xml: Package) -> None:
     (maintainer,) = package_xml.maintainers
-    assert declared("maintainer") == maintainer.name
-    assert declared("maintainer_email") == maintainer.email
-    assert [declared("license")] == package_xml.licenses
+    assert setup_arguments()["maintainer"] == maintainer.name
+    assert setup_arguments()["maintainer_email"] == maintainer.email
+    assert [setup_arguments()["license"]] == package_xml.licenses
 
 
 def test_changelog_has_the_version_or_its_draft(package_xml: Package) -> None:
@@ -98,24 +86,20 @@ def test_changelog_has_the_version_or_its_draft(package_xml: Package) -> None:
     assert headings[0] == "Forthcoming" or headings[0].startswith(package_xml.version)
 
 
-def test_every_executable_has_its_main_function(setup_arguments: dict[str, ast.expr]) -> None:
-    for script in ast.literal_eval(setup_arguments["entry_points"])["console_scripts"]:
-        name, module, function = re.split(r" = |:", script)
-        room = "bridges" if name.endswith("_bridge") else "nodes"
-        assert name == "quad_mpc" or module == f"quad_mpc_ros.{room}.{name}"
-        tree = ast.parse((ROOT / module.replace(".", "/")).with_suffix(".py").read_text())
-        functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
-        assert function in functions, script
+@pytest.mark.parametrize(("name", "target"), declared("console_scripts").items())
+def test_every_executable_has_its_main_function(name: str, target: str) -> None:
+    module, attribute = target.split(":")
+    room, stem = ("bridges", name.removesuffix("_bridge"))
+    if stem == name:
+        room, stem = "nodes", name
+    assert name == "quad_mpc" or module == f"quad_mpc_ros.{room}.{stem}"
+    assert callable(operator.attrgetter(attribute)(importlib.import_module(module)))
 
 
-def test_every_import_of_the_package_is_declared(
-    package_xml: Package, setup_arguments: dict[str, ast.expr]
-) -> None:
-    declared = ros_dependencies(package_xml) | python_dependencies(setup_arguments)
+def test_every_import_of_the_package_is_declared(package_xml: Package) -> None:
+    known = ros_dependencies(package_xml) | python_dependencies()
     undeclared = {
-        name: user
-        for name, user in imports_of(ROOT / "quad_mpc_ros").items()
-        if name not in declared
+        name: user for name, user in imports_of(ROOT / "quad_mpc_ros").items() if name not in known
     }
     assert undeclared == {}
 
@@ -133,5 +117,5 @@ def test_every_import_of_the_launch_files_is_declared(package_xml: Package) -> N
     assert imports_of(ROOT / "launch").keys() <= ros_dependencies(package_xml)
 
 
-def test_every_python_dependency_is_used(setup_arguments: dict[str, ast.expr]) -> None:
-    assert python_dependencies(setup_arguments) <= imports_of(ROOT / "quad_mpc_ros").keys()
+def test_every_python_dependency_is_used() -> None:
+    assert python_dependencies() <= imports_of(ROOT / "quad_mpc_ros").keys()

@@ -7,14 +7,12 @@ does, and starts nothing.
 
 from __future__ import annotations
 
-import ast
 import functools
 import gc
-import importlib
 import runpy
 import sys
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,7 +20,9 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
+from fixtures.setup_py import declared, write_metadata
 
+from quad_mpc_ros.bridges.registry import bridge_configurations
 from quad_mpc_ros.commands.run_options import SCHEMA
 from quad_mpc_ros.configuration import Configuration, files
 from quad_mpc_ros.nodes.mpc_node import MpcNode
@@ -56,6 +56,8 @@ class Context:
                     raise LaunchError(f"launch configuration '{value.name}' does not exist")
                 self.used.add(value.name)
                 return self.values[value.name]
+            case EqualsSubstitution():
+                return str(self.text(value.left) == self.text(value.right)).lower()
             case list() | tuple():
                 return "".join(map(self.text, value))
         raise LaunchError(f"neither a text nor a substitution: {value!r}")
@@ -64,6 +66,12 @@ class Context:
 @dataclass
 class LaunchConfiguration:
     name: str
+
+
+@dataclass
+class EqualsSubstitution:
+    left: Any
+    right: Any
 
 
 @dataclass
@@ -164,7 +172,7 @@ MODULES = {
     "launch.conditions": [IfCondition],
     "launch.event_handlers": [OnProcessExit],
     "launch.events": [Shutdown],
-    "launch.substitutions": [LaunchConfiguration],
+    "launch.substitutions": [EqualsSubstitution, LaunchConfiguration],
     "launch_ros": [],
     "launch_ros.actions": [Node],
     "launch_ros.parameter_descriptions": [ParameterValue],
@@ -175,6 +183,7 @@ MODULES = {
 class Started:
     """A node as it would be started; ``parameters`` are files and values, later ones win."""
 
+    package: str
     executable: str
     name: str
     namespace: str
@@ -183,9 +192,9 @@ class Started:
 
 
 def started(node: Node, context: Context) -> Started:
-    assert context.text(node.package) == "quad_mpc_ros"
     assert node.output == "screen"
     return Started(
+        package=context.text(node.package),
         executable=context.text(node.executable),
         name=context.text(node.name),
         namespace=context.text(node.namespace),
@@ -239,24 +248,8 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Launch:
     return execute
 
 
-def declared() -> dict[str, list[str]]:
-    """Return the entry points of setup.py by group."""
-    for node in ast.walk(ast.parse((ROOT / "setup.py").read_text())):
-        if isinstance(node, ast.keyword) and node.arg == "entry_points":
-            found: dict[str, list[str]] = ast.literal_eval(node.value)
-            return found
-    raise AssertionError("setup.py has no entry points")
-
-
-def bridge_configs() -> Iterator[tuple[str, type[Configuration]]]:
-    for entry in declared()["quad_mpc_ros.bridges"]:
-        name, target = entry.split(" = ")
-        module, kind = target.split(":")
-        yield name, getattr(importlib.import_module(module), kind).Config
-
-
-CONFIGS = {**SCHEMA, "visualisation": VisualisationConfig, **dict(bridge_configs())}
-BRIDGES = [name.removesuffix("_bridge") for name, _ in bridge_configs()]
+CONFIGS = {**SCHEMA, "visualisation": VisualisationConfig, **bridge_configurations()}
+BRIDGES = [name.removesuffix("_bridge") for name in declared("quad_mpc_ros.bridges")]
 
 
 @functools.cache
@@ -285,11 +278,11 @@ def test_every_launch_file_is_called() -> None:
 def test_every_node_exists_and_takes_its_parameters(
     file: str, given: dict[str, str], launch: Launch
 ) -> None:
-    executables = {script.split(" = ")[0] for script in declared()["console_scripts"]}
     nodes = launch(file, **given)
     assert nodes
     for node in nodes:
-        assert node.executable in executables
+        assert node.package == "quad_mpc_ros"
+        assert node.executable in declared("console_scripts")
         # Parameter files speak of nodes by their names, and those are told apart by them.
         assert node.executable in (f"{node.name}_node", node.name)
         assert node.namespace == given.get("namespace", "")
@@ -332,15 +325,14 @@ def test_what_is_wrong_is_refused(launch: Launch) -> None:
         launch("square.launch.py", duration="long")
 
 
-def test_bridges_to_choose_from_are_those_that_are_installed() -> None:
-    assert runpy_constant("bridge.launch.py", "BRIDGES") == BRIDGES
-
-
-def runpy_constant(file: str, name: str) -> Any:
-    for node in ast.parse((ROOT / "launch" / file).read_text()).body:
-        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == name:
-            return ast.literal_eval(node.value)
-    raise AssertionError(f"{file} has no {name}")
+def test_bridges_of_other_packages_are_launched_from_there(
+    launch: Launch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entry_points = {"quad_mpc_ros.bridges": ["kite_bridge = a_kite:KiteBridge"]}
+    write_metadata(tmp_path, "kite_pilot", entry_points)
+    monkeypatch.syspath_prepend(tmp_path)
+    (kite,) = (node for node in launch("bridge.launch.py", bridge="kite") if node.name[0] == "k")
+    assert (kite.package, kite.executable) == ("kite_pilot", "kite_bridge")
 
 
 def test_remapped_topics_are_those_of_the_nodes(launch: Launch) -> None:

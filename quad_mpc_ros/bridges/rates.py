@@ -1,22 +1,46 @@
-"""Everything else that takes body rates and thrust in a ``TwistStamped``: units by parameter."""
+"""Any stack that takes body rates and thrust in a ``TwistStamped``: frame, units by parameter."""
 
 from __future__ import annotations
 
-import sys
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from quad_mpc_ros.bridges import rates_codec
-from quad_mpc_ros.bridges.bridge import Answer, Sending, Subscription
+from quad_mpc_ros.bridges.bridge import OutgoingMessage, Response, Subscription, SwitchedBridge
 from quad_mpc_ros.bridges.config import BridgeConfig
-from quad_mpc_ros.bridges.own_switch import SwitchedBridge
+from quad_mpc_ros.bridges.frames import flu_from_frd
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.conversions import NewMessage, fill_time
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.model.state import with_body_twist
+
+
+def fill_rates(
+    message: Any,
+    command: CommandSample,
+    *,
+    thrust: float,
+    body_frame: str,
+    angle_unit: str,
+    frame_id: str,
+    now_ns: int,
+) -> None:
+    """Write the rates into ``twist.angular`` and the thrust along body z into ``twist.linear.z``.
+
+    ``thrust`` is what shall push the vehicle up, in the stack's unit: along z in ``flu``, against
+    it, and so negative, in ``frd``. ``angle_unit`` is ``rad`` or ``deg``.
+    """
+    frd = body_frame == "frd"
+    rates = flu_from_frd(command.w_WB_B) if frd else command.w_WB_B
+    scale = math.degrees(1.0) if angle_unit == "deg" else 1.0
+    fill_time(message.header.stamp, now_ns)
+    message.header.frame_id = frame_id
+    angular = message.twist.angular
+    angular.x, angular.y, angular.z = (scale * rates).tolist()
+    message.twist.linear.z = -thrust if frd else thrust
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,23 +96,23 @@ class RatesBridge(SwitchedBridge):
         """Odometry, battery."""
         odometry = _topic(self._config.odometry_topic, "nav_msgs/msg/Odometry")
         battery = _topic(self._config.battery_topic, "sensor_msgs/msg/BatteryState")
-        found = [Subscription(topic=odometry, receive=self._on_odometry)]
-        if self._config.thrust_map.battery_voltage > 0.0:
-            found.append(Subscription(topic=battery, receive=self._on_battery))
-        return found
+        return [
+            Subscription(topic=odometry, receive=self._on_odometry),
+            *self._battery_subscription(battery),
+        ]
 
     @property
     def publications(self) -> Sequence[Topic]:
         """The setpoint."""
         return (self._setpoint,)
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Answer:
+    def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Refuse: a topic of rates knows no arming."""
-        return Answer(accepted=False, text="arm the vehicle by the means of its own stack")
+        return Response(accepted=False, text="arm the vehicle by the means of its own stack")
 
-    def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         message = self._new(self._setpoint.type_name)
-        rates_codec.fill_rates(
+        fill_rates(
             message,
             command,
             thrust=self._thrust(command.throttle),
@@ -97,7 +121,7 @@ class RatesBridge(SwitchedBridge):
             frame_id=self._config.setpoint_frame_id,
             now_ns=now_ns,
         )
-        return [Sending(topic=self._setpoint, message=message)]
+        return [OutgoingMessage(topic=self._setpoint, message=message)]
 
     def _thrust(self, throttle: float) -> float:
         match self._config.thrust_unit:
@@ -118,20 +142,6 @@ class RatesBridge(SwitchedBridge):
                 return None
         return self._passed_on(odometry, now_ns=now_ns)
 
-    def _on_battery(self, message: Any, now_ns: int) -> None:
-        self.thrust.receive_voltage(float(message.voltage), now_ns=now_ns)
-
 
 def _topic(name: str, type_name: str) -> Topic:
     return Topic(name=name, type_name=type_name, reliable=False)
-
-
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros rates_bridge``."""
-    from quad_mpc_ros.bridges.node import run_bridge
-
-    sys.exit(run_bridge(RatesBridge, args))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,33 +1,86 @@
-"""Crazyswarm2: its rules.
+"""Crazyswarm2 (geometry_msgs, nav_msgs).
 
 The firmware keeps the thrust locked until a setpoint of thrust 0 has come, levels after half a
 second without setpoints and cuts the motors after two. It takes rates only with
 ``flightmode.stabModeRoll`` and ``stabModePitch`` set to 0, which is the user's to set.
+
+``cmd_vel_legacy`` carries the four numbers of the Crazyflie's oldest setpoint. The server negates
+linear.x to its pitch, and the firmware counts pitch nose-up and, in this setpoint alone, yaw
+clockwise: https://imrclab.github.io/crazyswarm2 and
+https://www.bitcraze.io/documentation/repository/crazyflie-firmware/master (commanders).
 """
 
 from __future__ import annotations
 
-import sys
+import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from quad_mpc_ros.bridges import crazyswarm2_codec as codec
-from quad_mpc_ros.bridges.bridge import Answer, Call, Sending, Subscription
+import numpy as np
+
+from quad_mpc_ros.bridges.autopilot import LatestStatus
+from quad_mpc_ros.bridges.bridge import (
+    OutgoingMessage,
+    Response,
+    ServiceCall,
+    Subscription,
+    SwitchedBridge,
+)
 from quad_mpc_ros.bridges.config import BridgeConfig
-from quad_mpc_ros.bridges.differentiator import PoseDifferentiator
-from quad_mpc_ros.bridges.link import Link
-from quad_mpc_ros.bridges.own_switch import SwitchedBridge
+from quad_mpc_ros.bridges.odometry import PoseDifferentiator
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds, odometry_from_message
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.state import with_body_twist
+
+PWM_FULL = 65535.0
+PWM_LARGEST = 60000.0  # where the server cuts
+SUPERVISOR_IS_ARMED = 2
+SUPERVISOR_IS_TUMBLED = 32
+SUPERVISOR_IS_LOCKED = 64
 
 _LOCKS_AFTER_NS = 2_000_000_000
 # The radio may lose one; on the ground they cost nothing.
 _UNLOCKING_SETPOINTS = 3
 _STATUS_TIMEOUT = 10.0  # s: the server logs it once a second or less
 _ARM = "crazyflie_interfaces/srv/Arm"
+
+
+def odometry_from_odom(message: Any) -> OdometrySample:
+    """Return the values of the server's ``odom``: linear velocity in the world, no body rates.
+
+    Raises ``ValueError`` for a quaternion without a rotation.
+    """
+    odometry = dataclasses.replace(odometry_from_message(message), w_WB_B=np.zeros(3))
+    return with_body_twist(odometry)
+
+
+def odometry_from_pose(message: Any) -> OdometrySample:
+    """Return the values of the server's ``pose``, a ``PoseStamped``, at rest."""
+    p, q = message.pose.position, message.pose.orientation
+    return OdometrySample(
+        stamp_ns=nanoseconds(message.header.stamp),
+        p_WB=np.array((p.x, p.y, p.z)),
+        q_WB_xyzw=np.array((q.x, q.y, q.z, q.w)),
+        v_WB_B=np.zeros(3),
+        w_WB_B=np.zeros(3),
+    )
+
+
+def fill_setpoint(message: Any, command: CommandSample, *, throttle: float) -> None:
+    """Write body rates [deg/s] and throttle [PWM] into the ``Twist`` of ``cmd_vel_legacy``."""
+    p, q, r = (math.degrees(rate) for rate in command.w_WB_B.tolist())
+    message.linear.x, message.linear.y = q, p
+    message.linear.z = min(throttle * PWM_FULL, PWM_LARGEST)
+    message.angular.z = -r
+
+
+def fill_unlock(message: Any) -> None:
+    """Write the setpoint of nothing, which unlocks the thrust."""
+    message.linear.x = message.linear.y = message.linear.z = message.angular.z = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +113,7 @@ class Crazyswarm2Bridge(SwitchedBridge):
         super().__init__(config, new)
         self._setpoint = self._topic("cmd_vel_legacy", "geometry_msgs/msg/Twist", reliable=True)
         self._differentiator = PoseDifferentiator(velocity_too=config.state == "pose")
-        self._status: Link[Any] = Link(timeout=_STATUS_TIMEOUT)
+        self._status: LatestStatus[Any] = LatestStatus(timeout=_STATUS_TIMEOUT)
         self._unlocking = 0
         self._sent_ns: int | None = None
 
@@ -86,48 +139,48 @@ class Crazyswarm2Bridge(SwitchedBridge):
         """Arming."""
         return ((f"{self._config.crazyflie}/arm", _ARM),)
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Answer:
+    def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Ask the server to arm or disarm, which vehicles with brushless motors need."""
         request = self._new(_ARM)
         request.arm = wanted
-        call = Call(service=f"{self._config.crazyflie}/arm", type_name=_ARM, request=request)
+        call = ServiceCall(
+            service=f"{self._config.crazyflie}/arm", type_name=_ARM, request=request
+        )
         what = "arming" if wanted else "disarming"
-        return Answer(accepted=True, text=f"asked for {what}", calls=[call])
+        return Response(accepted=True, text=f"asked for {what}", calls=[call])
 
     def _reason_for_silence(self, now_ns: int) -> str | None:
         status = self._status.value(now_ns=now_ns)
-        if status is not None and status.supervisor_info & codec.SUPERVISOR_IS_TUMBLED:
+        if status is not None and status.supervisor_info & SUPERVISOR_IS_TUMBLED:
             return "the Crazyflie lies upside down"
-        if status is not None and status.supervisor_info & codec.SUPERVISOR_IS_LOCKED:
+        if status is not None and status.supervisor_info & SUPERVISOR_IS_LOCKED:
             return "the Crazyflie is locked: restart it"
         return super()._reason_for_silence(now_ns)
 
     def _acts(self, now_ns: int) -> bool:
         """Return whether it is unlocked and, where its status comes, armed."""
         status = self._status.value(now_ns=now_ns)
-        armed = status is None or bool(status.supervisor_info & codec.SUPERVISOR_IS_ARMED)
+        armed = status is None or bool(status.supervisor_info & SUPERVISOR_IS_ARMED)
         locked = self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS
         return armed and not locked and self._unlocking == 0
 
-    def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         if self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS:
             self._unlocking = _UNLOCKING_SETPOINTS
         self._sent_ns = now_ns
         message = self._new(self._setpoint.type_name)
         if self._unlocking > 0:
             self._unlocking -= 1
-            codec.fill_unlock(message)
+            fill_unlock(message)
         else:
             throttle = self.thrust.stack_throttle(command.throttle)
-            codec.fill_setpoint(message, command, throttle=throttle)
-        return [Sending(topic=self._setpoint, message=message)]
+            fill_setpoint(message, command, throttle=throttle)
+        return [OutgoingMessage(topic=self._setpoint, message=message)]
 
     def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
         pose = self._config.state == "pose"
         try:
-            odometry = (
-                codec.odometry_from_pose(message) if pose else codec.odometry_from_odom(message)
-            )
+            odometry = odometry_from_pose(message) if pose else odometry_from_odom(message)
             completed = self._differentiator.completed(odometry)
         except ValueError as error:
             self._refuse(f"{self._config.state}: {error}")
@@ -135,7 +188,7 @@ class Crazyswarm2Bridge(SwitchedBridge):
         return None if completed is None else self._passed_on(completed, now_ns=now_ns)
 
     def _on_status(self, message: Any, now_ns: int) -> None:
-        self._status.receive(message, now_ns=now_ns)
+        self._status.receive(message, now_ns)
         self.thrust.receive_voltage(float(message.battery_voltage), now_ns=now_ns)
 
     def _topic(self, path: str, type_name: str, *, reliable: bool = False) -> Topic:
@@ -146,14 +199,3 @@ class Crazyswarm2Bridge(SwitchedBridge):
             reliable=reliable,
             depth=1,
         )
-
-
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros crazyswarm2_bridge``."""
-    from quad_mpc_ros.bridges.node import run_bridge
-
-    sys.exit(run_bridge(Crazyswarm2Bridge, args))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,30 +1,135 @@
-"""PX4 over uXRCE-DDS: its rules.
+"""PX4 over uXRCE-DDS (px4_msgs), NED and FRD.
 
 The heartbeat ``offboard_control_mode`` must run for a second before PX4 arms or switches to
 offboard. PX4 does not fail safe when setpoints stop while the heartbeat runs on, so a heartbeat
 is sent only together with a fresh command.
+
+Fields and constants after the definitions in https://github.com/PX4/px4_msgs.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from quad_mpc_ros.bridges import px4_codec
-from quad_mpc_ros.bridges.bridge import Answer, Bridge, Sending, Subscription
+import numpy as np
+
+from quad_mpc_ros.bridges.autopilot import LatestStatus, SetpointStream
+from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
-from quad_mpc_ros.bridges.link import Link
-from quad_mpc_ros.bridges.stream import SetpointStream
+from quad_mpc_ros.bridges.frames import (
+    enu_from_ned,
+    flu_from_frd,
+    q_enu_flu_xyzw_from_ned_frd_wxyz,
+)
 from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.lie import so3
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
+POSE_FRAME_NED, POSE_FRAME_FRD = 1, 2
+VELOCITY_FRAME_NED, VELOCITY_FRAME_FRD, VELOCITY_FRAME_BODY_FRD = 1, 2, 3
+NAVIGATION_STATE_OFFBOARD = 14
+ARMING_STATE_ARMED = 2
+
+VEHICLE_CMD_DO_SET_MODE = 176
+VEHICLE_CMD_COMPONENT_ARM_DISARM = 400
+_CUSTOM_MODE_ENABLED = 1.0
+_MAIN_MODE_AUTO, _MAIN_MODE_OFFBOARD = 4.0, 6.0
+_SUB_MODE_LOITER = 3.0
+
+_POSE_FRAMES = {POSE_FRAME_NED: "NED", POSE_FRAME_FRD: "FRD"}
+
 _STATUS_TIMEOUT = 1.5  # s: PX4 sends it twice a second, and at every change
 _FROM_MESSAGE = -1
 _ACCEPTED, _IN_PROGRESS = 0, 5
+
+
+def odometry_from_vehicle_odometry(message: Any) -> OdometrySample:
+    """Return the values of a ``VehicleOdometry``, stamped with its time of sampling.
+
+    Raises ``ValueError`` for a frame that is unknown, for a velocity in another world frame than
+    the pose, and for an attitude marked as invalid. Other invalid fields stay NaN.
+    """
+    pose_frame, velocity_frame = int(message.pose_frame), int(message.velocity_frame)
+    if pose_frame not in _POSE_FRAMES:
+        raise ValueError(f"pose_frame {pose_frame}, expected 1 (NED) or 2 (FRD)")
+    q_WB_xyzw = q_enu_flu_xyzw_from_ned_frd_wxyz(message.q)
+    if velocity_frame == VELOCITY_FRAME_BODY_FRD:
+        v_WB_B = flu_from_frd(message.velocity)
+    elif velocity_frame == pose_frame:
+        v_WB_B = so3.rotation_from_quaternion_xyzw(q_WB_xyzw).T @ enu_from_ned(message.velocity)
+    else:
+        raise ValueError(
+            f"velocity_frame {velocity_frame} with a pose in {_POSE_FRAMES[pose_frame]}, "
+            f"expected {pose_frame} or 3 (body FRD)"
+        )
+    return OdometrySample(
+        stamp_ns=1000 * int(message.timestamp_sample or message.timestamp),
+        p_WB=enu_from_ned(message.position),
+        q_WB_xyzw=q_WB_xyzw,
+        v_WB_B=v_WB_B,
+        w_WB_B=flu_from_frd(message.angular_velocity),
+    )
+
+
+def fill_offboard_control_mode(message: Any) -> None:
+    """Write the heartbeat of a controller that commands body rates.
+
+    The timestamp stays 0: PX4 puts its own.
+    """
+    message.timestamp = 0
+    for field in (
+        "position",
+        "velocity",
+        "acceleration",
+        "attitude",
+        "thrust_and_torque",
+        "direct_actuator",
+    ):
+        setattr(message, field, False)
+    message.body_rate = True
+
+
+def fill_vehicle_rates_setpoint(message: Any, command: CommandSample, *, throttle: float) -> None:
+    """Write body rates [rad/s] into a ``VehicleRatesSetpoint`` (FRD), throttle along -z."""
+    p, q, r = flu_from_frd(command.w_WB_B).tolist()
+    message.timestamp = 0
+    message.roll, message.pitch, message.yaw = p, q, r
+    message.thrust_body = np.array((0.0, 0.0, -throttle), dtype=np.float32)
+    message.reset_integral = False
+
+
+def fill_arming(message: Any, *, wanted: bool, target_system: int) -> None:
+    """Write a ``VehicleCommand`` that arms or disarms."""
+    _fill_command(
+        message, VEHICLE_CMD_COMPONENT_ARM_DISARM, (float(wanted), 0.0, 0.0), target_system
+    )
+
+
+def fill_offboard_mode(message: Any, *, target_system: int) -> None:
+    """Write a ``VehicleCommand`` that switches to offboard mode."""
+    parameters = (_CUSTOM_MODE_ENABLED, _MAIN_MODE_OFFBOARD, 0.0)
+    _fill_command(message, VEHICLE_CMD_DO_SET_MODE, parameters, target_system)
+
+
+def fill_hold_mode(message: Any, *, target_system: int) -> None:
+    """Write a ``VehicleCommand`` that switches to hold."""
+    parameters = (_CUSTOM_MODE_ENABLED, _MAIN_MODE_AUTO, _SUB_MODE_LOITER)
+    _fill_command(message, VEHICLE_CMD_DO_SET_MODE, parameters, target_system)
+
+
+def _fill_command(
+    message: Any, command: int, parameters: tuple[float, float, float], target_system: int
+) -> None:
+    message.timestamp = 0
+    message.command = command
+    message.param1, message.param2, message.param3 = parameters
+    message.target_system, message.target_component = target_system, 1
+    message.source_system, message.source_component = 1, 1
+    message.from_external = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,44 +189,42 @@ class Px4Bridge(Bridge):
         self._heartbeat = self._topic("in/offboard_control_mode", "OffboardControlMode", None)
         self._rates = self._topic("in/vehicle_rates_setpoint", "VehicleRatesSetpoint", "rates")
         self._command = self._topic("in/vehicle_command", "VehicleCommand", "command")
-        self._status: Link[Any] = Link(timeout=_STATUS_TIMEOUT)
+        self._status: LatestStatus[Any] = LatestStatus(timeout=_STATUS_TIMEOUT)
         self._stream = SetpointStream()
         self._resets: tuple[int, int] | None = None
 
     @property
     def subscriptions(self) -> Sequence[Subscription]:
         """Odometry, status, answers to commands, battery."""
-        found = [
+        return [
             Subscription(topic=self._odometry, receive=self._on_odometry),
-            Subscription(topic=self._status_topic, receive=self._on_status),
+            Subscription(topic=self._status_topic, receive=self._status.receive),
             Subscription(topic=self._ack, receive=self._on_ack),
+            *self._battery_subscription(self._battery, field="voltage_v"),
         ]
-        if self._config.thrust_map.battery_voltage > 0.0:
-            found.append(Subscription(topic=self._battery, receive=self._on_battery))
-        return found
 
     @property
     def publications(self) -> Sequence[Topic]:
         """Heartbeat, rate setpoint, vehicle command."""
         return self._heartbeat, self._rates, self._command
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Answer:
+    def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Arm once the heartbeat has run long enough; disarm at any time."""
         if wanted and (refusal := self._not_ready(now_ns)):
-            return Answer(accepted=False, text=refusal)
+            return Response(accepted=False, text=refusal)
         message = self._new(self._command.type_name)
-        px4_codec.fill_arming(message, wanted=wanted, target_system=self._target)
+        fill_arming(message, wanted=wanted, target_system=self._target)
         return self._asked("arming" if wanted else "disarming", message)
 
-    def engage(self, wanted: bool, *, now_ns: int) -> Answer:
+    def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Switch to offboard mode, or from it to hold."""
         if wanted and (refusal := self._not_ready(now_ns)):
-            return Answer(accepted=False, text=refusal)
+            return Response(accepted=False, text=refusal)
         message = self._new(self._command.type_name)
         if wanted:
-            px4_codec.fill_offboard_mode(message, target_system=self._target)
+            fill_offboard_mode(message, target_system=self._target)
         else:
-            px4_codec.fill_hold_mode(message, target_system=self._target)
+            fill_hold_mode(message, target_system=self._target)
         return self._asked("offboard mode" if wanted else "hold mode", message)
 
     def _reason_for_silence(self, now_ns: int) -> str | None:
@@ -133,29 +236,29 @@ class Px4Bridge(Bridge):
         status = self._status.value(now_ns=now_ns)
         return (
             status is not None
-            and status.nav_state == px4_codec.NAVIGATION_STATE_OFFBOARD
-            and status.arming_state == px4_codec.ARMING_STATE_ARMED
+            and status.nav_state == NAVIGATION_STATE_OFFBOARD
+            and status.arming_state == ARMING_STATE_ARMED
         )
 
-    def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         heartbeat = self._new(self._heartbeat.type_name)
-        px4_codec.fill_offboard_control_mode(heartbeat)
+        fill_offboard_control_mode(heartbeat)
         self._stream.sent(now_ns=now_ns)
-        sendings = [Sending(topic=self._heartbeat, message=heartbeat)]
+        messages = [OutgoingMessage(topic=self._heartbeat, message=heartbeat)]
         status = self._status.value(now_ns=now_ns)
-        if status is not None and status.nav_state == px4_codec.NAVIGATION_STATE_OFFBOARD:
+        if status is not None and status.nav_state == NAVIGATION_STATE_OFFBOARD:
             rates = self._new(self._rates.type_name)
-            px4_codec.fill_vehicle_rates_setpoint(
+            fill_vehicle_rates_setpoint(
                 rates, command, throttle=self.thrust.stack_throttle(command.throttle)
             )
-            sendings.append(Sending(topic=self._rates, message=rates))
+            messages.append(OutgoingMessage(topic=self._rates, message=rates))
         else:
             self.silence = "heartbeat only: the vehicle is not in offboard mode"
-        return sendings
+        return messages
 
     def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
         try:
-            odometry = px4_codec.odometry_from_vehicle_odometry(message)
+            odometry = odometry_from_vehicle_odometry(message)
         except ValueError as error:
             self._refuse(f"vehicle_odometry: {error}")
             return None
@@ -169,25 +272,18 @@ class Px4Bridge(Bridge):
         self._resets = resets
         return self._passed_on(odometry, now_ns=now_ns, cause=cause)
 
-    def _on_status(self, message: Any, now_ns: int) -> None:
-        self._status.receive(message, now_ns=now_ns)
-
     def _on_ack(self, message: Any, now_ns: int) -> None:
         if message.result not in (_ACCEPTED, _IN_PROGRESS):
             self._warnings.append(
                 f"PX4 answers command {message.command} with result {message.result}"
             )
 
-    def _on_battery(self, message: Any, now_ns: int) -> None:
-        self.thrust.receive_voltage(float(message.voltage_v), now_ns=now_ns)
-
     def _not_ready(self, now_ns: int) -> str | None:
-        refusal = self._stream.refusal(now_ns=now_ns)
-        return f"{refusal} ({self.silence})" if refusal and self.silence else refusal
+        return self._stream.refusal(now_ns=now_ns, silence=self.silence)
 
-    def _asked(self, what: str, message: Any) -> Answer:
-        sending = Sending(topic=self._command, message=message)
-        return Answer(accepted=True, text=f"asked for {what}", sendings=[sending])
+    def _asked(self, what: str, message: Any) -> Response:
+        outgoing = OutgoingMessage(topic=self._command, message=message)
+        return Response(accepted=True, text=f"asked for {what}", messages=[outgoing])
 
     def _topic(self, path: str, kind: str, version_parameter: str | None) -> Topic:
         type_name = f"px4_msgs/msg/{kind}"
@@ -204,14 +300,3 @@ class Px4Bridge(Bridge):
             # PX4 listens without history, but some agents ask for it.
             latched=path.startswith("in/"),
         )
-
-
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros px4_bridge``."""
-    from quad_mpc_ros.bridges.node import run_bridge
-
-    sys.exit(run_bridge(Px4Bridge, args))
-
-
-if __name__ == "__main__":
-    main()

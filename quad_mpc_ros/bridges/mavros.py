@@ -1,32 +1,51 @@
-"""MAVROS with PX4 or ArduPilot: its rules.
+"""MAVROS with PX4 or ArduPilot (mavros_msgs), ENU and FLU, which MAVROS converts.
 
 With PX4 the setpoints are the heartbeat: they must run before the switch to OFFBOARD, and PX4
-acts on them only in that mode. ArduPilot needs no stream before the switch to GUIDED and gets
+acts on them only in that mode. ArduPilot needs no stream before the switch to GUIDED and is sent
 none outside of it.
+
+Fields and constants after https://github.com/mavlink/mavros (mavros_msgs/msg/AttitudeTarget).
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from quad_mpc_ros.bridges import mavros_codec
-from quad_mpc_ros.bridges.bridge import Answer, Bridge, Call, Sending, Subscription
+from quad_mpc_ros.bridges.autopilot import LatestStatus, SetpointStream
+from quad_mpc_ros.bridges.bridge import (
+    Bridge,
+    OutgoingMessage,
+    Response,
+    ServiceCall,
+    Subscription,
+)
 from quad_mpc_ros.bridges.config import BridgeConfig
-from quad_mpc_ros.bridges.link import Link
-from quad_mpc_ros.bridges.stream import SetpointStream
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.conversions import NewMessage, fill_time
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+
+IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
 
 _STATE_TIMEOUT = 3.0  # s: MAVROS publishes it with each heartbeat of the autopilot, once a second
 _ENGAGED = {"px4": ("OFFBOARD",), "ardupilot": ("GUIDED", "GUIDED_NOGPS")}
 _RELEASED = {"px4": "AUTO.LOITER", "ardupilot": "LOITER"}
 _SET_MODE, _ARMING = "mavros_msgs/srv/SetMode", "mavros_msgs/srv/CommandBool"
+
+
+def fill_attitude_target(
+    message: Any, command: CommandSample, *, throttle: float, now_ns: int
+) -> None:
+    """Write body rates [rad/s, FLU] and throttle [0, 1] into an ``AttitudeTarget``."""
+    fill_time(message.header.stamp, now_ns)
+    message.header.frame_id = command.frame_id
+    message.type_mask = IGNORE_ATTITUDE
+    p, q, r = command.w_WB_B.tolist()
+    message.body_rate.x, message.body_rate.y, message.body_rate.z = p, q, r
+    message.thrust = throttle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,19 +85,17 @@ class MavrosBridge(Bridge):
             type_name="mavros_msgs/msg/AttitudeTarget",
             reliable=True,  # which matches whatever MAVROS asks for
         )
-        self._state: Link[Any] = Link(timeout=_STATE_TIMEOUT)
+        self._state: LatestStatus[Any] = LatestStatus(timeout=_STATE_TIMEOUT)
         self._stream = SetpointStream()
 
     @property
     def subscriptions(self) -> Sequence[Subscription]:
         """Odometry, state, battery."""
-        found = [
+        return [
             Subscription(topic=self._odometry, receive=self._on_odometry),
-            Subscription(topic=self._state_topic, receive=self._on_state),
+            Subscription(topic=self._state_topic, receive=self._state.receive),
+            *self._battery_subscription(self._battery),
         ]
-        if self._config.thrust_map.battery_voltage > 0.0:
-            found.append(Subscription(topic=self._battery, receive=self._on_battery))
-        return found
 
     @property
     def publications(self) -> Sequence[Topic]:
@@ -93,26 +110,26 @@ class MavrosBridge(Bridge):
             (f"{self._config.mavros}/cmd/arming", _ARMING),
         )
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Answer:
+    def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Arm or disarm through MAVROS."""
         request = self._new(_ARMING)
         request.value = wanted
-        call = Call(
+        call = ServiceCall(
             service=f"{self._config.mavros}/cmd/arming", type_name=_ARMING, request=request
         )
         what = "arming" if wanted else "disarming"
-        return Answer(accepted=True, text=f"asked for {what}", calls=[call])
+        return Response(accepted=True, text=f"asked for {what}", calls=[call])
 
-    def engage(self, wanted: bool, *, now_ns: int) -> Answer:
+    def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Switch to OFFBOARD or GUIDED, or from it to a mode that holds the position."""
         if wanted and self._config.autopilot == "px4" and (refusal := self._not_ready(now_ns)):
-            return Answer(accepted=False, text=refusal)
+            return Response(accepted=False, text=refusal)
         request = self._new(_SET_MODE)
         request.custom_mode = self._modes[0] if wanted else _RELEASED[self._config.autopilot]
-        call = Call(
+        call = ServiceCall(
             service=f"{self._config.mavros}/set_mode", type_name=_SET_MODE, request=request
         )
-        return Answer(accepted=True, text=f"asked for mode {request.custom_mode}", calls=[call])
+        return Response(accepted=True, text=f"asked for mode {request.custom_mode}", calls=[call])
 
     def _reason_for_silence(self, now_ns: int) -> str | None:
         state = self._state.value(now_ns=now_ns)
@@ -128,40 +145,22 @@ class MavrosBridge(Bridge):
         state = self._state.value(now_ns=now_ns)
         return state is not None and bool(state.armed) and state.mode in self._modes
 
-    def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         self._stream.sent(now_ns=now_ns)
         message = self._new(self._target.type_name)
-        mavros_codec.fill_attitude_target(
+        fill_attitude_target(
             message,
             command,
             throttle=self.thrust.stack_throttle(command.throttle),
             now_ns=now_ns,
         )
-        return [Sending(topic=self._target, message=message)]
+        return [OutgoingMessage(topic=self._target, message=message)]
 
     def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
         return self._passed_on(conversions.odometry_from_message(message), now_ns=now_ns)
 
-    def _on_state(self, message: Any, now_ns: int) -> None:
-        self._state.receive(message, now_ns=now_ns)
-
-    def _on_battery(self, message: Any, now_ns: int) -> None:
-        self.thrust.receive_voltage(float(message.voltage), now_ns=now_ns)
-
     def _not_ready(self, now_ns: int) -> str | None:
-        refusal = self._stream.refusal(now_ns=now_ns)
-        return f"{refusal} ({self.silence})" if refusal and self.silence else refusal
+        return self._stream.refusal(now_ns=now_ns, silence=self.silence)
 
     def _topic(self, path: str, type_name: str) -> Topic:
         return Topic(name=f"{self._config.mavros}/{path}", type_name=type_name, reliable=False)
-
-
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros mavros_bridge``."""
-    from quad_mpc_ros.bridges.node import run_bridge
-
-    sys.exit(run_bridge(MavrosBridge, args))
-
-
-if __name__ == "__main__":
-    main()

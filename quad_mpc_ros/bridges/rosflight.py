@@ -1,30 +1,92 @@
-"""ROSflight: its rules.
+"""ROSflight 2 (rosflight_msgs, roscopter_msgs), NED and FRD.
 
 The safety pilot arms and hands over by switches of the RC transmitter; no topic can. ROSflight
 drops back to RC when no command has come for 100 ms, so commands are sent whenever they are
 fresh, and the firmware decides whether to act on them.
+
+Fields and constants after https://github.com/rosflight/rosflight_ros_pkgs (rosflight_msgs) and
+https://github.com/rosflight/roscopter (roscopter_msgs/msg/State).
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from quad_mpc_ros.bridges import rosflight_codec
-from quad_mpc_ros.bridges.bridge import Answer, Bridge, Sending, Subscription
+import numpy as np
+
+from quad_mpc_ros.bridges.autopilot import LatestStatus
+from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
-from quad_mpc_ros.bridges.link import Link
+from quad_mpc_ros.bridges.frames import (
+    enu_from_ned,
+    flu_from_frd,
+    q_enu_flu_xyzw_from_ned_frd_wxyz,
+)
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.conversions import NewMessage, fill_time, nanoseconds
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
+MODE_ROLLRATE_PITCHRATE_YAWRATE_THROTTLE = 1
+IGNORE_NONE = 0
+_VALUES = 10
+_THROTTLE, _RATES = 2, slice(3, 6)  # u = Fx, Fy, Fz, Qx, Qy, Qz, …; Fz is the throttle
+
 _STATUS_TIMEOUT = 2.0  # s
+
+
+def odometry_from_state(message: Any) -> OdometrySample:
+    """Return the values of a ``roscopter_msgs/State``: NED position, body velocity, FRD.
+
+    Raises ``ValueError`` for a quaternion without a rotation.
+    """
+    q = message.quat
+    return OdometrySample(
+        stamp_ns=nanoseconds(message.header.stamp),
+        p_WB=enu_from_ned((message.p_n, message.p_e, message.p_d)),
+        q_WB_xyzw=q_enu_flu_xyzw_from_ned_frd_wxyz((q.w, q.x, q.y, q.z)),
+        v_WB_B=flu_from_frd((message.v_x, message.v_y, message.v_z)),
+        w_WB_B=flu_from_frd((message.p, message.q, message.r)),
+    )
+
+
+def odometry_from_sim_state(message: Any) -> OdometrySample:
+    """Return the values of a ``rosflight_msgs/SimState``, the simulator's truth in NED, FRD.
+
+    Raises ``ValueError`` for a quaternion without a rotation.
+    """
+    p, q = message.pose.position, message.pose.orientation
+    v, w = message.twist.linear, message.twist.angular
+    return OdometrySample(
+        stamp_ns=nanoseconds(message.header.stamp),
+        p_WB=enu_from_ned((p.x, p.y, p.z)),
+        q_WB_xyzw=q_enu_flu_xyzw_from_ned_frd_wxyz((q.w, q.x, q.y, q.z)),
+        v_WB_B=flu_from_frd((v.x, v.y, v.z)),
+        w_WB_B=flu_from_frd((w.x, w.y, w.z)),
+    )
+
+
+def fill_command(message: Any, command: CommandSample, *, throttle: float, now_ns: int) -> None:
+    """Write throttle [0, 1] and body rates [rad/s, FRD] into a ``rosflight_msgs/Command``."""
+    fill_time(message.header.stamp, now_ns)
+    message.mode = MODE_ROLLRATE_PITCHRATE_YAWRATE_THROTTLE
+    message.ignore = IGNORE_NONE
+    rates_frd = flu_from_frd(command.w_WB_B)
+    if hasattr(message, "u"):
+        u = np.zeros(_VALUES, dtype=np.float32)
+        u[_THROTTLE] = throttle
+        u[_RATES] = rates_frd
+        message.u = u
+    else:  # the first releases of ROSflight 2, and its documentation
+        message.qx, message.qy, message.qz = rates_frd.tolist()
+        message.fx, message.fy, message.fz = 0.0, 0.0, throttle
+
+
 _STATES = {
-    "estimator": ("roscopter_msgs/msg/State", rosflight_codec.odometry_from_state),
-    "truth": ("rosflight_msgs/msg/SimState", rosflight_codec.odometry_from_sim_state),
+    "estimator": ("roscopter_msgs/msg/State", odometry_from_state),
+    "truth": ("rosflight_msgs/msg/SimState", odometry_from_sim_state),
 }
 
 
@@ -66,33 +128,31 @@ class RosflightBridge(Bridge):
         self._command = Topic(
             name=config.command_topic, type_name="rosflight_msgs/msg/Command", reliable=True
         )
-        self._status: Link[Any] = Link(timeout=_STATUS_TIMEOUT)
+        self._status: LatestStatus[Any] = LatestStatus(timeout=_STATUS_TIMEOUT)
 
     @property
     def subscriptions(self) -> Sequence[Subscription]:
         """State, status, battery."""
         status = _topic(self._config.status_topic, "rosflight_msgs/msg/Status")
         battery = _topic(self._config.battery_topic, "rosflight_msgs/msg/BatteryStatus")
-        found = [
+        return [
             Subscription(topic=self._state, receive=self._on_state),
-            Subscription(topic=status, receive=self._on_status),
+            Subscription(topic=status, receive=self._status.receive),
+            *self._battery_subscription(battery),
         ]
-        if self._config.thrust_map.battery_voltage > 0.0:
-            found.append(Subscription(topic=battery, receive=self._on_battery))
-        return found
 
     @property
     def publications(self) -> Sequence[Topic]:
         """The offboard command."""
         return (self._command,)
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Answer:
+    def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Refuse: only the safety pilot arms."""
-        return Answer(accepted=False, text="ROSflight is armed by the RC transmitter only")
+        return Response(accepted=False, text="ROSflight is armed by the RC transmitter only")
 
-    def engage(self, wanted: bool, *, now_ns: int) -> Answer:
+    def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Refuse: only the safety pilot hands over."""
-        return Answer(
+        return Response(
             accepted=False,
             text="ROSflight is handed over by the RC override switches (RC_ATT_OVRD_CHN, "
             "RC_THR_OVRD_CHN) only",
@@ -108,15 +168,15 @@ class RosflightBridge(Bridge):
         status = self._status.value(now_ns=now_ns)
         return status is not None and bool(status.armed) and bool(status.offboard)
 
-    def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         message = self._new(self._command.type_name)
-        rosflight_codec.fill_command(
+        fill_command(
             message,
             command,
             throttle=self.thrust.stack_throttle(command.throttle),
             now_ns=now_ns,
         )
-        return [Sending(topic=self._command, message=message)]
+        return [OutgoingMessage(topic=self._command, message=message)]
 
     def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
         try:
@@ -126,23 +186,6 @@ class RosflightBridge(Bridge):
             return None
         return self._passed_on(odometry, now_ns=now_ns)
 
-    def _on_status(self, message: Any, now_ns: int) -> None:
-        self._status.receive(message, now_ns=now_ns)
-
-    def _on_battery(self, message: Any, now_ns: int) -> None:
-        self.thrust.receive_voltage(float(message.voltage), now_ns=now_ns)
-
 
 def _topic(name: str, type_name: str) -> Topic:
     return Topic(name=name, type_name=type_name, reliable=False)
-
-
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros rosflight_bridge``."""
-    from quad_mpc_ros.bridges.node import run_bridge
-
-    sys.exit(run_bridge(RosflightBridge, args))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,28 +1,89 @@
-"""Aerostack2: its rules.
+"""Aerostack2 (as2_msgs, geometry_msgs), ENU and FLU.
 
 The platform must be in offboard mode and in the control mode of body rates. Its commands are a
 twist and a thrust on two topics, of which it takes the newest of each.
+
+Fields and constants after https://github.com/aerostack2/aerostack2 (as2_msgs).
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from quad_mpc_ros.bridges import aerostack2_codec as codec
-from quad_mpc_ros.bridges.bridge import Answer, Bridge, Call, Sending, Subscription
+from quad_mpc_ros.bridges.autopilot import LatestStatus
+from quad_mpc_ros.bridges.bridge import (
+    Bridge,
+    OutgoingMessage,
+    Response,
+    ServiceCall,
+    Subscription,
+)
 from quad_mpc_ros.bridges.config import BridgeConfig
-from quad_mpc_ros.bridges.link import Link
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds
+from quad_mpc_ros.messages.conversions import (
+    NewMessage,
+    fill_time,
+    nanoseconds,
+    odometry_from_pose_and_twist,
+)
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.state import with_body_twist
+
+# ACRO until August 2026, BODY_RATES since: the number stayed.
+CONTROL_MODE_BODY_RATES = 6
+YAW_MODE_YAW_SPEED = 2
+BODY_FRAME = "base_link"
+_WORLD_FRAMES = ("earth", "map", "odom")
 
 _INFO_TIMEOUT = 1.0  # s: the platform publishes it ten times a second
 _PAIR_TOLERANCE_NS = 5_000_000
 _SET_BOOL, _SET_CONTROL_MODE = "std_srvs/srv/SetBool", "as2_msgs/srv/SetControlMode"
+
+
+def odometry_from_self_localization(pose: Any, twist: Any) -> OdometrySample:
+    """Return the values of a ``PoseStamped`` and the ``TwistStamped`` of the same time.
+
+    Frames may have the vehicle's namespace in front. Raises ``ValueError`` for a twist in neither
+    the body nor a world frame.
+    """
+    odometry = odometry_from_pose_and_twist(pose, twist, child_frame_id=BODY_FRAME)
+    frame = str(twist.header.frame_id).rsplit("/", 1)[-1]
+    if frame == BODY_FRAME:
+        return odometry
+    if frame not in _WORLD_FRAMES:
+        raise ValueError(
+            f"the twist is in frame {twist.header.frame_id!r}, expected {BODY_FRAME} or one of "
+            f"{', '.join(_WORLD_FRAMES)}"
+        )
+    return with_body_twist(odometry)
+
+
+def fill_thrust(
+    message: Any, *, thrust_newton: float, throttle: float, frame_id: str, now_ns: int
+) -> None:
+    """Write a thrust [N] into an ``as2_msgs/Thrust``, and the throttle where it has a field."""
+    fill_time(message.header.stamp, now_ns)
+    message.header.frame_id = frame_id
+    message.thrust = thrust_newton
+    if hasattr(message, "thrust_normalized"):
+        message.thrust_normalized = throttle
+
+
+def fill_body_rates(message: Any, command: CommandSample, *, frame_id: str, now_ns: int) -> None:
+    """Write body rates [rad/s, FLU] into a ``TwistStamped``."""
+    fill_time(message.header.stamp, now_ns)
+    message.header.frame_id = frame_id
+    angular = message.twist.angular
+    angular.x, angular.y, angular.z = command.w_WB_B.tolist()
+
+
+def fill_control_mode(request: Any) -> None:
+    """Write the mode of body rates into a request of ``SetControlMode``."""
+    request.control_mode.control_mode = CONTROL_MODE_BODY_RATES
+    request.control_mode.yaw_mode = YAW_MODE_YAW_SPEED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +109,7 @@ class Aerostack2Bridge(Bridge):
 
     def __init__(self, config: Aerostack2Config, new: NewMessage) -> None:
         super().__init__(config, new)
-        self._frame_id = f"{config.drone.strip('/')}/{codec.BODY_FRAME}".lstrip("/")
+        self._frame_id = f"{config.drone.strip('/')}/{BODY_FRAME}".lstrip("/")
         self._thrust = self._topic("actuator_command/thrust", "as2_msgs/msg/Thrust")
         self._rates = self._topic("actuator_command/twist", "geometry_msgs/msg/TwistStamped")
         self._info_topic = Topic(
@@ -57,7 +118,7 @@ class Aerostack2Bridge(Bridge):
             reliable=True,
             depth=10,
         )
-        self._info: Link[Any] = Link(timeout=_INFO_TIMEOUT)
+        self._info: LatestStatus[Any] = LatestStatus(timeout=_INFO_TIMEOUT)
         self._pose: Any = None
         self._twist: Any = None
 
@@ -67,14 +128,12 @@ class Aerostack2Bridge(Bridge):
         pose = self._topic("self_localization/pose", "geometry_msgs/msg/PoseStamped")
         twist = self._topic("self_localization/twist", "geometry_msgs/msg/TwistStamped")
         battery = self._topic("sensor_measurements/battery", "sensor_msgs/msg/BatteryState")
-        found = [
+        return [
             Subscription(topic=pose, receive=self._on_pose),
             Subscription(topic=twist, receive=self._on_twist),
-            Subscription(topic=self._info_topic, receive=self._on_info),
+            Subscription(topic=self._info_topic, receive=self._info.receive),
+            *self._battery_subscription(battery),
         ]
-        if self._config.thrust_map.battery_voltage > 0.0:
-            found.append(Subscription(topic=battery, receive=self._on_battery))
-        return found
 
     @property
     def publications(self) -> Sequence[Topic]:
@@ -90,28 +149,28 @@ class Aerostack2Bridge(Bridge):
             (self._service("set_platform_control_mode"), _SET_CONTROL_MODE),
         )
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Answer:
+    def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Ask the platform to arm or disarm."""
         what = "arming" if wanted else "disarming"
-        return Answer(
+        return Response(
             accepted=True,
             text=f"asked for {what}",
             calls=[self._set_bool("set_arming_state", wanted)],
         )
 
-    def engage(self, wanted: bool, *, now_ns: int) -> Answer:
+    def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Ask the platform for body rates and offboard mode, or to leave offboard mode."""
         offboard = self._set_bool("set_offboard_mode", wanted)
         if not wanted:
-            return Answer(accepted=True, text="asked to leave offboard mode", calls=[offboard])
+            return Response(accepted=True, text="asked to leave offboard mode", calls=[offboard])
         request = self._new(_SET_CONTROL_MODE)
-        codec.fill_control_mode(request)
-        mode = Call(
+        fill_control_mode(request)
+        mode = ServiceCall(
             service=self._service("set_platform_control_mode"),
             type_name=_SET_CONTROL_MODE,
             request=request,
         )
-        return Answer(
+        return Response(
             accepted=True, text="asked for body rates in offboard mode", calls=[mode, offboard]
         )
 
@@ -124,7 +183,7 @@ class Aerostack2Bridge(Bridge):
         if not info.offboard:
             return "the platform is not in offboard mode"
         mode = info.current_control_mode.control_mode
-        if mode != codec.CONTROL_MODE_BODY_RATES:
+        if mode != CONTROL_MODE_BODY_RATES:
             return f"the platform is in control mode {mode}, not 6 (body rates)"
         return None
 
@@ -132,19 +191,19 @@ class Aerostack2Bridge(Bridge):
         info = self._info.value(now_ns=now_ns)
         return info is not None and bool(info.armed)
 
-    def _messages(self, command: CommandSample, now_ns: int) -> list[Sending]:
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         thrust, rates = self._new(self._thrust.type_name), self._new(self._rates.type_name)
-        codec.fill_thrust(
+        fill_thrust(
             thrust,
             thrust_newton=self.thrust.thrust_newton(command.throttle),
             throttle=self.thrust.stack_throttle(command.throttle),
             frame_id=self._frame_id,
             now_ns=now_ns,
         )
-        codec.fill_body_rates(rates, command, frame_id=self._frame_id, now_ns=now_ns)
+        fill_body_rates(rates, command, frame_id=self._frame_id, now_ns=now_ns)
         return [
-            Sending(topic=self._thrust, message=thrust),
-            Sending(topic=self._rates, message=rates),
+            OutgoingMessage(topic=self._thrust, message=thrust),
+            OutgoingMessage(topic=self._rates, message=rates),
         ]
 
     def _on_pose(self, message: Any, now_ns: int) -> OdometrySample | None:
@@ -165,36 +224,19 @@ class Aerostack2Bridge(Bridge):
             return None
         self._pose = self._twist = None
         try:
-            odometry = codec.odometry_from_self_localization(pose, twist)
+            odometry = odometry_from_self_localization(pose, twist)
         except ValueError as error:
             self._refuse(f"self_localization: {error}")
             return None
         return self._passed_on(odometry, now_ns=now_ns)
 
-    def _on_info(self, message: Any, now_ns: int) -> None:
-        self._info.receive(message, now_ns=now_ns)
-
-    def _on_battery(self, message: Any, now_ns: int) -> None:
-        self.thrust.receive_voltage(float(message.voltage), now_ns=now_ns)
-
-    def _set_bool(self, service: str, wanted: bool) -> Call:
+    def _set_bool(self, service: str, wanted: bool) -> ServiceCall:
         request = self._new(_SET_BOOL)
         request.data = wanted
-        return Call(service=self._service(service), type_name=_SET_BOOL, request=request)
+        return ServiceCall(service=self._service(service), type_name=_SET_BOOL, request=request)
 
     def _service(self, name: str) -> str:
         return f"{self._config.drone}/{name}"
 
     def _topic(self, path: str, type_name: str) -> Topic:
         return Topic(name=f"{self._config.drone}/{path}", type_name=type_name, reliable=False)
-
-
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros aerostack2_bridge``."""
-    from quad_mpc_ros.bridges.node import run_bridge
-
-    sys.exit(run_bridge(Aerostack2Bridge, args))
-
-
-if __name__ == "__main__":
-    main()
