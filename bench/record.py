@@ -30,7 +30,7 @@ from quad_mpc_ros.messages.topics import (
     STATS,
     Topic,
 )
-from quad_mpc_ros.recordings import BagReader
+from quad_mpc_ros.recordings.reader import BagReader
 
 SENDERS: dict[str, tuple[Topic, ...]] = {
     "simulator": (ODOMETRY,),

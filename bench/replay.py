@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.messages.topics import DIAGNOSTICS
-from quad_mpc_ros.recordings import BagReader
+from quad_mpc_ros.recordings.reader import BagReader
 
 _WAIT_S = 20.0
 

@@ -6,8 +6,8 @@ import argparse
 import datetime
 from pathlib import Path
 
-from quad_mpc_ros.recordings import BagReader
 from quad_mpc_ros.recordings.bag_metadata import TimeSpan
+from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.repair import RepairedFile, repair
 
 _MIB = 2**20

@@ -18,7 +18,7 @@ from quad_mpc_ros.identification import (
 )
 from quad_mpc_ros.messages.topics import COMMAND, ENGAGED
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings.recorded_parameters import recorded_parameters
+from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.recordings.recorded_run import read_run
 
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import errno
-import os
-import tempfile
 from pathlib import Path
 
+from quad_mpc_ros.atomic_file import write_atomically
 from quad_mpc_ros.configuration import UserError
 
 
@@ -29,41 +27,6 @@ def write_new(option: str, path: Path, text: str, *, overwrite: bool) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        draft = _draft(path, text)
-        try:
-            if overwrite:
-                draft.replace(path)
-            else:
-                _put(draft, path)
-        finally:
-            draft.unlink(missing_ok=True)
+        write_atomically(path, text, overwrite=overwrite)
     except OSError as error:
         raise UserError(f"{option}: {path} cannot be written: {error.strerror}") from error
-
-
-def _put(draft: Path, path: Path) -> None:
-    """Give a file another name that nothing has yet."""
-    try:
-        path.hardlink_to(draft)  # looking first would leave a moment for another to write it
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without links, as of memory cards
-        if path.exists():
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
-        draft.replace(path)
-
-
-def _draft(path: Path, text: str) -> Path:
-    """Return a file beside ``path`` with the text, which the disk has."""
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False
-    ) as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    draft = Path(file.name)
-    # Such a file is for its owner alone at first.
-    umask = os.umask(0)
-    os.umask(umask)
-    draft.chmod(0o666 & ~umask)
-    return draft

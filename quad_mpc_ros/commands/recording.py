@@ -8,7 +8,7 @@ from pathlib import Path
 from quad_mpc_ros.commands.run_options import SCHEMA
 from quad_mpc_ros.configuration import Configuration, files
 from quad_mpc_ros.recordings.bag_metadata import METADATA_FILE
-from quad_mpc_ros.recordings.recorded_parameters import recorded_parameters
+from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.recordings.recorded_run import RecordedRun, TopicNames
 
 

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from quad_mpc_ros.atomic_file import write_atomically
 from quad_mpc_ros.commands.recording import bag_of
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.figures.comparison import write_comparison
@@ -84,8 +85,5 @@ def _write_tables(runs: Sequence[ReportedRun], folder: Path) -> None:
 
 
 def _replace(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+    write_atomically(path, text)

@@ -12,7 +12,7 @@ from typing import Any, cast
 from quad_mpc_ros.commands.recording import bag_of, recorded_configuration, topic_names
 from quad_mpc_ros.commands.run_options import default_out, prepared_out
 from quad_mpc_ros.commands.run_recorder import RunRecorder
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import BagError, UserError
 from quad_mpc_ros.messages.topics import (
     COMMAND,
     ODOMETRY,
@@ -22,8 +22,7 @@ from quad_mpc_ros.messages.topics import (
     STATS,
 )
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings import BagError
-from quad_mpc_ros.recordings.recorded_parameters import recorded_parameters
+from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.recordings.recorded_run import RecordedRun, read_run
 from quad_mpc_ros.replay.command_comparison import (
     CommandComparison,

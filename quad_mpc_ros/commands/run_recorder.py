@@ -9,6 +9,7 @@ from typing import Any
 
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.messages.topics import (
     COMMAND,
     ODOMETRY,
@@ -19,8 +20,9 @@ from quad_mpc_ros.messages.topics import (
     Topic,
 )
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.recordings import BagWriter, QosProfile, RosbagsMessages
-from quad_mpc_ros.recordings.run_parameters import write_parameters
+from quad_mpc_ros.recordings.parameters import write_parameters
+from quad_mpc_ros.recordings.qos_profile import QosProfile
+from quad_mpc_ros.recordings.writer import BagWriter
 from quad_mpc_ros.trajectories.trajectory import TrajectorySamples
 
 

@@ -1,10 +1,11 @@
 """Parameters: declared once as frozen dataclasses, validated everywhere the same way."""
 
-from quad_mpc_ros.configuration.errors import ConfigurationError, UserError
+from quad_mpc_ros.configuration.errors import BagError, ConfigurationError, UserError
 from quad_mpc_ros.configuration.fields import Configuration, ParameterSpec, parameter
 from quad_mpc_ros.configuration.managed import ManagedConfiguration
 
 __all__ = [
+    "BagError",
     "Configuration",
     "ConfigurationError",
     "ManagedConfiguration",

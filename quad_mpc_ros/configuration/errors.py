@@ -20,6 +20,19 @@ class ConfigurationError(UserError, ValueError):
         self.expected = expected
 
 
+class BagError(UserError):
+    """A bag, a schema or a message that cannot be written or read.
+
+    The message is one line: it names the file or type and the reason and, where there is
+    something to be done about it, what.
+    """
+
+
+def os_reason(error: OSError) -> str:
+    """Return what the operating system said, without its number and path."""
+    return error.strerror or str(error) or type(error).__name__
+
+
 def shown(value: object) -> str:
     """Return a value as a person would write it."""
     if isinstance(value, list | tuple):

@@ -10,6 +10,7 @@ from typing import Any, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.messages import conversions
@@ -20,11 +21,10 @@ from quad_mpc_ros.model.state import with_body_twist
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.paper import reference_input
-from quad_mpc_ros.recordings import BagError, BagReader, RecordedMessage
-from quad_mpc_ros.recordings.recorded_parameters import recorded_parameters
+from quad_mpc_ros.recordings.parameters import read_parameters, recorded_parameters
+from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
 from quad_mpc_ros.recordings.recorded_stats import recorded_stats
 from quad_mpc_ros.recordings.recorded_topics import messages_by_topic
-from quad_mpc_ros.recordings.run_parameters import read_parameters
 from quad_mpc_ros.safety.validation import odometry_fault, reference_fault
 
 Stamps = NDArray[np.int64]
@@ -110,7 +110,7 @@ def read_flight(bag: Path) -> Flight:
     has one of our topics twice, and ``ConfigurationError`` for unusable recorded parameters.
     """
     recorded = messages_by_topic(bag, (ODOMETRY, REFERENCE, COMMAND, STATS))
-    parameters = read_parameters(BagReader(bag))
+    parameters = read_parameters(BagReader(bag).metadata)
     mpc = MpcConfig.build(recorded_parameters(parameters, MpcConfig))
     odometry = _odometry(recorded[ODOMETRY], twist_frame=mpc.odometry.twist_frame)
     if len(odometry["stamp_ns"]) == 0:

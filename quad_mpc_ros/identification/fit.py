@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
+from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.identification.measurements import Measurements
 from quad_mpc_ros.identification.model import (
     ACCELERATION,
@@ -24,7 +25,6 @@ from quad_mpc_ros.identification.model import (
 )
 from quad_mpc_ros.identification.result import Estimate, FittedCourse, Identification
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.recordings import BagError
 
 # Searched before the fit, which finds the nearest minimum only [s].
 _TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)

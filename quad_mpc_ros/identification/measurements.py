@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.recordings import BagError
 from quad_mpc_ros.recordings.recorded_run import Received, RecordedRun
 from quad_mpc_ros.safety.validation import odometry_fault
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import copy
+import operator
 import re
 import struct
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from rosbags.interfaces import Nodetype
-from rosbags.interfaces.typing import Typesdict
+from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.serde import SerdeError
 from rosbags.typesys import (
     Stores,
@@ -16,9 +20,9 @@ from rosbags.typesys import (
     get_types_from_msg,
     get_typestore,
 )
+from rosbags.typesys.store import Typestore
 
-from quad_mpc_ros.messages.errors import BagError
-from quad_mpc_ros.messages.message_plans import MessagePlans
+from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.schemas import IDL_ENCODING, MessageSchema
 
 # What rosbags' generated code lets through for values and bytes that do not fit the type.
@@ -47,7 +51,7 @@ class RosbagsMessages:
     def __init__(self) -> None:
         self._store = get_typestore(Stores.ROS2_JAZZY)
         self._jazzy_types = frozenset(self._store.fielddefs)
-        self._plans = MessagePlans(self._store)
+        self._fields = _MessageFields(self._store)
 
     def new(self, type_name: str) -> Any:
         """Return a message of a Jazzy type as rclpy constructs it.
@@ -58,7 +62,7 @@ class RosbagsMessages:
         """
         if type_name not in self._jazzy_types:
             raise BagError(f"{type_name} is not one of the message types of ROS 2 Jazzy")
-        return self._plans.blank(type_name)
+        return self._fields.blank(type_name)
 
     def encode(self, type_name: str, message: Any) -> bytes:
         """Return ``message`` as little-endian CDR with its header.
@@ -67,7 +71,7 @@ class RosbagsMessages:
         """
         self._check_known(type_name)
         try:
-            packed = self._plans.packed(type_name, message)
+            packed = self._fields.packed(type_name, message)
             return bytes(self._store.serialize_cdr(packed, type_name, little_endian=True))
         except _MISFITS as error:
             raise BagError(f"cannot encode a {type_name}: {error}") from error
@@ -84,7 +88,7 @@ class RosbagsMessages:
             message = self._store.deserialize_cdr(memoryview(bytearray(data)), type_name)
         except _MISFITS as error:
             raise BagError(f"cannot decode a {type_name}: {error}") from error
-        return self._plans.unpacked(type_name, message)
+        return self._fields.unpacked(type_name, message)
 
     def register(self, schema: MessageSchema) -> None:
         """Make the type of ``schema``, and those it uses, known.
@@ -124,3 +128,156 @@ def _types_used(definitions: Typesdict) -> set[str]:
         field if field[0] in (Nodetype.BASE, Nodetype.NAME) else field[1][0] for field in fields
     ]
     return {str(element[1]) for element in elements if element[0] == Nodetype.NAME}
+
+
+_Maker = Callable[[], Any]
+_Converter = Callable[[Any], Any]
+_LeafRule = Callable[[FieldDesc], _Converter | None]
+
+_DECLARED_DEFAULTS: dict[str, dict[str, Any]] = {
+    "geometry_msgs/msg/Quaternion": {"w": 1.0},
+    "sensor_msgs/msg/NavSatStatus": {"status": -2},
+}
+"""Defaults other than zero in the .msg files of Jazzy: rosbags drops them when it parses."""
+
+
+class _MessageFields:
+    """Per message type of a type store: how to make one, and how to convert it.
+
+    Each is worked out once, at the first message of its type.
+
+    rosbags' message classes take every field at construction, its encoder accepts NumPy arrays
+    only where rclpy accepts any sequence, and it has integers where rclpy has ``bytes`` of length
+    one.
+    """
+
+    def __init__(self, store: Typestore) -> None:
+        self._store = store
+        self._makers: dict[str, _Maker] = {}
+        self._converters: dict[tuple[str, _LeafRule], _Converter | None] = {}
+
+    def blank(self, type_name: str) -> Any:
+        """Return a message as rclpy would construct it."""
+        return self._maker(type_name)()
+
+    def packed(self, type_name: str, message: Any) -> Any:
+        """Return ``message`` with every value as rosbags' encoder wants it.
+
+        Copies what has to change; ``message`` itself is left alone.
+        """
+        convert = self._converter(type_name, _packing)
+        return message if convert is None else convert(message)
+
+    def unpacked(self, type_name: str, message: Any) -> Any:
+        """Return ``message``, fresh from rosbags' decoder, with every value as in rclpy."""
+        convert = self._converter(type_name, _unpacking)
+        return message if convert is None else convert(message)
+
+    def _maker(self, type_name: str) -> _Maker:
+        if type_name not in self._makers:
+            definition = self._store.get_msgdef(type_name)
+            defaults = _DECLARED_DEFAULTS.get(type_name, {})
+            makers = [
+                _constant(defaults[name]) if name in defaults else self._field_maker(field)
+                for name, field in definition.fields
+            ]
+            message_class: Callable[..., Any] = definition.cls
+            self._makers[type_name] = lambda: message_class(*[make() for make in makers])
+        return self._makers[type_name]
+
+    def _field_maker(self, field: FieldDesc) -> _Maker:
+        if field[0] == Nodetype.BASE:
+            return _constant(_zero(field[1][0]))
+        if field[0] == Nodetype.NAME:
+            return self._maker(field[1])
+        if field[0] == Nodetype.SEQUENCE:
+            return list
+        element, length = field[1]
+        if element[0] == Nodetype.BASE and element[1][0] != "string":
+            dtype = _dtype(element[1][0])
+            return lambda: np.zeros(length, dtype)
+        make = self._field_maker(element)
+        return lambda: [make() for _ in range(length)]
+
+    def _converter(self, type_name: str, rule: _LeafRule) -> _Converter | None:
+        key = (type_name, rule)
+        if key not in self._converters:
+            fields = {
+                name: convert
+                for name, field in self._store.get_msgdef(type_name).fields
+                if (convert := self._field_converter(field, rule)) is not None
+            }
+            self._converters[key] = _message_converter(fields) if fields else None
+        return self._converters[key]
+
+    def _field_converter(self, field: FieldDesc, rule: _LeafRule) -> _Converter | None:
+        if field[0] == Nodetype.NAME:
+            return self._converter(field[1], rule)
+        if field[0] != Nodetype.BASE and field[1][0][0] == Nodetype.NAME:
+            convert = self._converter(field[1][0][1], rule)
+            return None if convert is None else _each(convert)
+        return rule(field)
+
+
+def _packing(field: FieldDesc) -> _Converter | None:
+    if field[0] == Nodetype.BASE:
+        return _integer_of_byte if field[1][0] == "byte" else None
+    base = field[1][0][1][0]
+    return None if base == "string" else _array_of(_dtype(str(base)))
+
+
+def _unpacking(field: FieldDesc) -> _Converter | None:
+    if field[0] == Nodetype.BASE and field[1][0] == "byte":
+        return _byte_of_integer
+    return None
+
+
+def _constant(value: Any) -> _Maker:
+    return lambda: value
+
+
+def _zero(base: str) -> Any:
+    if base == "byte":
+        return b"\x00"
+    return "" if base == "string" else _dtype(base).type(0).item()
+
+
+def _dtype(base: str) -> np.dtype[Any]:
+    return np.dtype("uint8" if base in ("byte", "char") else base)
+
+
+# rosbags takes the byte of a .msg file for signed.
+def _integer_of_byte(value: Any) -> int:
+    number = ord(value) if isinstance(value, bytes | bytearray) else operator.index(value)
+    return number - 256 if 128 <= number <= 255 else number
+
+
+def _byte_of_integer(value: int) -> bytes:
+    return bytes((value % 256,))
+
+
+def _array_of(dtype: np.dtype[Any]) -> _Converter:
+    def convert(values: Any) -> Any:
+        if isinstance(values, bytes | bytearray):
+            return np.frombuffer(values, dtype)
+        return np.ascontiguousarray(values, dtype)
+
+    return convert
+
+
+def _each(convert: _Converter) -> _Converter:
+    return lambda messages: [convert(message) for message in messages]
+
+
+def _message_converter(fields: dict[str, _Converter]) -> _Converter:
+    def convert(message: Any) -> Any:
+        changed = None
+        for name, convert_field in fields.items():
+            value = getattr(message, name)
+            converted = convert_field(value)
+            if converted is not value:
+                changed = changed or copy.copy(message)
+                setattr(changed, name, converted)
+        return changed or message
+
+    return convert

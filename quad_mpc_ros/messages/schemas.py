@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
-from quad_mpc_ros.messages.errors import BagError, os_reason
+from quad_mpc_ros.configuration.errors import BagError, os_reason
 
 SHIPPED_TYPES = (
     "diagnostic_msgs/msg/DiagnosticArray",

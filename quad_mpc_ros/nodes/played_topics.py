@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.messages.schemas import schema_for
 from quad_mpc_ros.messages.topics import CLOCK
-from quad_mpc_ros.recordings import BagError, BagReader, TopicInfo, schema_for
-from quad_mpc_ros.recordings.config import PlayerConfig
-from quad_mpc_ros.recordings.topic_selection import TopicSelection
+from quad_mpc_ros.recordings.config import PlayerConfig, TopicSelection
+from quad_mpc_ros.recordings.reader import BagReader, TopicInfo
 from quad_mpc_ros.ros.messages import message_class
 
 _SHOWN = 10

@@ -6,7 +6,7 @@ import sys
 
 from rclpy.clock import Clock, ClockType
 
-from quad_mpc_ros.nodes.recording import Recording
+from quad_mpc_ros.nodes.recorder import Recorder
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.ros.health import ERROR, OK, PEERS_KEY, WARN, Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
@@ -22,7 +22,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
     The bag ends with the cleanup. Nothing is on the disk before the first activation.
     """
 
-    _recording: Recording
+    _recorder: Recorder
 
     def __init__(self) -> None:
         super().__init__("recorder", RecorderConfig)
@@ -30,44 +30,44 @@ class RecorderNode(ManagedNode[RecorderConfig]):
 
     def configure(self, config: RecorderConfig) -> None:
         """Prepare a new recording."""
-        self._recording = Recording(self, config, on_fault=self._on_fault)
+        self._recorder = Recorder(self, config, on_fault=self._on_fault)
         # One timer for all: what wakes the node costs more than what it does then.
         self.managed_timer(_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def activate(self) -> None:
         """Record."""
-        directory = self._recording.resume()
+        directory = self._recorder.resume()
         self.get_logger().info(f"recording to {directory}")
 
     def deactivate(self) -> None:
         """Pause; the bag stays open."""
-        self._recording.pause()
+        self._recorder.pause()
 
     def cleanup(self) -> None:
         """End the bag."""
-        self._recording.close()
-        del self._recording
+        self._recorder.close()
+        del self._recorder
 
     def report(self) -> Health:
         """Return how the recording goes."""
-        recording = self._recording
-        missing = recording.missing
+        recorder = self._recorder
+        missing = recorder.missing
         text = f"not there yet: {', '.join(missing)}" if missing else "recording"
         return Health(
-            level=ERROR if recording.fault else WARN if missing else OK,
-            text=recording.fault or text,
+            level=ERROR if recorder.fault else WARN if missing else OK,
+            text=recorder.fault or text,
             values=[
                 *(
                     (f"{PEERS_KEY}{topic}", str(count))
-                    for topic, count in recording.publisher_counts.items()
+                    for topic, count in recorder.publisher_counts.items()
                 ),
-                ("messages", str(recording.message_count)),
-                ("parameters_missing", " ".join(recording.unanswered)),
+                ("messages", str(recorder.message_count)),
+                ("parameters_missing", " ".join(recorder.unanswered)),
             ],
         )
 
     def _on_timer(self) -> None:
-        if self.active and self._recording.poll():
+        if self.active and self._recorder.poll():
             self.health.report()
 
     def _on_fault(self, fault: str) -> None:

@@ -1,9 +1,12 @@
-"""What rosbag2 knows of a bag as a whole: the content of ``metadata.yaml``."""
+"""What rosbag2 tells of a bag: ``metadata.yaml``, the QoS of a channel, and its style of YAML."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import yaml
 
 from quad_mpc_ros.recordings.qos_profile import QosProfile
 
@@ -103,6 +106,27 @@ def bag_information(
     }
 
 
+def qos_profiles_text(profiles: Sequence[QosProfile]) -> str:
+    """Return the YAML of the channel metadata ``offered_qos_profiles``.
+
+    Source: ``serialize_rclcpp_qos_vector`` in rosbag2_storage/qos.cpp (Jazzy), which writes
+    version 9 and therefore words where older bags have numbers.
+    """
+    return dump_yaml([profile.as_mapping() for profile in profiles])
+
+
+def dump_yaml(value: object) -> str:
+    """Return ``value`` as block YAML the way yaml-cpp, and with it rosbag2, lays it out.
+
+    Lists inside mappings are indented, an empty text is ``""``, nothing is ``~``, keys keep
+    their order, and there is no newline at the end.
+    """
+    text: str = yaml.dump(
+        value, Dumper=_Rosbag2Dumper, sort_keys=False, allow_unicode=True, width=float("inf")
+    )
+    return text.removesuffix("\n")
+
+
 def _times(span: TimeSpan | None, *, first: str) -> dict[str, object]:
     """Return duration and start, which rosbag2 gives in one order for the bag, one for a file."""
     times: dict[str, object] = {
@@ -123,3 +147,25 @@ def _topic_information(topic: TopicSummary) -> dict[str, object]:
         },
         "message_count": topic.message_count,
     }
+
+
+class _Rosbag2Dumper(yaml.SafeDumper):
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> Any:
+        return super().increase_indent(flow, False)
+
+    def ignore_aliases(self, data: object) -> bool:
+        # Two publishers with the same QoS are two entries, not an anchor and an alias.
+        return True
+
+
+def _represent_text(dumper: Any, text: str) -> Any:
+    style = None if text else '"'
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+def _represent_nothing(dumper: Any, _: None) -> Any:
+    return dumper.represent_scalar("tag:yaml.org,2002:null", "~")
+
+
+_Rosbag2Dumper.add_representer(str, _represent_text)
+_Rosbag2Dumper.add_representer(type(None), _represent_nothing)

@@ -1,7 +1,9 @@
-"""Parameters of the recorder and the player."""
+"""Parameters of the recorder and the player, and the topics that they choose."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import (
@@ -11,7 +13,35 @@ from quad_mpc_ros.configuration import (
     parameter,
 )
 from quad_mpc_ros.messages.topics import RECORDED
-from quad_mpc_ros.recordings.topic_selection import regex_error
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopicSelection:
+    """Topics named, and those that match; full names throughout.
+
+    A regular expression need only be found somewhere in the name, as with ``ros2 bag``. Hidden
+    topics, with a part that begins with an underscore, are meant only when they are named.
+    """
+
+    names: Collection[str] = ()
+    pattern: str = ""
+    exclude: str = ""
+    everything: bool = False
+
+    @property
+    def by_name_only(self) -> bool:
+        """Whether the topics are known without looking at those there are."""
+        return not (self.everything or self.pattern)
+
+    def includes(self, topic: str) -> bool:
+        """Whether ``topic`` is meant; what is excluded is not, even when it is named."""
+        if self.exclude and re.search(self.exclude, topic):
+            return False
+        if topic in self.names:
+            return True
+        if "/_" in topic:
+            return False
+        return self.everything or bool(self.pattern and re.search(self.pattern, topic))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +135,8 @@ class PlayerConfig(Configuration):
 def _check_regex(config: Configuration, *names: str) -> None:
     for name in names:
         value = getattr(config, name)
-        if reason := regex_error(value):
-            raise ConfigurationError(
-                f"{config.owner}.{name}", value, f"a regular expression ({reason})"
-            )
+        try:
+            re.compile(value)
+        except re.error as error:
+            expected = f"a regular expression ({error})"
+            raise ConfigurationError(f"{config.owner}.{name}", value, expected) from error

@@ -21,7 +21,7 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema, 
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
-from quad_mpc_ros.messages.errors import BagError, os_reason
+from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.recordings.bag_metadata import TimeSpan, extended
 
 

@@ -13,8 +13,8 @@ from mcap.writer import CompressionType, Writer
 
 from quad_mpc_ros import __version__
 from quad_mpc_ros.messages.schemas import MessageSchema
-from quad_mpc_ros.recordings.bag_metadata import FileSummary, TimeSpan, extended
-from quad_mpc_ros.recordings.qos_profile import QosProfile, qos_profiles_text
+from quad_mpc_ros.recordings.bag_metadata import FileSummary, TimeSpan, extended, qos_profiles_text
+from quad_mpc_ros.recordings.qos_profile import QosProfile
 
 Compression = Literal["none", "zstd", "lz4"]
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import yaml
 
-from quad_mpc_ros.messages.errors import BagError
-from quad_mpc_ros.recordings.rosbag2_yaml import dump_yaml
+from quad_mpc_ros.configuration import BagError
 
 History = Literal["system_default", "keep_last", "keep_all", "unknown"]
 Reliability = Literal["system_default", "reliable", "best_effort", "unknown", "best_available"]
@@ -67,15 +66,6 @@ class QosProfile:
             "liveliness_lease_duration": _rmw_time(self.liveliness_lease_duration),
             "avoid_ros_namespace_conventions": self.avoid_ros_namespace_conventions,
         }
-
-
-def qos_profiles_text(profiles: Sequence[QosProfile]) -> str:
-    """Return the YAML of the channel metadata ``offered_qos_profiles``.
-
-    Source: ``serialize_rclcpp_qos_vector`` in rosbag2_storage/qos.cpp (Jazzy), which writes
-    version 9 and therefore words where older bags have numbers.
-    """
-    return dump_yaml([profile.as_mapping() for profile in profiles])
 
 
 def parse_qos_profiles(text: str) -> tuple[QosProfile, ...]:

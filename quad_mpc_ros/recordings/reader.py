@@ -14,8 +14,8 @@ import yaml
 import zstandard
 from mcap.records import Metadata
 
+from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.messages.codec import RosbagsMessages
-from quad_mpc_ros.messages.errors import BagError, os_reason
 from quad_mpc_ros.messages.schemas import IDL_ENCODING, MSG_ENCODING, MessageSchema
 from quad_mpc_ros.recordings.bag_metadata import METADATA_FILE, METADATA_ROOT, TimeSpan, united
 from quad_mpc_ros.recordings.mcap_file import McapFile, McapMessage

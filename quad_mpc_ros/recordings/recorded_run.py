@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import BagError, UserError
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import (
@@ -26,10 +26,10 @@ from quad_mpc_ros.messages.topics import (
     Topic,
 )
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.recordings import BagError, BagReader, RecordedMessage
+from quad_mpc_ros.recordings.parameters import read_parameters
+from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
 from quad_mpc_ros.recordings.recorded_stats import recorded_stats
 from quad_mpc_ros.recordings.recorded_topics import listed_topics, messages_by_topic
-from quad_mpc_ros.recordings.run_parameters import read_parameters
 
 T = TypeVar("T")
 
@@ -132,7 +132,7 @@ def read_run(
         windows=_received(recorded[REFERENCE], conversions.reference_from_message),
         commands=_received(flown, conversions.command_from_message),
         stats=recorded_stats(bag, recorded[STATS]),
-        parameters=read_parameters(BagReader(bag)),
+        parameters=read_parameters(BagReader(bag).metadata),
         engagements=_received(recorded[ENGAGED], lambda message: bool(message.data)),
     )
 

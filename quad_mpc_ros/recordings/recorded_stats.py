@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import STATS
-from quad_mpc_ros.recordings import BagError, RecordedMessage
+from quad_mpc_ros.recordings.reader import RecordedMessage
 
 _KINDS = get_type_hints(TickStats)
 

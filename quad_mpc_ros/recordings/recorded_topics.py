@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.messages.topics import Topic
-from quad_mpc_ros.recordings import BagError, BagReader, RecordedMessage
+from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
 
 _MOST_LISTED = 12
 

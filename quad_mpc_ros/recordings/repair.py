@@ -19,21 +19,21 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC, Writer
 
-from quad_mpc_ros.messages.errors import BagError, os_reason
+from quad_mpc_ros.atomic_file import write_atomically
+from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.recordings.bag_metadata import (
     METADATA_FILE,
     METADATA_ROOT,
     FileSummary,
     TopicSummary,
     bag_information,
+    dump_yaml,
 )
 from quad_mpc_ros.recordings.mcap_file import McapFile
 from quad_mpc_ros.recordings.mcap_output import LIBRARY, sync_directory
 from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
 from quad_mpc_ros.recordings.reader import BagReader, mcap_files_in, recorded_information
-from quad_mpc_ros.recordings.rosbag2_yaml import dump_yaml
 from quad_mpc_ros.recordings.salvage import Salvage
-from quad_mpc_ros.recordings.writer import write_in_one_piece
 
 _BROKEN = ".broken"
 _TEMPORARY = ".repairing"
@@ -242,7 +242,7 @@ def _write_metadata(directory: Path, paths: Sequence[Path]) -> None:
     path = directory / METADATA_FILE
     if path.exists():
         path.rename(_place_for_original(path))
-    write_in_one_piece(path, dump_yaml({METADATA_ROOT: information}))
+    write_atomically(path, dump_yaml({METADATA_ROOT: information}))
     sync_directory(directory)
 
 

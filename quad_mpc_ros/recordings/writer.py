@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,7 +9,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, get_args
 
-from quad_mpc_ros.messages.errors import BagError, os_reason
+from quad_mpc_ros.atomic_file import write_atomically
+from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.messages.schemas import schema_for
 from quad_mpc_ros.recordings.bag_metadata import (
     METADATA_FILE,
@@ -18,6 +18,7 @@ from quad_mpc_ros.recordings.bag_metadata import (
     FileSummary,
     TopicSummary,
     bag_information,
+    dump_yaml,
 )
 from quad_mpc_ros.recordings.mcap_output import (
     Compression,
@@ -26,7 +27,6 @@ from quad_mpc_ros.recordings.mcap_output import (
     sync_directory,
 )
 from quad_mpc_ros.recordings.qos_profile import QosProfile
-from quad_mpc_ros.recordings.rosbag2_yaml import dump_yaml
 
 FLUSH_PERIOD_S = 0.5
 """How long :meth:`BagWriter.flush_if_due` lets messages gather [s]."""
@@ -185,7 +185,7 @@ class BagWriter:
         with self._disk():
             self._finish_output()
             text = dump_yaml({METADATA_ROOT: self._bag_information(self._finished)})
-            write_in_one_piece(self._directory / METADATA_FILE, text)
+            write_atomically(self._directory / METADATA_FILE, text)
             if self._durable:
                 sync_directory(self._directory)
         self._closed_because = "closed"
@@ -249,16 +249,6 @@ class BagWriter:
                 f"{self._file}: cannot write: {os_reason(error)}; the bag ends here, "
                 "free space or record elsewhere"
             ) from error
-
-
-def write_in_one_piece(path: Path, text: str) -> None:
-    """Write a text file so that at any time it is there as a whole or not at all."""
-    temporary = path.with_name(f"{path.name}.tmp")
-    with temporary.open("w", encoding="utf-8") as stream:
-        stream.write(text)
-        stream.flush()
-        os.fsync(stream.fileno())
-    temporary.replace(path)
 
 
 def exists_already(directory: Path) -> BagError:

@@ -9,7 +9,7 @@ from html import escape
 from typing import Any
 
 from quad_mpc_ros.configuration.errors import shown
-from quad_mpc_ros.recordings.recorded_parameters import recorded_parameters
+from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.report.fallbacks import WITHOUT_MPC, fallback_spans
 from quad_mpc_ros.report.run import ReportedRun
 from quad_mpc_ros.simulation.config import SimulatorConfig

@@ -8,7 +8,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.recordings import BagWriter
+from quad_mpc_ros.recordings.writer import BagWriter
 
 CLOCK = "rosgraph_msgs/msg/Clock"
 

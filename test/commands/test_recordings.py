@@ -14,8 +14,10 @@ from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.lie import so3
-from quad_mpc_ros.recordings import BagReader, BagWriter, RosbagsMessages
-from quad_mpc_ros.recordings.run_parameters import read_parameters, write_parameters
+from quad_mpc_ros.messages.codec import RosbagsMessages
+from quad_mpc_ros.recordings.parameters import read_parameters, write_parameters
+from quad_mpc_ros.recordings.reader import BagReader
+from quad_mpc_ros.recordings.writer import BagWriter
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped"
@@ -83,7 +85,7 @@ def test_another_configuration_is_told_and_kept(square: Path, tmp_path: Path) ->
     summary = resolved(square, out, "--set", "mpc.mass=0.5", "--set", "mpc.horizon_steps=15")
     assert summary["equal"] < 10  # but where both are at a bound
     assert summary["difference"]["throttle"]["rms"] > 0.01
-    parameters = read_parameters(BagReader(out / "bag"))
+    parameters = read_parameters(BagReader(out / "bag").metadata)
     assert parameters["mpc"]["mass"] == 0.5
     assert parameters["mpc"]["horizon_steps"] == 15
     # What the vehicle did stays as it was flown, and is what the new bag is compared with.
@@ -149,7 +151,7 @@ def rewritten(
             data = messages.encode(kind, message)
             writer.write(topic, data, log_time_ns=log_ns, publish_time_ns=publish_ns)
         if parameters:
-            for node, values in read_parameters(reader).items():
+            for node, values in read_parameters(reader.metadata).items():
                 write_parameters(writer, node, values)
     return bag
 

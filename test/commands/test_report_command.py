@@ -17,7 +17,7 @@ from matplotlib.image import imread
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.evaluation import read_flight
 from quad_mpc_ros.figures import style
-from quad_mpc_ros.recordings import BagWriter
+from quad_mpc_ros.recordings.writer import BagWriter
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 OVER_TIME = ("error", "position", "attitude", "velocity", "inputs", "solver", "source")

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import BagError, UserError
 from quad_mpc_ros.evaluation import Flight, read_flight, summarise
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings import BagError
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from quad_mpc_ros.configuration import files
+from quad_mpc_ros.configuration import BagError, files
 from quad_mpc_ros.identification import (
     Identification,
     Measurements,
@@ -25,7 +25,6 @@ from quad_mpc_ros.identification.lag import LaggedCommands
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings import BagError
 from quad_mpc_ros.recordings.recorded_run import Received, RecordedRun
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream

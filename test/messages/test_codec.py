@@ -17,7 +17,9 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_typestore
 
-from quad_mpc_ros.recordings import SHIPPED_TYPES, BagError, MessageSchema, RosbagsMessages
+from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.messages.codec import RosbagsMessages
+from quad_mpc_ros.messages.schemas import SHIPPED_TYPES, MessageSchema
 
 CODEC = RosbagsMessages()
 SHARE = Path(sys.prefix) / "share"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.recordings import RosbagsMessages
 from quad_mpc_ros.ros.messages import new_message
 
 New = Callable[[str], Any]

@@ -13,15 +13,11 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 from rosidl_adapter.parser import parse_message_string
 
-from quad_mpc_ros.messages.schemas import installed_schema
-from quad_mpc_ros.recordings import (
-    SHIPPED_TYPES,
-    BagError,
-    BagReader,
-    BagWriter,
-    RosbagsMessages,
-    schema_for,
-)
+from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.messages.codec import RosbagsMessages
+from quad_mpc_ros.messages.schemas import SHIPPED_TYPES, installed_schema, schema_for
+from quad_mpc_ros.recordings.reader import BagReader
+from quad_mpc_ros.recordings.writer import BagWriter
 
 SHARE = Path(sys.prefix) / "share"
 SEPARATOR = "\n" + "=" * 80 + "\nMSG: "
@@ -194,7 +190,9 @@ WITHOUT_ROS = """
 import sys
 sys.prefix = "/nowhere"
 from pathlib import Path
-from quad_mpc_ros.recordings import SHIPPED_TYPES, BagReader, BagWriter
+from quad_mpc_ros.messages.schemas import SHIPPED_TYPES
+from quad_mpc_ros.recordings.reader import BagReader
+from quad_mpc_ros.recordings.writer import BagWriter
 with BagWriter(Path(sys.argv[1])) as writer:
     for type_name in SHIPPED_TYPES:
         writer.add_topic("/" + type_name, type_name)

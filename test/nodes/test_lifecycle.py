@@ -30,7 +30,8 @@ from quad_mpc_ros.control.mpc import Mpc
 from quad_mpc_ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.nodes.recorder_node import RecorderNode
 from quad_mpc_ros.nodes.reference_node import ReferenceNode
-from quad_mpc_ros.recordings import BagReader, BagWriter
+from quad_mpc_ros.recordings.reader import BagReader
+from quad_mpc_ros.recordings.writer import BagWriter
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 

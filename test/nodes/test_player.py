@@ -31,8 +31,9 @@ from std_msgs.msg import Int32
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.recordings import BagReader, BagWriter, QosProfile, Split
-from quad_mpc_ros.recordings.writer import ONE_FILE
+from quad_mpc_ros.recordings.qos_profile import QosProfile
+from quad_mpc_ros.recordings.reader import BagReader
+from quad_mpc_ros.recordings.writer import ONE_FILE, BagWriter, Split
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 ROOT = Path(__file__).parents[2]

@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 from std_msgs.msg import Header, Int32, String
 
-from quad_mpc_ros.recordings import BagReader
+from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.repair import repair
 
 Start = Callable[..., "subprocess.Popen[bytes]"]

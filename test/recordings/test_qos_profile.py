@@ -13,8 +13,9 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag2.metadata import dump_qos_v8, parse_qos
 
-from quad_mpc_ros.recordings import BagError, QosProfile
-from quad_mpc_ros.recordings.qos_profile import parse_qos_profiles, qos_profiles_text
+from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.recordings.bag_metadata import qos_profiles_text
+from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
 
 # As `ros2 bag record` of Jazzy on Fast DDS writes a reliable publisher: history and depth are
 # not told over discovery.

@@ -13,14 +13,11 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from quad_mpc_ros.recordings import (
-    BagError,
-    BagReader,
-    BagWriter,
-    RosbagsMessages,
-    TopicInfo,
-    schema_for,
-)
+from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.messages.codec import RosbagsMessages
+from quad_mpc_ros.messages.schemas import schema_for
+from quad_mpc_ros.recordings.reader import BagReader, TopicInfo
+from quad_mpc_ros.recordings.writer import BagWriter
 
 WriteFlight = Callable[[BagWriter, int], None]
 CLOCK = "rosgraph_msgs/msg/Clock"

@@ -17,8 +17,11 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
-from quad_mpc_ros.recordings import BagError, BagReader, BagWriter, Compression, Split
+from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.recordings.mcap_output import Compression
+from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.repair import repair
+from quad_mpc_ros.recordings.writer import BagWriter, Split
 
 WriteFlight = Callable[[BagWriter, int], None]
 CLOCK = "rosgraph_msgs/msg/Clock"
@@ -299,7 +302,7 @@ def test_what_cannot_be_repaired_is_refused_untouched(tmp_path: Path, case: str)
 RECORDER = """
 import sys, time
 from pathlib import Path
-from quad_mpc_ros.recordings import BagWriter
+from quad_mpc_ros.recordings.writer import BagWriter
 writer = BagWriter(Path(sys.argv[1]), durable=True)
 writer.add_topic("/clock", "rosgraph_msgs/msg/Clock")
 print("recording", flush=True)

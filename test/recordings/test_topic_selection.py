@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError
-from quad_mpc_ros.recordings.config import PlayerConfig, RecorderConfig
-from quad_mpc_ros.recordings.topic_selection import TopicSelection
+from quad_mpc_ros.recordings.config import PlayerConfig, RecorderConfig, TopicSelection
 
 THERE = ("/odom", "/uav1/odom", "/uav1/mpc/stats", "/rosout", "/uav1/_internal", "/_hidden")
 

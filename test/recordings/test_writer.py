@@ -17,17 +17,12 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
 
-from quad_mpc_ros.recordings import (
-    FLUSH_PERIOD_S,
-    SHIPPED_TYPES,
-    BagError,
-    BagReader,
-    BagWriter,
-    QosProfile,
-    RosbagsMessages,
-    Split,
-    schema_for,
-)
+from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.messages.codec import RosbagsMessages
+from quad_mpc_ros.messages.schemas import SHIPPED_TYPES, schema_for
+from quad_mpc_ros.recordings.qos_profile import QosProfile
+from quad_mpc_ros.recordings.reader import BagReader
+from quad_mpc_ros.recordings.writer import FLUSH_PERIOD_S, BagWriter, Split
 
 WriteFlight = Callable[[BagWriter, int], None]
 CLOCK = "rosgraph_msgs/msg/Clock"
@@ -381,7 +376,7 @@ def test_flushes_when_due_even_in_slow_traffic(tmp_path: Path) -> None:
 KILLED_RECORDER = """
 import sys, time
 from pathlib import Path
-from quad_mpc_ros.recordings import BagWriter
+from quad_mpc_ros.recordings.writer import BagWriter
 writer = BagWriter(Path(sys.argv[1]))
 writer.add_topic("/clock", "rosgraph_msgs/msg/Clock")
 writer.write_metadata("parameters", {"mpc": "control_rate: 50.0"})

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quad_mpc_ros.recordings import BagReader, BagWriter, RecordedMessage
+from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
+from quad_mpc_ros.recordings.writer import BagWriter
 from quad_mpc_ros.replay.playback import Playback, Section, Timeline, in_laps
-from quad_mpc_ros.replay.read_ahead import ReadAhead
+from quad_mpc_ros.replay.playback_threads import ReadAhead
 
 CLOCK = "rosgraph_msgs/msg/Clock"
 MS = 1_000_000

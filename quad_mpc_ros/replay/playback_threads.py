@@ -1,14 +1,22 @@
-"""A playback in a thread of its own, which sleeps until something is due."""
+"""The threads of a playback: one reads ahead, one sleeps until something is due.
+
+Opening a chunk of a bag therefore does not delay what is due meanwhile.
+"""
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Generic, TypeVar
 
 from quad_mpc_ros.replay.playback import Playback, Timeline
 
+T = TypeVar("T")
+
 _NS = 1e-9
+_PATIENCE_S = 0.1
 
 
 class PlaybackThread:
@@ -77,3 +85,55 @@ class PlaybackThread:
                 return
             wait_s = None if at_ns is None else max(0, at_ns - time.monotonic_ns()) * _NS
             self._changed.wait(wait_s)
+
+
+class _End:
+    pass
+
+
+class ReadAhead(Generic[T]):
+    """An iterator over ``items`` that holds up to ``depth`` of them ready.
+
+    What their iteration raises is raised here in its turn.
+    """
+
+    def __init__(self, items: Iterator[T], *, depth: int) -> None:
+        self._ready: queue.Queue[T | BaseException | _End] = queue.Queue(depth)
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._read, args=(items,), daemon=True)
+        self._thread.start()
+
+    def __iter__(self) -> Iterator[T]:
+        return self
+
+    def __next__(self) -> T:
+        item = self._ready.get()
+        if isinstance(item, _End):
+            self._ready.put(item)
+            raise StopIteration
+        if isinstance(item, BaseException):
+            raise item
+        return item
+
+    def close(self) -> None:
+        """End the reading."""
+        self._closed.set()
+        self._thread.join()
+
+    def _read(self, items: Iterator[T]) -> None:
+        try:
+            for item in items:
+                if not self._put(item):
+                    return
+        except Exception as error:
+            self._put(error)
+        self._put(_End())
+
+    def _put(self, item: T | BaseException | _End) -> bool:
+        while not self._closed.is_set():
+            try:
+                self._ready.put(item, timeout=_PATIENCE_S)
+                return True
+            except queue.Full:
+                continue
+        return False

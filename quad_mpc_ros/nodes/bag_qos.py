@@ -14,7 +14,7 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 
-from quad_mpc_ros.recordings import INFINITE_NS, QosProfile
+from quad_mpc_ros.recordings.qos_profile import INFINITE_NS, QosProfile
 
 _RECORDING_DEPTH = 1000  # room for a stall of several seconds
 _LEAST_DEPTH = 10

@@ -12,18 +12,17 @@ from pathlib import Path
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.nodes.bag_qos import offered
 from quad_mpc_ros.nodes.parameter_query import ParameterQuery
-from quad_mpc_ros.nodes.recorded_qos import offered
-from quad_mpc_ros.nodes.topic_recording import TopicRecording
-from quad_mpc_ros.recordings import BagError, BagWriter, Split
-from quad_mpc_ros.recordings.config import RecorderConfig
-from quad_mpc_ros.recordings.run_parameters import write_parameters
-from quad_mpc_ros.recordings.topic_selection import TopicSelection
-from quad_mpc_ros.recordings.writer import exists_already
+from quad_mpc_ros.nodes.topic_recorder import TopicRecorder
+from quad_mpc_ros.recordings.config import RecorderConfig, TopicSelection
+from quad_mpc_ros.recordings.parameters import write_parameters
+from quad_mpc_ros.recordings.writer import BagWriter, Split, exists_already
 from quad_mpc_ros.ros.messages import message_class
 
 
-class Recording:
+class Recorder:
     """One bag, which exists from the first :meth:`resume` on and ends with :meth:`close`.
 
     Paused, it hears nothing, so that a latched message that came meanwhile is recorded when it
@@ -47,7 +46,7 @@ class Recording:
         )
         self._writer: BagWriter | None = None
         self._type_names: dict[str, str] = {}
-        self._recorded: dict[str, TopicRecording] = {}
+        self._recorded: dict[str, TopicRecorder] = {}
         self._refused: set[str] = set()
         self._early: list[Callable[[int], None]] = []
         self._asked = {name: ParameterQuery(node, name) for name in config.nodes}
@@ -138,7 +137,7 @@ class Recording:
                 f"cannot record {topic} of type {', '.join(type_names)}: {error}"
             )
             return False
-        self._recorded[topic] = TopicRecording(
+        self._recorded[topic] = TopicRecorder(
             self._node,
             topic=topic,
             type_name=type_names[0],

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from quad_mpc_ros.nodes.recorded_qos import adapted
+from quad_mpc_ros.nodes.bag_qos import adapted
 
 _HANDOVER_S = 1.0  # in which a new subscription and the publishers find each other
 
@@ -18,7 +18,7 @@ Receiver = Callable[[bytes, dict[str, int]], None]
 """Takes a serialized message and rclpy's information on it."""
 
 
-class TopicRecording:
+class TopicRecorder:
     """A subscription that asks for the most that every publisher serves.
 
     When a publisher joins that offers less, a subscription that asks for less takes over. For a

@@ -1,0 +1,56 @@
+"""Writing a file in one piece: whoever looks finds all of it, or what was there before."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from pathlib import Path
+
+
+def write_atomically(path: Path, text: str, *, overwrite: bool = True) -> None:
+    """Write a text file as UTF-8; when this returns, the disk has it.
+
+    Raises ``FileExistsError`` for one that exists, unless ``overwrite`` is set, and ``OSError``
+    for everything else that the disk refuses. Then ``path`` is as it was.
+    """
+    draft = _draft(path, text)
+    try:
+        if overwrite:
+            draft.replace(path)
+        else:
+            _put(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _draft(path: Path, text: str) -> Path:
+    """Return a file beside ``path`` with the text."""
+    with tempfile.NamedTemporaryFile(
+        "w", encoding="utf-8", dir=path.parent, prefix=f".{path.name}.", delete=False
+    ) as file:
+        draft = Path(file.name)
+        try:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        except BaseException:
+            draft.unlink(missing_ok=True)
+            raise
+    # Such a file is for its owner alone at first.
+    umask = os.umask(0)
+    os.umask(umask)
+    draft.chmod(0o666 & ~umask)
+    return draft
+
+
+def _put(draft: Path, path: Path) -> None:
+    """Give a file another name that nothing has yet."""
+    try:
+        path.hardlink_to(draft)  # looking first would leave a moment for another to write it
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links, as of memory cards
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
+        draft.replace(path)

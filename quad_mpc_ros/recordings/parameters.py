@@ -1,0 +1,50 @@
+"""The parameters of the nodes of a run, kept in its bag: one MCAP metadata record a node."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+from quad_mpc_ros.configuration import BagError, Configuration, files
+from quad_mpc_ros.recordings.writer import BagWriter
+
+_PREFIX = "parameters:"
+_KEY = "yaml"
+
+
+def write_parameters(writer: BagWriter, node: str, values: Mapping[str, Any]) -> None:
+    """Store the parameters of a node, by dotted name, as a ROS parameter file."""
+    writer.write_metadata(f"{_PREFIX}{node}", {_KEY: files.dump(node, values)})
+
+
+def read_parameters(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, Any]]:
+    """Return the parameters in the metadata of a bag by node name and dotted parameter name.
+
+    Raises :class:`BagError` for a record that is no ROS parameter file.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for name, record in metadata.items():
+        if name.startswith(_PREFIX) and _KEY in record:
+            try:
+                for node, content in yaml.safe_load(record[_KEY]).items():
+                    found[node] = dict(content["ros__parameters"])
+            except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
+                raise BagError(f"metadata record {name} is no ROS parameter file") from error
+    return found
+
+
+def recorded_parameters(
+    parameters: Mapping[str, Mapping[str, Any]], kind: type[Configuration]
+) -> dict[str, Any]:
+    """Return the parameters of the node that ``kind`` configures, whatever its namespace.
+
+    Empty when none were recorded. ``parameters`` are those of a recording by node.
+    """
+    known = {spec.name for spec in kind.specs()}
+    for node, values in parameters.items():
+        if node.rsplit("/", 1)[-1] == kind.owner:
+            # A node also has parameters of ROS itself, such as use_sim_time.
+            return {name: values[name] for name in values if name in known}
+    return {}
