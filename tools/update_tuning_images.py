@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from quad_mpc_ros.commands.run_options import add_run_options, resolve
+from quad_mpc_ros.commands.run_configuration import run_configuration
+from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.figures import style
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly
@@ -77,7 +78,7 @@ def flown(*assignments: str, options: Sequence[str] = ()) -> Flown:
     add_run_options(parser)
     arguments = [*options, *(part for text in assignments for part in ("--set", text))]
     with tempfile.TemporaryDirectory() as scratch:
-        run = resolve(parser.parse_args([*arguments, "--out", scratch]), lockstep=True)
+        run = run_configuration(parser.parse_args([*arguments, "--out", scratch]), lockstep=True)
     truth = [
         step.truth
         for step in fly(

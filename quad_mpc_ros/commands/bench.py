@@ -3,37 +3,100 @@
 from __future__ import annotations
 
 import argparse
-import json
+import dataclasses
+import math
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
-from quad_mpc_ros.bench.page import page
-from quad_mpc_ros.bench.picture import write_picture
-from quad_mpc_ros.bench.run import run
-from quad_mpc_ros.bench.tables import as_text, comparison_lines, horizon_rows, peer_rows, swept
-from quad_mpc_ros.commands.bench_options import (
-    PAGE,
-    PICTURE,
-    RESULT,
-    bench_command,
-    resolve_bench,
-)
-from quad_mpc_ros.commands.run_options import default_out, prepared_out
-from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.simulation.plants import make_plant
+from quad_mpc_ros.commands.command import Command
+from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, write_json
+from quad_mpc_ros.configuration import ConfigurationError, UserError, files
+
+if TYPE_CHECKING:
+    from quad_mpc_ros.bench.config import BenchConfig
+    from quad_mpc_ros.mpc_config import MpcConfig
+    from quad_mpc_ros.simulation.config import SimulatorConfig
+    from quad_mpc_ros.trajectories.config import ReferenceConfig
+
+RESULT, PAGE, PICTURE = "performance.json", "performance.md", "performance.png"
+_STEPS = (5, 10, 20, 40)
 
 
-def bench(options: argparse.Namespace) -> int:
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what to compare, and for how long."""
+    from quad_mpc_ros.bench.peers import PEERS, SWEPT
+
+    parser.add_argument(
+        "--peers",
+        nargs="+",
+        default=list(PEERS),
+        metavar="NAME",
+        help=f"what to compare: {', '.join(PEERS)} (default: all; what is not installed is "
+        "skipped with a note)",
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        default=10.0,
+        metavar="S",
+        help="length of each flight in seconds of simulated time (default: 10)",
+    )
+    parser.add_argument(
+        "--repeats",
+        type=int,
+        default=3,
+        metavar="COUNT",
+        help="flights of each peer, in turns (default: 3)",
+    )
+    parser.add_argument(
+        "--steps",
+        nargs="*",
+        type=int,
+        default=list(_STEPS),
+        metavar="N",
+        help=f"lengths of the horizon to fly {' and '.join(SWEPT)} with as well; without a "
+        f"number that table is left out (default: {' '.join(map(str, _STEPS))})",
+    )
+    parser.add_argument(
+        "--config",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="ROS parameter file or preset; may be repeated, later ones win",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NODE.PARAM=VALUE",
+        dest="assignments",
+        help="set one parameter for all peers, for example mpc.terminal_weight=10; may be "
+        "repeated",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help=f"folder for {RESULT}, {PAGE} and {PICTURE}; must not hold any "
+        "(default: runs/<date-time>_bench)",
+    )
+
+
+def _run(options: argparse.Namespace) -> int:
     """Fly the peers, write and show what was measured; return the exit code."""
-    config = resolve_bench(options)
+    from quad_mpc_ros.bench.run import run
+    from quad_mpc_ros.simulation.plants import make_plant
+
+    config = _configuration(options)
     make_plant(config.simulator)  # one that is not installed is told before anything flies
     out = prepared_out(options.out or default_out("bench"), holds=(RESULT, PAGE, PICTURE))
     print(f"measuring into {out}", file=sys.stderr)
     with tempfile.TemporaryDirectory(prefix="quad_mpc_bench_") as scratch:
         measured = run(config, scratch=Path(scratch), tell=_tell)
-    result = {"command": bench_command(options), **measured}
+    result = {"command": _command_again(options), **measured}
     _write(result, out)
     _show(result, out)
     return 0
@@ -44,16 +107,24 @@ def _tell(line: str) -> None:
 
 
 def _write(result: dict[str, Any], out: Path) -> None:
-    try:
-        text = json.dumps(result, indent=2, allow_nan=False)
-        (out / RESULT).write_text(text + "\n", encoding="utf-8")
+    from quad_mpc_ros.bench.page import page
+    from quad_mpc_ros.bench.picture import write_picture
+
+    with results_in(out):
+        write_json(out / RESULT, result)
         (out / PAGE).write_text(page(result, picture=PICTURE), encoding="utf-8")
         write_picture(result, out / PICTURE)
-    except OSError as error:
-        raise UserError(f"{out}: results cannot be written: {error.strerror}") from error
 
 
 def _show(result: dict[str, Any], out: Path) -> None:
+    from quad_mpc_ros.bench.tables import (
+        as_text,
+        comparison_lines,
+        horizon_rows,
+        peer_rows,
+        swept,
+    )
+
     print(as_text(peer_rows(result)))
     for line in comparison_lines(result):
         print(f"\n{line}")
@@ -62,3 +133,79 @@ def _show(result: dict[str, Any], out: Path) -> None:
     print()
     for name in (RESULT, PAGE, PICTURE):
         print(out / name)
+
+
+def _configuration(options: argparse.Namespace) -> BenchConfig:
+    """Return what the options ask for; raises :class:`UserError` for what cannot be used."""
+    from quad_mpc_ros.bench.config import BenchConfig
+    from quad_mpc_ros.commands.run_configuration import SCHEMA
+
+    _check_options(options)
+    # The peers know the model only, and so does the controller then.
+    made = [f"simulator.duration={options.duration}", "mpc.formulation=manifold"]
+    made += ["mpc.estimate_disturbance=false"]
+    made += [f"{node}.lockstep=true" for node in ("mpc", "simulator", "reference")]
+    sources = options.config or ["default"]
+    loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
+    mpc = cast("MpcConfig", loaded["mpc"])
+    if mpc.formulation != "manifold":
+        raise UserError(
+            f"--set: mpc.formulation: given {mpc.formulation!r}, expected manifold, on which the "
+            "peers are compared; --peers paper flies the paper's"
+        )
+    _check_steps(mpc, options.steps)
+    return BenchConfig(
+        mpc=mpc,
+        simulator=cast("SimulatorConfig", loaded["simulator"]),
+        reference=cast("ReferenceConfig", loaded["reference"]),
+        peers=list(dict.fromkeys(options.peers)),
+        steps=sorted(set(options.steps)),
+        repeats=options.repeats,
+    )
+
+
+def _command_again(options: argparse.Namespace) -> str:
+    """Return the command that measures the same again; where results go is left out."""
+    from quad_mpc_ros.bench.peers import PEERS
+
+    words = ["quad_mpc bench"]
+    if options.peers != list(PEERS):
+        words += ["--peers", *options.peers]
+    words += [f"--duration {options.duration:g}", f"--repeats {options.repeats}"]
+    words += ["--steps", *map(str, options.steps)]
+    words += [f"--config {Path(source).name}" for source in options.config]
+    words += [f"--set {assignment}" for assignment in options.assignments]
+    return " ".join(words)
+
+
+def _check_options(options: argparse.Namespace) -> None:
+    from quad_mpc_ros.bench.peers import PEERS
+
+    for name in options.peers:
+        if name not in PEERS:
+            raise UserError(f"--peers: given {name!r}, expected some of {', '.join(PEERS)}")
+    if not (math.isfinite(options.duration) and options.duration > 0.0):
+        raise UserError(f"--duration: given {options.duration}, expected a number > 0")
+    if options.repeats < 1:
+        raise UserError(f"--repeats: given {options.repeats}, expected an integer >= 1")
+
+
+def _check_steps(mpc: MpcConfig, lengths: Sequence[int]) -> None:
+    for steps in lengths:
+        try:
+            dataclasses.replace(mpc, horizon_steps=steps)
+        except ConfigurationError as error:
+            raise UserError(f"--steps: given {steps}, expected {error.expected}") from error
+
+
+COMMAND = Command(
+    name="bench",
+    help="measure this controller beside acados, cvxpy and OSQP's own time",
+    description="Fly the square on the true rigid body with each peer in turn, in one "
+    "process, and tell what a step costs: this controller, acados (SQP_RTI, HPIPM), the same "
+    "QP through cvxpy rebuilt at every step, and the solvers' own times; then the cost "
+    "against the length of the horizon. The peers are optional: pip install "
+    "'quad_mpc_ros[bench]'. Exit code 2 for bad input.",
+    add_options=_add_options,
+    run=_run,
+)

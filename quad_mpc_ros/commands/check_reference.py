@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import argparse
-import datetime
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
-from quad_mpc_ros.commands.run_options import SCHEMA, add_configuration_options
-from quad_mpc_ros.commands.verdict_table import verdict_table
-from quad_mpc_ros.configuration import UserError, files
-from quad_mpc_ros.evaluation.recorded_reference import read_recording
-from quad_mpc_ros.figures.reference_figure import write_reference
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.trajectories.catalogue import judged_trajectory
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.feasibility import Verdict
+from quad_mpc_ros.commands.command import EXIT_FAILED, Command
+from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
+from quad_mpc_ros.commands.run_options import add_configuration_options
+from quad_mpc_ros.configuration import files
 
-EXIT_INFEASIBLE = 1
+if TYPE_CHECKING:
+    from quad_mpc_ros.mpc_config import MpcConfig
+    from quad_mpc_ros.trajectories.config import ReferenceConfig
+    from quad_mpc_ros.trajectories.feasibility import Verdict
+
 _FIGURE = "reference.png"
+_NAME, _CELL = 22, 12
 
 
-def add_check_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the command."""
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what to judge, and where to draw it."""
     add_configuration_options(parser)
     parser.add_argument(
         "--out",
@@ -32,25 +31,29 @@ def add_check_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_reference(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     """Judge, show and draw; return the exit code."""
+    from quad_mpc_ros.commands.run_configuration import SCHEMA
+    from quad_mpc_ros.evaluation.recorded_reference import read_recording
+    from quad_mpc_ros.figures.reference_figure import write_reference
+    from quad_mpc_ros.trajectories.catalogue import judged_trajectory
+
     assignments = list(options.assignments)
     if options.reference is not None:
         assignments.insert(0, f"reference.trajectory={options.reference}")
     loaded = files.load(options.config or ["default"], assignments, schema=SCHEMA)
-    config = cast(ReferenceConfig, loaded["reference"])
+    config = cast("ReferenceConfig", loaded["reference"])
     trajectory, verdict = judged_trajectory(config, read_bag=read_recording)
-    figure = _figure_path(options.out, config.trajectory)
+    out = prepared_out(options.out or default_out(config.trajectory), holds=(_FIGURE,))
+    figure = out / _FIGURE
     times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]
-    try:
+    with results_in(out):
         write_reference(config.trajectory, trajectory.at(times), verdict, figure)
-    except OSError as error:
-        raise UserError(f"--out: {figure} cannot be written: {error.strerror}") from error
-    print(f"{config.trajectory}\n\n{verdict_table(verdict)}")
-    for remark in _beyond_the_controller(verdict, cast(MpcConfig, loaded["mpc"])):
+    print(f"{config.trajectory}\n\n{_verdict_table(verdict)}")
+    for remark in _beyond_the_controller(verdict, cast("MpcConfig", loaded["mpc"])):
         print(remark)
     print(f"\nfigure  {figure}")
-    return 0 if verdict.feasible else EXIT_INFEASIBLE
+    return 0 if verdict.feasible else EXIT_FAILED
 
 
 def _beyond_the_controller(verdict: Verdict, mpc: MpcConfig) -> list[str]:
@@ -67,10 +70,34 @@ def _beyond_the_controller(verdict: Verdict, mpc: MpcConfig) -> list[str]:
     ]
 
 
-def _figure_path(out: Path | None, name: str) -> Path:
-    if out is None:
-        now = datetime.datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
-        out = Path("runs") / f"{now}_{name}"
-    if (out / _FIGURE).exists():
-        raise UserError(f"--out: {out / _FIGURE} exists and is not overwritten; give a new folder")
-    return out / _FIGURE
+def _verdict_table(verdict: Verdict) -> str:
+    """Return the verdict as lines of plain ASCII text, at most 80 columns wide."""
+    over_time = verdict.over_time
+    head = "".join(f"{column:>{_CELL}}" for column in ("needed", "at", "limit", "left"))
+    return "\n".join(
+        (
+            f"{'duration':<{_NAME}}{over_time.seconds[-1]:.2f} s",
+            f"{'highest speed':<{_NAME}}{over_time.speed.max():.2f} m/s",
+            f"{'highest acceleration':<{_NAME}}{over_time.acceleration.max():.2f} m/s^2",
+            "",
+            " " * (_NAME + 6) + head,
+            *(
+                f"{need.name:<{_NAME}}{need.unit.strip():<6}{need.worst:>{_CELL}.3f}"
+                f"{f'{need.time:.3f} s':>{_CELL}}{need.limit:>{_CELL}.3f}"
+                f"{need.margin:>{_CELL}.3f}"
+                for need in verdict.needs
+            ),
+            "",
+            "feasible" if verdict.feasible else f"not feasible: {verdict.reason()}",
+        )
+    )
+
+
+COMMAND = Command(
+    name="check-reference",
+    help="judge a reference before it is flown: throttle and body rates against the limits",
+    description="Print and draw what a reference needs along its whole way against the "
+    "vehicle's limits. Exit code 0 when it is feasible, 1 when it is not, 2 for bad input.",
+    add_options=_add_options,
+    run=_run,
+)

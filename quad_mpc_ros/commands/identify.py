@@ -4,31 +4,53 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import cast
 
-from quad_mpc_ros.commands.new_file import check_writable, write_new
-from quad_mpc_ros.commands.recording import bag_of, recorded_configuration, topic_names
-from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.identification import (
-    identification_table,
-    identify,
-    measurements_of,
-    parameter_file,
-    write_fit_figure,
+from quad_mpc_ros.commands.command import Command
+from quad_mpc_ros.commands.output import check_writable, write_new
+from quad_mpc_ros.commands.recording import (
+    add_recording_options,
+    bag_of,
+    recorded_configuration,
+    topic_names,
 )
-from quad_mpc_ros.messages.topics import COMMAND, ENGAGED
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings.parameters import recorded_parameters
-from quad_mpc_ros.recordings.recorded_run import read_run
+from quad_mpc_ros.commands.save_vehicle import add_vehicle_file_options
+from quad_mpc_ros.configuration import UserError
 
 
-def identify_command(options: argparse.Namespace) -> int:
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the bag, and where to write what was found."""
+    add_recording_options(parser)
+    add_vehicle_file_options(parser)
+    parser.add_argument(
+        "--plot", type=Path, metavar="PNG", help="draw measured and fitted rates and thrust"
+    )
+    parser.add_argument(
+        "--overwrite", action="store_true", help="let --out and --plot replace existing files"
+    )
+
+
+def _run(options: argparse.Namespace) -> int:
     """Fit, tell (the table on standard error), write; return the exit code."""
+    from quad_mpc_ros.identification import (
+        identification_table,
+        identify,
+        measurements_of,
+        parameter_file,
+        write_fit_figure,
+    )
+    from quad_mpc_ros.messages.topics import COMMAND as COMMAND_TOPIC
+    from quad_mpc_ros.messages.topics import ENGAGED
+    from quad_mpc_ros.mpc_config import MpcConfig
+    from quad_mpc_ros.recordings.parameters import recorded_parameters
+    from quad_mpc_ros.recordings.recorded_run import read_run
+
     for name, path in (("--out", options.out), ("--plot", options.plot)):
         check_writable(name, path, overwrite=options.overwrite)
     bag = bag_of(options.bag)
-    run = read_run(bag, topic_names(options), topics=(COMMAND, ENGAGED))
-    mpc = cast(MpcConfig, recorded_configuration(options, run)["mpc"])
+    run = read_run(bag, topic_names(options), topics=(COMMAND_TOPIC, ENGAGED))
+    mpc = cast("MpcConfig", recorded_configuration(options, run)["mpc"])
     data = measurements_of(run, vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame)
     found = identify(data)
     # In lockstep a command takes no time of its own.
@@ -49,3 +71,15 @@ def identify_command(options: argparse.Namespace) -> int:
                 f"--plot: {options.plot} cannot be written: {error.strerror}"
             ) from error
     return 0
+
+
+COMMAND = Command(
+    name="identify",
+    help="fit lags, delay, thrust and drag of the vehicle to a recorded flight",
+    description="Fit the lags of body rates and thrust, the input delay, the thrust per mass "
+    "and the drag to the commands and the odometry of a flight. Prints a ROS parameter file "
+    "for --config on standard output, and what was found with its 95 %% intervals on standard "
+    "error.",
+    add_options=_add_options,
+    run=_run,
+)

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from quad_mpc_ros.commands.run_options import SCHEMA
+from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import Configuration, ParameterSpec
 from quad_mpc_ros.nodes.visualisation_config import VisualisationConfig
 from quad_mpc_ros.recordings.config import PlayerConfig
@@ -85,6 +85,9 @@ def as_yaml(node: str, specs: Sequence[ParameterSpec]) -> str:
         comment = "# " if spec.default == () else ""
         lines.append(f"{indent}{comment}{name}: {_value(spec.default)}")
     return "\n".join(lines) + "\n"
+
+
+FORMATS = {"text": as_text, "markdown": as_markdown, "yaml": as_yaml}
 
 
 def _rule(spec: ParameterSpec) -> str:

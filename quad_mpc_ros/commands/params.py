@@ -6,17 +6,40 @@ import argparse
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 
-from quad_mpc_ros.bridges.registry import bridge_configurations
-from quad_mpc_ros.commands.parameter_tables import NODES, as_markdown, as_text, as_yaml
+from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.configuration import Configuration, ParameterSpec, UserError
 
-_FORMATS = {"text": as_text, "markdown": as_markdown, "yaml": as_yaml}
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    """Add which parameters to print, and how."""
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NODE[.PARAM]",
+        help="a node, or a parameter or group of one: mpc, mpc.fence, simulator.wind "
+        "(default: every node)",
+    )
+    parser.add_argument(
+        "--format",
+        choices=("text", "markdown", "yaml"),
+        default="text",
+        help="text to read; markdown, which docs/parameters.md is made of; yaml, a ROS parameter "
+        "file with every default to edit (default: text)",
+    )
+    parser.add_argument(
+        "--live",
+        action="store_true",
+        help="only those that may change in flight",
+    )
 
 
-def print_parameters(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> int:
     """Print the parameters that are asked for. Raises :class:`UserError` for an unknown name."""
+    from quad_mpc_ros.bridges.registry import bridge_configurations
+    from quad_mpc_ros.commands.parameter_tables import FORMATS, NODES
+
     nodes = {**NODES, **bridge_configurations()}
-    written = _FORMATS[options.format]
+    written = FORMATS[options.format]
     tables = []
     for name in options.names or nodes:
         node, specs = _found(name, nodes)
@@ -48,3 +71,14 @@ def _found(
 def _suggestion(name: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(name, list(known), n=1)
     return f", did you mean {close[0]!r}?" if close else ""
+
+
+COMMAND = Command(
+    name="params",
+    help="print every parameter: type, default, unit, range, whether live, meaning",
+    description="Print what can be set on the nodes, or on some of them. Live parameters may "
+    "change in flight (ros2 param set); the others are taken when a node is configured. "
+    "Exit code 2 for an unknown name.",
+    add_options=_add_options,
+    run=_run,
+)

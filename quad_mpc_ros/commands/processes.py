@@ -11,11 +11,13 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import quad_mpc_ros
-from quad_mpc_ros.commands.run_options import SCHEMA, RunConfig
 from quad_mpc_ros.configuration import UserError, files
+
+if TYPE_CHECKING:
+    from quad_mpc_ros.commands.run_configuration import RunConfig
 
 _STOP_TIMEOUT = 10.0
 _LOG_TAIL = 8
@@ -125,6 +127,8 @@ def require_ros(command: str, *, instead: str = "") -> None:
 
 def start_all(run: RunConfig, *, lockstep: bool) -> dict[str, NodeProcess]:
     """Start every node of a flight; in lockstep all but the simulator follow its clock."""
+    from quad_mpc_ros.commands.run_configuration import SCHEMA
+
     return {
         node: NodeProcess(node, run=run, use_sim_time=lockstep and node != "simulator")
         for node in SCHEMA

@@ -1,25 +1,71 @@
-"""What commands that work on a recording have in common: its topics, its parameters."""
+"""What the commands on a recording have in common: options, the bag, its topics and parameters."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from quad_mpc_ros.commands.run_options import SCHEMA
-from quad_mpc_ros.configuration import Configuration, files
-from quad_mpc_ros.recordings.bag_metadata import METADATA_FILE
-from quad_mpc_ros.recordings.parameters import recorded_parameters
-from quad_mpc_ros.recordings.recorded_run import RecordedRun, TopicNames
+if TYPE_CHECKING:
+    from quad_mpc_ros.configuration import Configuration
+    from quad_mpc_ros.recordings.recorded_run import RecordedRun, TopicNames
+
+
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """Add the bag, how to read it, and the configuration that is put over the recorded one."""
+    parser.add_argument(
+        "bag",
+        type=Path,
+        metavar="BAG",
+        help="bag directory, .mcap file, or folder of a run with bag/ in it",
+    )
+    parser.add_argument(
+        "--config",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="ROS parameter file or preset over the recorded parameters; may be repeated, later "
+        "ones win",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NODE.PARAM=VALUE",
+        dest="assignments",
+        help="set one parameter, for example mpc.mass=0.5; may be repeated",
+    )
+    for option, meaning in (
+        ("--odom-topic", "nav_msgs/Odometry (default: the topic that ends in /odom)"),
+        ("--pose-topic", "geometry_msgs/PoseStamped, with --twist-topic in place of odometry"),
+        ("--twist-topic", "geometry_msgs/TwistStamped that belongs to --pose-topic"),
+        (
+            "--command-topic",
+            "geometry_msgs/TwistStamped, throttle in linear.z, body rates in angular (default: "
+            "the topic that ends in /command)",
+        ),
+    ):
+        parser.add_argument(option, default="", metavar="NAME", help=meaning)
+    parser.add_argument(
+        "--twist-frame",
+        choices=("child", "world"),
+        help="frame of the twist: child (REP-103, body) or world (default: "
+        "mpc.odometry.twist_frame)",
+    )
 
 
 def bag_of(given: Path) -> Path:
     """Return the bag of what was given, which may be the folder of a run."""
+    from quad_mpc_ros.recordings.bag_metadata import METADATA_FILE
+
     inside = given / "bag"
     return inside if inside.is_dir() and not (given / METADATA_FILE).exists() else given
 
 
 def topic_names(options: argparse.Namespace) -> TopicNames:
     """Return the topics that were named. Raises :class:`UserError` for those that exclude."""
+    from quad_mpc_ros.recordings.recorded_run import TopicNames
+
     return TopicNames(
         odometry=options.odom_topic,
         pose=options.pose_topic,
@@ -37,6 +83,10 @@ def recorded_configuration(
     ``assignments`` come after the files and before ``--set``. Raises :class:`UserError` for
     anything that cannot be used.
     """
+    from quad_mpc_ros.commands.run_configuration import SCHEMA
+    from quad_mpc_ros.configuration import files
+    from quad_mpc_ros.recordings.parameters import recorded_parameters
+
     made = [*assignments]
     if options.twist_frame is not None:
         made.append(f"mpc.odometry.twist_frame={options.twist_frame}")

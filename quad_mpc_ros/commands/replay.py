@@ -6,13 +6,61 @@ import argparse
 import tempfile
 from pathlib import Path
 
+from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.processes import require_ros, run_in_foreground
 from quad_mpc_ros.configuration import UserError, files
-from quad_mpc_ros.recordings.config import PlayerConfig
+
+_CLOCK_RATE = 40.0  # as ros2 bag play
 
 
-def replay(options: argparse.Namespace) -> int:
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options; those left out are the defaults of the player node."""
+    parser.add_argument("bag", metavar="BAG", help="bag directory, or one .mcap file")
+    parser.add_argument("--rate", type=float, metavar="X", help="speed (default: 1)")
+    parser.add_argument(
+        "--start", type=float, metavar="S", help="seconds into the bag to start at"
+    )
+    parser.add_argument("--loop", action="store_true", help="begin again at the end")
+    parser.add_argument(
+        "--topics", nargs="+", metavar="TOPIC", help="play these topics (default: all)"
+    )
+    parser.add_argument(
+        "--regex",
+        dest="topics_regex",
+        metavar="REGEX",
+        help="play topics in whose name this is found",
+    )
+    parser.add_argument(
+        "--clock",
+        nargs="?",
+        type=float,
+        const=_CLOCK_RATE,
+        dest="clock_rate",
+        metavar="HZ",
+        help="publish the recorded time on /clock, in place of a recorded /clock "
+        f"(default: {_CLOCK_RATE:g} Hz)",
+    )
+    parser.add_argument(
+        "--delay",
+        type=float,
+        metavar="S",
+        help="seconds before the first message, in which subscribers find the publishers "
+        "(default: 1)",
+    )
+    parser.add_argument("--paused", action="store_true", help="start paused")
+    parser.add_argument(
+        "--remap",
+        action="append",
+        default=[],
+        metavar="FROM:=TO",
+        help="play a topic under another name; may be repeated",
+    )
+
+
+def _run(options: argparse.Namespace) -> int:
     """Play a bag until its end or Ctrl-C; return the exit code of the player."""
+    from quad_mpc_ros.recordings.config import PlayerConfig
+
     remaps = [argument for rule in options.remap for argument in ("-r", _remap(rule))]
     given = {
         spec.name: value
@@ -33,3 +81,14 @@ def _remap(rule: str) -> str:
     if not (source and separator and target):
         raise UserError(f"--remap: given {rule!r}, expected FROM:=TO")
     return rule
+
+
+COMMAND = Command(
+    name="replay",
+    help="publish a recorded bag again",
+    description="Publish the messages of a bag on their topics again, in the time in which "
+    "they were recorded. Pause and go on by the services /player/pause and /player/resume. "
+    "Exit code 2 for a bag that cannot be played.",
+    add_options=_add_options,
+    run=_run,
+)

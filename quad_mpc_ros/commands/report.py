@@ -5,34 +5,73 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from quad_mpc_ros.atomic_file import write_atomically
+from quad_mpc_ros.commands.command import Command
+from quad_mpc_ros.commands.output import check_writable, results_in, write_new
 from quad_mpc_ros.commands.recording import bag_of
-from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.figures.comparison import write_comparison
-from quad_mpc_ros.figures.flight_figures import FIGURE_NAMES, write_figures
-from quad_mpc_ros.report import TABLE_NAMES, ReportedRun, csv_tables, page, read_runs
+
+if TYPE_CHECKING:
+    from quad_mpc_ros.report import ReportedRun
 
 _COMPARISON = "comparison.png"
 
 
-def report(options: argparse.Namespace) -> int:
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the runs and where to write what is made of them."""
+    parser.add_argument(
+        "runs",
+        type=Path,
+        nargs="+",
+        metavar="DIR",
+        help="folder of a run with bag/ in it, bag directory, or .mcap file; several are shown "
+        "beside each other",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("report.html"),
+        metavar="FILE",
+        help="page to write (default: report.html)",
+    )
+    parser.add_argument(
+        "--png",
+        type=Path,
+        metavar="DIR",
+        help="write the figures as PNG too, into a folder per run in DIR, and of several runs "
+        "DIR/comparison.png",
+    )
+    parser.add_argument(
+        "--csv",
+        type=Path,
+        metavar="DIR",
+        help="write the time series as CSV too, into a folder per run in DIR: odometry.csv, "
+        "commands.csv, ticks.csv",
+    )
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace files that exist already"
+    )
+
+
+def _run(options: argparse.Namespace) -> int:
     """Read, draw, write, tell; return the exit code."""
+    from quad_mpc_ros.report import csv_tables, page, read_runs
+
     bags = _named(options.runs)
     _check(options, list(bags))
     runs = read_runs(bags)
-    text = page(runs)
-    try:
-        _replace(options.out, text)
-        print(f"report  {options.out}")
-        if options.png is not None:
+    write_new("--out", options.out, page(runs), overwrite=options.overwrite)
+    print(f"report  {options.out}")
+    if options.png is not None:
+        with results_in(options.png):
             _write_figures(runs, options.png)
-            print(f"figures {options.png}")
-        if options.csv is not None:
-            _write_tables(runs, options.csv)
-            print(f"series  {options.csv}")
-    except OSError as error:
-        raise UserError(f"{error.filename}: cannot be written: {error.strerror}") from error
+        print(f"figures {options.png}")
+    if options.csv is not None:
+        for run in runs:
+            for name, text in csv_tables(run).items():
+                path = options.csv / run.name / f"{name}.csv"
+                write_new("--csv", path, text, overwrite=options.overwrite)
+        print(f"series  {options.csv}")
     return 0
 
 
@@ -52,10 +91,9 @@ def _named(given: Sequence[Path]) -> dict[str, Path]:
 
 def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
     """Refuse, before anything is read, to write over what is there."""
-    if options.out.is_dir():
-        raise UserError(f"--out: {options.out} is a folder, expected the name of a page")
-    if options.overwrite:
-        return
+    from quad_mpc_ros.figures import FIGURE_NAMES
+    from quad_mpc_ros.report import TABLE_NAMES
+
     planned = [("--out", options.out)]
     for name in names:
         if options.png is not None:
@@ -65,25 +103,24 @@ def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
     if options.png is not None and len(names) > 1:
         planned.append(("--png", options.png / _COMPARISON))
     for option, path in planned:
-        if path.exists():
-            raise UserError(
-                f"{option}: {path} exists and is not overwritten; give another name or --overwrite"
-            )
+        check_writable(option, path, overwrite=options.overwrite)
 
 
 def _write_figures(runs: Sequence[ReportedRun], folder: Path) -> None:
+    from quad_mpc_ros.figures import write_comparison, write_figures
+
     for run in runs:
         write_figures(run.flight, folder / run.name)
     if len(runs) > 1:
         write_comparison({run.name: run.flight for run in runs}, folder / _COMPARISON)
 
 
-def _write_tables(runs: Sequence[ReportedRun], folder: Path) -> None:
-    for run in runs:
-        for name, text in csv_tables(run).items():
-            _replace(folder / run.name / f"{name}.csv", text)
-
-
-def _replace(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, text)
+COMMAND = Command(
+    name="report",
+    help="show recorded runs on one page: path, errors, inputs, solver, fallbacks",
+    description="Make a self-contained HTML page of one recorded run, or of several beside "
+    "each other, with figures to zoom in and a table of the figures of merit. Needs Plotly: "
+    "pip install 'quad_mpc_ros[report]'. Exit code 2 for a bag that cannot be used.",
+    add_options=_add_options,
+    run=_run,
+)

@@ -3,50 +3,68 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, cast
 
-from quad_mpc_ros.commands.recording import bag_of, recorded_configuration, topic_names
-from quad_mpc_ros.commands.run_options import default_out, prepared_out
-from quad_mpc_ros.commands.run_recorder import RunRecorder
-from quad_mpc_ros.configuration import BagError, UserError
-from quad_mpc_ros.messages.topics import (
-    COMMAND,
-    ODOMETRY,
-    PREDICTED_PATH,
-    RECORDED_COMMAND,
-    REFERENCE,
-    STATS,
+from quad_mpc_ros.commands.command import Command
+from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, write_json
+from quad_mpc_ros.commands.recording import (
+    add_recording_options,
+    bag_of,
+    recorded_configuration,
+    topic_names,
 )
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings.parameters import recorded_parameters
-from quad_mpc_ros.recordings.recorded_run import RecordedRun, read_run
-from quad_mpc_ros.replay.command_comparison import (
-    CommandComparison,
-    compare_commands,
-    comparison_table,
-    write_command_comparison,
-)
-from quad_mpc_ros.replay.resolution import Resolved, WindowSource, resolve
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.server import ReferenceServer
 
-_TOPICS = (ODOMETRY, REFERENCE, COMMAND, RECORDED_COMMAND, PREDICTED_PATH, STATS)
+if TYPE_CHECKING:
+    from quad_mpc_ros.mpc_config import MpcConfig
+    from quad_mpc_ros.recordings.recorded_run import RecordedRun
+    from quad_mpc_ros.replay.command_comparison import CommandComparison
+    from quad_mpc_ros.replay.resolution import Resolved, WindowSource
+    from quad_mpc_ros.trajectories.config import ReferenceConfig
+
 _MOST_WARNINGS = 5
 
 
-def resolve_command(options: argparse.Namespace) -> int:
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the bag, another reference, and where to write."""
+    add_recording_options(parser)
+    parser.add_argument(
+        "--reference-topic",
+        default="",
+        metavar="NAME",
+        help="trajectory_msgs/MultiDOFJointTrajectory (default: the topic that ends in "
+        "/reference)",
+    )
+    parser.add_argument(
+        "--reference",
+        metavar="NAME",
+        help="trajectory to follow from the first odometry on, instead of the recorded reference: "
+        "square, hover, lemniscate",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for bag, summary.json and figures; must not hold any "
+        "(default: runs/<date-time>_resolved)",
+    )
+
+
+def _run(options: argparse.Namespace) -> int:
     """Feed, record, compare, tell; return the exit code."""
+    from quad_mpc_ros.messages.topics import REFERENCE
+    from quad_mpc_ros.configuration import BagError
+    from quad_mpc_ros.recordings.recorded_run import read_run
+
     bag = bag_of(options.bag)
     run = read_run(bag, topic_names(options))
     config = recorded_configuration(options, run, assignments=_adopted(options, run))
-    mpc = cast(MpcConfig, config["mpc"])
+    mpc = cast("MpcConfig", config["mpc"])
     windows = None
     if options.reference is not None:
-        windows = _made_windows(cast(ReferenceConfig, config["reference"]), run)
+        windows = _made_windows(cast("ReferenceConfig", config["reference"]), run)
     elif not run.windows:
         raise BagError(
             f"{bag}: no reference in it: give --reference NAME, or --reference-topic with one of "
@@ -64,6 +82,9 @@ def resolve_command(options: argparse.Namespace) -> int:
 
 def _adopted(options: argparse.Namespace, run: RecordedRun) -> tuple[str, ...]:
     """Return what is taken over from the bag and the options below what is given with --set."""
+    from quad_mpc_ros.mpc_config import MpcConfig
+    from quad_mpc_ros.recordings.parameters import recorded_parameters
+
     made = []
     if not recorded_parameters(run.parameters, MpcConfig):
         frame = run.odometries[0].value.frame_id
@@ -79,6 +100,8 @@ def _adopted(options: argparse.Namespace, run: RecordedRun) -> tuple[str, ...]:
 
 def _made_windows(config: ReferenceConfig, run: RecordedRun) -> WindowSource:
     """Return a reference that starts with the first odometry."""
+    from quad_mpc_ros.trajectories.server import ReferenceServer
+
     server = ReferenceServer(config)
     server.start(run.odometries[0].value.stamp_ns)
     return server.window
@@ -88,23 +111,34 @@ def _recorded(
     bag: Path, run: RecordedRun, mpc: MpcConfig, windows: WindowSource | None
 ) -> list[Resolved]:
     """Feed the flight to the controller and write what goes in and out of it to a bag."""
+    from quad_mpc_ros.commands.run_recorder import RunRecorder
+    from quad_mpc_ros.messages import topics
+    from quad_mpc_ros.replay.resolution import resolve
+
     others = {
         node: values
         for node, values in run.parameters.items()
-        if node.rsplit("/", 1)[-1] != MpcConfig.owner
+        if node.rsplit("/", 1)[-1] != mpc.owner
     }
     told = _Warnings()
     steps = []
     with RunRecorder(
         bag,
-        topics=_TOPICS,
-        parameters={**others, MpcConfig.owner: mpc.flattened()},
+        topics=(
+            topics.ODOMETRY,
+            topics.REFERENCE,
+            topics.COMMAND,
+            topics.RECORDED_COMMAND,
+            topics.PREDICTED_PATH,
+            topics.STATS,
+        ),
+        parameters={**others, mpc.owner: mpc.flattened()},
         frame_id=mpc.odometry.frame_id,
     ) as recorder:
         for sent in run.commands:
             recorder.command(
                 sent.value,
-                topic=RECORDED_COMMAND,
+                topic=topics.RECORDED_COMMAND,
                 time_ns=sent.log_time_ns,
                 answered_ns=sent.publish_time_ns,
             )
@@ -136,6 +170,8 @@ class _Warnings:
 
 def _compared(run: RecordedRun, steps: Iterable[Resolved]) -> CommandComparison:
     """Compare up to the end of the flight, after which the watchdog rightly acts."""
+    from quad_mpc_ros.replay.command_comparison import compare_commands
+
     end_ns = max(odometry.value.stamp_ns for odometry in run.odometries)
     ticks = [step.tick for step in steps if step.tick is not None]
     return compare_commands(
@@ -149,17 +185,28 @@ def _compared(run: RecordedRun, steps: Iterable[Resolved]) -> CommandComparison:
 def _write_results(
     out: Path, run: RecordedRun, comparison: CommandComparison, mpc: MpcConfig
 ) -> None:
-    summary: dict[str, Any] = {
+    from quad_mpc_ros.replay.command_comparison import comparison_table, write_command_comparison
+
+    summary = {
         "bag": str(run.bag),
         "odometries": len(run.odometries),
         **comparison.summary(),
-        "config": {MpcConfig.owner: mpc.flattened()},
+        "config": {mpc.owner: mpc.flattened()},
     }
-    try:
-        text = json.dumps(summary, indent=2, allow_nan=False)
-        (out / "summary.json").write_text(text + "\n", encoding="utf-8")
+    with results_in(out):
+        write_json(out / "summary.json", summary)
         figure = write_command_comparison(comparison, out / "figures" / "commands.png")
-    except OSError as error:
-        raise UserError(f"{out}: results cannot be written: {error.strerror}") from error
     print(comparison_table(comparison))
     print(f"\nbag      {out / 'bag'}\nsummary  {out / 'summary.json'}\nfigure   {figure}")
+
+
+COMMAND = Command(
+    name="resolve",
+    help="feed a recorded flight to the controller: what would it have commanded?",
+    description="Feed the recorded odometry and reference to the controller, without ROS, and "
+    "compare its commands with the recorded ones. With the recorded parameters, which are the "
+    "default, they are the same; --config and --set ask what others would have commanded. "
+    "Writes DIR/bag, DIR/summary.json and DIR/figures/commands.png.",
+    add_options=_add_options,
+    run=_run,
+)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.commands.command import EXIT_FAILED
+from quad_mpc_ros.commands.output import results_in, write_json
 from quad_mpc_ros.evaluation.flight import read_flight
 from quad_mpc_ros.evaluation.metrics import summarise
 from quad_mpc_ros.evaluation.table import summary_table
 from quad_mpc_ros.figures.flight_figures import write_figures
-
-EXIT_FAILSAFE = 1
 
 
 def finish(out: Path, *, wall_seconds: float) -> int:
@@ -24,19 +22,16 @@ def finish(out: Path, *, wall_seconds: float) -> int:
     print("  evaluating the recording", file=sys.stderr, flush=True)
     flight = read_flight(out / "bag")
     summary = summarise(flight, wall_seconds=wall_seconds)
-    try:
-        text = json.dumps(summary, indent=2, allow_nan=False)
-        (out / "summary.json").write_text(text + "\n", encoding="utf-8")
+    with results_in(out):
+        write_json(out / "summary.json", summary)
         figures = write_figures(flight, out / "figures")
-    except OSError as error:
-        raise UserError(f"{out}: results cannot be written: {error.strerror}") from error
     print(summary_table(summary))
     print(f"\nbag      {out / 'bag'}\nsummary  {out / 'summary.json'}")
     print(f"figures  {', '.join(str(path) for path in figures)}")
     failure = _failure(summary)
     if failure:
         print(f"\n{failure}", file=sys.stderr)
-        return EXIT_FAILSAFE
+        return EXIT_FAILED
     return 0
 
 

@@ -1,61 +1,19 @@
-"""What ``fly`` and ``simulate`` have in common: options, configuration, the folder of a run."""
+"""The options of the commands that fly: what is configured, how long, from where, into what."""
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import datetime
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
-import yaml
-
-from quad_mpc_ros.configuration import UserError, files
-from quad_mpc_ros.evaluation.recorded_reference import read_recording
-from quad_mpc_ros.lie import so3
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings.config import RecorderConfig
-from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.plants import PLANTS, make_plant
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory
-from quad_mpc_ros.trajectories.config import TRAJECTORY_NAMES, ReferenceConfig
-from quad_mpc_ros.trajectories.trajectory import Trajectory
-
-SCHEMA: files.Schema = {
-    "mpc": MpcConfig,
-    "simulator": SimulatorConfig,
-    "reference": ReferenceConfig,
-    "recorder": RecorderConfig,
-}
-_DEFAULT_DURATION = 10.0
-# What the controller must know of a plant that is not the package's own vehicle.
-_PRESET_OF_PLANT = {"rotorpy": "rotorpy"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunConfig:
-    """The resolved configuration of every node of a run, what it flies, where its results go."""
-
-    mpc: MpcConfig
-    simulator: SimulatorConfig
-    reference: ReferenceConfig
-    recorder: RecorderConfig
-    trajectory: Trajectory
-    out: Path
-
-    @property
-    def bag(self) -> Path:
-        """Folder of the recorded bag."""
-        return self.out / "bag"
+DEFAULT_DURATION = 10.0  # s
 
 
 def add_configuration_options(
     parser: argparse.ArgumentParser, *, reference: str = "square"
 ) -> None:
     """Add the options that say what is configured to a command."""
+    from quad_mpc_ros.trajectories.config import TRAJECTORY_NAMES
+
     parser.add_argument(
         "--config",
         action="append",
@@ -79,16 +37,6 @@ def add_configuration_options(
     )
 
 
-def add_fly_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a run over DDS to a command."""
-    add_run_options(parser)
-    parser.add_argument(
-        "--lockstep",
-        action="store_true",
-        help="simulated time that waits for every command: repeatable bit for bit",
-    )
-
-
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run to a command."""
     add_configuration_options(parser)
@@ -103,7 +51,7 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         "--duration",
         type=float,
         metavar="S",
-        help=f"length of the flight in seconds (default: {_DEFAULT_DURATION:g})",
+        help=f"length of the flight in seconds (default: {DEFAULT_DURATION:g})",
     )
     parser.add_argument(
         "--out",
@@ -113,125 +61,3 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         "(default: runs/<date-time>_<reference>)",
     )
     parser.set_defaults(plant=None)
-
-
-def add_simulate_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a run that need not keep up with a wall clock: what flies, too."""
-    add_run_options(parser)
-    parser.add_argument(
-        "--plant",
-        metavar="NAME",
-        help=f"what flies: {', '.join(PLANTS)} (default: as simulator.plant says, internal); "
-        "rotorpy comes with its preset, over which --config and --set win",
-    )
-
-
-def resolve(options: argparse.Namespace, *, lockstep: bool) -> RunConfig:
-    """Return the configuration of a run, its folder made and empty.
-
-    Raises :class:`UserError` for anything that cannot be used.
-    """
-    sources, made = _sources(options), _assignments(options, lockstep=lockstep)
-    loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
-    reference = cast(ReferenceConfig, loaded["reference"])
-    trajectory = configured_trajectory(reference, read_bag=read_recording)
-    if _starts_on_reference(options, trajectory, reference):
-        made += _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
-        loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
-    make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
-    out = prepared_out(options.out or default_out(reference.trajectory))
-    return RunConfig(
-        mpc=cast(MpcConfig, loaded["mpc"]),
-        simulator=cast(SimulatorConfig, loaded["simulator"]),
-        reference=reference,
-        recorder=dataclasses.replace(
-            cast(RecorderConfig, loaded["recorder"]), directory=str(out / "bag")
-        ),
-        trajectory=trajectory,
-        out=out,
-    )
-
-
-def _sources(options: argparse.Namespace) -> list[str]:
-    """Return the parameter files, that of the plant first."""
-    preset = _PRESET_OF_PLANT.get(options.plant)
-    return [*([preset] if preset else []), *(options.config or ["default"])]
-
-
-def _starts_on_reference(
-    options: argparse.Namespace, trajectory: Trajectory, reference: ReferenceConfig
-) -> bool:
-    if reference.mode == "at_once":
-        return (options.start or ("reference" if trajectory.smooth else "ground")) == "reference"
-    if options.start == "reference":
-        raise UserError(
-            f"--start: given 'reference', expected 'ground' with reference.mode={reference.mode}"
-        )
-    return False
-
-
-def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
-    """Return the options as assignments, to come before the explicit ones, which win."""
-    duration = _DEFAULT_DURATION if options.duration is None else options.duration
-    if not (math.isfinite(duration) and duration > 0.0):
-        raise UserError(f"--duration: given {duration}, expected a number > 0")
-    made = [f"simulator.duration={duration}"]
-    made += [
-        f"{node}.lockstep={str(lockstep).lower()}" for node in ("mpc", "simulator", "reference")
-    ]
-    if options.plant is not None:
-        made.append(f"simulator.plant={options.plant}")
-    if options.reference is not None:
-        made.append(f"reference.trajectory={options.reference}")
-    return made
-
-
-def _start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> list[str]:
-    """Return the assignments that start the simulator in motion on a trajectory.
-
-    Raises :class:`UserError` when the simulator's vehicle has no throttle for it.
-    """
-    start = trajectory.at([0])
-    R_WB = so3.rotation_from_quaternion_xyzw(start.q_WB_xyzw[0])
-    vehicle = simulator.vehicle()
-    force = start.a_WB_W[0] + vehicle.drag * start.v_WB_W[0] + [0.0, 0.0, vehicle.gravity]
-    try:
-        throttle = vehicle.throttle_for(vehicle.mass * float(R_WB[:, 2] @ force))
-    except ValueError as error:
-        raise UserError(f"--start reference: {error}; --start ground needs none") from error
-    values = {
-        "initial_position": start.p_WB[0].tolist(),
-        "initial_velocity": start.v_WB_W[0].tolist(),
-        "initial_attitude": start.q_WB_xyzw[0].tolist(),
-        "initial_body_rates": (R_WB.T @ start.w_WB_W[0]).tolist(),
-        "initial_throttle": throttle,
-    }
-    return [f"simulator.{name}={_yaml(value)}" for name, value in values.items()]
-
-
-def _yaml(value: float | list[float]) -> str:
-    """Return a value as YAML reads it back exactly, which it does not with every ``repr``."""
-    return yaml.safe_dump([value], default_flow_style=True, width=math.inf).strip()[1:-1]
-
-
-def default_out(label: str) -> Path:
-    """Return the folder of a run that was not given one."""
-    now = datetime.datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
-    return Path("runs") / f"{now}_{label}"
-
-
-def prepared_out(out: Path, *, holds: Sequence[str] = ("bag", "summary.json", "figures")) -> Path:
-    """Make the folder of a run and return it; refuse one that has what it is to hold."""
-    for name in holds:
-        if (out / name).exists():
-            raise UserError(
-                f"--out: {out / name} exists and is not overwritten; give a new folder"
-            )
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        probe = out / ".writable"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise UserError(f"--out: {out} cannot be written: {error.strerror}") from error
-    return out

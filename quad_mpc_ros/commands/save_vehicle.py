@@ -6,20 +6,57 @@ import argparse
 import math
 import sys
 from datetime import UTC, datetime
+from pathlib import Path
 
-from quad_mpc_ros.commands.new_file import check_writable, write_new
+from quad_mpc_ros.commands.command import Command
+from quad_mpc_ros.commands.output import check_writable, write_new
 from quad_mpc_ros.commands.processes import require_ros
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.identification import learned, learned_file
 
 
-def save_vehicle(options: argparse.Namespace) -> int:
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    """Add whom to watch and for how long."""
+    parser.add_argument(
+        "--node",
+        default="/mpc",
+        metavar="NAME",
+        help="full name of the running MPC node, for example /uav1/mpc (default: /mpc)",
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        default=5.0,
+        metavar="S",
+        help="how long to watch what it estimates (default: 5)",
+    )
+    add_vehicle_file_options(parser)
+    parser.add_argument(
+        "--overwrite", action="store_true", help="let --out replace an existing file"
+    )
+
+
+def add_vehicle_file_options(parser: argparse.ArgumentParser) -> None:
+    """Add where to write the file, and what it shall leave as it is."""
+    parser.add_argument(
+        "--keep",
+        choices=("mass", "curve"),
+        default="mass",
+        help="what is believed of thrust per mass, of which a flight shows the quotient only: "
+        "mass scales the thrust curve, curve the mass (default: mass)",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="parameter file to write, instead of printing it"
+    )
+
+
+def _run(options: argparse.Namespace) -> int:
     """Watch, tell, write; return the exit code."""
     check_writable("--out", options.out, overwrite=options.overwrite)
     if not (math.isfinite(options.duration) and options.duration > 0.0):
         raise UserError(f"--duration: given {options.duration}, expected a number > 0")
     require_ros("save-vehicle", instead="; 'identify' finds the vehicle in a recorded flight")
     from quad_mpc_ros.commands.running_mpc import RunningMpc
+    from quad_mpc_ros.identification import learned, learned_file
 
     with RunningMpc(options.node) as mpc:
         config = mpc.configuration()
@@ -42,3 +79,15 @@ def save_vehicle(options: argparse.Namespace) -> int:
         file=sys.stderr,
     )
     return 0
+
+
+COMMAND = Command(
+    name="save-vehicle",
+    help="save what a flying controller has learned of thrust and lags to a parameter file",
+    description="Watch the estimates of a running MPC node for a few seconds of flight, and "
+    "print its vehicle with them as a ROS parameter file for --config. The vehicle flies on "
+    "as it was: the file is for the next start. Exit code 2 when the MPC does not fly or the "
+    "estimates have not settled.",
+    add_options=_add_options,
+    run=_run,
+)

@@ -5,31 +5,42 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from typing import TYPE_CHECKING
 
-import numpy as np
-
+from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.progress import Progress
-from quad_mpc_ros.commands.results import finish
-from quad_mpc_ros.commands.run_options import SCHEMA, RunConfig, resolve
-from quad_mpc_ros.commands.run_recorder import RunRecorder
+from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.messages.topics import (
-    COMMAND,
-    ODOMETRY,
-    PREDICTED_PATH,
-    REFERENCE,
-    REFERENCE_PATH,
-    STATS,
-)
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
-from quad_mpc_ros.trajectories.server import ReferenceServer
 
-_TOPICS = (ODOMETRY, REFERENCE, COMMAND, PREDICTED_PATH, REFERENCE_PATH, STATS)
+if TYPE_CHECKING:
+    from quad_mpc_ros.commands.run_configuration import RunConfig
+    from quad_mpc_ros.commands.run_recorder import RunRecorder
+    from quad_mpc_ros.simulation.closed_loop import LoopStep
 
 
-def simulate(options: argparse.Namespace) -> int:
+def add_simulate_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a run that need not keep up with a wall clock: what flies, too."""
+    from quad_mpc_ros.simulation.plants import PLANTS
+
+    add_run_options(parser)
+    parser.add_argument(
+        "--plant",
+        metavar="NAME",
+        help=f"what flies: {', '.join(PLANTS)} (default: as simulator.plant says, internal); "
+        "rotorpy comes with its preset, over which --config and --set win",
+    )
+
+
+def _run(options: argparse.Namespace) -> int:
     """Fly, record and evaluate; return the exit code."""
-    config = resolve(options, lockstep=True)
+    import numpy as np
+
+    from quad_mpc_ros.commands.results import finish
+    from quad_mpc_ros.commands.run_configuration import run_configuration
+    from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly
+    from quad_mpc_ros.trajectories.server import ReferenceServer
+
+    config = run_configuration(options, lockstep=True)
     if config.reference.mode != "at_once":
         raise ConfigurationError(
             "reference.mode", config.reference.mode, "at_once: simulate takes no requests"
@@ -58,9 +69,20 @@ def simulate(options: argparse.Namespace) -> int:
 
 
 def _recorder(config: RunConfig) -> RunRecorder:
+    from quad_mpc_ros.commands.run_configuration import SCHEMA
+    from quad_mpc_ros.commands.run_recorder import RunRecorder
+    from quad_mpc_ros.messages import topics
+
     return RunRecorder(
         config.bag,
-        topics=_TOPICS,
+        topics=(
+            topics.ODOMETRY,
+            topics.REFERENCE,
+            topics.COMMAND,
+            topics.PREDICTED_PATH,
+            topics.REFERENCE_PATH,
+            topics.STATS,
+        ),
         parameters={node: getattr(config, node).flattened() for node in SCHEMA},
         frame_id=config.mpc.odometry.frame_id,
         compression=config.recorder.compression,
@@ -75,3 +97,13 @@ def _record(recorder: RunRecorder, step: LoopStep) -> None:
     if step.tick is not None:
         recorder.tick(step.tick, time_ns=stamp_ns)
     recorder.flush_if_due()
+
+
+COMMAND = Command(
+    name="simulate",
+    help="fly the same in one process without ROS, faster than real time",
+    description="Fly the closed loop in one process, without ROS. Writes the same files as "
+    "'fly'; the commands are those of 'fly --lockstep', bit for bit.",
+    add_options=add_simulate_options,
+    run=_run,
+)

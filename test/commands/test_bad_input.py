@@ -125,7 +125,7 @@ def test_bad_parameter_file(kind: str, tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_wildcard_reaches_every_node_that_knows_the_name(tmp_path: Path) -> None:
-    from quad_mpc_ros.commands.run_options import SCHEMA
+    from quad_mpc_ros.commands.run_configuration import SCHEMA
     from quad_mpc_ros.configuration import files
 
     file = tmp_path / "parameters.yaml"

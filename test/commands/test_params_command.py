@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.commands.run_options import SCHEMA
+from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import files
 from quad_mpc_ros.mpc_config import MpcConfig
 

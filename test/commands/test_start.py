@@ -10,7 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.commands.run_options import RunConfig, add_run_options, resolve
+from quad_mpc_ros.commands.run_configuration import RunConfig, run_configuration
+from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.simulation.closed_loop import fly
@@ -22,7 +23,7 @@ from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 def resolved(out: Path, *arguments: str) -> RunConfig:
     parser = argparse.ArgumentParser()
     add_run_options(parser)
-    return resolve(parser.parse_args([*arguments, "--out", str(out)]), lockstep=True)
+    return run_configuration(parser.parse_args([*arguments, "--out", str(out)]), lockstep=True)
 
 
 def start_of(simulator: SimulatorConfig) -> dict[str, object]:

@@ -23,7 +23,7 @@ import yaml
 from fixtures.setup_py import declared, write_metadata
 
 from quad_mpc_ros.bridges.registry import bridge_configurations
-from quad_mpc_ros.commands.run_options import SCHEMA
+from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import Configuration, files
 from quad_mpc_ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.nodes.reference_node import ReferenceNode

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.commands.run_options import add_run_options, resolve
+from quad_mpc_ros.commands.run_configuration import run_configuration
+from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
@@ -49,7 +50,7 @@ def flown(out: Path, *arguments: str) -> Flown:
     """Fly what ``quad_mpc simulate`` would fly."""
     parser = argparse.ArgumentParser()
     add_run_options(parser)
-    run = resolve(parser.parse_args([*arguments, "--out", str(out)]), lockstep=True)
+    run = run_configuration(parser.parse_args([*arguments, "--out", str(out)]), lockstep=True)
     steps = list(
         fly(
             mpc=run.mpc,

@@ -16,11 +16,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.commands.run_options import (
-    SCHEMA,
-    add_simulate_options,
-    resolve,
-)
+from quad_mpc_ros.commands.run_configuration import SCHEMA, run_configuration
+from quad_mpc_ros.commands.simulate import add_simulate_options
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -196,7 +193,7 @@ def test_files_and_assignments_win_over_the_preset_of_the_plant(tmp_path: Path) 
     add_simulate_options(parser)
     arguments = ["--plant", "rotorpy", "--config", str(heavier), "--set", "mpc.drag=0.4"]
     arguments += ["--out", str(tmp_path / "run")]
-    run = resolve(parser.parse_args(arguments), lockstep=True)
+    run = run_configuration(parser.parse_args(arguments), lockstep=True)
     assert (run.mpc.mass, run.mpc.drag, run.mpc.motor_count) == (0.6, 0.4, 4)
     assert run.mpc.thrust_curve == run.simulator.thrust_curve == run.reference.thrust_curve
     assert run.simulator.plant == "rotorpy"

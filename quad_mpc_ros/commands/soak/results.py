@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from quad_mpc_ros.commands.output import results_in, write_json
 from quad_mpc_ros.commands.soak.campaign import Outcome
+from quad_mpc_ros.commands.soak.command import PICTURE, RESULT
 from quad_mpc_ros.commands.soak.endurance import PERIODS_TO_CATCH_UP
-from quad_mpc_ros.commands.soak.options import PICTURE, RESULT
 from quad_mpc_ros.commands.soak.rig import Rig
-from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.figures.soak_figure import SoakSeries, write_soak_figure
 from quad_mpc_ros.mpc_config import MpcConfig
 
@@ -31,13 +30,10 @@ def write_results(
     outcomes: Sequence[Outcome] = (),
 ) -> None:
     """Write figures and picture of a soak into its folder; raises :class:`UserError`."""
-    try:
-        text = json.dumps(result, indent=2, allow_nan=False)
-        (out / RESULT).write_text(text + "\n", encoding="utf-8")
+    with results_in(out):
+        write_json(out / RESULT, result)
         if rig.watch.ticks:
             write_soak_figure(_series(rig, config, outcomes), out / PICTURE)
-    except OSError as error:
-        raise UserError(f"{out}: results cannot be written: {error.strerror}") from error
 
 
 def outcome_lines(outcome: Outcome) -> list[str]:

@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from quad_mpc_ros.commands.observer import Observer
 from quad_mpc_ros.commands.processes import NodeProcess
-from quad_mpc_ros.commands.run_options import RunConfig
+from quad_mpc_ros.commands.run_configuration import RunConfig
 from quad_mpc_ros.commands.soak.relay import PREFIX, odometry_relay, reference_relay
 from quad_mpc_ros.commands.soak.watch import Watch, resident_memory
 from quad_mpc_ros.faults.parameter_storm import Change

@@ -1,0 +1,39 @@
+"""What ``quad_mpc --help`` tells, and how little it imports for it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from quad_mpc_ros.cli import COMMANDS, main
+
+SLOW = {"numpy", "scipy", "numba", "rclpy", "matplotlib", "rosbags", "osqp"}
+
+
+def test_help_imports_nothing_that_takes_time() -> None:
+    program = f"""
+import sys
+from quad_mpc_ros.cli import main
+try:
+    main(["--help"])
+except SystemExit as end:
+    assert end.code == 0
+slow = {{name.split(".")[0] for name in sys.modules}} & {SLOW!r}
+assert not slow, slow
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    for command in COMMANDS:
+        assert command.name in done.stdout
+
+
+@pytest.mark.parametrize("name", [command.name for command in COMMANDS])
+def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([name, "--help"])
+    assert end.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: quad_mpc {name} ")
