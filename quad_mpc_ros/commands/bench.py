@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, write_json
-from quad_mpc_ros.configuration import ConfigurationError, UserError, files
+from quad_mpc_ros.configuration import ConfigurationError, UserError
 
 if TYPE_CHECKING:
     from quad_mpc_ros.bench.config import BenchConfig
@@ -139,6 +139,7 @@ def _configuration(options: argparse.Namespace) -> BenchConfig:
     """Return what the options ask for; raises :class:`UserError` for what cannot be used."""
     from quad_mpc_ros.bench.config import BenchConfig
     from quad_mpc_ros.commands.run_configuration import SCHEMA
+    from quad_mpc_ros.configuration import files
 
     _check_options(options)
     # The peers know the model only, and so does the controller then.

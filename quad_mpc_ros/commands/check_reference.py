@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, cast
 from quad_mpc_ros.commands.command import EXIT_FAILED, Command
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
 from quad_mpc_ros.commands.run_options import add_configuration_options
-from quad_mpc_ros.configuration import files
 
 if TYPE_CHECKING:
     from quad_mpc_ros.mpc_config import MpcConfig
@@ -34,6 +33,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Judge, show and draw; return the exit code."""
     from quad_mpc_ros.commands.run_configuration import SCHEMA
+    from quad_mpc_ros.configuration import files
     from quad_mpc_ros.evaluation.recorded_reference import read_recording
     from quad_mpc_ros.figures.reference_figure import write_reference
     from quad_mpc_ros.trajectories.catalogue import judged_trajectory

@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import quad_mpc_ros
-from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
     from quad_mpc_ros.commands.run_configuration import RunConfig
@@ -43,6 +43,8 @@ class NodeProcess:
         remaps: Mapping[str, str] = MappingProxyType({}),
         overrides: Mapping[str, Any] = MappingProxyType({}),
     ) -> None:
+        from quad_mpc_ros.configuration import files
+
         self.node = node
         self._log = run.out / "log" / f"{node}.log"
         self._log.parent.mkdir(exist_ok=True)

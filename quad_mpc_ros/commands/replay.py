@@ -8,7 +8,7 @@ from pathlib import Path
 
 from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.processes import require_ros, run_in_foreground
-from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.configuration import UserError
 
 _CLOCK_RATE = 40.0  # as ros2 bag play
 
@@ -59,6 +59,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     """Play a bag until its end or Ctrl-C; return the exit code of the player."""
+    from quad_mpc_ros.configuration import files
     from quad_mpc_ros.recordings.config import PlayerConfig
 
     remaps = [argument for rule in options.remap for argument in ("-r", _remap(rule))]

@@ -9,7 +9,7 @@ import pytest
 
 from quad_mpc_ros.cli import COMMANDS, main
 
-SLOW = {"numpy", "scipy", "numba", "rclpy", "matplotlib", "rosbags", "osqp"}
+SLOW = {"numpy", "scipy", "numba", "rclpy", "matplotlib", "rosbags", "osqp", "yaml"}
 
 
 def test_help_imports_nothing_that_takes_time() -> None:
