@@ -16,6 +16,7 @@ from quad_mpc_ros.commands.recording import (
     recorded_configuration,
     topic_names,
 )
+from quad_mpc_ros.configuration import BagError
 
 if TYPE_CHECKING:
     from quad_mpc_ros.mpc_config import MpcConfig
@@ -55,7 +56,6 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Feed, record, compare, tell; return the exit code."""
     from quad_mpc_ros.messages.topics import REFERENCE
-    from quad_mpc_ros.configuration import BagError
     from quad_mpc_ros.recordings.recorded_run import read_run
 
     bag = bag_of(options.bag)
