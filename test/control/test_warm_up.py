@@ -17,7 +17,9 @@ from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
-ROOMS = "quad_mpc_ros."
+ROOMS = tuple(
+    f"quad_mpc_ros.{room}" for room in ("control", "safety", "estimation", "ocp", "model.rollout")
+)
 
 def compiled():
     return {
