@@ -16,8 +16,8 @@ from quad_mpc_ros.evaluation import read_flight
 from quad_mpc_ros.evaluation.recorded_reference import read_recording
 from quad_mpc_ros.figures import write_comparison, write_figures
 from quad_mpc_ros.figures.reference_figure import write_reference
-from quad_mpc_ros.trajectories.catalogue import judged_trajectory
-from quad_mpc_ros.trajectories.config import TRAJECTORY_NAMES, ReferenceConfig
+from quad_mpc_ros.trajectories.config import TRAJECTORIES, ReferenceConfig
+from quad_mpc_ros.trajectories.configured import judged_trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
@@ -53,7 +53,7 @@ def update_references() -> None:
         manifold = ["--set", "mpc.formulation=manifold", "--set", "mpc.terminal_weight=30"]
         main(["simulate", "--duration", "8", *manifold, "--out", str(run)])
         files = {"csv": str(_helix(Path(scratch))), "bag": str(run / "bag")}
-        for name in TRAJECTORY_NAMES:
+        for name in TRAJECTORIES:
             changes = {"trajectory": name, **REFERENCE_CHANGES.get(name, {})}
             if name in files:
                 changes["file"] = files[name]

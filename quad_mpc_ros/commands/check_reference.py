@@ -36,7 +36,7 @@ def _run(options: argparse.Namespace) -> int:
     from quad_mpc_ros.configuration import files
     from quad_mpc_ros.evaluation.recorded_reference import read_recording
     from quad_mpc_ros.figures.reference_figure import write_reference
-    from quad_mpc_ros.trajectories.catalogue import judged_trajectory
+    from quad_mpc_ros.trajectories.configured import judged_trajectory
 
     assignments = list(options.assignments)
     if options.reference is not None:

@@ -12,7 +12,7 @@ def add_configuration_options(
     parser: argparse.ArgumentParser, *, reference: str = "square"
 ) -> None:
     """Add the options that say what is configured to a command."""
-    from quad_mpc_ros.trajectories.config import TRAJECTORY_NAMES
+    from quad_mpc_ros.trajectories.config import TRAJECTORIES
 
     parser.add_argument(
         "--config",
@@ -25,7 +25,7 @@ def add_configuration_options(
     parser.add_argument(
         "--reference",
         metavar="NAME",
-        help=f"trajectory to fly: {', '.join(TRAJECTORY_NAMES)} (default: {reference})",
+        help=f"trajectory to fly: {', '.join(TRAJECTORIES)} (default: {reference})",
     )
     parser.add_argument(
         "--set",

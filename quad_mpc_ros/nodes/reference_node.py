@@ -18,8 +18,8 @@ from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import decoded, new_message
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.safety.validation import odometry_fault
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory, joined_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory, joined_trajectory
 from quad_mpc_ros.trajectories.director import Reply
 from quad_mpc_ros.trajectories.live import LiveReference
 from quad_mpc_ros.trajectories.timeline import FlightTime

@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
+from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.path import PathSamples
+from quad_mpc_ros.trajectories.trajectory import TrajectoryParameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class CircleParameters(TrajectoryParameters):
+    """The circle's own."""
+
+    circle_radius: float = parameter(
+        2.0, doc="circle: its radius.", unit="m", above=0.0, maximum=1e4
+    )
+    circle_speed: float = parameter(
+        2.0, doc="circle: speed along it.", unit="m/s", above=0.0, maximum=1e3
+    )
 
 
 class Circle:
@@ -16,7 +30,7 @@ class Circle:
 
     periodic = True
 
-    def __init__(self, config: ReferenceConfig) -> None:
+    def __init__(self, config: CircleParameters) -> None:
         self._centre = np.array([*config.origin, config.height])
         self._radius = config.circle_radius
         self._frequency = config.circle_speed / config.circle_radius

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.catalogue import limits_of
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.feasibility import judged
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
@@ -222,7 +221,7 @@ class Director:
     def _objection(self, name: str, leg: FlatTrajectory) -> str:
         """Return why a leg cannot be flown, or nothing."""
         limits = dataclasses.replace(
-            limits_of(self._config), ground=-np.inf if _is_vertical(name) else self._ground
+            self._config.limits(), ground=-np.inf if _is_vertical(name) else self._ground
         )
         verdict = judged(leg, self._config.vehicle(), limits)
         if not verdict.feasible:

@@ -8,15 +8,21 @@ begins with, and from the fall that it ends with back to where it began.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
+from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.minimum_snap import End, Leg, leg_within
 from quad_mpc_ros.trajectories.path import Chain, Path, with_lowest_point
 from quad_mpc_ros.trajectories.smooth_turn import SmoothTurn
-from quad_mpc_ros.trajectories.thrust_path import ThrustPath, coasting_end, turning_thrust
+from quad_mpc_ros.trajectories.thrust_path import (
+    ThrustPath,
+    TurnParameters,
+    coasting_end,
+    turning_thrust,
+)
 
 _UP = np.array([0.0, 0.0, 1.0])
 _CLIMB_ACCELERATION = 0.5  # mean over the way to the turn, over gravity
@@ -24,7 +30,14 @@ _RECOVERY_ACCELERATION = 1.2  # over gravity
 _SAMPLES = 201
 
 
-def flip(config: ReferenceConfig) -> Path:
+@dataclass(frozen=True, kw_only=True)
+class FlipParameters(TurnParameters):
+    """The flip's own."""
+
+    flip_axis: str = parameter("pitch", doc="flip: axis to turn about.", choices=("pitch", "roll"))
+
+
+def flip(config: FlipParameters) -> Path:
     """Return the flip of a configuration, its lowest point at the configured height."""
     turn = SmoothTurn.with_peak_rate(math.tau, rate=config.flip_rate)
     force = config.coasting_thrust * config.gravity
@@ -55,7 +68,7 @@ def flip(config: ReferenceConfig) -> Path:
     return with_lowest_point(Chain([entry, over, recovery]), config.height)
 
 
-def _side(config: ReferenceConfig) -> Array:
+def _side(config: FlipParameters) -> Array:
     """Return the horizontal direction (3,) that the thrust turns to: forwards, or right."""
     forward = np.array([math.cos(config.yaw), math.sin(config.yaw), 0.0])
     return forward if config.flip_axis == "pitch" else np.cross(forward, _UP)

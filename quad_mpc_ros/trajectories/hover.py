@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.trajectory import TrajectorySamples, at_rest
+from quad_mpc_ros.trajectories.trajectory import (
+    TrajectoryParameters,
+    TrajectorySamples,
+    at_rest,
+)
 
 
 class Hover:
@@ -14,7 +17,7 @@ class Hover:
     smooth = True
     period_ns = 0
 
-    def __init__(self, config: ReferenceConfig) -> None:
+    def __init__(self, config: TrajectoryParameters) -> None:
         self._p_WB = np.array([*config.origin, config.height])
         self._yaw = config.yaw
 

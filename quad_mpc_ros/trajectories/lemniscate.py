@@ -7,12 +7,32 @@ belong to the path. It crosses its origin at t = 0, in full motion.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
+from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.path import PathSamples
+from quad_mpc_ros.trajectories.trajectory import TrajectoryParameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class LemniscateParameters(TrajectoryParameters):
+    """The eight's own."""
+
+    amplitude_x: float = parameter(
+        3.0, doc="lemniscate: largest distance east of its origin.", unit="m", minimum=0.0
+    )
+    amplitude_y: float = parameter(
+        1.5, doc="lemniscate: largest distance north of its origin.", unit="m", minimum=0.0
+    )
+    angular_frequency: float = parameter(
+        1.0,
+        doc="lemniscate: angle of its eastward oscillation per time; northward it is twice that.",
+        unit="rad/s",
+        minimum=0.001,
+    )
 
 
 class Lemniscate:
@@ -20,7 +40,7 @@ class Lemniscate:
 
     periodic = True
 
-    def __init__(self, config: ReferenceConfig) -> None:
+    def __init__(self, config: LemniscateParameters) -> None:
         self._origin = np.array([*config.origin, config.height])
         self._amplitude = np.array([config.amplitude_x, config.amplitude_y, 0.0])
         self._frequency = config.angular_frequency * np.array([1.0, 2.0, 0.0])

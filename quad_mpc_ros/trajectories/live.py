@@ -14,12 +14,11 @@ import numpy as np
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.trajectories.catalogue import limits_of
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.director import GROUND, LANDING, Director, Reply
 from quad_mpc_ros.trajectories.feasibility import judged
 from quad_mpc_ros.trajectories.flatness import yaw_of
-from quad_mpc_ros.trajectories.point_table import pose_fault, received_trajectory
+from quad_mpc_ros.trajectories.received import pose_fault, received_trajectory
 from quad_mpc_ros.trajectories.server import ReferenceServer
 from quad_mpc_ros.trajectories.touchdown import Touchdown
 from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples
@@ -158,7 +157,7 @@ class LiveReference:
             trajectory = received_trajectory(message, self._config)
         except (UserError, ValueError) as error:
             return Reply(accepted=False, text=str(error))
-        limits = dataclasses.replace(limits_of(self._config), ground=self._director.ground)
+        limits = dataclasses.replace(self._config.limits(), ground=self._director.ground)
         verdict = judged(trajectory, self._config.vehicle(), limits)
         fault = verdict.reason() or self._out_of_reach(self._director, message.p_WB)
         if fault:

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.trajectories.path import PathSamples, SplinePath
+from quad_mpc_ros.trajectories.trajectory import TrajectoryParameters
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -28,6 +30,28 @@ _DEGREE = 7
 _COARSE, _FINE = 20, 400  # samples a leg: to compare allocations, and to hold the limits
 _MOST_OPTIMISED = 12  # legs; beyond that the shares stay as they begin
 _SIMPLEX: Any = {"maxfev": 400, "xatol": 1e-2, "fatol": 1e-3}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegParameters(TrajectoryParameters):
+    """How quick the legs of least snap may be."""
+
+    max_speed: float = parameter(
+        5.0,
+        doc="waypoints, minimum_snap, the ways in and out of csv and bag, and what services and "
+        "goals ask for: highest speed.",
+        unit="m/s",
+        above=0.0,
+        maximum=1e3,
+    )
+    max_acceleration: float = parameter(
+        2.0,
+        doc="waypoints, minimum_snap, the ways in and out of csv and bag, and what services and "
+        "goals ask for: highest acceleration.",
+        unit="m/s^2",
+        above=0.0,
+        maximum=1e3,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

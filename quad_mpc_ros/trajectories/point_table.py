@@ -1,6 +1,6 @@
 """Positions over time, wherever they come from, made a path to fly.
 
-From a recorded run, from a received message, or from a file of comma-separated values with the
+From a recorded run, from a message, or from a file of comma-separated values with the
 units in the header:
 
     time [s], x [m], y [m], z [m], yaw [rad]
@@ -14,34 +14,43 @@ order. Empty lines and lines that begin with ``#`` are passed over.
 from __future__ import annotations
 
 import csv
-import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 
 import numpy as np
 
-from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.samples import ReferenceWindow
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
-from quad_mpc_ros.trajectories.flatness import yaw_of
-from quad_mpc_ros.trajectories.minimum_snap import End, Leg, leg_within, snap_spline
+from quad_mpc_ros.configuration import ConfigurationError, UserError, parameter
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.trajectories.minimum_snap import (
+    End,
+    Leg,
+    LegParameters,
+    leg_within,
+)
 from quad_mpc_ros.trajectories.path import Chain, Path, SplinePath, Turned
 from quad_mpc_ros.trajectories.smoothing import smooth_curve
 
-_LEAST_POINTS = 6
+LEAST_POINTS = 6
 _SLOW = 0.5  # m/s
 _YAW_TOLERANCE = 0.01  # rad
-# Of a file.
 _UNITS = {"time": "s", "x": "m", "y": "m", "z": "m", "yaw": "rad"}
 _OPTIONAL = {"yaw"}
 _HEADER = ", ".join(f"{name} [{unit}]" for name, unit in _UNITS.items())
-# Of a message. The time to prepare it grows with the last two, and windows must go on meanwhile.
-_QUATERNION_TOLERANCE = 1e-3
-_LARGEST = 1e8  # m: room for map coordinates
-_MOST_POINTS, _LONGEST = 1000, 600.0  # s
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableParameters(LegParameters):
+    """Where the points come from, and how near to them it is flown."""
+
+    file: str = parameter("", doc="csv: the table to fly. bag: the recorded run to fly again.")
+    path_tolerance: float = parameter(
+        0.005,
+        doc="csv, bag: how far the smooth curve may be from the points, root mean square.",
+        unit="m",
+        above=0.0,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,9 +68,9 @@ class PointTable:
 
     def __post_init__(self) -> None:
         """Raise :class:`UserError` for too few points and for times that do not increase."""
-        if len(self.seconds) < _LEAST_POINTS:
+        if len(self.seconds) < LEAST_POINTS:
             raise UserError(
-                f"{self.source}: {len(self.seconds)} points, expected at least {_LEAST_POINTS}"
+                f"{self.source}: {len(self.seconds)} points, expected at least {LEAST_POINTS}"
             )
         values = [self.seconds[:, None], self.p_WB, *([] if self.yaw is None else [self.yaw])]
         for index in np.flatnonzero(~np.isfinite(np.column_stack(values)).all(axis=1))[:1]:
@@ -74,7 +83,32 @@ class PointTable:
             )
 
 
-def table_path(table: PointTable, config: ReferenceConfig) -> Path:
+BagReader = Callable[[FilePath], PointTable]
+"""Returns the odometry of a recorded run. Bags are read above this layer, so it is handed in."""
+
+
+def csv_path(config: TableParameters) -> Path:
+    """Return the path along the configured file."""
+    return table_path(read_csv(_file(config, "csv")), config)
+
+
+def bag_path(config: TableParameters, read_bag: BagReader | None = None) -> Path:
+    """Return the path along the configured run, read by ``read_bag``."""
+    file = _file(config, "bag")
+    if read_bag is None:
+        raise ConfigurationError(
+            f"{config.owner}.trajectory", "bag", "one that needs no bag, here"
+        )
+    return table_path(read_bag(file), config)
+
+
+def _file(config: TableParameters, kind: str) -> FilePath:
+    if not config.file:
+        raise ConfigurationError(f"{config.owner}.file", config.file, f"the {kind} to fly")
+    return FilePath(config.file).expanduser()
+
+
+def table_path(table: PointTable, config: TableParameters) -> Path:
     """Return a smooth path along a table, from rest to rest.
 
     The points are met within ``path_tolerance`` (root mean square) by the smoothest curve that
@@ -134,64 +168,6 @@ def _smoothed(
             f"{tolerance:g}: set that higher"
         ) from error
     return SplinePath(curve, duration=float(seconds[-1]))
-
-
-def pose_fault(
-    *, frame_id: str, expected_frame_id: str, p_WB: Array, q_WB_xyzw: Array
-) -> str | None:
-    """Return why poses, positions (n, 3) and quaternions (n, 4), cannot be used."""
-    if frame_id.removeprefix("/") != expected_frame_id.removeprefix("/"):
-        return f"it is in frame '{frame_id}', expected '{expected_frame_id}'"
-    # Written so that NaN, which compares with nothing, is refused.
-    if not ((np.abs(p_WB) <= _LARGEST).all() and (np.abs(q_WB_xyzw) <= _LARGEST).all()):
-        return f"it holds a number that is not finite or beyond {_LARGEST:g}"
-    if (np.abs(np.linalg.norm(q_WB_xyzw, axis=1) - 1.0) > _QUATERNION_TOLERANCE).any():
-        return "it holds a quaternion that is not of unit length"
-    return None
-
-
-def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> FlatTrajectory:
-    """Return the trajectory through the points of a message, at their times, from rest to rest.
-
-    Positions and headings count; everything else follows from them by flatness. Few points are
-    flown through by the path of least snap, more are smoothed as a table is. Raises
-    :class:`UserError` or ``ValueError`` with the reason for what is no trajectory.
-    """
-    count = len(window.offset_ns)
-    if not 2 <= count <= _MOST_POINTS:
-        raise UserError(f"it has {count} points, expected 2 to {_MOST_POINTS}")
-    fault = pose_fault(
-        frame_id=window.frame_id,
-        expected_frame_id=config.frame_id,
-        p_WB=window.p_WB,
-        q_WB_xyzw=window.q_WB_xyzw,
-    )
-    if fault is not None:
-        raise UserError(fault)
-    seconds = 1e-9 * window.offset_ns
-    for index in np.flatnonzero(np.diff(window.offset_ns) <= 0)[:1]:
-        raise UserError(
-            f"the time of point {index + 1} (counted from 0), {seconds[index + 1]:g} s, is not "
-            f"after that of the point before, {seconds[index]:g} s"
-        )
-    if seconds[-1] - seconds[0] > _LONGEST:
-        raise UserError(f"it takes {seconds[-1] - seconds[0]:g} s, expected at most {_LONGEST:g}")
-    R_WB = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw)
-    yaw = np.unwrap([yaw_of(R) for R in R_WB])
-    path = _through(seconds - seconds[0], window.p_WB, yaw, config)
-    return FlatTrajectory(path, gravity=config.gravity, drag=config.drag)
-
-
-def _through(seconds: Array, p_WB: Array, yaw: Array, config: ReferenceConfig) -> Path:
-    if len(seconds) < _LEAST_POINTS:
-        duration = float(seconds[-1])
-        turn = np.column_stack((yaw, np.zeros((len(yaw), 2))))
-        return Turned(
-            SplinePath(snap_spline(p_WB, seconds), duration=duration),
-            SplinePath(snap_spline(turn, seconds), duration=duration),
-        )
-    table = PointTable(source="the message", seconds=seconds, p_WB=p_WB, yaw=yaw)
-    return table_path(table, dataclasses.replace(config, origin=(0.0, 0.0)))
 
 
 def read_csv(path: FilePath) -> PointTable:

@@ -6,8 +6,8 @@ import numpy as np
 
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import ReferenceWindow
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples
 
 _BEFORE_START_NS = -1

@@ -8,15 +8,22 @@ it began, because the body turns with its thrust axis and never about it.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.minimum_snap import End, Leg, leg_within
 from quad_mpc_ros.trajectories.path import Chain, Path, with_lowest_point
 from quad_mpc_ros.trajectories.smooth_turn import SmoothTurn
-from quad_mpc_ros.trajectories.thrust_path import Thrust, ThrustPath, coasting_end, turning_thrust
+from quad_mpc_ros.trajectories.thrust_path import (
+    Thrust,
+    ThrustPath,
+    TurnParameters,
+    coasting_end,
+    turning_thrust,
+)
+from quad_mpc_ros.trajectories.vertical_loop import LoopParameters
 
 _UP = np.array([0.0, 0.0, 1.0])
 _RUN_UP_ACCELERATION = 0.5  # mean, over gravity
@@ -25,7 +32,12 @@ _PULL_SPEED = 1.6  # mean over that at the top
 _PULL = 3.0  # strongest, over gravity
 
 
-def split_s(config: ReferenceConfig) -> Path:
+@dataclass(frozen=True, kw_only=True)
+class SplitSParameters(LoopParameters, TurnParameters):
+    """A split-S has none of its own."""
+
+
+def split_s(config: SplitSParameters) -> Path:
     """Return the split-S of a configuration, its lowest point at the configured height."""
     force = config.coasting_thrust * config.gravity
     forward = np.array([math.cos(config.yaw), math.sin(config.yaw), 0.0])

@@ -7,19 +7,41 @@ over time is given instead, and the path is what the true dynamics, drag include
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.trajectories.minimum_snap import End
 from quad_mpc_ros.trajectories.path import PathSamples
 from quad_mpc_ros.trajectories.smooth_turn import SmoothTurn
+from quad_mpc_ros.trajectories.trajectory import TrajectoryParameters
 
 Thrust = Callable[[Array], tuple[Array, Array]]
 """Returns the thrust over mass (n, 3) [m/s^2] at times (n,) [s], and its time derivative."""
 
 _TOLERANCE = 1e-11
 _UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnParameters(TrajectoryParameters):
+    """How the vehicle turns over while it falls."""
+
+    flip_rate: float = parameter(
+        12.0,
+        doc="flip, split_s: highest body rate of the turn.",
+        unit="rad/s",
+        minimum=1.0,
+        maximum=1000.0,
+    )
+    coasting_thrust: float = parameter(
+        0.3,
+        doc="flip, split_s: thrust over weight while turning over.",
+        minimum=0.01,
+        maximum=1.0,
+    )
 
 
 class ThrustPath:

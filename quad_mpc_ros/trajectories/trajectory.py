@@ -1,15 +1,17 @@
-"""What a trajectory is: the reference as a function of time."""
+"""What a trajectory is, the reference as a function of time, and what each of them is told."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.vehicle import VehicleParameters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,6 +29,7 @@ class TrajectorySamples:
     w_WB_W: Array
 
 
+@runtime_checkable
 class Trajectory(Protocol):
     """A reference to fly. Times are integer nanoseconds from its start, and may be any number."""
 
@@ -51,6 +54,40 @@ class Trajectory(Protocol):
     def smooth(self) -> bool:
         """Whether a vehicle can follow it: it is previewed, and flights begin on it."""
         ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryParameters(VehicleParameters):
+    """What every trajectory is told: the vehicle, and where it is flown.
+
+    A trajectory with parameters of its own declares them in a class derived from this one, in its
+    own file. All of them together are the parameters of the reference node, so their names must
+    be unlike.
+    """
+
+    owner = "reference"
+
+    origin: tuple[float, ...] = parameter(
+        (0.0, 0.0),
+        doc="Where the origin of the trajectory lies, east and north.",
+        unit="m",
+        length=2,
+    )
+    height: float = parameter(
+        2.0,
+        doc="Height of the trajectory above the ground, of its lowest point where it is not "
+        "level; not for those that have heights of their own (waypoints, minimum_snap, csv, bag).",
+        unit="m",
+        minimum=0.0,
+    )
+    yaw: float = parameter(
+        0.0,
+        doc="Where the nose points while level, from east to north; vertical_loop, flip and "
+        "split_s are flown that way. Added to the yaw of a csv.",
+        unit="rad",
+        minimum=-math.tau,
+        maximum=math.tau,
+    )
 
 
 def at_rest(p_WB: Array, *, yaw: float = 0.0) -> TrajectorySamples:

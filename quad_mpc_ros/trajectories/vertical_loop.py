@@ -8,16 +8,43 @@ points downwards when the centripetal acceleration v^2/r exceeds gravity.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.configuration import ConfigurationError, parameter
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.path import PathSamples
 from quad_mpc_ros.trajectories.smooth_turn import SmoothTurn
+from quad_mpc_ros.trajectories.trajectory import TrajectoryParameters
 
 _LEAST_PULL = 1.2  # centripetal acceleration at the top over gravity
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopParameters(TrajectoryParameters):
+    """What a loop and half a loop have in common."""
+
+    loop_radius: float = parameter(
+        1.5,
+        doc="vertical_loop: its radius. split_s: that of its inverted part.",
+        unit="m",
+        above=0.0,
+        maximum=1e3,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerticalLoopParameters(LoopParameters):
+    """The loop's own."""
+
+    loop_speed: float = parameter(
+        5.5,
+        doc="vertical_loop: speed at its top, the highest.",
+        unit="m/s",
+        above=0.0,
+        maximum=1e3,
+    )
 
 
 class VerticalLoop:
@@ -25,7 +52,7 @@ class VerticalLoop:
 
     periodic = False
 
-    def __init__(self, config: ReferenceConfig) -> None:
+    def __init__(self, config: VerticalLoopParameters) -> None:
         radius, speed = config.loop_radius, config.loop_speed
         least = math.sqrt(_LEAST_PULL * config.gravity * radius)
         if speed < least:

@@ -3,20 +3,62 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.configuration import ConfigurationError, parameter
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.minimum_snap import minimum_snap_path
+from quad_mpc_ros.trajectories.minimum_snap import LegParameters, minimum_snap_path
 from quad_mpc_ros.trajectories.path import Chain, Path, Rest
 from quad_mpc_ros.trajectories.trajectory import TrajectorySamples, at_rest
 
 _SAME_PLACE = 1e-6  # m
 
 
-def configured_waypoints(config: ReferenceConfig) -> Array:
+@dataclass(frozen=True, kw_only=True)
+class RouteParameters(LegParameters):
+    """Where to go."""
+
+    waypoints: tuple[float, ...] = parameter(
+        (0.0, 0.0, 2.0, 2.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.0, 2.0, 2.0, 0.0, 0.0, 2.0),
+        doc="waypoints, minimum_snap: x, y, z of one point after the other, from the origin.",
+        unit="m",
+        minimum=-1e5,
+        maximum=1e5,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class StopParameters(LegParameters):
+    """What points that are held one after the other have in common."""
+
+    dwell_time: float = parameter(
+        2.0,
+        doc="square, waypoints: time at each corner or waypoint before the next one.",
+        unit="s",
+        above=0.0,
+    )
+    preview: bool = parameter(
+        False,
+        doc="square, waypoints with legs of jump: show what is ahead; otherwise the present "
+        "corner is held over the window. Smooth trajectories always show what is ahead.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaypointParameters(RouteParameters, StopParameters):
+    """Those of waypoints alone."""
+
+    waypoint_legs: str = parameter(
+        "minimum_snap",
+        doc="waypoints: how to get from one to the next, by a smooth leg or, as the paper's "
+        "square does, by a jump.",
+        choices=("minimum_snap", "jump"),
+    )
+
+
+def configured_waypoints(config: RouteParameters) -> Array:
     """Return the waypoints (n, 3) [m] in the world.
 
     Raises :class:`ConfigurationError` for fewer than two, and naming the index of one that is at
@@ -39,7 +81,15 @@ def configured_waypoints(config: ReferenceConfig) -> Array:
     return np.asarray(points + np.array([*config.origin, 0.0]))
 
 
-def through_waypoints(config: ReferenceConfig) -> Path:
+def waypoints(config: WaypointParameters) -> Path | Steps:
+    """Return the way from each waypoint to the next, by jumps or by legs."""
+    if config.waypoint_legs == "minimum_snap":
+        return from_waypoint_to_waypoint(config)
+    points = configured_waypoints(config)
+    return Steps(points, dwell_time=config.dwell_time, yaw=config.yaw, closed=False)
+
+
+def through_waypoints(config: RouteParameters) -> Path:
     """Return the path of least snap through the waypoints."""
     return minimum_snap_path(
         configured_waypoints(config),
@@ -48,13 +98,13 @@ def through_waypoints(config: ReferenceConfig) -> Path:
     )
 
 
-def from_waypoint_to_waypoint(config: ReferenceConfig) -> Path:
+def from_waypoint_to_waypoint(config: WaypointParameters) -> Path:
     """Return the path of least snap from each waypoint to the next, resting at each."""
     points = configured_waypoints(config)
     return Chain([*rests_and_legs(points, config), Rest(points[-1], duration=config.dwell_time)])
 
 
-def rests_and_legs(points: Array, config: ReferenceConfig) -> list[Path]:
+def rests_and_legs(points: Array, config: StopParameters) -> list[Path]:
     """Return a rest at each point (n, 3) [m] but the last, and the leg from there to the next."""
     links: list[Path] = []
     for start, end in itertools.pairwise(points):

@@ -9,8 +9,8 @@ import pytest
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.evaluation.recorded_reference import read_recording
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory
+from quad_mpc_ros.trajectories.configured import configured_trajectory
 
 
 def resolved(out: Path, *arguments: str) -> RunConfig:

@@ -11,8 +11,8 @@ from quad_mpc_ros.lie import so3
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.director import Director
 
 LAG, DELAY = 0.03, 0.02

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.director import IDLE_DEPTH, Director, Reply
 from quad_mpc_ros.trajectories.flatness import yaw_of
 from quad_mpc_ros.trajectories.minimum_snap import End

@@ -16,8 +16,8 @@ from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory
-from quad_mpc_ros.trajectories.config import TRAJECTORY_NAMES, ReferenceConfig
+from quad_mpc_ros.trajectories.config import TRAJECTORIES, ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.point_table import PointTable
 from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples
 
@@ -79,7 +79,7 @@ def rotations(samples: TrajectorySamples) -> Array:
 
 
 def test_every_name_has_a_case() -> None:
-    assert {case.split()[0] for case in CASES} | {"square"} == set(TRAJECTORY_NAMES)
+    assert {case.split()[0] for case in CASES} | {"square"} == set(TRAJECTORIES)
 
 
 @pytest.mark.parametrize("case", CASES)

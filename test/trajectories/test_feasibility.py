@@ -9,8 +9,8 @@ import pytest
 
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory, judged_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory, judged_trajectory
 from quad_mpc_ros.trajectories.feasibility import Need, Verdict
 
 

@@ -15,8 +15,8 @@ from quad_mpc_ros.model.state import State
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.ocp.paper import reference_input
 from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.server import ReferenceServer
 from quad_mpc_ros.trajectories.trajectory import TrajectorySamples
 

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.smooth_turn import PEAK, SmoothTurn
 from quad_mpc_ros.trajectories.trajectory import TrajectorySamples
 

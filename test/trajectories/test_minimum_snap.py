@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.minimum_snap import (
     End,
     Leg,

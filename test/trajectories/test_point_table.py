@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.catalogue import configured_trajectory
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.point_table import PointTable, read_csv, table_path
 
 HEADER = "time [s], x [m], y [m], z [m]"
