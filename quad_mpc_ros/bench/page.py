@@ -14,6 +14,7 @@ from quad_mpc_ros.bench.tables import (
     peer_rows,
     swept,
 )
+from quad_mpc_ros.text_tables import markdown_table
 
 _WIDTH = 99
 
@@ -86,8 +87,7 @@ def _how(result: Mapping[str, Any]) -> str:
 
 
 def _machine(result: Mapping[str, Any]) -> str:
-    rows = [["", "measured on"], *([name, text] for name, text in result["machine"].items())]
-    return as_markdown(rows).replace("---:", "---")
+    return markdown_table(("", "measured on"), list(result["machine"].items()))
 
 
 def _times(count: int) -> str:

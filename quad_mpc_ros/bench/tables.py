@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from quad_mpc_ros.bench.peers import PEERS, SWEPT
+from quad_mpc_ros.text_tables import markdown_table, text_table
 
 Rows = list[list[str]]
 """A header and the rows below it; the first cell of each is its label."""
@@ -104,22 +105,12 @@ def swept(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def as_text(rows: Rows) -> str:
     """Return rows as lines of plain text, the label to the left and numbers to the right."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = []
-    for row in rows:
-        label, *cells = [
-            cell.ljust(width) if column == 0 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append("  ".join([label, *cells]).rstrip())
-    return "\n".join(lines)
+    return "\n".join(text_table(rows, align="l" + "r" * (len(rows[0]) - 1)))
 
 
 def as_markdown(rows: Rows) -> str:
     """Return rows as a table of Markdown."""
-    header, *body = rows
-    rule = ["---", *(["---:"] * (len(header) - 1))]
-    return "\n".join(f"| {' | '.join(row)} |" for row in [header, rule, *body])
+    return markdown_table(rows[0], rows[1:], align="l" + "r" * (len(rows[0]) - 1))
 
 
 def _times(values: Mapping[str, float | None], *names: str) -> list[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from quad_mpc_ros.commands.command import Command
+from quad_mpc_ros.text_tables import text_table
 
 if TYPE_CHECKING:
     from quad_mpc_ros.recordings.bag_metadata import TimeSpan
@@ -76,11 +77,11 @@ def _info(path: Path) -> str:
     ]
     if not reader.complete:
         lines.append(f"not ended properly: quad_mpc bag repair {path}")
-    width = max((len(topic) for topic in reader.topics), default=0)
-    lines += [
-        f"  {topic:<{width}}  {info.message_count:>8}  {info.type_name}"
+    topics = [
+        (f"  {topic}", f"{info.message_count}", info.type_name)
         for topic, info in sorted(reader.topics.items())
     ]
+    lines += text_table(topics, align="lrl", widths=(0, 8, 0))
     return "\n".join(lines)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.text_tables import text_table
 
 if TYPE_CHECKING:
     from quad_mpc_ros.bridges.registry import RegisteredBridge
@@ -22,9 +23,8 @@ def _run(_: argparse.Namespace) -> int:
             f"no package has registered a bridge in the entry points {GROUP}: install "
             "quad_mpc_ros with pip or colcon"
         )
-    width = max(len(bridge.name) for bridge in found)
-    for bridge in found:
-        print(f"{bridge.name:<{width}}  {_state(bridge)}")
+    rows = [(bridge.name, _state(bridge)) for bridge in found]
+    print("\n".join(text_table(rows, align="ll")))
     return 0
 
 

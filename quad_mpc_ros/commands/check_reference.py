@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from quad_mpc_ros.trajectories.feasibility import Verdict
 
 _FIGURE = "reference.png"
-_NAME, _CELL = 22, 12
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
@@ -72,21 +71,31 @@ def _beyond_the_controller(verdict: Verdict, mpc: MpcConfig) -> list[str]:
 
 def _verdict_table(verdict: Verdict) -> str:
     """Return the verdict as lines of plain ASCII text, at most 80 columns wide."""
+    from quad_mpc_ros.text_tables import text_table
+
     over_time = verdict.over_time
-    head = "".join(f"{column:>{_CELL}}" for column in ("needed", "at", "limit", "left"))
+    facts = [
+        ("duration", f"{over_time.seconds[-1]:.2f} s"),
+        ("highest speed", f"{over_time.speed.max():.2f} m/s"),
+        ("highest acceleration", f"{over_time.acceleration.max():.2f} m/s^2"),
+    ]
+    needs = [
+        (
+            need.name,
+            need.unit.strip(),
+            f"{need.worst:.3f}",
+            f"{need.time:.3f} s",
+            f"{need.limit:.3f}",
+            f"{need.margin:.3f}",
+        )
+        for need in verdict.needs
+    ]
+    header = ("", "", "needed", "at", "limit", "left")
     return "\n".join(
         (
-            f"{'duration':<{_NAME}}{over_time.seconds[-1]:.2f} s",
-            f"{'highest speed':<{_NAME}}{over_time.speed.max():.2f} m/s",
-            f"{'highest acceleration':<{_NAME}}{over_time.acceleration.max():.2f} m/s^2",
+            *text_table(facts, align="ll", widths=(22, 0), gap=""),
             "",
-            " " * (_NAME + 6) + head,
-            *(
-                f"{need.name:<{_NAME}}{need.unit.strip():<6}{need.worst:>{_CELL}.3f}"
-                f"{f'{need.time:.3f} s':>{_CELL}}{need.limit:>{_CELL}.3f}"
-                f"{need.margin:>{_CELL}.3f}"
-                for need in verdict.needs
-            ),
+            *text_table([header, *needs], align="llrrrr", widths=(22, 6, 12, 12, 12, 12), gap=""),
             "",
             "feasible" if verdict.feasible else f"not feasible: {verdict.reason()}",
         )

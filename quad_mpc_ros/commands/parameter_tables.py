@@ -10,6 +10,7 @@ from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import Configuration, ParameterSpec
 from quad_mpc_ros.nodes.visualisation_config import VisualisationConfig
 from quad_mpc_ros.recordings.config import PlayerConfig
+from quad_mpc_ros.text_tables import labelled, markdown_table, text_table
 
 # Those of a flight, and those that run by themselves.
 NODES: Mapping[str, type[Configuration]] = {
@@ -35,34 +36,29 @@ def as_text(node: str, specs: Sequence[ParameterSpec]) -> str:
         )
         for spec in specs
     ]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = []
-    for row, meaning in zip(rows, ["", *(spec.doc for spec in specs)], strict=True):
-        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        lines.append("  ".join(cells).rstrip())
-        if meaning:
-            lines += textwrap.wrap(
-                meaning, width=_WIDTH, initial_indent="    ", subsequent_indent="    "
-            )
+    head, *table = text_table(rows, align="llllll")
+    lines = [head]
+    for line, spec in zip(table, specs, strict=True):
+        lines += [line, *labelled("", spec.doc, indent=4, width=_WIDTH)]
     return "\n".join(lines) + "\n"
 
 
 def as_markdown(node: str, specs: Sequence[ParameterSpec]) -> str:
     """Return a section of ``docs/parameters.md``."""
-    lines = [f"## `{node}`", "", "| name | type | default | unit | range | live | meaning |"]
-    lines.append("|---|---|---|---|---|---|---|")
-    for spec in specs:
-        cells = (
+    rows = [
+        (
             f"`{spec.name}`",
             spec.kind,
             f"`{_value(spec.default)}`",
             spec.unit,
-            spec.allowed().replace("|", "\\|"),
+            spec.allowed(),
             "yes" if spec.live else "",
             spec.doc,
         )
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        for spec in specs
+    ]
+    header = ("name", "type", "default", "unit", "range", "live", "meaning")
+    return f"## `{node}`\n\n{markdown_table(header, rows)}\n"
 
 
 def as_yaml(node: str, specs: Sequence[ParameterSpec]) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from quad_mpc_ros.text_tables import labelled, text_table
+
 _WIDTH = 80
 _LABEL = 20
-_CELL = 12
 _COLUMNS = ("p50", "p90", "p99", "max")
 _ABSENT = "-"
 _SHOWN = 8  # errors at waypoints: a line of them
@@ -51,25 +51,23 @@ def _flight_rows(s: Mapping[str, Any]) -> list[str]:
 
 
 def _timing_rows(s: Mapping[str, Any]) -> list[str]:
-    header = " " * (_LABEL + 4) + "".join(f" {column:>{_CELL}}" for column in _COLUMNS)
-    return [
-        header,
-        _timing("solver iterations", "", s["iterations"], "{:.0f}"),
-        _timing("solve time", "us", s["solve_time_us"], "{:.0f}"),
-        _timing("control step", "us", s["step_time_us"], "{:.0f}"),
-        _timing("odometry to command", "ms", s["odom_to_command_ms"], "{:.3f}"),
+    rows = (
+        ("solver iterations", "", s["iterations"], "{:.0f}"),
+        ("solve time", "us", s["solve_time_us"], "{:.0f}"),
+        ("control step", "us", s["step_time_us"], "{:.0f}"),
+        ("odometry to command", "ms", s["odom_to_command_ms"], "{:.3f}"),
+    )
+    cells = [
+        (label, unit, *(_unless_absent(values.get(column), style) for column in _COLUMNS))
+        for label, unit, values, style in rows
     ]
-
-
-def _row(label: str, text: str) -> list[str]:
-    return textwrap.wrap(
-        text, _WIDTH, initial_indent=f"{label:<{_LABEL}}", subsequent_indent=" " * _LABEL
+    return text_table(
+        [("", "", *_COLUMNS), *cells], align="llrrrr", widths=(_LABEL, 4, 13, 13, 13, 13), gap=""
     )
 
 
-def _timing(label: str, unit: str, values: Mapping[str, float | None], style: str) -> str:
-    cells = (_unless_absent(values.get(column), style) for column in _COLUMNS)
-    return f"{label:<{_LABEL}}{unit:<4}" + "".join(f" {cell:>{_CELL}}" for cell in cells)
+def _row(label: str, text: str) -> list[str]:
+    return labelled(label, text, indent=_LABEL, width=_WIDTH)
 
 
 def _waypoint_errors(errors: Sequence[float]) -> str:

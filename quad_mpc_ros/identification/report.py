@@ -16,6 +16,7 @@ from quad_mpc_ros.identification.vehicle_file import (
     vehicle_file,
 )
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.text_tables import text_table
 
 _WIDTH = 80
 _LEAST_EXPLAINED = 0.8
@@ -37,13 +38,16 @@ def identification_table(found: Identification, given: MpcConfig, *, command_age
 
     ``command_age`` [s] is that of :class:`Measurements`, NaN to be silent of it.
     """
-    rows = [
-        f"{'':22}{'given':>12}{'found':>12}{'+- 95 %':>12}",
+    values = [
+        ("", "given", "found", "+- 95 %"),
         _row("rate_time_constant", "ms", given.rate_time_constant, found.rate_time_constant),
         _row("thrust_time_constant", "ms", given.thrust_time_constant, found.thrust_time_constant),
         _row("input_delay", "ms", given.input_delay, found.input_delay),
         _row("thrust per mass", "", 1.0, found.thrust_scale),
         _row("drag", "1/s", given.drag, found.drag),
+    ]
+    rows = [
+        *text_table(values, align="lrrr", widths=(26, 8, 12, 12), gap=""),
         "",
         f"flown under commands {found.flown:.1f} s; left over: body rates "
         f"{found.rate_residual:.3g} rad/s, velocity {found.velocity_residual:.3g} m/s RMS",
@@ -107,15 +111,15 @@ def parameter_file(found: Identification, given: MpcConfig, *, bag: Path, keep: 
     return vehicle_file(entries, given, remarks=remarks)
 
 
-def _row(name: str, unit: str, given: float, estimate: Estimate) -> str:
+def _row(name: str, unit: str, given: float, estimate: Estimate) -> tuple[str, ...]:
     factor, digits = (1e3, 1) if unit == "ms" else (1.0, 3)
     label = f"{name} [{unit}]" if unit else name
     before = f"{factor * given:.{digits}f}"
     if not estimate.seen:
-        return f"{label:<26}{before:>8}{'not seen':>12}{'-':>12}"
+        return label, before, "not seen", "-"
     least = 10.0**-digits
     width = max(math.ceil(factor * estimate.half_width / least) * least, least)
-    return f"{label:<26}{before:>8}{factor * estimate.value:>12.{digits}f}{width:>12.{digits}f}"
+    return label, before, f"{factor * estimate.value:.{digits}f}", f"{width:.{digits}f}"
 
 
 def _scale_note(found: Identification, given: MpcConfig) -> list[str]:

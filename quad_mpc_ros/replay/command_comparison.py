@@ -15,6 +15,7 @@ from quad_mpc_ros.evaluation.metrics import FALLBACKS, NOT_FAILED, percentiles
 from quad_mpc_ros.figures import style
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.text_tables import text_table
 
 CHANNELS = ("throttle", "rate_x", "rate_y", "rate_z")
 _UNITS = ("", "rad/s", "rad/s", "rad/s")
@@ -90,31 +91,38 @@ def compare_commands(
 def comparison_table(comparison: CommandComparison) -> str:
     """Return the comparison as lines of plain ASCII text, at most 80 columns wide."""
     s = comparison.summary()
-    rows = [
-        f"{'commands':<{_LABEL}}{s['equal']} of {s['compared']} equal, bit for bit",
-        f"{'without counterpart':<{_LABEL}}{s['only_recorded']} recorded, "
-        f"{s['only_resolved']} resolved",
-        "",
-        _cells("difference", ("rms", "p50", "p99", "max")),
+    facts = [
+        ("commands", f"{s['equal']} of {s['compared']} equal, bit for bit"),
+        (
+            "without counterpart",
+            f"{s['only_recorded']} recorded, {s['only_resolved']} resolved",
+        ),
     ]
+    numbers: list[list[str]] = [[], ["difference", "rms", "p50", "p99", "max"]]
     for name, unit in zip(CHANNELS, _UNITS, strict=True):
-        label = f"{name} [{unit}]" if unit else name
+        label = f"  {name} [{unit}]" if unit else f"  {name}"
         values = [s["difference"][name][key] for key in ("rms", "p50", "p99", "max")]
-        rows.append(_cells(f"  {label}", [_shown(value, "{:.3g}") for value in values]))
-    rows += ["", _cells("", ("p50", "p90", "p99", "max"))]
+        numbers.append([label, *(_shown(value, "{:.3g}") for value in values)])
+    numbers += [[], ["", "p50", "p90", "p99", "max"]]
     labels = ("solve time [us]", "control step [us]", "solver iterations")
     for label, figure in zip(labels, _FIGURES, strict=True):
         for which in ("recorded", "resolved"):
             values = [s[which][figure][key] for key in ("p50", "p90", "p99", "max")]
-            rows.append(
-                _cells(f"{label:<18}{which}", [_shown(value, "{:.0f}") for value in values])
-            )
-    for which in ("recorded", "resolved"):
-        rows.append(
-            f"{which:<{_LABEL}}{s[which]['fallbacks']} fallbacks, "
-            f"{s[which]['solver_failures']} solver failures"
+            numbers.append([f"{label:<18}{which}", *(_shown(value, "{:.0f}") for value in values)])
+    ends = [
+        (
+            which,
+            f"{s[which]['fallbacks']} fallbacks, {s[which]['solver_failures']} solver failures",
         )
-    return "\n".join(rows)
+        for which in ("recorded", "resolved")
+    ]
+    return "\n".join(
+        (
+            *text_table(facts, align="ll", widths=(_LABEL, 0), gap=""),
+            *text_table(numbers, align="lrrrr", widths=(_LABEL, *[_CELL] * 4), gap=""),
+            *text_table(ends, align="ll", widths=(_LABEL, 0), gap=""),
+        )
+    )
 
 
 def write_command_comparison(comparison: CommandComparison, path: Path) -> Path:
@@ -173,10 +181,6 @@ def _figures(stats: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         "fallbacks": int(np.sum(np.isin(stats["source"], FALLBACKS))),
         "solver_failures": int(np.sum(~np.isin(stats["solver_status"], NOT_FAILED))),
     }
-
-
-def _cells(label: str, cells: Sequence[str]) -> str:
-    return f"{label:<{_LABEL}}" + "".join(f"{cell:>{_CELL}}" for cell in cells)
 
 
 def _shown(value: float | None, form: str) -> str:

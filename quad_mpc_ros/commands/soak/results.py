@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,9 @@ from quad_mpc_ros.commands.soak.endurance import PERIODS_TO_CATCH_UP
 from quad_mpc_ros.commands.soak.rig import Rig
 from quad_mpc_ros.figures.soak_figure import SoakSeries, write_soak_figure
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.text_tables import labelled, text_table
 
-_WIDTH, _NAME = 99, 26
+_WIDTH, _NAME = 99, 27
 GOOD, BAD = "holds", "FAILS"
 
 
@@ -39,9 +39,10 @@ def write_results(
 def outcome_lines(outcome: Outcome) -> list[str]:
     """Return a fault's row of the table, and what there is to complain of."""
     word = BAD if outcome.complaints else GOOD
-    lines = _row(f"{outcome.fault.name:<{_NAME}} {word}  ", outcome.seen)
+    head = f"{outcome.fault.name:<{_NAME}}{word}  "
+    lines = labelled(head, outcome.seen, indent=len(head), width=_WIDTH)
     for complaint in outcome.complaints:
-        lines += _row(f"{'':<{_NAME}} ", complaint)
+        lines += labelled("", complaint, indent=_NAME, width=_WIDTH)
     return lines
 
 
@@ -72,7 +73,7 @@ def endurance_table(figures: dict[str, Any]) -> str:
         "unsound commands": f"{figures['unsound_commands']}",
         "memory": _memory_text(memory),
     }
-    return "\n".join(f"{name:<20} {value}" for name, value in rows.items())
+    return "\n".join(text_table(list(rows.items()), align="ll", widths=(21, 0), gap=""))
 
 
 def _machine_text(machine: dict[str, Any] | None) -> str:
@@ -111,9 +112,3 @@ def _series(rig: Rig, config: MpcConfig, outcomes: Sequence[Outcome]) -> SoakSer
         ],
         period=1e3 / config.control_rate,
     )
-
-
-def _row(head: str, text: str) -> list[str]:
-    return textwrap.wrap(
-        text, width=_WIDTH, initial_indent=head, subsequent_indent=" " * len(head)
-    ) or [head.rstrip()]
