@@ -118,8 +118,7 @@ def _send(name: str, *, count: int, rate: float) -> None:
     """Publish ``count`` numbered messages of every topic of a sender."""
     import rclpy
 
-    from quad_mpc_ros.ros.messages import message_class
-    from quad_mpc_ros.ros.qos import qos_of
+    from quad_mpc_ros.ros.messages import message_class, qos_of
 
     rclpy.init()
     node = rclpy.create_node(name)

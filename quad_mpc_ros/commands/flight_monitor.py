@@ -22,8 +22,7 @@ from quad_mpc_ros.messages.topics import (
     Topic,
 )
 from quad_mpc_ros.ros.health import PEERS_KEY
-from quad_mpc_ros.ros.messages import decoded, message_class
-from quad_mpc_ros.ros.qos import qos_of
+from quad_mpc_ros.ros.messages import decoded, message_class, qos_of
 
 # Who must hear whom before the clock starts, by node and topic: the number of peers of the
 # node's endpoint. Publishers count subscribers: the odometry's are mpc, reference, recorder and

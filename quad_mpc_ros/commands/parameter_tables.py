@@ -8,7 +8,7 @@ from typing import Any
 
 from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import Configuration, ParameterSpec
-from quad_mpc_ros.nodes.visualisation_config import VisualisationConfig
+from quad_mpc_ros.messages.markers import VisualisationConfig
 from quad_mpc_ros.recordings.config import PlayerConfig
 from quad_mpc_ros.text_tables import labelled, markdown_table, text_table
 

@@ -8,6 +8,7 @@ that was filled before keeps its elements and is filled again, which is cheaper.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
@@ -39,6 +40,12 @@ def nanoseconds(time: Any) -> int:
 def fill_time(time: Any, stamp_ns: int) -> None:
     """Write nanoseconds into a ``builtin_interfaces`` Time or Duration."""
     time.sec, time.nanosec = divmod(stamp_ns, _SECOND)
+
+
+def stamp_of_serialized(data: bytes) -> int:
+    """Return the stamp [ns] of a serialized message (CDR) that begins with a header."""
+    sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    return int(sec) * _SECOND + int(nanosec)
 
 
 def odometry_from_message(message: Any) -> OdometrySample:

@@ -1,16 +1,73 @@
-"""What viewers draw of a flight, as ``visualization_msgs/Marker``: duck-typed, as conversions."""
+"""What viewers draw of a flight, as ``visualization_msgs/Marker``, and its parameters.
+
+No message package is imported, as in ``conversions``.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.messages.conversions import NewMessage, fill_time
 from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.model.vehicle import Vehicle, outline
+from quad_mpc_ros.model.vehicle import ARM, Vehicle, VehicleParameters, outline
+
+
+@dataclass(frozen=True, kw_only=True)
+class VisualisationConfig(VehicleParameters):
+    """What viewers are shown; mass and thrust curve give the thrust that a throttle stands for."""
+
+    owner = "visualisation"
+
+    publish_rate: float = parameter(
+        25.0,
+        doc="Markers and transforms per second at most.",
+        unit="Hz",
+        above=0.0,
+        maximum=1000.0,
+    )
+    trail_duration: float = parameter(
+        10.0, doc="How long the flown path stays.", unit="s", minimum=0.0, maximum=3600.0
+    )
+    arm: float = parameter(
+        ARM, doc="From the centre of the drawn vehicle to a rotor.", unit="m", above=0.0
+    )
+    thrust_length: float = parameter(
+        0.3, doc="Length of the thrust arrow at hover.", unit="m", above=0.0
+    )
+    broadcast_tf: bool = parameter(
+        True,
+        doc="Broadcast the pose of the odometry on /tf, where tf2_msgs is installed; false where "
+        "an estimator does.",
+    )
+
+
+class Trail:
+    """Positions of the last ``duration`` [s], at least ``spacing`` [s] apart."""
+
+    def __init__(self, *, duration: float, spacing: float) -> None:
+        self._duration_ns, self._spacing_ns = round(duration * 1e9), round(spacing * 1e9)
+        self._places: deque[tuple[int, Array]] = deque()
+
+    def add(self, stamp_ns: int, p_WB: Array) -> None:
+        """Take a position (3,) [m]; a stamp that runs backwards begins a new trail."""
+        if self._places and stamp_ns < self._places[-1][0]:
+            self._places.clear()
+        if not self._places or stamp_ns - self._places[-1][0] >= self._spacing_ns:
+            self._places.append((stamp_ns, p_WB))
+        while stamp_ns - self._places[0][0] > self._duration_ns:
+            self._places.popleft()
+
+    @property
+    def p_WB(self) -> Array:
+        """Positions (n, 3) [m], the oldest first."""
+        return np.array([p_WB for _, p_WB in self._places]).reshape(-1, 3)
+
 
 # Of visualization_msgs/Marker.
 ARROW, LINE_STRIP, LINE_LIST = 0, 4, 5

@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
-
+from quad_mpc_ros import realtime
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
@@ -21,14 +20,12 @@ from quad_mpc_ros.messages.topics import (
     STATS,
 )
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.nodes import realtime
-from quad_mpc_ros.nodes.engagement import Engagement
-from quad_mpc_ros.nodes.realtime import GarbageCollection
+from quad_mpc_ros.realtime import GarbageCollection
+from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import ERROR, OK, WARN, Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.steady_time import SteadyTime
 from quad_mpc_ros.safety.ladder import Source
 
 _WARNING_PERIOD = 5.0
@@ -58,6 +55,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._garbage = GarbageCollection(between_ticks=between_ticks)
         self._controller = warmed_up(config, deadline=config.deadline_seconds)
         self._standby = Standby()
+        self._engaged: bool | None = None  # where no bridge says it, commands act
         self._command = self.health.publisher(COMMAND)
         self._stats = self.health.publisher(STATS)
         self._predicted_path = self.health.publisher(PREDICTED_PATH)
@@ -69,15 +67,8 @@ class MpcNode(ManagedNode[MpcConfig]):
 
         self.managed_subscription(ODOMETRY, self._on_odometry)
         self.managed_subscription(REFERENCE, self._on_reference)
-        self._engagement = Engagement(
-            self.get_logger(), lambda engaged: self._controller.engage(engaged)
-        )
-        self.managed_subscription(ENGAGED, self._engagement.on_message, expected=False)
-        self.managed_timer(
-            1.0 / config.control_rate,
-            self._on_watch,
-            clock=Clock(clock_type=ClockType.STEADY_TIME),
-        )
+        self.managed_subscription(ENGAGED, self._on_engaged, expected=False)
+        self.managed_timer(1.0 / config.control_rate, self._on_watch, steady=True)
 
     def obstacle(self) -> str | None:
         """Return what is missing of odometry and reference."""
@@ -90,11 +81,12 @@ class MpcNode(ManagedNode[MpcConfig]):
     def deactivate(self) -> None:
         """Forget the flight: another one commands until the next activation."""
         self._controller, self._tick = self._controller.renewed(), None
-        self._engagement.repeat()
+        if self._engaged is not None:
+            self._controller.engage(self._engaged)
 
     def cleanup(self) -> None:
         """Let go of the controller."""
-        del self._controller, self._standby, self._engagement
+        del self._controller, self._standby
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over live parameters between two ticks."""
@@ -120,6 +112,16 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._finish(self._controller.receive_reference(window, now_ns=now_ns))
         else:
             self.activate_when_ready()
+
+    def _on_engaged(self, message: Any) -> None:
+        """Tell the controller, and log when it is new, whether the vehicle acts on commands."""
+        engaged = bool(message.data)
+        self._controller.engage(engaged)
+        if engaged is not self._engaged:
+            self._engaged = engaged
+            self.get_logger().info(
+                "commands act" if engaged else "commands do not act: nothing is learned of them"
+            )
 
     def _on_watch(self) -> None:
         if self.active:
@@ -180,10 +182,11 @@ class MpcNode(ManagedNode[MpcConfig]):
             return Health(level=WARN, text="waiting for the first plan")
         source = tick.decision.source
         level = {Source.MPC: OK, Source.PLAN: WARN, Source.WAITING: WARN}.get(source, ERROR)
+        engaged = "not told" if self._engaged is None else str(self._engaged).lower()
         return Health(
             level=level,
             text=tick.decision.reason or "flying",
-            values=[*tick.stats.items(), ("engaged", self._engagement.told)],
+            values=[*tick.stats.items(), ("engaged", engaged)],
         )
 
     def _warn(self, text: str) -> None:

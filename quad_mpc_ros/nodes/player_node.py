@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
@@ -26,9 +25,9 @@ from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage, TopicInfo
 from quad_mpc_ros.replay.playback import Playback, Section, Timeline, in_laps
 from quad_mpc_ros.replay.playback_threads import PlaybackThread, ReadAhead
 from quad_mpc_ros.ros.health import OK, Health, HealthReporter
-from quad_mpc_ros.ros.messages import message_class, new_message
+from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 from quad_mpc_ros.ros.parameters import declare
-from quad_mpc_ros.ros.qos import qos_of
+from quad_mpc_ros.ros.rclpy_internals import RCLError
 from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run, stop
 
 _READ_AHEAD = 1000
@@ -146,7 +145,7 @@ class PlayerNode(Node):
         """Let errors be when a signal has ended ROS meanwhile, and soon the thread."""
         try:
             yield
-        except rclpy_implementation.RCLError:
+        except RCLError:
             if self.context.ok():
                 raise
 

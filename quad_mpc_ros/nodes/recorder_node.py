@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import sys
 
-from rclpy.clock import Clock, ClockType
-
 from quad_mpc_ros.nodes.recorder import Recorder
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.ros.health import ERROR, OK, PEERS_KEY, WARN, Health
@@ -32,7 +30,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
         """Prepare a new recording."""
         self._recorder = Recorder(self, config, on_fault=self._on_fault)
         # One timer for all: what wakes the node costs more than what it does then.
-        self.managed_timer(_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.managed_timer(_PERIOD, self._on_timer, steady=True)
 
     def activate(self) -> None:
         """Record."""

@@ -7,13 +7,13 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import CLOCK, COMMAND, ODOMETRY
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import ERROR, OK, Health, HealthReporter
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.parameters import declare
@@ -164,7 +164,7 @@ class SimulatorNode(Node):
 
     def every(self, period: float, callback: Callable[[], None]) -> None:
         """Call back periodically on the wall clock, never on the simulated one."""
-        self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_steady_timer(self, period, callback)
 
     def finish(self) -> None:
         """End the flight as planned."""

@@ -5,15 +5,14 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from quad_mpc_ros.messages import conversions, markers
+from quad_mpc_ros.messages.markers import Trail, VisualisationConfig
 from quad_mpc_ros.messages.topics import COMMAND, MARKERS, ODOMETRY, PREDICTED_PATH, TF
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
-from quad_mpc_ros.nodes.trail import Trail
-from quad_mpc_ros.nodes.visualisation_config import VisualisationConfig
+from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import OK, WARN, Health, HealthReporter
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.parameters import declare
@@ -41,7 +40,7 @@ class VisualisationNode(Node):
         self._health.subscription(ODOMETRY, self._on_odometry)
         self._health.subscription(COMMAND, self._on_command)
         self._health.subscription(PREDICTED_PATH, self._on_plan)
-        self.create_timer(period, self._show, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_steady_timer(self, period, self._show)
 
     def _transform_publisher(self) -> Publisher | None:
         if not self._config.broadcast_tf:

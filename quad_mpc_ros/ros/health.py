@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -19,8 +18,8 @@ from rclpy.subscription import Subscription
 
 from quad_mpc_ros.messages.conversions import fill_status
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, Topic
-from quad_mpc_ros.ros.messages import message_class, new_message
-from quad_mpc_ros.ros.qos import qos_of
+from quad_mpc_ros.ros.clocks import create_steady_timer
+from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 PEERS_KEY = "peers."
@@ -56,7 +55,7 @@ class HealthReporter:
         self._told: set[str] = set()
         self._publisher = self._create_publisher(DIAGNOSTICS)
         # A steady clock: in simulated time the health of a node that waits matters most.
-        node.create_timer(_POLL_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_steady_timer(node, _POLL_PERIOD, self._poll)
 
     def publisher(self, topic: Topic) -> Publisher:
         """Create a publisher whose matched subscriptions are reported."""

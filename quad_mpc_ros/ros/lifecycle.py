@@ -7,19 +7,26 @@ nothing is left behind by them and that everybody sees the state is here.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any, Generic, TypeVar
 
-from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 from quad_mpc_ros.configuration import ManagedConfiguration, UserError
 from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.realtime import settle_memory
+from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import WARN, Health, HealthReporter
 from quad_mpc_ros.ros.parameters import ManagedParameters
-from quad_mpc_ros.ros.spin import settle_memory, stop
+from quad_mpc_ros.ros.rclpy_internals import (
+    lifecycle_state,
+    possible_transitions,
+    wrap_change_state,
+)
+from quad_mpc_ros.ros.spin import stop
 
 C = TypeVar("C", bound=ManagedConfiguration)
 
@@ -54,8 +61,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._managed_parameters = ManagedParameters(self, configuration, apply=self.reconfigure)
         self.health = HealthReporter(self, self._probe)
         # rclpy answers a transition that is not possible with an exception, which ends the node.
-        self._change_state = self._service_change_state.callback
-        self._service_change_state.callback = self._on_change_state
+        wrap_change_state(self, self._on_change_state)
 
     def configure(self, config: C) -> None:
         """Make what the node needs.
@@ -87,7 +93,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     @property
     def state(self) -> str:
         """The state of the lifecycle: unconfigured, inactive, active, finalized, or on the way."""
-        return str(self._state_machine.current_state[1])
+        return lifecycle_state(self)
 
     def start(self) -> None:
         """Configure, and activate as soon as nothing is in the way, unless told not to.
@@ -117,15 +123,16 @@ class ManagedNode(LifecycleNode, Generic[C]):
             self._tell("activate")
 
     def managed_timer(
-        self, period: float, callback: Callable[[], None], *, clock: Clock | None = None
+        self, period: float, callback: Callable[[], None], *, steady: bool = False
     ) -> None:
-        """Create a timer [s] until the cleanup."""
+        """Create a timer [s] until the cleanup, on the node's clock or on a steady one."""
 
         def guarded() -> None:
             if self._configured:
                 callback()
 
-        timer = self.create_timer(period, guarded, clock=clock)
+        create = functools.partial(create_steady_timer, self) if steady else self.create_timer
+        timer = create(period, guarded)
         self._made.callback(self.destroy_timer, timer)
 
     def managed_service(self, kind: type[Any], name: str, callback: Callable[..., Any]) -> None:
@@ -171,7 +178,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def on_shutdown(self, _: Any) -> TransitionCallbackReturn:
         """Let go of everything and end the process."""
-        self.create_timer(_FAREWELL, stop, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        create_steady_timer(self, _FAREWELL, stop)
         return self._result_of(self._release)
 
     def on_error(self, _: Any) -> TransitionCallbackReturn:
@@ -245,12 +252,12 @@ class ManagedNode(LifecycleNode, Generic[C]):
             raise self._fault
         self.get_logger().info(self.state)
 
-    def _on_change_state(self, request: Any, response: Any) -> Any:
+    def _on_change_state(
+        self, carry_out: Callable[[Any, Any], Any], request: Any, response: Any
+    ) -> Any:
         """Carry out what is asked for when it is possible, and tell what became of it."""
         wanted = request.transition
-        possible = {
-            number: label for number, label, *_ in self._state_machine.available_transitions
-        }
+        possible = possible_transitions(self)
         asked = wanted.label or possible.get(wanted.id, str(wanted.id))
         if asked not in possible.values():
             self.get_logger().warning(
@@ -260,7 +267,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             response.success = False
             return response
         self._autostarting = self._autostarting and asked == "activate"
-        response = self._change_state(request, response)
+        response = carry_out(request, response)
         self._tell(asked)
         return response
 

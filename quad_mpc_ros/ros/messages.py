@@ -1,12 +1,15 @@
-"""rclpy's message classes by type name, imported when first asked for."""
+"""Messages and quality of service of a topic, as rclpy wants them.
+
+The packages of the messages are imported when they are first asked for.
+"""
 
 from __future__ import annotations
 
 import functools
 import importlib
-import struct
 from typing import Any
 
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from quad_mpc_ros.messages.topics import Topic
@@ -33,7 +36,15 @@ def decoded(topic: Topic, data: bytes) -> Any:
     return deserialize_message(data, message_class(topic.type_name))
 
 
-def stamp_of(data: bytes) -> int:
-    """Return the stamp [ns] of a message received raw that begins with a header."""
-    sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return int(sec) * 1_000_000_000 + int(nanosec)
+def qos_of(topic: Topic) -> QoSProfile:
+    """Return the profile that publishers and subscribers of a topic use."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=topic.depth,
+        reliability=(
+            ReliabilityPolicy.RELIABLE if topic.reliable else ReliabilityPolicy.BEST_EFFORT
+        ),
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+        ),
+    )

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import gc
 import sys
 from collections.abc import Callable
 from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.realtime import settle_memory
+from quad_mpc_ros.ros.rclpy_internals import RCLError, fastest_executor
 
 EXIT_BAD_INPUT = 2
 # What rclpy says of a parameter given as [], which has no type; it does not say which.
@@ -38,7 +38,8 @@ def run(
     try:
         node = create()
         settle_memory()
-        _spin(node, _executor(message_info=message_info))
+        # Never the multi-threaded executor: a single thread owns the controller.
+        _spin(node, fastest_executor(message_info=message_info))
         return int(getattr(node, "exit_code", 0))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -59,15 +60,6 @@ def run(
         rclpy.try_shutdown()
 
 
-def settle_memory() -> None:
-    """Take what exists now for as long-lived as the process.
-
-    A full collection in flight then need not look at it, which would take milliseconds.
-    """
-    gc.collect()
-    gc.freeze()
-
-
 def stop() -> None:
     """Let the spinning node end after the callback that runs now."""
     rclpy.try_shutdown()
@@ -78,7 +70,7 @@ def _spin(node: Node, executor: Any) -> None:
     while rclpy.ok():
         try:
             _spin_some(executor)
-        except rclpy_implementation.RCLError:
+        except RCLError:
             if rclpy.ok():
                 raise  # else a signal came while the plain executor prepared to wait
 
@@ -91,16 +83,3 @@ def _spin_some(executor: Any) -> None:
         # Not spin(): without a timeout the events executor of rclpy 7.1.6 waits until the end of
         # time, which overflows on some C libraries and burns a whole core.
         executor.spin_until_future_complete(Future(), timeout_sec=_SPIN_TIMEOUT)
-
-
-def _executor(*, message_info: bool) -> Any:
-    """Return rclpy's events executor, which wakes in a fifth of the time, or the plain one.
-
-    The events executor of rclpy 7.1.6 fails on callbacks that take the message's info. Never the
-    multi-threaded one: a single thread owns the controller.
-    """
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:  # the first releases of Jazzy
-        return SingleThreadedExecutor()
-    return SingleThreadedExecutor() if message_info else EventsExecutor()

@@ -30,7 +30,7 @@ from quad_mpc_ros.bridges.rates import RatesBridge
 from quad_mpc_ros.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, ODOMETRY, Topic
 from quad_mpc_ros.ros.health import HealthReporter
-from quad_mpc_ros.ros.qos import qos_of
+from quad_mpc_ros.ros.messages import qos_of
 
 BRIDGES: list[type[Bridge]] = [
     Px4Bridge,

@@ -9,9 +9,9 @@ from visualization_msgs.msg import Marker
 
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.messages import conversions, markers
+from quad_mpc_ros.messages.markers import Trail
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.nodes.trail import Trail
 from quad_mpc_ros.ros.messages import new_message
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -24,7 +24,7 @@ from quad_mpc_ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.nodes.reference_node import ReferenceNode
 from quad_mpc_ros.nodes.simulator_node import SimulatorNode
 from quad_mpc_ros.nodes.visualisation_node import VisualisationNode
-from quad_mpc_ros.ros.steady_time import SteadyTime
+from quad_mpc_ros.ros.clocks import SteadyTime
 
 # To each subscription: a short run of every case, and a long one of the nodes as they are.
 SHORT, LONG = 1_000, 10_000

@@ -17,8 +17,7 @@ from quad_mpc_ros.faults.distortions import Distortion, M
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE, Topic
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.ros.messages import decoded, message_class, new_message, stamp_of
-from quad_mpc_ros.ros.qos import qos_of
+from quad_mpc_ros.ros.messages import decoded, message_class, new_message, qos_of
 
 PREFIX = "soak/"
 _BODY_FRAME = "base_link"
@@ -116,7 +115,7 @@ class Relay(Generic[M]):
         if self._shift_ns:
             data = self._encode(self._shifted(self._decode(data)))
         self._publisher.publish(data)
-        self.passed.append(Passed(now_ns, stamp_of(data)))
+        self.passed.append(Passed(now_ns, conversions.stamp_of_serialized(data)))
 
     def _distort(self, fault: Distortion[M], before: M, message: M, now_ns: int) -> None:
         for delivery in fault(message, before, now_ns - self._began_ns):

@@ -13,8 +13,7 @@ from quad_mpc_ros.faults.verdict import command_fault
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, STATS
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ros.messages import message_class, stamp_of
-from quad_mpc_ros.ros.qos import qos_of
+from quad_mpc_ros.ros.messages import message_class, qos_of
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -102,7 +101,7 @@ class Watch:
         return ""
 
     def _on_odometry(self, data: bytes, info: dict[str, int]) -> None:
-        self.odometries_ns[stamp_of(data)] = info["source_timestamp"]
+        self.odometries_ns[conversions.stamp_of_serialized(data)] = info["source_timestamp"]
 
     def _on_command(self, message: Any, info: dict[str, int]) -> None:
         self.commands_ns.append(info["source_timestamp"])

@@ -1,6 +1,6 @@
-"""What the operating system can do for a node that must not be late.
+"""What operating system and garbage collector can do for a process that must not be late.
 
-Each request is granted or answered with a sentence that says what is in the way. A node that is
+Each request is granted, or refused with a sentence that says what is in the way. A node that is
 refused flies on without: it is later now and then, which ``mpc/stats`` shows.
 """
 
@@ -85,11 +85,19 @@ def _lock_memory() -> None:
         raise OSError(number, os.strerror(number))
 
 
+def settle_memory() -> None:
+    """Take what exists now for as long-lived as the process.
+
+    A full collection in flight then need not look at it, which would take milliseconds.
+    """
+    gc.collect()
+    gc.freeze()
+
+
 class GarbageCollection:
     """Collects garbage when there is time for it, instead of whenever enough has gathered.
 
-    What exists when a node starts to spin is frozen (``ros/spin.py``), so a collection looks only
-    at what has come since, and is short.
+    A collection looks only at what has come since :func:`settle_memory`, and is short.
     """
 
     _TICKS = 50

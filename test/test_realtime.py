@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
+from quad_mpc_ros import realtime
 from quad_mpc_ros.mpc_config import RealtimeParameters
-from quad_mpc_ros.nodes import realtime
 
 # Root may do anything, so the process becomes another user.
 _WITHOUT_PRIVILEGES = """
@@ -23,7 +23,7 @@ def _said(code: str) -> str:
     imports = (
         "import ctypes, gc, os, resource, threading\n"
         "from quad_mpc_ros.mpc_config import RealtimeParameters\n"
-        "from quad_mpc_ros.nodes import realtime\n"
+        "from quad_mpc_ros import realtime\n"
     )
     result = subprocess.run(
         [sys.executable, "-c", imports + code],
