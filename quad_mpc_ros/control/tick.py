@@ -6,7 +6,7 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from quad_mpc_ros.model.samples import CommandSample
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:  # who reads the figures of a recording needs no solver
     from quad_mpc_ros.control.mpc import MpcStep
     from quad_mpc_ros.ocp.formulation import Plan
     from quad_mpc_ros.safety.ladder import Decision
+    from quad_mpc_ros.safety.supervisor import Counts
 
 
 class Tick:
@@ -73,16 +74,6 @@ class TickStats:
     def items(self) -> list[tuple[str, str]]:
         """Return the figures as text, numbers with every digit."""
         return [(field.name, str(getattr(self, field.name))) for field in dataclasses.fields(self)]
-
-
-class Counts(NamedTuple):
-    """What has been counted so far; see :class:`TickStats`."""
-
-    commands: int = 0
-    fallbacks: int = 0
-    solver_failures: int = 0
-    deadline_misses: int = 0
-    rejected_inputs: int = 0
 
 
 def figures_of(

@@ -10,10 +10,10 @@ _DWELL_NS = 300_000_000
 
 
 class GroundContact:
-    """Judges by rest and lift: flying, until some time shows that it cannot be."""
+    """Judges by rest and lift: ``standing`` once some time has shown that it cannot be flying."""
 
     def __init__(self) -> None:
-        self._standing = False
+        self.standing = False
         self._too_little, self._enough = _Lasting(), _Lasting()
 
     def update(self, *, speed: float, lift: float, now_ns: int) -> bool:
@@ -22,10 +22,10 @@ class GroundContact:
         grounded = self._too_little.update(resting and lift <= _TOO_LITTLE, now_ns=now_ns)
         lifted = self._enough.update(lift > _ENOUGH, now_ns=now_ns)
         if grounded:
-            self._standing = True
+            self.standing = True
         elif lifted or not resting:
-            self._standing = False
-        return self._standing
+            self.standing = False
+        return self.standing
 
 
 class _Lasting:

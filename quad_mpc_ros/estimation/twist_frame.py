@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.samples import OdometrySample
 
 _SPEED_ENOUGH = 0.5  # m/s, below it noise hides the frame
+_MOST_UNCHECKED = 100
 _EVIDENCE_NEEDED = 25  # samples in disfavour more than in favour
 
 
@@ -21,9 +23,21 @@ class TwistFrameCheck:
 
     def __init__(self, *, twist_frame: str) -> None:
         self._twist_frame = twist_frame
+        # Those that nobody asks for a verdict on are let go.
+        self._unchecked: deque[OdometrySample] = deque(maxlen=_MOST_UNCHECKED)
         self._previous: OdometrySample | None = None
         self._evidence = 0
         self._told = False
+
+    def note(self, odometry: OdometrySample) -> None:
+        """Keep an odometry until there is time to look at it: once the command is out."""
+        self._unchecked.append(odometry)
+
+    def verdict(self) -> str | None:
+        """Look at all that was noted; return the frame the twist really seems to be in, once."""
+        found = [frame for frame in map(self.suspect, self._unchecked) if frame is not None]
+        self._unchecked.clear()
+        return found[0] if found else None
 
     def suspect(self, odometry: OdometrySample) -> str | None:
         """Return the frame the twist really seems to be in, once, when the evidence is enough."""

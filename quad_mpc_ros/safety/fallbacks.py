@@ -69,9 +69,31 @@ class BlindFallback:
     def __init__(self, config: MpcConfig) -> None:
         self._config = config
         self._hover_throttle = config.vehicle().hover_throttle
+        self._R_WB: Array | None = None
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed bounds; the attitude stays."""
+        self._config = config
+
+    def release(self) -> None:
+        """Forget the attitude by dead reckoning: there is odometry."""
+        self._R_WB = None
+
+    def dead_reckon(self, R_WB: Array, w_WB_B: Array, *, duration: float) -> None:
+        """Turn on at body rates (3,) [rad/s] for ``duration`` [s].
+
+        The first call after the release begins at ``R_WB`` (3, 3), the last attitude seen.
+        """
+        seen = R_WB if self._R_WB is None else self._R_WB
+        self._R_WB = dead_reckoned(seen, w_WB_B, duration=duration)
 
     def command(self, R_WB: Array, *, elapsed: float) -> Input:
-        """Return the command for the estimated attitude, ``elapsed`` seconds after going blind."""
+        """Return the command ``elapsed`` seconds after going blind.
+
+        ``R_WB`` (3, 3) is the last attitude seen, from which dead reckoning may have gone on.
+        """
+        if self._R_WB is not None:
+            R_WB = self._R_WB
         share = min(elapsed / max(self._config.blind_time, 1e-9), 1.0)
         return clamped(
             Input(

@@ -1,0 +1,76 @@
+"""The newest odometry and reference that are fit to be used, and how old they are."""
+
+from __future__ import annotations
+
+from quad_mpc_ros.estimation.twist_frame import TwistFrameCheck
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.state import with_body_twist
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.safety.odometry_gate import OdometryGate
+from quad_mpc_ros.safety.validation import coverage_fault, reference_fault
+
+
+class InputMonitor:
+    """Takes what is fit to be used; of what is not it says why, and keeps the last good one.
+
+    ``odometry`` has its twist in the body frame, in whichever it came. ``odometry_ns`` and
+    ``reference_ns`` are the times of arrival.
+    """
+
+    def __init__(self, config: MpcConfig) -> None:
+        self._parameters = config.odometry
+        self._gate = OdometryGate(config)
+        self._twist_check = TwistFrameCheck(twist_frame=config.odometry.twist_frame)
+        self.odometry: OdometrySample | None = None
+        self.odometry_ns: int | None = None
+        self.reference: ReferenceWindow | None = None
+        self.reference_ns: int | None = None
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over a changed timeout."""
+        self._gate.reconfigure(config)
+
+    def take_odometry(self, odometry: OdometrySample, *, now_ns: int) -> str | None:
+        """Take an odometry that arrives now, or return why it cannot be used."""
+        refusal = self._gate.refusal(odometry, now_ns=now_ns)
+        if refusal is not None:
+            return refusal
+        self._twist_check.note(odometry)
+        if self._parameters.twist_frame == "world":
+            odometry = with_body_twist(odometry)
+        self.odometry, self.odometry_ns = odometry, self._gate.news_ns
+        return None
+
+    def take_reference(self, window: ReferenceWindow, *, now_ns: int) -> str | None:
+        """Take a reference window that arrives now, or return why it cannot be used."""
+        fault = reference_fault(window, frame_id=self._parameters.frame_id)
+        if fault is None:
+            self.reference, self.reference_ns = window, now_ns
+        return fault
+
+    def reference_at(
+        self, stamp_ns: int, *, timeout_ns: int, now_ns: int
+    ) -> tuple[ReferenceWindow | None, str]:
+        """Return the reference to follow at a stamp, or None and why there is none."""
+        if self.reference is None or now_ns - (self.reference_ns or 0) > timeout_ns:
+            return None, "no usable reference"
+        fault = coverage_fault(self.reference, stamp_ns, tolerance_ns=timeout_ns)
+        return (self.reference, "") if fault is None else (None, fault)
+
+    def odometry_age_ns(self, now_ns: int) -> int:
+        """Return the age of the odometry by its stamp; zero without one."""
+        return now_ns - self.odometry.stamp_ns if self.odometry is not None else 0
+
+    def reference_age_ns(self, now_ns: int) -> int:
+        """Return the time since the reference arrived; since the beginning of time without one."""
+        return now_ns - (self.reference_ns or 0)
+
+    def twist_warning(self) -> str | None:
+        """Return a warning when the odometry's twist seems to be in the other frame, once."""
+        suspected = self._twist_check.verdict()
+        if suspected is None:
+            return None
+        return (
+            f"the odometry's twist does not match its positions; it seems to be in the "
+            f"{suspected} frame: set odometry.twist_frame to {suspected}"
+        )

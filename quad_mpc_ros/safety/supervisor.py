@@ -1,0 +1,224 @@
+"""The supervisor: it watches over the MPC, and something always has the vehicle.
+
+What comes in is checked (:mod:`.input_monitor`), the safety ladder (:mod:`.ladder`) says who
+commands, fallbacks (:mod:`.fallbacks`) command where the MPC cannot, and every command is limited
+(:mod:`.command_limits`). ``docs/safety.md`` describes it. It reads no clock: ``now_ns`` is given.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from quad_mpc_ros.estimation.contact import GroundContact
+from quad_mpc_ros.lie.kernels import infinity_norm
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.state import Input, state_from_odometry
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.ocp.formulation import Plan
+from quad_mpc_ros.safety import ladder
+from quad_mpc_ros.safety.command_limits import clamped, rate_limited
+from quad_mpc_ros.safety.fallbacks import BlindFallback, HoverFallback, idle
+from quad_mpc_ros.safety.flight_limits import FlightLimits
+from quad_mpc_ros.safety.input_monitor import InputMonitor
+from quad_mpc_ros.safety.ladder import Breach, Decision, LadderState, Source
+
+
+class Counts(NamedTuple):
+    """What has been counted so far; ``TickStats`` says of each what it is."""
+
+    commands: int = 0
+    fallbacks: int = 0
+    solver_failures: int = 0
+    deadline_misses: int = 0
+    rejected_inputs: int = 0
+
+
+class _HeldPlan(NamedTuple):
+    plan: Plan
+    planned_ns: int
+
+
+class _Sent(NamedTuple):
+    command: Input
+    sent_ns: int
+
+
+class Supervisor:
+    """Checks what comes in, decides who commands, and limits what goes out."""
+
+    def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
+        """``deadline`` [s] is how long a plan may take to be flown."""
+        self._config = config
+        self._deadline = deadline
+        self._vehicle = config.vehicle()
+        self.inputs = InputMonitor(config)
+        self._flight_limits = FlightLimits(config)
+        self._ground = GroundContact()
+        self._hover = HoverFallback(config)
+        self._blind = BlindFallback(config)
+        self._timeouts = ladder.timeouts_of(config)
+        self._ladder = LadderState()
+        self._plan: _HeldPlan | None = None
+        self._sent: _Sent | None = None
+        self._warnings: list[str] = []
+        self.counts = Counts()
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed live parameters; what is known stays."""
+        self._config = config
+        self._timeouts = ladder.timeouts_of(config)
+        self.inputs.reconfigure(config)
+        self._flight_limits.reconfigure(config)
+        self._hover.reconfigure(config)
+        self._blind.reconfigure(config)
+
+    def take_warnings(self) -> list[str]:
+        """Return what there is to tell the log since the last call."""
+        twist = self.inputs.twist_warning()
+        warnings, self._warnings = self._warnings, []
+        return warnings if twist is None else [*warnings, twist]
+
+    # --- what comes in
+
+    def accept_odometry(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample | None:
+        """Take an odometry and return it, the twist in the body frame; None if it is unfit."""
+        fault = self.inputs.take_odometry(odometry, now_ns=now_ns)
+        return self.inputs.odometry if self._accepted(fault) else None
+
+    def accept_reference(self, window: ReferenceWindow, *, now_ns: int) -> bool:
+        """Take a reference window if it is fit to be used."""
+        return self._accepted(self.inputs.take_reference(window, now_ns=now_ns))
+
+    def _accepted(self, fault: str | None) -> bool:
+        if fault is None:
+            return True
+        self._count("rejected_inputs")
+        self._warnings.append(fault)
+        return False
+
+    def reference_at(self, stamp_ns: int, *, now_ns: int) -> tuple[ReferenceWindow | None, str]:
+        """Return the reference to follow at a stamp, or None and why there is none."""
+        return self.inputs.reference_at(
+            stamp_ns, timeout_ns=self._timeouts.reference, now_ns=now_ns
+        )
+
+    # --- what the MPC made of it
+
+    def plan_fault(self, plan: Plan | None, *, status: str, step_time: float) -> str:
+        """Return why a plan cannot be flown, empty if it can.
+
+        The plan is None if the solver, whose ``status`` it is, found none; ``step_time`` [s] is
+        how long it took.
+        """
+        if plan is None:
+            return self.solver_failure(f"solver: {status}")
+        if not math.isfinite(infinity_norm(plan.inputs.ravel())):
+            return self.solver_failure("the plan is not finite")
+        if step_time > self._deadline:
+            self._count("deadline_misses")
+            return f"late: the plan took {1e3 * step_time:.1f} ms"
+        return ""
+
+    def solver_failure(self, fault: str) -> str:
+        """Count a solve that gave no plan, and return why it did not."""
+        self._count("solver_failures")
+        return fault
+
+    # --- who commands
+
+    def decide(
+        self, odometry: OdometrySample, *, plan: Plan | None, plan_fault: str, now_ns: int
+    ) -> Decision:
+        """Return who commands in answer to an odometry; the plan is None if it has a fault."""
+        self._blind.release()
+        if plan is not None:
+            self._plan = _HeldPlan(plan, now_ns)
+        if self._sent is not None:  # before that others may keep it in the air
+            thrust = self._vehicle.thrust(self._sent.command.throttle)
+            lift = thrust * odometry.up / (self._vehicle.mass * self._vehicle.gravity)
+            self._ground.update(speed=odometry.speed, lift=lift, now_ns=now_ns)
+        reference = self.inputs.reference
+        breach = self._flight_limits.check(
+            odometry,
+            p_reference=reference.p_WB[0] if reference is not None else None,
+            now_ns=now_ns,
+        )
+        return self._decision(now_ns, plan_fault=plan_fault, breach=breach)
+
+    def decide_blind(self, *, now_ns: int) -> Decision | None:
+        """Return who commands without odometry; None as long as there is some, or no flight."""
+        odometry, seen_ns, sent = self.inputs.odometry, self.inputs.odometry_ns, self._sent
+        if odometry is None or seen_ns is None or sent is None:
+            return None
+        if abs(now_ns - seen_ns) <= self._timeouts.odometry:
+            return None
+        self._blind.dead_reckon(
+            state_from_odometry(odometry).R_WB,
+            sent.command.w_WB_B,
+            duration=(now_ns - sent.sent_ns) * 1e-9,
+        )
+        return self._decision(now_ns, plan_fault="not run without odometry")
+
+    def _decision(self, now_ns: int, *, plan_fault: str, breach: Breach | None = None) -> Decision:
+        decision, self._ladder = ladder.decide(
+            ladder.Inputs(
+                now_ns=now_ns,
+                odometry_ns=self.inputs.odometry_ns,
+                reference_ns=self.inputs.reference_ns,
+                plan_fault=plan_fault,
+                breach=breach,
+                standing=self._ground.standing,
+            ),
+            self._ladder,
+            self._timeouts,
+        )
+        return decision
+
+    # --- what is sent
+
+    def command(self, source: Source, *, duration: float, now_ns: int) -> Input | None:
+        """Return the command of a source within every limit, which is then in force.
+
+        None if the source sends nothing. It is expected to act for ``duration`` [s].
+        """
+        wanted = self._wanted(source, duration=duration, now_ns=now_ns)
+        if wanted is None:
+            return None
+        if self._sent is not None:
+            elapsed = max(now_ns - self._sent.sent_ns, 0) * 1e-9
+            wanted = rate_limited(wanted, self._sent.command, self._config.slew, duration=elapsed)
+        u = clamped(wanted, self._config)
+        self.note_sent(u, now_ns=now_ns)
+        self._count("commands")
+        if source is not Source.MPC:
+            self._count("fallbacks")
+        return u
+
+    def note_sent(self, u: Input, *, now_ns: int) -> None:
+        """Take note of the command in force."""
+        self._sent = _Sent(u, now_ns)
+
+    def _wanted(self, source: Source, *, duration: float, now_ns: int) -> Input | None:
+        """Return the command of a source, before any limit."""
+        if source is not Source.HOVER:
+            self._hover.release()
+        odometry, blind_since_ns = self.inputs.odometry, self._ladder.blind_since_ns
+        match source:
+            case Source.MPC | Source.PLAN if self._plan is not None:
+                elapsed = (now_ns - self._plan.planned_ns) * 1e-9
+                return self._plan.plan.command_over(elapsed, duration)
+            case Source.HOVER if odometry is not None:
+                x = state_from_odometry(odometry)
+                return self._hover.command(x, p_hold=self._flight_limits.inside(x.p_WB))
+            case Source.IDLE:
+                return idle(self._config)
+            case Source.BLIND if odometry is not None and blind_since_ns is not None:
+                return self._blind.command(
+                    state_from_odometry(odometry).R_WB, elapsed=(now_ns - blind_since_ns) * 1e-9
+                )
+            case _:
+                return None
+
+    def _count(self, name: str) -> None:
+        self.counts = self.counts._replace(**{name: getattr(self.counts, name) + 1})
