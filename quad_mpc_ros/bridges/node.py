@@ -18,9 +18,10 @@ from quad_mpc_ros.bridges.bridge import (
 )
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, ODOMETRY
 from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.ros.health import OK, WARN, Health, HealthReporter
+from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run

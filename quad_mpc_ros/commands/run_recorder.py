@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.control.tick import Tick
-from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages import conversions, diagnostics
 from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.messages.topics import (
     COMMAND,
@@ -106,7 +106,7 @@ class RunRecorder:
             # Answered at once in the time of the loop; what it took is on the wall clock.
             answered_ns = time_ns + round(1e3 * tick.stats.step_time_us)
             self.command(command, topic=COMMAND, time_ns=time_ns, answered_ns=answered_ns)
-        self._write(STATS, time_ns, lambda m: conversions.fill_stats(m, tick.stats, new=new))
+        self._write(STATS, time_ns, lambda m: diagnostics.fill_stats(m, tick.stats, new=new))
         if plan is not None:
             self._write(
                 PREDICTED_PATH,

@@ -1,22 +1,21 @@
-"""Between ROS messages and the values the package computes with.
+"""Between ROS messages and the values that the package computes with.
 
-Duck-typed: a function reads attributes of a message, or fills one that is passed in, and imports
-no message package. The same code therefore serves rclpy's messages and those of a bag read
-without ROS. ``new`` makes an empty message of a type, for the elements of sequences; a message
-that was filled before keeps its elements and is filled again, which is cheaper.
+A function reads the attributes of a message, or fills one that is passed in, and imports no
+message package. So the same code serves rclpy's messages and those of a bag that is read without
+ROS. ``new`` makes an empty message of a type, for the elements of sequences. A message that was
+filled before keeps its elements and is filled again, which is cheaper.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 
@@ -27,9 +26,6 @@ _SECOND = 1_000_000_000
 
 _COLUMNS = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13), slice(13, 16))
 _LEFT_OUT = SimpleNamespace(x=0.0, y=0.0, z=0.0)
-
-STATS_NAME = "quad_mpc_ros: mpc tick"
-_STATS_OK, _STATS_WARN, _STATS_ERROR = b"\x00", b"\x01", b"\x02"
 
 
 def nanoseconds(time: Any) -> int:
@@ -77,12 +73,12 @@ def odometry_from_pose_and_twist(pose: Any, twist: Any, *, child_frame_id: str) 
 
 def fill_odometry(message: Any, odometry: OdometrySample) -> None:
     """Write an odometry into a ``nav_msgs/Odometry``."""
-    _fill_header(message.header, odometry.stamp_ns, odometry.frame_id)
+    fill_header(message.header, odometry.stamp_ns, odometry.frame_id)
     message.child_frame_id = odometry.child_frame_id
-    _fill_vector(message.pose.pose.position, odometry.p_WB.tolist())
-    _fill_quaternion(message.pose.pose.orientation, odometry.q_WB_xyzw.tolist())
-    _fill_vector(message.twist.twist.linear, odometry.v_WB_B.tolist())
-    _fill_vector(message.twist.twist.angular, odometry.w_WB_B.tolist())
+    fill_vector(message.pose.pose.position, odometry.p_WB.tolist())
+    fill_quaternion(message.pose.pose.orientation, odometry.q_WB_xyzw.tolist())
+    fill_vector(message.twist.twist.linear, odometry.v_WB_B.tolist())
+    fill_vector(message.twist.twist.angular, odometry.w_WB_B.tolist())
 
 
 def command_from_message(message: Any) -> CommandSample:
@@ -97,9 +93,9 @@ def command_from_message(message: Any) -> CommandSample:
 
 def fill_command(message: Any, command: CommandSample) -> None:
     """Write a command into a ``geometry_msgs/TwistStamped``: throttle in linear.z."""
-    _fill_header(message.header, command.stamp_ns, command.frame_id)
+    fill_header(message.header, command.stamp_ns, command.frame_id)
     message.twist.linear.z = command.throttle
-    _fill_vector(message.twist.angular, command.w_WB_B.tolist())
+    fill_vector(message.twist.angular, command.w_WB_B.tolist())
 
 
 def reference_from_message(message: Any) -> ReferenceWindow:
@@ -143,9 +139,9 @@ def fill_reference(
     message: Any, window: ReferenceWindow, *, child_frame_id: str, new: NewMessage
 ) -> None:
     """Write a window into a ``trajectory_msgs/MultiDOFJointTrajectory``."""
-    _fill_header(message.header, window.stamp_ns, window.frame_id)
+    fill_header(message.header, window.stamp_ns, window.frame_id)
     message.joint_names = [child_frame_id]
-    points = _elements(
+    points = elements(
         message,
         "points",
         len(window.p_WB),
@@ -162,14 +158,14 @@ def fill_reference(
         window.a_WB_W.tolist(),
         strict=True,
     ):
-        (transform,) = _elements(point, "transforms", 1, "geometry_msgs/msg/Transform", new)
-        (velocity,) = _elements(point, "velocities", 1, "geometry_msgs/msg/Twist", new)
-        (acceleration,) = _elements(point, "accelerations", 1, "geometry_msgs/msg/Twist", new)
-        _fill_vector(transform.translation, p)
-        _fill_quaternion(transform.rotation, q)
-        _fill_vector(velocity.linear, v)
-        _fill_vector(velocity.angular, w)
-        _fill_vector(acceleration.linear, a)
+        (transform,) = elements(point, "transforms", 1, "geometry_msgs/msg/Transform", new)
+        (velocity,) = elements(point, "velocities", 1, "geometry_msgs/msg/Twist", new)
+        (acceleration,) = elements(point, "accelerations", 1, "geometry_msgs/msg/Twist", new)
+        fill_vector(transform.translation, p)
+        fill_quaternion(transform.rotation, q)
+        fill_vector(velocity.linear, v)
+        fill_vector(velocity.angular, w)
+        fill_vector(acceleration.linear, a)
         fill_time(point.time_from_start, offset_ns)
 
 
@@ -190,14 +186,14 @@ def fill_path(
     new: NewMessage,
 ) -> None:
     """Write n poses, positions (n, 3) and quaternions (n, 4), into a ``nav_msgs/Path``."""
-    _fill_header(message.header, stamp_ns, frame_id)
-    poses = _elements(message, "poses", len(p_WB), "geometry_msgs/msg/PoseStamped", new)
+    fill_header(message.header, stamp_ns, frame_id)
+    poses = elements(message, "poses", len(p_WB), "geometry_msgs/msg/PoseStamped", new)
     for pose, pose_stamp_ns, p, q in zip(
         poses, pose_stamps_ns, p_WB.tolist(), q_WB_xyzw.tolist(), strict=True
     ):
-        _fill_header(pose.header, pose_stamp_ns, frame_id)
-        _fill_vector(pose.pose.position, p)
-        _fill_quaternion(pose.pose.orientation, q)
+        fill_header(pose.header, pose_stamp_ns, frame_id)
+        fill_vector(pose.pose.position, p)
+        fill_quaternion(pose.pose.orientation, q)
 
 
 def positions_from_path(message: Any) -> NDArray[np.float64]:
@@ -230,50 +226,15 @@ def fill_plan(
 
 def fill_transform(message: Any, odometry: OdometrySample, *, new: NewMessage) -> None:
     """Write the pose of an odometry into a ``tf2_msgs/TFMessage``, from its frame to its child."""
-    (stamped,) = _elements(message, "transforms", 1, "geometry_msgs/msg/TransformStamped", new)
-    _fill_header(stamped.header, odometry.stamp_ns, odometry.frame_id)
+    (stamped,) = elements(message, "transforms", 1, "geometry_msgs/msg/TransformStamped", new)
+    fill_header(stamped.header, odometry.stamp_ns, odometry.frame_id)
     stamped.child_frame_id = odometry.child_frame_id
-    _fill_vector(stamped.transform.translation, odometry.p_WB.tolist())
-    _fill_quaternion(stamped.transform.rotation, odometry.q_WB_xyzw.tolist())
+    fill_vector(stamped.transform.translation, odometry.p_WB.tolist())
+    fill_quaternion(stamped.transform.rotation, odometry.q_WB_xyzw.tolist())
 
 
-def fill_stats(message: Any, stats: TickStats, *, new: NewMessage) -> None:
-    """Write the figures of a tick into a ``diagnostic_msgs/DiagnosticArray`` of one status."""
-    fill_time(message.header.stamp, stats.stamp_ns)
-    level = {"mpc": _STATS_OK, "plan": _STATS_WARN}.get(stats.source, _STATS_ERROR)
-    (status,) = _elements(message, "status", 1, "diagnostic_msgs/msg/DiagnosticStatus", new)
-    fill_status(
-        status,
-        name=STATS_NAME,
-        level=level,
-        text=stats.reason or "ok",
-        values=stats.items(),
-        new=new,
-    )
-
-
-def fill_status(
-    status: Any,
-    *,
-    name: str,
-    level: bytes,
-    text: str,
-    values: Sequence[tuple[str, str]],
-    new: NewMessage,
-) -> None:
-    """Write into a ``diagnostic_msgs/DiagnosticStatus``; ``level`` is one byte."""
-    status.level, status.name, status.message = level, name, text
-    pairs = _elements(status, "values", len(values), "diagnostic_msgs/msg/KeyValue", new)
-    for pair, (key, value) in zip(pairs, values, strict=True):
-        pair.key, pair.value = key, value
-
-
-def stats_from_message(message: Any) -> dict[str, str]:
-    """Return the figures of an ``mpc/stats`` message as they were written."""
-    return {pair.key: pair.value for status in message.status for pair in status.values}
-
-
-def _fill_header(header: Any, stamp_ns: int, frame_id: str) -> None:
+def fill_header(header: Any, stamp_ns: int, frame_id: str) -> None:
+    """Write into a ``std_msgs/Header``."""
     fill_time(header.stamp, stamp_ns)
     header.frame_id = frame_id
 
@@ -286,15 +247,17 @@ def _quaternion(q: Any) -> NDArray[np.float64]:
     return np.array((q.x, q.y, q.z, q.w))
 
 
-def _fill_vector(target: Any, values: list[float]) -> None:
+def fill_vector(target: Any, values: Iterable[float]) -> None:
+    """Write into a message with x, y and z."""
     target.x, target.y, target.z = values
 
 
-def _fill_quaternion(target: Any, q_xyzw: list[float]) -> None:
+def fill_quaternion(target: Any, q_xyzw: Iterable[float]) -> None:
+    """Write into a ``geometry_msgs/Quaternion``."""
     target.x, target.y, target.z, target.w = q_xyzw
 
 
-def _elements(
+def elements(
     message: Any, field: str, count: int, type_name: str, new: NewMessage
 ) -> Sequence[Any]:
     """Return a sequence of a message, made anew unless it has so many elements already."""

@@ -13,7 +13,13 @@ import numpy as np
 
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.messages.conversions import NewMessage, fill_time
+from quad_mpc_ros.messages.conversions import (
+    NewMessage,
+    fill_header,
+    fill_quaternion,
+    fill_time,
+    fill_vector,
+)
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.vehicle import ARM, Vehicle, VehicleParameters, outline
 
@@ -73,7 +79,7 @@ class Trail:
 ARROW, LINE_STRIP, LINE_LIST = 0, 4, 5
 
 _FLEETING_NS = 500_000_000  # what a silent controller commands and predicts vanishes
-_NO_ROTATION = np.array([0.0, 0.0, 0.0, 1.0])
+_NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,28 +142,24 @@ def _marker(
     look: _Look, odometry: OdometrySample, points: Array, *, new: NewMessage, in_body: bool = False
 ) -> Any:
     marker = new("visualization_msgs/msg/Marker")
-    fill_time(marker.header.stamp, odometry.stamp_ns)
-    marker.header.frame_id = odometry.frame_id
+    fill_header(marker.header, odometry.stamp_ns, odometry.frame_id)
     marker.ns, marker.type = look.name, look.kind
-    position = odometry.p_WB if in_body else np.zeros(3)
-    rotation = odometry.q_WB_xyzw if in_body else _NO_ROTATION
-    _set(marker.pose.position, "xyz", position)
-    _set(marker.pose.orientation, "xyzw", rotation)
-    _set(marker.scale, "xyz", np.array(look.scale))
-    _set(marker.color, "rgba", np.array([*look.rgb, 1.0]))
+    if in_body:
+        fill_vector(marker.pose.position, odometry.p_WB.tolist())
+        fill_quaternion(marker.pose.orientation, odometry.q_WB_xyzw.tolist())
+    else:
+        fill_quaternion(marker.pose.orientation, _NO_ROTATION)
+    fill_vector(marker.scale, look.scale)
+    marker.color.r, marker.color.g, marker.color.b = look.rgb
+    marker.color.a = 1.0
     fill_time(marker.lifetime, look.lifetime_ns)
     # An empty line is an error to RViz.
-    marker.points = [_point(point, new) for point in points] if len(points) > 1 else []
+    marker.points = [_point(point, new) for point in points.tolist()] if len(points) > 1 else []
     marker.action = 0 if marker.points else 2  # add, or delete
     return marker
 
 
-def _point(values: Array, new: NewMessage) -> Any:
+def _point(values: list[float], new: NewMessage) -> Any:
     point = new("geometry_msgs/msg/Point")
-    _set(point, "xyz", values)
+    fill_vector(point, values)
     return point
-
-
-def _set(target: Any, names: str, values: Array) -> None:
-    for name, value in zip(names, values.tolist(), strict=True):
-        setattr(target, name, value)

@@ -10,7 +10,8 @@ from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages import conversions, diagnostics
+from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
 from quad_mpc_ros.messages.topics import (
     COMMAND,
     ENGAGED,
@@ -22,7 +23,7 @@ from quad_mpc_ros.messages.topics import (
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.clocks import SteadyTime
-from quad_mpc_ros.ros.health import ERROR, OK, WARN, Health
+from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.spin import run
@@ -141,7 +142,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._warn(warning)
 
     def _publish_insight(self, tick: Tick) -> None:
-        conversions.fill_stats(self._stats_message, tick.stats, new=new_message)
+        diagnostics.fill_stats(self._stats_message, tick.stats, new=new_message)
         self._stats.publish(self._stats_message)
         if tick.plan is not None and self._path_is_due(tick.plan.stamp_ns):
             conversions.fill_plan(

@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from quad_mpc_ros.configuration import BagError, ConfigurationError
 from quad_mpc_ros.messages.conversions import fill_time
+from quad_mpc_ros.messages.diagnostics import OK
 from quad_mpc_ros.messages.topics import CLOCK
 from quad_mpc_ros.nodes.bag_qos import offered_again
 from quad_mpc_ros.nodes.played_topics import PlayedTopics, played_topics
@@ -24,7 +25,7 @@ from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage, TopicInfo
 from quad_mpc_ros.replay.playback import Playback, Section, Timeline, in_laps
 from quad_mpc_ros.replay.playback_threads import PlaybackThread, ReadAhead
-from quad_mpc_ros.ros.health import OK, Health, HealthReporter
+from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.rclpy_internals import RCLError

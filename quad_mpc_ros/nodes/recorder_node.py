@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 
+from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
 from quad_mpc_ros.nodes.recorder import Recorder
 from quad_mpc_ros.recordings.config import RecorderConfig
-from quad_mpc_ros.ros.health import ERROR, OK, PEERS_KEY, WARN, Health
+from quad_mpc_ros.ros.health import PEERS_KEY, Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.spin import run, stop
 

@@ -12,8 +12,9 @@ from std_srvs.srv import Trigger
 
 from quad_mpc_ros.evaluation.recorded_reference import read_recording
 from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import GOAL_POSE, ODOMETRY, REFERENCE, REFERENCE_PATH, TRAJECTORY
-from quad_mpc_ros.ros.health import OK, WARN, Health
+from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import decoded, new_message
 from quad_mpc_ros.ros.spin import run

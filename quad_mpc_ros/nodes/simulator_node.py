@@ -11,10 +11,11 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.diagnostics import ERROR, OK
 from quad_mpc_ros.messages.topics import CLOCK, COMMAND, ODOMETRY
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.ros.clocks import create_steady_timer
-from quad_mpc_ros.ros.health import ERROR, OK, Health, HealthReporter
+from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run, stop

@@ -9,11 +9,12 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from quad_mpc_ros.messages import conversions, markers
+from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.markers import Trail, VisualisationConfig
 from quad_mpc_ros.messages.topics import COMMAND, MARKERS, ODOMETRY, PREDICTED_PATH, TF
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.ros.clocks import create_steady_timer
-from quad_mpc_ros.ros.health import OK, WARN, Health, HealthReporter
+from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run

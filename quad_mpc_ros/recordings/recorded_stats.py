@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.control.tick import TickStats
-from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages import diagnostics
 from quad_mpc_ros.messages.topics import STATS
 from quad_mpc_ros.recordings.reader import RecordedMessage
 
@@ -36,7 +36,7 @@ def tick_stats(message: Any) -> TickStats:
 
     Figures that an earlier version did not have take their default.
     """
-    told = conversions.stats_from_message(message)
+    told = diagnostics.stats_from_message(message)
     values = {
         field.name: _KINDS[field.name](told[field.name])
         for field in dataclasses.fields(TickStats)

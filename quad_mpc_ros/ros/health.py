@@ -16,12 +16,11 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from quad_mpc_ros.messages.conversions import fill_status
+from quad_mpc_ros.messages.diagnostics import WARN, fill_status
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, Topic
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 
-OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 PEERS_KEY = "peers."
 _PERIOD = 1.0
 _POLL_PERIOD = 0.1

@@ -16,10 +16,11 @@ from typing import Any, Generic, TypeVar
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 from quad_mpc_ros.configuration import ManagedConfiguration, UserError
+from quad_mpc_ros.messages.diagnostics import WARN
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.realtime import settle_memory
 from quad_mpc_ros.ros.clocks import create_steady_timer
-from quad_mpc_ros.ros.health import WARN, Health, HealthReporter
+from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.parameters import ManagedParameters
 from quad_mpc_ros.ros.rclpy_internals import (
     lifecycle_state,

@@ -14,7 +14,8 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 
-from quad_mpc_ros.messages.conversions import nanoseconds, stats_from_message
+from quad_mpc_ros.messages.conversions import nanoseconds
+from quad_mpc_ros.messages.diagnostics import stats_from_message
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 

@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from quad_mpc_ros.lie import so3
-from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages import conversions, diagnostics
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.messages import new_message
 
@@ -276,7 +276,7 @@ def test_a_live_flight_from_the_ground_to_the_ground(start: Start, peer: Any) ->
     node.create_subscription(
         DiagnosticArray,
         "mpc/stats",
-        lambda m: pilot.sources.append(conversions.stats_from_message(m)["source"]),
+        lambda m: pilot.sources.append(diagnostics.stats_from_message(m)["source"]),
         10,
     )
     node.create_subscription(

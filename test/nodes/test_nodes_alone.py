@@ -20,7 +20,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rosbags.highlevel import AnyReader
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages import conversions, diagnostics
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.messages import new_message
 
@@ -168,7 +168,7 @@ class Stack:
         node.create_subscription(
             DiagnosticArray,
             "mpc/stats",
-            lambda m: self.stats.append(conversions.stats_from_message(m)),
+            lambda m: self.stats.append(diagnostics.stats_from_message(m)),
             10,
         )
         self._odometry = node.create_publisher(Odometry, "odom", qos_profile_sensor_data)

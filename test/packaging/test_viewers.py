@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import topics
-from quad_mpc_ros.messages.conversions import STATS_NAME
+from quad_mpc_ros.messages.diagnostics import STATS_NAME
 
 VIEWERS = Path(__file__).parents[2] / "config" / "viewers"
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -10,7 +10,7 @@ import numpy as np
 from rclpy.node import Node
 
 from quad_mpc_ros.faults.verdict import command_fault
-from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages import conversions, diagnostics
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, STATS
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ros.messages import message_class, qos_of
@@ -110,7 +110,7 @@ class Watch:
             self.unsound.append(fault)
 
     def _on_stats(self, message: Any, info: dict[str, int]) -> None:
-        self.stats = conversions.stats_from_message(message)
+        self.stats = diagnostics.stats_from_message(message)
         self.ticks.append(
             TickSeen(
                 sent_ns=info["source_timestamp"],

@@ -1,0 +1,50 @@
+"""Diagnostics: the statistics of a tick of the MPC, and the status that a node reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from quad_mpc_ros.control.tick import TickStats
+from quad_mpc_ros.messages.conversions import NewMessage, elements, fill_time
+
+OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
+"""The levels of a ``diagnostic_msgs/DiagnosticStatus``."""
+
+STATS_NAME = "quad_mpc_ros: mpc tick"
+
+
+def fill_stats(message: Any, stats: TickStats, *, new: NewMessage) -> None:
+    """Write the figures of a tick into a ``diagnostic_msgs/DiagnosticArray`` of one status."""
+    fill_time(message.header.stamp, stats.stamp_ns)
+    level = {"mpc": OK, "plan": WARN}.get(stats.source, ERROR)
+    (status,) = elements(message, "status", 1, "diagnostic_msgs/msg/DiagnosticStatus", new)
+    fill_status(
+        status,
+        name=STATS_NAME,
+        level=level,
+        text=stats.reason or "ok",
+        values=stats.items(),
+        new=new,
+    )
+
+
+def fill_status(
+    status: Any,
+    *,
+    name: str,
+    level: bytes,
+    text: str,
+    values: Sequence[tuple[str, str]],
+    new: NewMessage,
+) -> None:
+    """Write into a ``diagnostic_msgs/DiagnosticStatus``; ``level`` is one byte."""
+    status.level, status.name, status.message = level, name, text
+    pairs = elements(status, "values", len(values), "diagnostic_msgs/msg/KeyValue", new)
+    for pair, (key, value) in zip(pairs, values, strict=True):
+        pair.key, pair.value = key, value
+
+
+def stats_from_message(message: Any) -> dict[str, str]:
+    """Return the figures of an ``mpc/stats`` message as they were written."""
+    return {pair.key: pair.value for status in message.status for pair in status.values}
