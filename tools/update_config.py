@@ -10,7 +10,7 @@ from pathlib import Path
 
 from quad_mpc_ros.bridges.registry import bridge_configurations, bridge_packages
 from quad_mpc_ros.commands.parameter_tables import NODES, as_markdown, as_yaml
-from quad_mpc_ros.faults.table import fault_table
+from quad_mpc_ros.faults.cases import fault_table
 
 ROOT = Path(__file__).resolve().parents[1]
 

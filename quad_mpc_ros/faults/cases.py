@@ -7,12 +7,13 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from quad_mpc_ros.faults import courses, distortions, rubbish
+from quad_mpc_ros.faults import courses, distortions
 from quad_mpc_ros.faults.courses import Course
 from quad_mpc_ros.faults.distortions import Distortion
 from quad_mpc_ros.faults.solver import SolverFault
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.text_tables import markdown_table
 
 
 class ProcessFault(enum.Enum):
@@ -22,6 +23,16 @@ class ProcessFault(enum.Enum):
     RESTART_SIMULATOR = "end it, start another"
     SET_PARAMETERS = "set_parameters_atomically"
     START_NODES = "start them"
+
+
+def _at_once(config: MpcConfig) -> float:
+    """The next message comes within a period, and is answered within another."""
+    return 2.0 / config.control_rate
+
+
+def _when_believed(config: MpcConfig) -> float:
+    """Stamps that jump back are a jump again, which must persist first."""
+    return config.odom_timeout + 2.0 / config.control_rate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +50,7 @@ class Fault:
     injected: str
     duration: float
     course: Callable[[MpcConfig], Course]
-    recovery: Callable[[MpcConfig], float]
+    recovery: Callable[[MpcConfig], float] = _at_once
     home: float = 4.0
     counter: str = ""
     odometry: Distortion[OdometrySample] | None = None
@@ -58,16 +69,6 @@ class Fault:
         return self.name if self.clock else ""
 
 
-def _at_once(config: MpcConfig) -> float:
-    """The next message comes within a period, and is answered within another."""
-    return 2.0 / config.control_rate
-
-
-def _when_believed(config: MpcConfig) -> float:
-    """Stamps that jump back are a jump again, which must persist first."""
-    return config.odom_timeout + 2.0 / config.control_rate
-
-
 _BRIEF = 0.6  # s: until blind, or hovering after a failed solver
 _LONG = 1.5  # s: until silent
 
@@ -77,7 +78,6 @@ _ODOMETRY = (
         injected="no odometry",
         duration=_LONG,
         course=courses.odometry_lost,
-        recovery=_at_once,
         odometry=distortions.lost,
     ),
     Fault(
@@ -85,7 +85,6 @@ _ODOMETRY = (
         injected="the last pose and twist for ever, under new stamps, though they tell of motion",
         duration=_BRIEF,
         course=courses.odometry_frozen,
-        recovery=_at_once,
         odometry=distortions.frozen,
     ),
     Fault(
@@ -93,7 +92,6 @@ _ODOMETRY = (
         injected="the last odometry for ever, stamp and all",
         duration=_BRIEF,
         course=courses.odometry_lost,
-        recovery=_at_once,
         odometry=distortions.repeated,
     ),
     Fault(
@@ -101,42 +99,37 @@ _ODOMETRY = (
         injected="position 2.4 m aside, and back",
         duration=1.0,
         course=courses.unimpressed,
-        recovery=_at_once,
-        odometry=distortions.changed(rubbish.aside),
+        odometry=distortions.changed(distortions.aside),
     ),
     Fault(
         name="odometry_nan",
         injected="positions that are not a number",
         duration=_BRIEF,
         course=courses.odometry_lost,
-        recovery=_at_once,
         counter="rejected_inputs",
-        odometry=distortions.changed(rubbish.not_a_number),
+        odometry=distortions.changed(distortions.not_a_number),
     ),
     Fault(
         name="odometry_wrong_frame",
         injected="another world frame in the header",
         duration=_BRIEF,
         course=courses.odometry_lost,
-        recovery=_at_once,
         counter="rejected_inputs",
-        odometry=distortions.changed(rubbish.in_another_frame),
+        odometry=distortions.changed(distortions.in_another_frame),
     ),
     Fault(
         name="odometry_not_unit",
         injected="quaternions 10 % too long",
         duration=_BRIEF,
         course=courses.odometry_lost,
-        recovery=_at_once,
         counter="rejected_inputs",
-        odometry=distortions.changed(rubbish.not_of_unit_length),
+        odometry=distortions.changed(distortions.not_of_unit_length),
     ),
     Fault(
         name="odometry_backwards",
         injected="stamps that run backwards",
         duration=_BRIEF,
         course=courses.odometry_lost,
-        recovery=_at_once,
         counter="rejected_inputs",
         odometry=distortions.running_backwards,
     ),
@@ -163,7 +156,6 @@ _ODOMETRY = (
         injected="one stamp in ten from 10 s in the future",
         duration=1.0,
         course=courses.unimpressed,
-        recovery=_at_once,
         counter="rejected_inputs",
         odometry=distortions.sometimes_from_the_future,
     ),
@@ -172,7 +164,6 @@ _ODOMETRY = (
         injected="30 % of the odometries lost at random",
         duration=2.0,
         course=courses.held_at_most,
-        recovery=_at_once,
         odometry=distortions.dropping(0.3),
     ),
     Fault(
@@ -180,7 +171,6 @@ _ODOMETRY = (
         injected="nothing for 200 ms, then all at once, again and again",
         duration=1.0,
         course=courses.blind_at_most,
-        recovery=_at_once,
         odometry=distortions.in_bursts(0.2),
     ),
     Fault(
@@ -188,8 +178,7 @@ _ODOMETRY = (
         injected="a second publisher of odometry, 0.5 m aside",
         duration=1.0,
         course=courses.unimpressed,
-        recovery=_at_once,
-        odometry=distortions.doubled(rubbish.of_another_estimator),
+        odometry=distortions.doubled(distortions.of_another_estimator),
         intruder=True,
     ),
 )
@@ -200,7 +189,6 @@ _REFERENCE = (
         injected="no reference",
         duration=1.0,
         course=courses.reference_lost,
-        recovery=_at_once,
         reference=distortions.lost,
     ),
     Fault(
@@ -208,53 +196,47 @@ _REFERENCE = (
         injected="velocities that are not a number",
         duration=1.0,
         course=courses.reference_lost,
-        recovery=_at_once,
         counter="rejected_inputs",
-        reference=distortions.changed(rubbish.reference_not_a_number),
+        reference=distortions.changed(distortions.reference_not_a_number),
     ),
     Fault(
         name="reference_empty",
         injected="windows without a sample",
         duration=1.0,
         course=courses.reference_lost,
-        recovery=_at_once,
         counter="rejected_inputs",
-        reference=distortions.changed(rubbish.reference_empty),
+        reference=distortions.changed(distortions.reference_empty),
     ),
     Fault(
         name="reference_wrong_frame",
         injected="another world frame in the header",
         duration=1.0,
         course=courses.reference_lost,
-        recovery=_at_once,
         counter="rejected_inputs",
-        reference=distortions.changed(rubbish.reference_in_another_frame),
+        reference=distortions.changed(distortions.reference_in_another_frame),
     ),
     Fault(
         name="reference_not_unit",
         injected="quaternions that are zero",
         duration=1.0,
         course=courses.reference_lost,
-        recovery=_at_once,
         counter="rejected_inputs",
-        reference=distortions.changed(rubbish.reference_not_of_unit_length),
+        reference=distortions.changed(distortions.reference_not_of_unit_length),
     ),
     Fault(
         name="reference_far_away",
         injected="a reference 1.4 km away, and back",
         duration=1.0,
         course=courses.unimpressed,
-        recovery=_at_once,
         home=10.0,
-        reference=distortions.changed(rubbish.reference_far_away),
+        reference=distortions.changed(distortions.reference_far_away),
     ),
     Fault(
         name="two_references",
         injected="a second publisher of the reference, 0.5 m aside",
         duration=1.0,
         course=courses.unimpressed,
-        recovery=_at_once,
-        reference=distortions.doubled(rubbish.reference_of_another_server),
+        reference=distortions.doubled(distortions.reference_of_another_server),
         intruder=True,
     ),
 )
@@ -265,7 +247,6 @@ _SOLVER = (
         injected="every solve ends at the limit of iterations",
         duration=_BRIEF,
         course=courses.solver_lost,
-        recovery=_at_once,
         counter="solver_failures",
         solver=SolverFault.FAIL,
     ),
@@ -274,7 +255,6 @@ _SOLVER = (
         injected="every solve is called solved, and is NaN",
         duration=_BRIEF,
         course=courses.solver_lost,
-        recovery=_at_once,
         counter="solver_failures",
         solver=SolverFault.LIE,
     ),
@@ -283,7 +263,6 @@ _SOLVER = (
         injected="every solve takes a period and a half",
         duration=_BRIEF,
         course=courses.solver_lost,
-        recovery=_at_once,
         counter="deadline_misses",
         solver=SolverFault.RUN_LONG,
     ),
@@ -311,7 +290,6 @@ _MACHINE = (
         injected="the MPC's process stands still",
         duration=1.0,
         course=courses.anything,
-        recovery=_at_once,
         process=ProcessFault.PAUSE_MPC,
     ),
     Fault(
@@ -319,7 +297,6 @@ _MACHINE = (
         injected="the simulator ends, and another starts where the first one did",
         duration=_LONG,
         course=courses.odometry_lost,
-        recovery=_at_once,
         home=10.0,
         process=ProcessFault.RESTART_SIMULATOR,
     ),
@@ -328,7 +305,6 @@ _MACHINE = (
         injected="50 changes of parameters a second, every other one wrong",
         duration=1.0,
         course=courses.unimpressed,
-        recovery=_at_once,
         process=ProcessFault.SET_PARAMETERS,
     ),
     Fault(
@@ -336,7 +312,6 @@ _MACHINE = (
         injected="simulator, reference and MPC started one after another, in every order",
         duration=0.0,
         course=courses.unimpressed,
-        recovery=_at_once,
         process=ProcessFault.START_NODES,
     ),
 )
@@ -347,7 +322,6 @@ _GROUND = (
         injected="on the ground: no odometry",
         duration=_LONG,
         course=functools.partial(courses.odometry_lost, standing=True),
-        recovery=_at_once,
         odometry=distortions.lost,
         grounded=True,
     ),
@@ -356,7 +330,6 @@ _GROUND = (
         injected="on the ground: the same pose and twist for ever, which tell of rest",
         duration=1.0,
         course=courses.unimpressed,
-        recovery=_at_once,
         odometry=distortions.frozen,
         grounded=True,
     ),
@@ -365,7 +338,6 @@ _GROUND = (
         injected="on the ground: no reference",
         duration=1.0,
         course=functools.partial(courses.reference_lost, standing=True),
-        recovery=_at_once,
         reference=distortions.lost,
         grounded=True,
     ),
@@ -374,7 +346,6 @@ _GROUND = (
         injected="on the ground: every solve ends at the limit of iterations",
         duration=_BRIEF,
         course=functools.partial(courses.solver_lost, standing=True),
-        recovery=_at_once,
         counter="solver_failures",
         solver=SolverFault.FAIL,
         grounded=True,
@@ -385,3 +356,19 @@ FAULTS: dict[str, Fault] = {
     fault.name: fault for fault in (*_ODOMETRY, *_REFERENCE, *_SOLVER, *_MACHINE, *_GROUND)
 }
 """Every fault by its name."""
+
+
+def fault_table() -> str:
+    """Return in Markdown what is injected and, with default parameters, what must follow."""
+    config = MpcConfig()
+    rows = [
+        (
+            f"`{fault.name}`",
+            fault.injected,
+            f"{fault.duration:g}",
+            courses.described(fault.course(config), fault.duration),
+            f"{fault.recovery(config):.2f} s",
+        )
+        for fault in FAULTS.values()
+    ]
+    return markdown_table(("fault", "injected", "s", "must lead to", "MPC again within"), rows)

@@ -13,7 +13,7 @@ from quad_mpc_ros.mpc_config import MpcConfig
 
 
 @dataclass(frozen=True, kw_only=True)
-class Phase:
+class CoursePhase:
     """Sources one of which commands from ``begins`` at the earliest, ``reached`` at the latest."""
 
     sources: tuple[str, ...]
@@ -21,7 +21,7 @@ class Phase:
     reached: float
 
 
-Course = tuple[Phase, ...]
+Course = tuple[CoursePhase, ...]
 
 _ANY = ("mpc", "plan", "hover", "blind", "silent", "idle")
 
@@ -33,20 +33,20 @@ def unimpressed(config: MpcConfig) -> Course:
 
 def held_at_most(config: MpcConfig) -> Course:
     """The MPC commands or, where a message is missing, its last plan."""
-    return (Phase(sources=("mpc", "plan"), begins=0.0, reached=0.0),)
+    return (CoursePhase(sources=("mpc", "plan"), begins=0.0, reached=0.0),)
 
 
 def blind_at_most(config: MpcConfig) -> Course:
     """As before, or blind for the moment between the end of the plan and the next message."""
-    return (Phase(sources=("mpc", "plan", "blind"), begins=0.0, reached=0.0),)
+    return (CoursePhase(sources=("mpc", "plan", "blind"), begins=0.0, reached=0.0),)
 
 
 def accepted_after_timeout(config: MpcConfig) -> Course:
     """The plan is held until what is new has persisted for the timeout of the odometry."""
     reached = config.odom_timeout + 2.0 / config.control_rate
     return (
-        Phase(sources=("mpc", "plan"), begins=0.0, reached=0.0),
-        Phase(sources=("mpc",), begins=0.0, reached=reached),
+        CoursePhase(sources=("mpc", "plan"), begins=0.0, reached=0.0),
+        CoursePhase(sources=("mpc",), begins=0.0, reached=reached),
     )
 
 
@@ -57,11 +57,11 @@ def odometry_lost(config: MpcConfig, *, standing: bool = False) -> Course:
     blind = max(config.odom_timeout, config.plan_hold_time)
     silent = blind + config.blind_time
     return (
-        Phase(sources=("mpc",), begins=0.0, reached=0.0),
+        CoursePhase(sources=("mpc",), begins=0.0, reached=0.0),
         *_lasting(plan, config.odom_timeout, blind, late),
-        Phase(sources=(hold,), begins=blind, reached=blind + late),
+        CoursePhase(sources=(hold,), begins=blind, reached=blind + late),
         # The time of blindness counts from its first tick, which may be late by a period itself.
-        Phase(sources=("silent",), begins=silent, reached=silent + 2.0 * late),
+        CoursePhase(sources=("silent",), begins=silent, reached=silent + 2.0 * late),
     )
 
 
@@ -70,8 +70,8 @@ def clocks_apart(config: MpcConfig) -> Course:
     late = 1.0 / config.control_rate
     end = config.plan_hold_time
     return (
-        Phase(sources=("mpc", "plan"), begins=0.0, reached=0.0),
-        Phase(sources=("hover",), begins=end, reached=end + late),
+        CoursePhase(sources=("mpc", "plan"), begins=0.0, reached=0.0),
+        CoursePhase(sources=("hover",), begins=end, reached=end + late),
     )
 
 
@@ -80,9 +80,9 @@ def odometry_frozen(config: MpcConfig) -> Course:
     late = 1.0 / config.control_rate
     blind = config.odom_timeout + config.plan_hold_time
     return (
-        Phase(sources=("mpc",), begins=0.0, reached=0.0),
+        CoursePhase(sources=("mpc",), begins=0.0, reached=0.0),
         *_lasting("plan", config.odom_timeout, blind, late),
-        Phase(sources=("blind",), begins=blind - late, reached=blind + late),
+        CoursePhase(sources=("blind",), begins=blind - late, reached=blind + late),
     )
 
 
@@ -93,9 +93,9 @@ def reference_lost(config: MpcConfig, *, standing: bool = False) -> Course:
     # The last plan is made just before the reference is too old.
     end = config.reference_timeout + config.plan_hold_time
     return (
-        Phase(sources=("mpc",), begins=0.0, reached=0.0),
+        CoursePhase(sources=("mpc",), begins=0.0, reached=0.0),
         *_lasting(plan, config.reference_timeout, end, late),
-        Phase(sources=(hold,), begins=end - late, reached=end + late),
+        CoursePhase(sources=(hold,), begins=end - late, reached=end + late),
     )
 
 
@@ -105,15 +105,15 @@ def solver_lost(config: MpcConfig, *, standing: bool = False) -> Course:
     plan, hold = _while_lost("hover", standing=standing)
     end = config.plan_hold_time
     return (
-        Phase(sources=("mpc",), begins=0.0, reached=0.0),
+        CoursePhase(sources=("mpc",), begins=0.0, reached=0.0),
         *_lasting(plan, 0.0, end, late),
-        Phase(sources=(hold,), begins=end - late, reached=end + late),
+        CoursePhase(sources=(hold,), begins=end - late, reached=end + late),
     )
 
 
 def anything(config: MpcConfig) -> Course:
     """Whatever is sound: the controller does not run, and what comes first is chance."""
-    return (Phase(sources=_ANY, begins=0.0, reached=0.0),)
+    return (CoursePhase(sources=_ANY, begins=0.0, reached=0.0),)
 
 
 def allowed(course: Course, time: float, *, slack: float) -> tuple[str, ...]:
@@ -129,7 +129,7 @@ def allowed(course: Course, time: float, *, slack: float) -> tuple[str, ...]:
 
 def certain(
     course: Course, end: float, *, slack: float, least: float
-) -> Sequence[tuple[Phase, float, float]]:
+) -> Sequence[tuple[CoursePhase, float, float]]:
     """Return the phases that must be seen before ``end``, and from when to when they are alone.
 
     Those are left out that are alone for less than ``least`` seconds.
@@ -165,8 +165,8 @@ def _lasting(source: str, begins: float, ends: float, late: float) -> Course:
     """Return a phase, unless it ends before it begins."""
     if begins >= ends:
         return ()
-    return (Phase(sources=(source,), begins=begins, reached=begins + late),)
+    return (CoursePhase(sources=(source,), begins=begins, reached=begins + late),)
 
 
 def _course(*phases: tuple[str, float]) -> Course:
-    return tuple(Phase(sources=(s,), begins=begins, reached=begins) for s, begins in phases)
+    return tuple(CoursePhase(sources=(s,), begins=begins, reached=begins) for s, begins in phases)

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import heapq
+import itertools
 import math
+from collections.abc import Callable
+from typing import Generic
 
 import numpy as np
 
@@ -11,8 +15,8 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.faults.cases import Fault, ProcessFault
-from quad_mpc_ros.faults.channel import Channel
-from quad_mpc_ros.faults.parameter_storm import storm
+from quad_mpc_ros.faults.distortions import Distortion, M
+from quad_mpc_ros.faults.parameter_changes import good_and_bad_changes
 from quad_mpc_ros.faults.solver import FaultySolver, SolverFault
 from quad_mpc_ros.faults.verdict import Record, Sighting, command_fault, is_home
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
@@ -60,7 +64,7 @@ class FaultFlight:
         self._odometries = Channel(fault.odometry, self._receive_odometry)
         self._solver = FaultySolver()
         self._solver.long = 1.5 * _DEADLINE
-        self._changes = storm(mpc)
+        self._changes = good_and_bad_changes(mpc)
 
         self._time_ns = 0
         self.ticks: list[tuple[int, Tick]] = []
@@ -214,3 +218,40 @@ class FaultFlight:
     def _now_ns(self) -> int:
         """The time of the controller, which a clock that is set does not move."""
         return _START_NS + self._time_ns
+
+
+class Channel(Generic[M]):
+    """A topic on its way to the controller: messages go on at once, or as a distortion says.
+
+    Times are in nanoseconds.
+    """
+
+    def __init__(self, distortion: Distortion[M] | None, receive: Callable[[M], None]) -> None:
+        self._distortion: Distortion[M] | None = distortion
+        self._receive: Callable[[M], None] = receive
+        self._before: M | None = None
+        self._waiting: list[tuple[int, int, M]] = []
+        self._order = itertools.count()
+        self.passed_ns = 0
+        """When the last message was sent that no fault touched."""
+
+    def send(self, message: M, *, time_ns: int, elapsed_ns: int | None) -> None:
+        """Take a message; ``elapsed_ns`` is the time since a fault began, None without one."""
+        if self._distortion is None or self._before is None or elapsed_ns is None:
+            self._before, self.passed_ns = message, time_ns
+            self._wait(message, time_ns)
+            return
+        for delivery in self._distortion(message, self._before, elapsed_ns):
+            self._wait(delivery.message, time_ns + delivery.delay_ns)
+
+    def deliver(self, time_ns: int) -> None:
+        """Let arrive what is due."""
+        while self._waiting and self._waiting[0][0] <= time_ns:
+            self._receive(heapq.heappop(self._waiting)[-1])
+
+    def forget_all_but_last(self) -> None:
+        """Keep of what waits the last, as the queue of a topic does for a process that stands."""
+        self._waiting = self._waiting and [max(self._waiting)]
+
+    def _wait(self, message: M, arrival_ns: int) -> None:
+        heapq.heappush(self._waiting, (arrival_ns, next(self._order), message))

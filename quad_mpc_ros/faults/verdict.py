@@ -10,7 +10,7 @@ import numpy as np
 
 from quad_mpc_ros.faults import courses
 from quad_mpc_ros.faults.cases import Fault
-from quad_mpc_ros.faults.courses import Phase
+from quad_mpc_ros.faults.courses import CoursePhase
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
 
@@ -94,7 +94,7 @@ def _off_course(fault: Fault, record: Record, config: MpcConfig, slack: float) -
 
 def _certain(
     fault: Fault, record: Record, config: MpcConfig, slack: float
-) -> Sequence[tuple[Phase, float, float]]:
+) -> Sequence[tuple[CoursePhase, float, float]]:
     """Return the phases long enough for a tick to fall into them."""
     return courses.certain(
         fault.course(config), record.end, slack=slack, least=2.0 / config.control_rate

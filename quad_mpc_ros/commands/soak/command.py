@@ -74,7 +74,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Fly, judge and tell; return the exit code, 0 only when all holds."""
     if options.list:
-        from quad_mpc_ros.faults.table import fault_table
+        from quad_mpc_ros.faults.cases import fault_table
 
         print(fault_table())
         return 0

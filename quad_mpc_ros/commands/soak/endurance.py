@@ -12,7 +12,7 @@ import numpy as np
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.soak.bare_timer import BareTimer, Wakes
 from quad_mpc_ros.commands.soak.rig import Rig
-from quad_mpc_ros.faults.parameter_storm import mild_changes
+from quad_mpc_ros.faults.parameter_changes import good_changes
 from quad_mpc_ros.mpc_config import MpcConfig
 
 _MEGABYTE = 1e6
@@ -42,7 +42,7 @@ def endure(rig: Rig, config: MpcConfig, *, duration: float) -> Endurance:
     rig.watch.forget()
     seen = Endurance(began_ns=time.time_ns())
     timer = BareTimer(1.0 / config.control_rate)
-    changes = mild_changes(config)
+    changes = good_changes(config)
     progress = Progress(duration)
     started = time.monotonic()
     while time.monotonic() - started < duration:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from quad_mpc_ros.commands.soak.rig import Rig
 from quad_mpc_ros.faults.cases import Fault, ProcessFault
-from quad_mpc_ros.faults.parameter_storm import Change, storm
+from quad_mpc_ros.faults.parameter_changes import Change, good_and_bad_changes
 from quad_mpc_ros.mpc_config import MpcConfig
 
 _CHANGE_PERIOD = 0.02  # s
@@ -97,7 +97,7 @@ def _restart(rig: Rig) -> Injected:
 def _set_parameters(fault: Fault, rig: Rig, config: MpcConfig) -> Injected:
     began_ns = time.time_ns()
     asked: list[tuple[Change, Any]] = []
-    changes = storm(config)
+    changes = good_and_bad_changes(config)
     for _ in range(round(fault.duration / _CHANGE_PERIOD / 2)):
         # In pairs, so that the last good one gives back what was there.
         for change in (next(changes), next(changes)):

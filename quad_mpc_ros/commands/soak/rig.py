@@ -20,7 +20,7 @@ from quad_mpc_ros.commands.processes import NodeProcess
 from quad_mpc_ros.commands.run_configuration import RunConfig
 from quad_mpc_ros.commands.soak.relay import PREFIX, odometry_relay, reference_relay
 from quad_mpc_ros.commands.soak.watch import Watch, resident_memory
-from quad_mpc_ros.faults.parameter_storm import Change
+from quad_mpc_ros.faults.parameter_changes import Change
 from quad_mpc_ros.faults.verdict import is_home
 from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE
 

@@ -16,24 +16,19 @@ class Change(NamedTuple):
     good: bool
 
 
-def mild_changes(config: MpcConfig) -> Iterator[Change]:
+def good_changes(config: MpcConfig) -> Iterator[Change]:
     """Yield for ever what a person tunes in flight: weights and bounds, and back."""
     given = {"Q": list(config.Q), "omega_max": list(config.omega_max)}
     other = {"Q": [1.5 * q for q in config.Q], "omega_max": [0.8 * w for w in config.omega_max]}
     return itertools.cycle((Change(other, good=True), Change(given, good=True)))
 
 
-def storm(config: MpcConfig) -> Iterator[Change]:
+def good_and_bad_changes(config: MpcConfig) -> Iterator[Change]:
     """Yield for ever good changes and, between them, all that must be refused."""
-    return _alternating(mild_changes(config), _bad(config))
+    return _alternating(good_changes(config), _bad_changes(config))
 
 
-def loosest_omega_max(config: MpcConfig) -> Sequence[float]:
-    """Return the bound that no command exceeds during any of the changes."""
-    return config.omega_max
-
-
-def _bad(config: MpcConfig) -> Sequence[Change]:
+def _bad_changes(config: MpcConfig) -> Sequence[Change]:
     return [
         Change(values, good=False)
         for values in (
