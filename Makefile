@@ -2,7 +2,7 @@
 export VENV PYTHON
 IN_VENV = @tools/in_venv.sh
 
-.PHONY: help run test bench lint clean
+.PHONY: help run test bench docs lint clean
 .NOTPARALLEL:
 
 help:  ## list the targets
@@ -16,6 +16,10 @@ test:  ## run the tests in the same way: make test ARGS='-k so3'; the slow ones:
 
 bench:  ## measure beside acados and cvxpy, renew docs/performance.md: make bench ARGS='--repeats 5'
 	$(IN_VENV) bench python -P tools/update_performance.py $(ARGS)
+
+docs:  ## make the documentation, pages and API, in build/docs
+	$(IN_VENV) docs sphinx-build -q -W --keep-going -j auto -c docs -d build/doctrees . build/docs
+	@echo "The documentation is in build/docs/index.html"
 
 lint:  ## check style, types and layers
 	$(IN_VENV) dev ruff check

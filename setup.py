@@ -109,6 +109,7 @@ setup(
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
         "report": ["plotly>=6.0"],  # quad_mpc report
         "browser": ["playwright"],  # its test in a Chromium that is installed
+        "docs": ["sphinx>=8.2", "furo", "myst-parser>=4"],  # make docs
         "test": [
             "pytest<9",  # what launch_testing of Jazzy can use
             "pytest-timeout",
