@@ -29,10 +29,13 @@ class Controller:
 
     Odometry triggers the ticks. In lockstep an odometry waits for the reference of its own stamp
     and a repeated odometry gets the same answer again, so that lost messages can be sent again.
+
+    Args:
+        config: Parameters of the vehicle, the MPC and its supervisor.
+        deadline: How long a plan may take to be flown, where time does not wait [s].
     """
 
     def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
-        """``deadline`` [s] is how long a plan may take to be flown, where time does not wait."""
         self._config = config
         self._deadline = deadline
         self._mpc = Mpc(config, deadline=deadline)
@@ -65,7 +68,15 @@ class Controller:
         return self._supervisor.take_warnings()
 
     def receive_odometry(self, odometry: OdometrySample, *, now_ns: int) -> Tick | None:
-        """Take an odometry and return the tick it triggers, if it is usable and one is due."""
+        """Take an odometry, which may trigger a tick.
+
+        Args:
+            odometry: The state of the vehicle.
+            now_ns: When it arrived [ns], by any clock that runs evenly; not read in lockstep.
+
+        Returns:
+            The tick, with the command to send; None if the odometry is refused or none is due.
+        """
         if self._config.lockstep:
             now_ns = odometry.stamp_ns
         accepted = self._supervisor.accept_odometry(odometry, now_ns=now_ns)
@@ -78,7 +89,15 @@ class Controller:
         return self._answer(accepted, duration=self._period_ns * 1e-9, now_ns=now_ns)
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> Tick | None:
-        """Take a reference window; in lockstep it may answer the odometry that waits for it."""
+        """Take a reference window, the samples of the reference from now on.
+
+        Args:
+            window: The samples; they must cover the stamps of the odometries to come.
+            now_ns: When it arrived [ns], by the clock of :meth:`receive_odometry`.
+
+        Returns:
+            In lockstep the tick of the odometry that waited for this window, otherwise None.
+        """
         if self._config.lockstep:
             now_ns = window.stamp_ns
         if not self._supervisor.accept_reference(window, now_ns=now_ns):
@@ -88,7 +107,14 @@ class Controller:
         return None
 
     def watch(self, *, now_ns: int) -> Tick | None:
-        """Act when no odometry does: to be called every control period by a timer."""
+        """Act when no odometry comes: to be called every control period by a timer.
+
+        Args:
+            now_ns: The time [ns], by the clock of :meth:`receive_odometry`.
+
+        Returns:
+            A tick when the odometry is older than its timeout, otherwise None.
+        """
         if self._config.lockstep:
             return None
         decision = self._supervisor.decide_blind(now_ns=now_ns)

@@ -16,7 +16,6 @@ from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.mpc_config import FenceParameters, MpcConfig
 from quad_mpc_ros.safety.ladder import Action, Breach
 
-_ACTIONS = {"warn": Action.WARN, "hover": Action.HOVER, "stop": Action.STOP}
 _CALM_NS = 1_000_000_000
 # Of a limit of the envelope, and from a wall of the fence [m].
 _CALM_SHARE, _CALM_DISTANCE = 0.9, 0.1
@@ -72,9 +71,9 @@ class FlightLimits:
         """Return the gravest breach of limits scaled by a share, of walls moved by a distance."""
         outside = self._outside(odometry, distance)
         beyond = self._excess(odometry, share)
-        fence = Breach(_ACTIONS[self._fence.action], outside) if outside else None
-        envelope = Breach(_ACTIONS[self._envelope.action], beyond) if beyond else None
-        return max(filter(None, (fence, envelope)), key=_gravity, default=None)
+        fence = _breach(self._fence.action, outside)
+        envelope = _breach(self._envelope.action, beyond)
+        return max(filter(None, (fence, envelope)), key=_severity, default=None)
 
     def _outside(self, odometry: OdometrySample, distance: float) -> str | None:
         outside = self._wall(odometry.p_WB, distance)
@@ -111,5 +110,9 @@ def _stopping_point(odometry: OdometrySample) -> Array:
     return np.asarray(odometry.p_WB + duration * v_WB_W)
 
 
-def _gravity(breach: Breach) -> Action:
+def _breach(action: str, reason: str | None) -> Breach | None:
+    return Breach(Action[action.upper()], reason) if reason is not None else None
+
+
+def _severity(breach: Breach) -> Action:
     return breach.action

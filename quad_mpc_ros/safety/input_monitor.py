@@ -38,7 +38,7 @@ class InputMonitor:
         self._twist_check.note(odometry)
         if self._parameters.twist_frame == "world":
             odometry = with_body_twist(odometry)
-        self.odometry, self.odometry_ns = odometry, self._gate.news_ns
+        self.odometry, self.odometry_ns = odometry, self._gate.changed_ns
         return None
 
     def take_reference(self, window: ReferenceWindow, *, now_ns: int) -> str | None:

@@ -41,8 +41,8 @@ class OdometryGate:
         self._timeout_ns = round(config.odom_timeout * _SECOND)
 
     @property
-    def news_ns(self) -> int:
-        """When the last odometry arrived that told of something new."""
+    def changed_ns(self) -> int:
+        """When the last odometry arrived that did not repeat the one before."""
         return self._changed_ns
 
     def refusal(self, odometry: OdometrySample, *, now_ns: int) -> str | None:

@@ -51,6 +51,20 @@ def reference_fault(window: ReferenceWindow, *, frame_id: str) -> str | None:
     return None
 
 
+def pose_fault(
+    *, frame_id: str, expected_frame_id: str, p_WB: Array, q_WB_xyzw: Array
+) -> str | None:
+    """Return why poses, positions (n, 3) and quaternions (n, 4), cannot be used."""
+    if not _is_frame(frame_id, expected_frame_id):
+        return f"it is in frame '{frame_id}', expected '{expected_frame_id}'"
+    # Written so that NaN, which compares with nothing, is refused.
+    if not ((np.abs(p_WB) <= _LARGEST).all() and (np.abs(q_WB_xyzw) <= _LARGEST).all()):
+        return f"it holds a number that is not finite or beyond {_LARGEST:g}"
+    if (np.abs(np.linalg.norm(q_WB_xyzw, axis=1) - 1.0) > _QUATERNION_TOLERANCE).any():
+        return "it holds a quaternion that is not of unit length"
+    return None
+
+
 def coverage_fault(window: ReferenceWindow, stamp_ns: int, *, tolerance_ns: int) -> str | None:
     """Return why a reference says nothing of a time: it is over, or still to begin."""
     begins_ns = window.stamp_ns + int(window.offset_ns[0])

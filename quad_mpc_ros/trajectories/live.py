@@ -14,11 +14,12 @@ import numpy as np
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.safety.validation import pose_fault
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.director import GROUND, LANDING, Director, Reply
 from quad_mpc_ros.trajectories.feasibility import judged
 from quad_mpc_ros.trajectories.flatness import yaw_of
-from quad_mpc_ros.trajectories.received import pose_fault, received_trajectory
+from quad_mpc_ros.trajectories.received import received_trajectory
 from quad_mpc_ros.trajectories.server import ReferenceServer
 from quad_mpc_ros.trajectories.touchdown import Touchdown
 from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples

@@ -9,6 +9,7 @@ import numpy as np
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import ReferenceWindow
+from quad_mpc_ros.safety.validation import pose_fault
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.trajectories.flatness import yaw_of
@@ -16,24 +17,8 @@ from quad_mpc_ros.trajectories.minimum_snap import snap_spline
 from quad_mpc_ros.trajectories.path import Path, SplinePath, Turned
 from quad_mpc_ros.trajectories.point_table import LEAST_POINTS, PointTable, table_path
 
-_QUATERNION_TOLERANCE = 1e-3
-_LARGEST = 1e8  # m: room for map coordinates
 # The time to prepare one grows with both, and windows must go on in the meantime.
 _MOST_POINTS, _LONGEST = 1000, 600.0  # s
-
-
-def pose_fault(
-    *, frame_id: str, expected_frame_id: str, p_WB: Array, q_WB_xyzw: Array
-) -> str | None:
-    """Return why poses, positions (n, 3) and quaternions (n, 4), cannot be used."""
-    if frame_id.removeprefix("/") != expected_frame_id.removeprefix("/"):
-        return f"it is in frame '{frame_id}', expected '{expected_frame_id}'"
-    # Written so that NaN, which compares with nothing, is refused.
-    if not ((np.abs(p_WB) <= _LARGEST).all() and (np.abs(q_WB_xyzw) <= _LARGEST).all()):
-        return f"it holds a number that is not finite or beyond {_LARGEST:g}"
-    if (np.abs(np.linalg.norm(q_WB_xyzw, axis=1) - 1.0) > _QUATERNION_TOLERANCE).any():
-        return "it holds a quaternion that is not of unit length"
-    return None
 
 
 def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> FlatTrajectory:
