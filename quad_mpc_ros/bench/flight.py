@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from quad_mpc_ros.bench.peer import Peer
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
-from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
-from quad_mpc_ros.simulation.plants import make_plant
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.server import ReferenceServer
 

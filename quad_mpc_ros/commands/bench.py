@@ -88,7 +88,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Fly the peers, write and show what was measured; return the exit code."""
     from quad_mpc_ros.bench.run import run
-    from quad_mpc_ros.simulation.plants import make_plant
+    from quad_mpc_ros.simulation.config import make_plant
 
     config = _configuration(options)
     make_plant(config.simulator)  # one that is not installed is told before anything flies

@@ -18,8 +18,7 @@ from quad_mpc_ros.evaluation.recorded_reference import read_recording
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
-from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.plants import make_plant
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant, plant_entry
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.trajectory import Trajectory
@@ -30,8 +29,6 @@ SCHEMA: files.Schema = {
     "reference": ReferenceConfig,
     "recorder": RecorderConfig,
 }
-# What the controller must know of a plant that is not the package's own vehicle.
-_PRESET_OF_PLANT = {"rotorpy": "rotorpy"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,8 +76,9 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
 
 def _sources(options: argparse.Namespace) -> list[str]:
     """Return the parameter files, that of the plant first."""
-    preset = _PRESET_OF_PLANT.get(options.plant)
-    return [*([preset] if preset else []), *(options.config or ["default"])]
+    plant = plant_entry(options.plant) if options.plant is not None else None
+    preset = [plant.preset] if plant is not None and plant.preset else []
+    return [*preset, *(options.config or ["default"])]
 
 
 def _starts_on_reference(

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def add_simulate_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run that need not keep up with a wall clock: what flies, too."""
-    from quad_mpc_ros.simulation.plants import PLANTS
+    from quad_mpc_ros.simulation.config import PLANTS
 
     add_run_options(parser)
     parser.add_argument(

@@ -1,6 +1,7 @@
 """Parameters: declared once as frozen dataclasses, validated everywhere the same way."""
 
 from quad_mpc_ros.configuration.errors import BagError, ConfigurationError, UserError
+from quad_mpc_ros.configuration.extension import ExtensibleConfiguration, registered
 from quad_mpc_ros.configuration.fields import Configuration, ParameterSpec, parameter
 from quad_mpc_ros.configuration.managed import ManagedConfiguration
 
@@ -8,8 +9,10 @@ __all__ = [
     "BagError",
     "Configuration",
     "ConfigurationError",
+    "ExtensibleConfiguration",
     "ManagedConfiguration",
     "ParameterSpec",
     "UserError",
     "parameter",
+    "registered",
 ]

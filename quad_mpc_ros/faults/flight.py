@@ -21,9 +21,8 @@ from quad_mpc_ros.faults.solver import FaultySolver, SolverFault
 from quad_mpc_ros.faults.verdict import Record, Sighting, command_fault, is_home
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
-from quad_mpc_ros.simulation.plants import make_plant
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.server import ReferenceServer
 
@@ -174,7 +173,7 @@ class FaultFlight:
         self._config = config
 
     def _look_for_home(self, window: ReferenceWindow) -> None:
-        error = float(np.linalg.norm(window.p_WB[0] - self._plant.state.p_WB))
+        error = float(np.linalg.norm(window.p_WB[0] - self._plant.odometry(0).p_WB))
         if not is_home(error):
             self._home_ns = None
         elif self._home_ns is None:

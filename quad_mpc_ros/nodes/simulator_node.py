@@ -20,9 +20,9 @@ from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run, stop
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
-from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream, SentOdometry
-from quad_mpc_ros.simulation.plants import AnyPlant, make_plant
+from quad_mpc_ros.simulation.plant import Plant
 
 # s: in lockstep an odometry without an answer is sent again. A busy computer answers late, and
 # that is no loss.
@@ -46,7 +46,7 @@ class Clockwork(Protocol):
 class RealTime:
     """The plant follows the wall clock, whatever the controller does."""
 
-    def __init__(self, node: SimulatorNode, plant: AnyPlant) -> None:
+    def __init__(self, node: SimulatorNode, plant: Plant) -> None:
         self._node, self._plant = node, plant
         self._started_ns = 0
         self._stream: OdometryStream | None = None
@@ -85,7 +85,7 @@ class RealTime:
 class Lockstep:
     """Simulated time, which stands still until the command for the last odometry has come."""
 
-    def __init__(self, node: SimulatorNode, plant: AnyPlant) -> None:
+    def __init__(self, node: SimulatorNode, plant: Plant) -> None:
         self._node, self._plant = node, plant
         self._stream = OdometryStream(plant, node.config, start_stamp_ns=SIMULATION_START_NS)
         self._clock = node.health.publisher(CLOCK)

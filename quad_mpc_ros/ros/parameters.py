@@ -57,7 +57,7 @@ def declare(node: Node, configuration: type[C], *, managed: bool = False) -> C:
         node.undeclare_parameter(name)
     config = configuration.build(given)
     values = config.flattened()
-    for spec in configuration.specs():
+    for spec in config.specs():
         value = values[spec.name]
         node.declare_parameter(
             spec.name,
@@ -83,10 +83,12 @@ class ManagedParameters(Generic[C]):
         self._node = node
         self._kind = configuration
         self._apply = apply
-        self._specs = {spec.name: spec for spec in configuration.specs()}
         self._settled: C | None = None
         self._accepted: C | None = None
-        declare(node, configuration, managed=True)
+        # What is chosen may add parameters of its own.
+        self._specs = {
+            spec.name: spec for spec in declare(node, configuration, managed=True).specs()
+        }
         node.add_pre_set_parameters_callback(self._as_declared)
         node.add_on_set_parameters_callback(self._validate)
         node.add_post_set_parameters_callback(self._take_over)

@@ -1,4 +1,7 @@
-"""From the command received to what the motors do: a pure delay, then first-order lags."""
+"""From the command received to what the motors do: a pure delay, then first-order lags.
+
+The plant's own, apart from those of ``model/rollout.py`` on purpose.
+"""
 
 from __future__ import annotations
 

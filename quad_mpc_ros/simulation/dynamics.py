@@ -1,4 +1,7 @@
-"""Continuous dynamics of the vehicle, as printed in the paper and of the true rigid body.
+"""Continuous dynamics of the plant, as printed in the paper and of the true rigid body.
+
+The controller predicts by a model of its own (``model/rollout.py``), not by these: they are apart
+on purpose.
 
 World ENU, body FLU: gravity is -g along world z and thrust is along +z of the body. The paper
 writes NED/FRD, where both signs flip.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.plants import AnyPlant
+from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.sensors import Sensors, odometry_stamps
 
 
@@ -27,7 +27,7 @@ class OdometryStream:
     lost is measured but never sent.
     """
 
-    def __init__(self, plant: AnyPlant, config: SimulatorConfig, *, start_stamp_ns: int) -> None:
+    def __init__(self, plant: Plant, config: SimulatorConfig, *, start_stamp_ns: int) -> None:
         self._plant = plant
         self._sensors = Sensors(config)
         self._start_stamp_ns = start_stamp_ns

@@ -1,63 +1,64 @@
-"""The simulated vehicle: true state, actuators, wind, ground."""
+"""What a plant is, and what most plants have in common: time, late commands, moving air."""
 
 from __future__ import annotations
 
-import math
+from abc import ABC, abstractmethod
+from typing import Protocol
 
-import numpy as np
-
-from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
-from quad_mpc_ros.model.state import Input, State, odometry_from_state
-from quad_mpc_ros.simulation.actuators import ActuatorLag, CommandDelay, input_from_command
-from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.dynamics import DYNAMICS, InputCourse, integrate_along
-from quad_mpc_ros.simulation.wind import Wind, in_wind
-
-# Steps per time constant, for the integrator to follow a lag, and the shortest step for that.
-_STEPS_PER_LAG = 10
-_SHORTEST_STEP = 5e-4
+from quad_mpc_ros.model.state import Input
+from quad_mpc_ros.simulation.actuators import CommandDelay, input_from_command
+from quad_mpc_ros.simulation.parameters import PlantParameters
+from quad_mpc_ros.simulation.wind import Wind
 
 
-class Plant:
-    """Integrates the equations of motion between any two times with the commands in force.
+class Plant(Protocol):
+    """A vehicle that commands move through time, in nanoseconds from its start."""
 
-    Time is counted in nanoseconds from its start. Steps of the integrator end where a command
-    begins to act and where the gusts change.
+    def apply(self, command: CommandSample) -> None:
+        """Take a command that arrives now."""
+        ...
+
+    def advance_to(self, time_ns: int) -> None:
+        """Move to a time; a time already past changes nothing."""
+        ...
+
+    def odometry(self, stamp_ns: int) -> OdometrySample:
+        """Return the true odometry under a stamp."""
+        ...
+
+
+class DelayedPlant(ABC):
+    """A plant whose commands act after a delay, in wind and gusts.
+
+    Derived classes integrate: :meth:`_integrate` and :meth:`_follow`. No step of theirs goes
+    beyond where a command begins to act or where the gusts change.
     """
 
-    def __init__(self, config: SimulatorConfig) -> None:
-        self._config = config
+    def __init__(self, config: PlantParameters) -> None:
         self._vehicle = config.vehicle()
-        self._weight = self._vehicle.mass * self._vehicle.gravity
         self._delay = CommandDelay(config.command_delay)
-        self._lag = ActuatorLag(
-            rate_time_constant=config.rate_time_constant,
-            thrust_time_constant=config.thrust_time_constant,
-            initial=Input(
-                throttle=config.initial_throttle, w_WB_B=np.array(config.initial_body_rates)
-            ),
-        )
         self._wind = Wind(config)
-        self._dynamics = DYNAMICS[config.dynamics]
-        self._longest_step_ns = round(1e9 * _longest_step(config, self._lag))
-        self._x = _start(config)
         self._time_ns = 0
+
+    @property
+    @abstractmethod
+    def v_WB_W(self) -> Array:
+        """True velocity (3,) [m/s]."""
+
+    @abstractmethod
+    def _follow(self, command: Input) -> None:
+        """Follow a command from now on."""
+
+    @abstractmethod
+    def _integrate(self, duration_ns: int) -> None:
+        """Move the state by a time in which neither command nor wind changes."""
 
     @property
     def time_ns(self) -> int:
         """Time of the state, from the start of the plant."""
         return self._time_ns
-
-    @property
-    def state(self) -> State:
-        """The true state."""
-        return self._x
-
-    @property
-    def input(self) -> Input:
-        """The true throttle and body rates of the actuators."""
-        return self._lag.u
 
     @property
     def wind_W(self) -> Array:
@@ -79,74 +80,9 @@ class Plant:
             self._time_ns = until_ns
             self._follow_commands()
             if self._wind.next_ns <= until_ns:
-                self._wind.advance_to(until_ns, v_WB_W=self._x.v_WB_W)
-
-    def odometry(self, stamp_ns: int) -> OdometrySample:
-        """Return the true odometry under a stamp."""
-        return odometry_from_state(
-            self._x,
-            w_WB_B=self._lag.u.w_WB_B if not self._on_ground(self._x) else np.zeros(3),
-            stamp_ns=stamp_ns,
-            frame_id=self._config.frame_id,
-            child_frame_id=self._config.child_frame_id,
-        )
+                self._wind.advance_to(until_ns, v_WB_W=self.v_WB_W)
 
     def _follow_commands(self) -> None:
         command = self._delay.take(time_ns=self._time_ns)
         if command is not None:
-            self._lag.follow(command)
-
-    def _integrate(self, duration_ns: int) -> None:
-        steps = -(-duration_ns // self._longest_step_ns)
-        duration = duration_ns * 1e-9 / steps
-        dynamics = self._dynamics
-        if self._wind.blows:
-            dynamics = in_wind(dynamics, self._wind.velocity_W)
-        for _ in range(steps):
-            course = self._lag.course(duration)
-            self._lag.finish(course)
-            if self._rests(course):
-                self._lag.stop_turning()
-                continue
-            self._x = self._held_by_ground(
-                integrate_along(
-                    self._x, course, self._vehicle, dynamics=dynamics, duration=duration
-                )
-            )
-
-    def _held_by_ground(self, x: State) -> State:
-        """Let the ground stop what would fall through it: at rest, level, heading kept."""
-        if x.p_WB[2] > 0.0 or (x.p_WB[2] == 0.0 and x.v_WB_W[2] > 0.0):
-            return x
-        self._lag.stop_turning()
-        yaw = math.atan2(x.R_WB[1, 0], x.R_WB[0, 0])
-        return State(
-            p_WB=np.array([x.p_WB[0], x.p_WB[1], 0.0]),
-            v_WB_B=np.zeros(3),
-            R_WB=so3.exp([0.0, 0.0, yaw]),
-        )
-
-    def _rests(self, course: InputCourse) -> bool:
-        """Whether the ground carries what the thrust does not: no command turns it there."""
-        if not self._on_ground(self._x):
-            return False
-        throttle = max(course.start.throttle, course.end.throttle)
-        return self._vehicle.thrust(throttle) <= self._weight
-
-    def _on_ground(self, x: State) -> bool:
-        return bool(x.p_WB[2] <= 0.0 and not x.v_WB_B.any())
-
-
-def _longest_step(config: SimulatorConfig, lag: ActuatorLag) -> float:
-    """Return the longest step of the integrator [s], shorter where it has a lag to follow."""
-    following = max(lag.shortest_time_constant / _STEPS_PER_LAG, _SHORTEST_STEP)
-    return min(config.integration_step, following)
-
-
-def _start(config: SimulatorConfig) -> State:
-    R_WB = so3.rotation_from_quaternion_xyzw(config.initial_attitude)
-    return State(
-        p_WB=np.array(config.initial_position),
-        v_WB_B=R_WB.T @ np.array(config.initial_velocity),
-        R_WB=R_WB,
-    )
+            self._follow(command)

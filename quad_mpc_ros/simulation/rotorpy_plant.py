@@ -9,24 +9,36 @@ from __future__ import annotations
 
 import importlib
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, parameter
 from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input, State, odometry_from_state
-from quad_mpc_ros.simulation.actuators import CommandDelay, input_from_command
-from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.wind import Wind
+from quad_mpc_ros.simulation.parameters import PlantParameters
+from quad_mpc_ros.simulation.plant import DelayedPlant
 
 # The rate loop of rotorpy runs once a step; below 500 Hz it is not that of a real vehicle.
 _LONGEST_STEP = 0.002
 _INTEGRATOR = {"method": "RK45", "rtol": 1e-6, "atol": 1e-9}
 
 
-class RotorpyPlant:
+@dataclass(frozen=True, kw_only=True)
+class RotorpyParameters(PlantParameters):
+    """Its own."""
+
+    rotorpy_rate_gain: float = parameter(
+        20.0,
+        doc="Gain k_w of rotorpy's body-rate loop; the reciprocal is nearly its time constant.",
+        unit="1/s",
+        above=0.0,
+    )
+
+
+class RotorpyPlant(DelayedPlant):
     """AscTec Hummingbird of rotorpy, commanded by collective thrust and body rates (``cmd_ctbr``).
 
     Its inertia, rotors, motor lag and aerodynamics are rotorpy's; mass and gravity are the
@@ -34,46 +46,26 @@ class RotorpyPlant:
     in an autopilot's mixer. Wind, gusts and command delay are those of every plant.
     """
 
-    def __init__(self, config: SimulatorConfig) -> None:
+    def __init__(self, config: RotorpyParameters) -> None:
+        super().__init__(config)
         self._config = config
-        self._vehicle = config.vehicle()
-        self._delay = CommandDelay(config.command_delay)
-        self._wind = Wind(config)
         self._longest_step_ns = round(1e9 * min(config.integration_step, _LONGEST_STEP))
         self._multirotor = _multirotor(config, mass=self._vehicle.mass)
         self._u = Input(
             throttle=config.initial_throttle, w_WB_B=np.array(config.initial_body_rates)
         )
         self._state = self._start()
-        self._time_ns = 0
 
     @property
-    def time_ns(self) -> int:
-        """Time of the state, from the start of the plant."""
-        return self._time_ns
+    def v_WB_W(self) -> Array:
+        """True velocity (3,) [m/s]."""
+        return self._state["v"]
 
     @property
     def state(self) -> State:
         """The true state."""
         R_WB = so3.rotation_from_quaternion_xyzw(self._state["q"])
         return State(p_WB=self._state["x"].copy(), v_WB_B=R_WB.T @ self._state["v"], R_WB=R_WB)
-
-    def apply(self, command: CommandSample) -> None:
-        """Take a command that arrives now. The throttle saturates; nonsense is ignored."""
-        u = input_from_command(command)
-        if u is not None:
-            self._delay.put(u, time_ns=self._time_ns)
-            self._follow_commands()
-
-    def advance_to(self, time_ns: int) -> None:
-        """Integrate to a time; a time already past changes nothing."""
-        while self._time_ns < time_ns:
-            until_ns = min(time_ns, self._delay.next_ns, self._wind.next_ns)
-            self._integrate(until_ns - self._time_ns)
-            self._time_ns = until_ns
-            self._follow_commands()
-            if self._wind.next_ns <= until_ns:
-                self._wind.advance_to(until_ns, v_WB_W=self._state["v"])
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
         """Return the true odometry under a stamp."""
@@ -85,8 +77,8 @@ class RotorpyPlant:
             child_frame_id=self._config.child_frame_id,
         )
 
-    def _follow_commands(self) -> None:
-        self._u = self._delay.take(time_ns=self._time_ns) or self._u
+    def _follow(self, command: Input) -> None:
+        self._u = command
 
     def _integrate(self, duration_ns: int) -> None:
         steps = -(-duration_ns // self._longest_step_ns)
@@ -113,7 +105,7 @@ class RotorpyPlant:
         }
 
 
-def _multirotor(config: SimulatorConfig, *, mass: float) -> Any:
+def _multirotor(config: RotorpyParameters, *, mass: float) -> Any:
     """Return rotorpy's vehicle; raises :class:`UserError` when rotorpy is not installed."""
     try:
         multirotor = importlib.import_module("rotorpy.vehicles.multirotor")

@@ -10,7 +10,7 @@ import numpy as np
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.random_streams import Stream, generator
+from quad_mpc_ros.simulation.parameters import Stream
 
 # In periods; below one half, so that odometries stay in order.
 _LARGEST_JITTER = 0.45
@@ -38,8 +38,8 @@ class Sensors:
         )
         self._exact = not (self._noise.any() or self._bias.any())
         self._dropout = config.odom_dropout
-        self._noise_random = generator(config.seed, Stream.NOISE)
-        self._dropout_random = generator(config.seed, Stream.DROPOUT)
+        self._noise_random = config.random(Stream.NOISE)
+        self._dropout_random = config.random(Stream.DROPOUT)
         self._first = True
 
     def measured(self, truth: OdometrySample) -> OdometrySample:
@@ -70,7 +70,7 @@ def odometry_stamps(config: SimulatorConfig) -> Iterator[int]:
     Each is computed from its number, so that no rounding accumulates, and jittered on its own.
     The first is on time.
     """
-    random = generator(config.seed, Stream.JITTER)
+    random = config.random(Stream.JITTER)
     jitter = config.odom_jitter * config.odom_rate
     count = round(config.duration * config.odom_rate) if config.duration > 0.0 else None
     number = 0

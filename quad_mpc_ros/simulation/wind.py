@@ -10,9 +10,8 @@ from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.state import VELOCITY, Input, State
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.actuators import NEVER_NS
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.dynamics import Dynamics
-from quad_mpc_ros.simulation.random_streams import Stream, generator
+from quad_mpc_ros.simulation.parameters import PlantParameters, Stream
 
 _GUST_PERIOD_NS = 10_000_000
 _LOWEST_AIRSPEED = 1.0
@@ -34,10 +33,10 @@ class Wind:
     1 m/s: at hover the frozen field of gusts would otherwise never pass by.
     """
 
-    def __init__(self, config: SimulatorConfig) -> None:
+    def __init__(self, config: PlantParameters) -> None:
         self._steady_W = np.array(config.wind)
         self._intensity, self._length = config.gust_intensity, config.gust_length
-        self._random = generator(config.seed, Stream.GUSTS)
+        self._random = config.random(Stream.GUSTS)
         self._gust_W = np.zeros(3)
         self.blows = self._intensity > 0.0 or any(config.wind)
         """Whether there is ever any wind."""

@@ -9,8 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
-from quad_mpc_ros.configuration import ConfigurationError, ManagedConfiguration, parameter
+from quad_mpc_ros.configuration import (
+    Configuration,
+    ConfigurationError,
+    ExtensibleConfiguration,
+    ManagedConfiguration,
+    parameter,
+    registered,
+)
 from quad_mpc_ros.model.vehicle import VehicleParameters
 from quad_mpc_ros.trajectories.circle import Circle, CircleParameters
 from quad_mpc_ros.trajectories.feasibility import Limits
@@ -30,41 +38,49 @@ from quad_mpc_ros.trajectories.waypoints import (
     waypoints,
 )
 
+P_contra = TypeVar("P_contra", contravariant=True)
+
 
 @dataclass(frozen=True, kw_only=True)
-class Entry:
+class TrajectoryEntry(Generic[P_contra]):
     """How a trajectory is made of the parameters.
+
+    Other packages add theirs by an entry point of the group ``quad_mpc_ros.trajectories`` that
+    leads to one of these; ``parameters`` is then the class of those that it has of its own.
 
     ``make`` returns a path, which is flown by differential flatness, or what is none. ``joined``
     returns the same without jumps, where ``make`` returns one that jumps. ``scalable`` is false
     for what slowed down would no longer be what it is: gravity does not slow down with it.
     """
 
-    make: Callable[[ReferenceConfig], Path | Trajectory]
-    joined: Callable[[ReferenceConfig], Path] | None = None
+    make: Callable[[P_contra], Path | Trajectory]
+    parameters: type[Configuration] | None = None
+    joined: Callable[[P_contra], Path] | None = None
     scalable: bool = True
 
 
-TRAJECTORIES: dict[str, Entry] = {
-    "square": Entry(make=square, joined=smooth_square),
-    "hover": Entry(make=Hover),
-    "waypoints": Entry(make=waypoints, joined=from_waypoint_to_waypoint),
-    "circle": Entry(make=Circle),
-    "lemniscate": Entry(make=Lemniscate),
-    "minimum_snap": Entry(make=through_waypoints),
-    "vertical_loop": Entry(make=VerticalLoop, scalable=False),
-    "flip": Entry(make=flip, scalable=False),
-    "split_s": Entry(make=split_s, scalable=False),
-    "csv": Entry(make=csv_path),
-    "bag": Entry(make=bag_path),
+TRAJECTORIES: dict[str, TrajectoryEntry[ReferenceConfig]] = {
+    "square": TrajectoryEntry(make=square, joined=smooth_square),
+    "hover": TrajectoryEntry(make=Hover),
+    "waypoints": TrajectoryEntry(make=waypoints, joined=from_waypoint_to_waypoint),
+    "circle": TrajectoryEntry(make=Circle),
+    "lemniscate": TrajectoryEntry(make=Lemniscate),
+    "minimum_snap": TrajectoryEntry(make=through_waypoints),
+    "vertical_loop": TrajectoryEntry(make=VerticalLoop, scalable=False),
+    "flip": TrajectoryEntry(make=flip, scalable=False),
+    "split_s": TrajectoryEntry(make=split_s, scalable=False),
+    "csv": TrajectoryEntry(make=csv_path),
+    "bag": TrajectoryEntry(make=bag_path),
 }
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChoiceParameters(ManagedConfiguration, VehicleParameters):
+class ChoiceParameters(ExtensibleConfiguration, ManagedConfiguration, VehicleParameters):
     """What is flown, and when."""
 
     owner = "reference"
+    choice = "trajectory"
+    group = "quad_mpc_ros.trajectories"
 
     trajectory: str = parameter("square", doc="Trajectory to fly.", choices=tuple(TRAJECTORIES))
     mode: str = parameter(
@@ -198,3 +214,9 @@ class ReferenceConfig(
                 f"a number between {self.window_duration / 1000:g} and {self.window_duration:g} "
                 "(window_duration in 1 to 1000 steps)",
             )
+
+    def entry(self) -> TrajectoryEntry[ReferenceConfig]:
+        """Return how the trajectory is made, this package's or another's."""
+        found = TRAJECTORIES.get(self.trajectory) or registered(self.group, self.trajectory)
+        assert isinstance(found, TrajectoryEntry)
+        return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.trajectories.config import TRAJECTORIES, Entry, ReferenceConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.feasibility import Verdict, judged
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.trajectories.path import Path
@@ -29,7 +29,7 @@ def joined_trajectory(config: ReferenceConfig, *, read_bag: BagReader | None = N
 
     Raises as :func:`configured_trajectory`.
     """
-    joined = _entry(config).joined
+    joined = config.entry().joined
     if joined is None:
         return configured_trajectory(config, read_bag=read_bag)
     return _approved(*_judged(joined(config), config), config)
@@ -41,17 +41,13 @@ def judged_trajectory(
     """Return the configured trajectory with the verdict on it, also when it is not feasible."""
     if config.trajectory == "bag":
         return _judged(bag_path(config, read_bag), config)
-    return _judged(_entry(config).make(config), config)
-
-
-def _entry(config: ReferenceConfig) -> Entry:
-    return TRAJECTORIES[config.trajectory]
+    return _judged(config.entry().make(config), config)
 
 
 def _judged(made: Path | Trajectory, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
     if isinstance(made, Trajectory):
         return made, _verdict(made, config)
-    if config.time_scaling == "auto" and _entry(config).scalable:
+    if config.time_scaling == "auto" and config.entry().scalable:
         return quickest(made, lambda path: _feasible(path, config)) or _flown(made, config)
     return _flown(made, config)
 
@@ -84,7 +80,7 @@ def _approved(trajectory: Trajectory, verdict: Verdict, config: ReferenceConfig)
 
 def _refusal(config: ReferenceConfig, reason: str) -> ConfigurationError:
     """Return the error of a trajectory that the vehicle cannot fly, with what to do."""
-    if not _entry(config).scalable:
+    if not config.entry().scalable:
         advice = f"change the parameters of {config.trajectory}"
     elif config.time_scaling == "none":
         advice = "slow it down, or set time_scaling to auto"

@@ -27,8 +27,8 @@ from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.recorded_run import Received, RecordedRun
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
-from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.sensors import Sensors
 
 START_NS = 1_000_000_000
@@ -64,7 +64,7 @@ def flown(
             **simulator,
         }
     )
-    plant, random = Plant(config), np.random.default_rng(seed)
+    plant, random = InternalPlant(config), np.random.default_rng(seed)
     stream = OdometryStream(plant, config, start_stamp_ns=START_NS)
     odometries, commands = [], []
     knock, until_ns = np.zeros(4), 0

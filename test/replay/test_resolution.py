@@ -16,8 +16,8 @@ from quad_mpc_ros.recordings.recorded_run import Received, RecordedRun
 from quad_mpc_ros.replay.command_comparison import compare_commands, comparison_table
 from quad_mpc_ros.replay.resolution import Resolved, resolve
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
-from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.server import ReferenceServer
 
@@ -52,7 +52,10 @@ def flown_in_real_time(
     simulator = SimulatorConfig(
         duration=3.0, odom_rate=odom_rate, initial_position=(0.0, 0.0, 2.0), initial_throttle=0.3
     )
-    plant, server = Plant(simulator), ReferenceServer(ReferenceConfig(trajectory="lemniscate"))
+    plant, server = (
+        InternalPlant(simulator),
+        ReferenceServer(ReferenceConfig(trajectory="lemniscate")),
+    )
     stream = OdometryStream(plant, simulator, start_stamp_ns=START_NS)
     controller = Controller(MPC)
     server.start(START_NS)

@@ -19,8 +19,7 @@ from quad_mpc_ros.mpc_config import (
     MpcConfig,
     SlewParameters,
 )
-from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.plants import make_plant
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.server import ReferenceServer
 

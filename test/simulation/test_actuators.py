@@ -16,7 +16,7 @@ from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.simulation.internal_plant import InternalPlant
 
 MILLISECOND = 1_000_000
 SECOND = 1_000_000_000
@@ -27,9 +27,9 @@ def command(throttle: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
     return CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.array(rates))
 
 
-def plant(**changes: Any) -> Plant:
+def plant(**changes: Any) -> InternalPlant:
     start = {"initial_position": (0.0, 0.0, 50.0), "initial_throttle": HOVER}
-    return Plant(SimulatorConfig.build({**start, **changes}))
+    return InternalPlant(SimulatorConfig.build({**start, **changes}))
 
 
 @dataclass
@@ -90,7 +90,7 @@ def start(**lags: float) -> World:
     return World(y, **lags)  # type: ignore[arg-type]
 
 
-def started_plant(**changes: Any) -> Plant:
+def started_plant(**changes: Any) -> InternalPlant:
     y = start().y
     return plant(
         initial_position=tuple(y[:3]),
@@ -101,7 +101,7 @@ def started_plant(**changes: Any) -> Plant:
     )
 
 
-def assert_agrees(body: Plant, world: World, *, atol: float) -> None:
+def assert_agrees(body: InternalPlant, world: World, *, atol: float) -> None:
     assert_allclose(body.state.p_WB, world.y[:3], rtol=0.0, atol=atol)
     assert_allclose(body.state.v_WB_W, world.y[3:6], rtol=0.0, atol=atol)
     R_WB = Rotation.from_quat(world.y[6:10]).as_matrix()
@@ -227,7 +227,7 @@ def test_until_the_first_command_acts_the_vehicle_does_what_it_did_at_the_start(
 
 
 def test_motors_spin_up_on_the_ground_but_the_body_does_not_turn() -> None:
-    body = Plant(SimulatorConfig(thrust_time_constant=0.1, rate_time_constant=0.1))
+    body = InternalPlant(SimulatorConfig(thrust_time_constant=0.1, rate_time_constant=0.1))
     body.apply(command(0.5, (3.0, 0.0, 0.0)))
     lifts_after = -0.1 * math.log(1.0 - HOVER / 0.5)
     body.advance_to(round(lifts_after * 1e9) - 6 * MILLISECOND)

@@ -11,9 +11,8 @@ from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
-from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
-from quad_mpc_ros.simulation.plants import make_plant
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory, joined_trajectory
 from quad_mpc_ros.trajectories.director import Reply

@@ -21,8 +21,8 @@ from quad_mpc_ros.commands.simulate import add_simulate_options
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.plants import PLANTS, AnyPlant, make_plant
+from quad_mpc_ros.simulation.config import PLANTS, SimulatorConfig, make_plant
+from quad_mpc_ros.simulation.plant import DelayedPlant
 
 MILLISECOND = 1_000_000
 SECOND = 1_000_000_000
@@ -43,11 +43,13 @@ def rotorpy() -> None:
     pytest.importorskip("rotorpy.vehicles.multirotor")
 
 
-def plant(**changes: Any) -> AnyPlant:
+def plant(**changes: Any) -> DelayedPlant:
     return make_plant(configured(**changes))
 
 
-def commanded(body: AnyPlant, throttle: float, rates: tuple[float, float, float]) -> AnyPlant:
+def commanded(
+    body: DelayedPlant, throttle: float, rates: tuple[float, float, float]
+) -> DelayedPlant:
     body.apply(CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.array(rates)))
     return body
 

@@ -14,8 +14,8 @@ from scipy.stats import kstest
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream, SentOdometry
-from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.sensors import Sensors, odometry_stamps
 
 START_NS = 1_000_000_000
@@ -92,7 +92,7 @@ def test_biases_are_in_the_frames_of_the_odometry() -> None:
 
 def test_nose_down_bias_of_a_level_vehicle() -> None:
     """A positive rotation about y of a FLU body shows it with its nose below the horizon."""
-    body = Plant(SimulatorConfig())
+    body = InternalPlant(SimulatorConfig())
     config = SimulatorConfig(attitude_bias=(0.0, 0.2, 0.0))
     seen = Rotation.from_quat(Sensors(config).measured(body.odometry(0)).q_WB_xyzw)
     assert seen.apply([1.0, 0.0, 0.0])[2] == pytest.approx(-np.sin(0.2))
@@ -158,7 +158,7 @@ def flown(**changes: Any) -> list[SentOdometry]:
     config = SimulatorConfig.build(
         {"initial_position": (0.0, 0.0, 100.0), "duration": 2.0, "drag": 0.0, **changes}
     )
-    stream = OdometryStream(Plant(config), config, start_stamp_ns=START_NS)
+    stream = OdometryStream(InternalPlant(config), config, start_stamp_ns=START_NS)
     sent: list[SentOdometry] = []
     while (odometry := stream.step()) is not None:
         sent.append(odometry)
@@ -196,7 +196,7 @@ def test_dropped_odometries_are_measured_but_not_sent() -> None:
 
 def test_the_plant_is_at_the_time_of_sending() -> None:
     config = SimulatorConfig(odom_delay=0.05, duration=1.0, initial_position=(0.0, 0.0, 9.0))
-    plant = Plant(config)
+    plant = InternalPlant(config)
     stream = OdometryStream(plant, config, start_stamp_ns=START_NS)
     while (sent := stream.step()) is not None:
         assert plant.time_ns == sent.time_ns == sent.odometry.stamp_ns - START_NS + 50_000_000
@@ -205,7 +205,7 @@ def test_the_plant_is_at_the_time_of_sending() -> None:
 def test_a_command_acts_from_the_sending_on_which_it_answers() -> None:
     """With 50 ms of delay the third odometry is the first to see the answer to the first."""
     config = SimulatorConfig(odom_delay=0.05, duration=0.2, initial_position=(0.0, 0.0, 9.0))
-    plant = Plant(config)
+    plant = InternalPlant(config)
     stream = OdometryStream(plant, config, start_stamp_ns=START_NS)
     seen = []
     while (sent := stream.step()) is not None:
@@ -223,7 +223,7 @@ def test_following_a_clock_gives_the_same_odometries(changes: dict[str, float]) 
         {"initial_position": (0.0, 0.0, 100.0), "duration": 2.0, "drag": 0.0}
         | {"position_noise": 0.1, "odom_dropout": 0.1, **changes}
     )
-    stream = OdometryStream(Plant(config), config, start_stamp_ns=START_NS)
+    stream = OdometryStream(InternalPlant(config), config, start_stamp_ns=START_NS)
     followed: list[SentOdometry] = []
     time_ns = 0
     while not stream.ended(time_ns):

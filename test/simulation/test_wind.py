@@ -15,7 +15,7 @@ from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.wind import Wind
 
 SECOND = 1_000_000_000
@@ -27,9 +27,9 @@ def command(throttle: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
     return CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.array(rates))
 
 
-def hovering(**changes: Any) -> Plant:
+def hovering(**changes: Any) -> InternalPlant:
     start = {"initial_position": (0.0, 0.0, 50.0), "initial_throttle": HOVER}
-    return Plant(SimulatorConfig.build({**start, **changes}))
+    return InternalPlant(SimulatorConfig.build({**start, **changes}))
 
 
 def gusts(*, seconds: float, airspeed: float, **changes: Any) -> Array:
@@ -83,7 +83,7 @@ def test_flying_with_the_wind_is_flying_in_calm_air() -> None:
 
 
 def test_the_ground_shelters_from_the_wind() -> None:
-    body = Plant(SimulatorConfig(wind=(10.0, 0.0, 0.0), gust_intensity=2.0))
+    body = InternalPlant(SimulatorConfig(wind=(10.0, 0.0, 0.0), gust_intensity=2.0))
     body.advance_to(SECOND)
     assert_array_equal(body.state.p_WB, np.zeros(3))
     assert_array_equal(body.state.v_WB_B, np.zeros(3))

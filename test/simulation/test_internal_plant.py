@@ -16,7 +16,7 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.simulation.internal_plant import InternalPlant
 
 SECOND = 1_000_000_000
 HOVER = Vehicle().hover_throttle
@@ -28,11 +28,11 @@ def command(throttle: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
     return CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.array(rates))
 
 
-def plant(**changes: Any) -> Plant:
-    return Plant(SimulatorConfig.build({"initial_position": (0.0, 0.0, 10.0), **changes}))
+def plant(**changes: Any) -> InternalPlant:
+    return InternalPlant(SimulatorConfig.build({"initial_position": (0.0, 0.0, 10.0), **changes}))
 
 
-def assert_same_state(one: Plant, other: Plant, *, atol: float) -> None:
+def assert_same_state(one: InternalPlant, other: InternalPlant, *, atol: float) -> None:
     for name in ("p_WB", "v_WB_B", "R_WB"):
         assert_allclose(
             getattr(one.state, name), getattr(other.state, name), rtol=0.0, atol=atol, err_msg=name
@@ -180,7 +180,7 @@ def test_an_attitude_that_is_none_is_refused(length: float) -> None:
 
 
 def test_it_starts_on_the_ground_at_the_origin_by_default() -> None:
-    body = Plant(SimulatorConfig())
+    body = InternalPlant(SimulatorConfig())
     assert_array_equal(body.state.p_WB, np.zeros(3))
     assert_array_equal(body.state.R_WB, np.eye(3))
 

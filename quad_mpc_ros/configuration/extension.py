@@ -1,0 +1,87 @@
+"""Parameters of what other packages add: a trajectory or a plant of one's own.
+
+A package adds one by an entry point ``name = module:OBJECT`` in a group of this package. It is
+looked for when a name is asked for that this package does not know.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from typing import Any, ClassVar, Self, cast
+
+from quad_mpc_ros.configuration.errors import ConfigurationError, UserError
+from quad_mpc_ros.configuration.fields import Configuration, parameter
+
+
+@functools.cache
+def registered(group: str, name: str) -> Any:
+    """Return what an installed package has registered under a name, or None.
+
+    Raises :class:`UserError` when it cannot be loaded.
+    """
+    for entry in entry_points(group=group, name=name):
+        try:
+            return entry.load()
+        except (ImportError, AttributeError) as error:
+            raise UserError(
+                f"{group}: {name} = {entry.value} cannot be loaded: {error}"
+            ) from error
+    return None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExtensibleConfiguration(Configuration):
+    """A parameter set in which one parameter names something that other packages may add to.
+
+    :meth:`build` knows the parameters of what is chosen: the class that its entry point says is a
+    further base of what is returned.
+    """
+
+    choice: ClassVar[str]
+    """Name of the parameter."""
+    group: ClassVar[str]
+    """Group of the entry points. They lead to objects with an attribute ``parameters``."""
+
+    @classmethod
+    def build(cls, values: Mapping[str, object]) -> Self:
+        """Return the parameter set with ``values`` (dotted names) over the defaults.
+
+        Raises :class:`ConfigurationError` for an unknown name or an unusable value.
+        """
+        chosen = values.get(cls.choice)
+        kind: Any = _extended(cast(Any, cls), chosen) if isinstance(chosen, str) else cls
+        if kind is cls:
+            return super().build(values)
+        extended: Self = kind.build(values)
+        return extended
+
+
+@functools.cache
+def _extended(kind: type[ExtensibleConfiguration], name: str) -> type[ExtensibleConfiguration]:
+    """Return the class with the parameters of what is registered under a name, if that is any."""
+    (spec,) = (spec for spec in kind.specs() if spec.name == kind.choice)
+    choices = spec.choices or ()
+    if name in choices:
+        return kind
+    found = registered(kind.group, name)
+    if found is None:
+        return kind
+    added: type[Configuration] | None = found.parameters
+    for field in dataclasses.fields(added) if added else ():
+        known = kind.__dataclass_fields__.get(field.name)
+        if known is not None and known is not field:
+            raise ConfigurationError(
+                f"{kind.owner}.{field.name}", field.default, f"another name in {name}: it is taken"
+            )
+    chosen = parameter(spec.default, doc=spec.doc, choices=(*choices, name))
+    return dataclasses.make_dataclass(
+        kind.__name__,
+        [(kind.choice, str, chosen)],
+        bases=(kind,) if added is None else (added, kind),
+        namespace={"__module__": kind.__module__, "__doc__": kind.__doc__},
+        frozen=True,
+        kw_only=True,
+    )

@@ -1,0 +1,118 @@
+"""What every plant is told, and the random numbers of a simulation."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError, parameter
+from quad_mpc_ros.model.vehicle import Vehicle, VehicleParameters
+
+LONGEST_TIME_CONSTANT = 10.0  # s
+# Above this deviation of its length from 1 a quaternion is a mistake and not a rounded one.
+_QUATERNION_TOLERANCE = 1e-3
+
+
+class Stream(IntEnum):
+    """What random numbers are for. The numbers are part of what a seed means: never renumber."""
+
+    GUSTS = 0
+    NOISE = 1
+    DROPOUT = 2
+    JITTER = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantParameters(VehicleParameters):
+    """What every plant is told: the true vehicle, its start, its commands and the air.
+
+    A plant with parameters of its own declares them in a class derived from this one, in its own
+    file. All of them together are the parameters of the simulator node, so their names must be
+    unlike.
+    """
+
+    owner = "simulator"
+
+    integration_step: float = parameter(
+        0.005, doc="Longest step of the integrator.", unit="s", minimum=1e-5, maximum=0.05
+    )
+    mass_scale: float = parameter(1.0, doc="True mass over the parameter mass.", above=0.0)
+    thrust_scale: float = parameter(1.0, doc="True thrust over that of the curve.", above=0.0)
+    command_delay: float = parameter(
+        0.0, doc="Time from the arrival of a command to its effect.", unit="s", minimum=0.0
+    )
+    wind: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0),
+        doc="Steady wind in the world; drag acts against it.",
+        unit="m/s",
+        length=3,
+    )
+    gust_intensity: float = parameter(
+        0.0, doc="Standard deviation of the gusts along each axis.", unit="m/s", minimum=0.0
+    )
+    gust_length: float = parameter(
+        20.0, doc="Scale length of the gusts, 15 m to 25 m near the ground.", unit="m", above=0.0
+    )
+    seed: int = parameter(0, doc="Seed of gusts, noise, jitter and drop-outs.", minimum=0)
+    initial_position: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), doc="Where the vehicle starts.", unit="m", length=3
+    )
+    initial_velocity: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), doc="Velocity at the start, in the world.", unit="m/s", length=3
+    )
+    initial_attitude: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0, 1.0),
+        doc="Attitude at the start, quaternion x, y, z, w of body to world; level, heading east.",
+        length=4,
+    )
+    initial_body_rates: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0),
+        doc="Body rates at the start, held until the first command acts.",
+        unit="rad/s",
+        length=3,
+    )
+    initial_throttle: float = parameter(
+        0.0,
+        doc="Throttle at the start, held until the first command acts.",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    frame_id: str = parameter("odom", doc="World frame of the odometry.")
+    child_frame_id: str = parameter("base_link", doc="Body frame of the odometry.")
+
+    def check(self) -> None:
+        """Refuse a start below the ground and an attitude that is none."""
+        super().check()
+        self.check_hover("mass_scale", self.mass_scale, self.mass * self.mass_scale)
+        if self.initial_position[2] < 0.0:
+            raise ConfigurationError(
+                f"{self.owner}.initial_position",
+                self.initial_position,
+                "3 numbers, the height (third) >= 0",
+            )
+        if abs(math.hypot(*self.initial_attitude) - 1.0) > _QUATERNION_TOLERANCE:
+            raise ConfigurationError(
+                f"{self.owner}.initial_attitude",
+                self.initial_attitude,
+                "a quaternion x, y, z, w of length 1",
+            )
+
+    def vehicle(self) -> Vehicle:
+        """Return the true vehicle."""
+        nominal = super().vehicle()
+        a, b, c = (self.thrust_scale * coefficient for coefficient in self.thrust_curve)
+        return dataclasses.replace(
+            nominal, mass=self.mass * self.mass_scale, thrust_curve=(a, b, c)
+        )
+
+    def random(self, stream: Stream) -> np.random.Generator:
+        """Return the random numbers of one purpose, from their beginning.
+
+        As the streams are independent, neither the order in which gusts and sensors draw nor an
+        effect that is switched on changes the numbers of another.
+        """
+        return np.random.default_rng([self.seed, stream])
