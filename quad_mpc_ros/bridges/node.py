@@ -6,7 +6,6 @@ import functools
 import importlib.util
 from typing import Any
 
-from rclpy.node import Node
 from std_srvs.srv import SetBool
 
 from quad_mpc_ros.bridges.bridge import (
@@ -16,46 +15,45 @@ from quad_mpc_ros.bridges.bridge import (
     ServiceCall,
     Subscription,
 )
+from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, ODOMETRY
 from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.ros.health import Health, HealthReporter
+from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
-from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run
 
 _WARNING_PERIOD = 5.0
 _QUIET_NS = 500_000_000
 
 
-class BridgeNode(Node):
+class BridgeNode(ReportingNode[BridgeConfig]):
     """Wires a bridge. The services ``~/arm`` and ``~/engage`` ask what nothing else does."""
 
     def __init__(self, kind: type[Bridge]) -> None:
-        super().__init__(kind.name, automatically_declare_parameters_from_overrides=True)
         _require(kind)
-        self._bridge = kind(declare(self, kind.Config), _new)
+        super().__init__(kind.name, kind.Config)
+        self._bridge = kind(self.config, _new)
         self._silence = ""
         self._command_ns = 0
-        self._health = HealthReporter(self, self._probe)
-        self._odometry = self._health.publisher(ODOMETRY)
+        self._odometry = self.health.publisher(ODOMETRY)
         self._odometry_message = new_message(ODOMETRY.type_name)
         self._odometries = 0
-        self._engaged = self._health.publisher(ENGAGED)
+        self._engaged = self.health.publisher(ENGAGED)
         self._engaged_message = new_message(ENGAGED.type_name)
         self._tell_engaged(False)
         self._stack = {
-            topic.name: self._health.publisher(topic) for topic in self._bridge.publications
+            topic.name: self.health.publisher(topic) for topic in self._bridge.publications
         }
         self._clients_by_name = {
             name: self.create_client(message_class(type_name), name)
             for name, type_name in self._bridge.services
         }
-        self._health.subscription(COMMAND, self._on_command)
+        self.health.subscription(COMMAND, self._on_command)
         for subscription in self._bridge.subscriptions:
-            self._health.subscription(
+            self.health.subscription(
                 subscription.topic, functools.partial(self._on_stack, subscription)
             )
         self.create_service(SetBool, "~/arm", self._on_arm)
@@ -135,7 +133,8 @@ class BridgeNode(Node):
     def _send(self, outgoing: OutgoingMessage) -> None:
         self._stack[outgoing.topic.name].publish(outgoing.message)
 
-    def _probe(self) -> Health:
+    def report(self) -> Health:
+        """Return what is sent to the stack, or why nothing is."""
         bridge = self._bridge
         quiet = self._now_ns() - self._command_ns > _QUIET_NS
         text = "silent: no command comes" if quiet else bridge.silence

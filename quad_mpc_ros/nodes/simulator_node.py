@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.messages import conversions
@@ -15,9 +14,8 @@ from quad_mpc_ros.messages.diagnostics import ERROR, OK
 from quad_mpc_ros.messages.topics import CLOCK, COMMAND, ODOMETRY
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.ros.clocks import create_steady_timer
-from quad_mpc_ros.ros.health import Health, HealthReporter
+from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import new_message
-from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run, stop
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
@@ -31,14 +29,14 @@ _RESEND_PERIOD = 1.0
 _POLL_PERIOD = 1e-3
 
 
-class Clockwork(Protocol):
-    """A way of keeping time."""
+class Pacing(Protocol):
+    """How the time of the simulation runs."""
 
     def start(self) -> None:
         """Let the time run."""
         ...
 
-    def take(self, command: CommandSample) -> None:
+    def receive_command(self, command: CommandSample) -> None:
         """Take a command that has arrived."""
         ...
 
@@ -62,7 +60,7 @@ class RealTime:
         self._node.every(period if regular else min(period, _POLL_PERIOD), self._tick)
         self._tick()
 
-    def take(self, command: CommandSample) -> None:
+    def receive_command(self, command: CommandSample) -> None:
         """Fly up to now with the command before, from now on with this one."""
         self._fly_to(self._elapsed_ns())
         self._plant.apply(command)
@@ -97,7 +95,7 @@ class Lockstep:
         self._node.every(_RESEND_PERIOD, self._resend)
         self._step()
 
-    def take(self, command: CommandSample) -> None:
+    def receive_command(self, command: CommandSample) -> None:
         """Step when this is the answer waited for; an answer to a repetition is not."""
         if self._awaited is not None and command.stamp_ns == self._awaited.odometry.stamp_ns:
             self._plant.apply(command)
@@ -136,22 +134,19 @@ class Lockstep:
         self._node.publish_odometry(sent.odometry)
 
 
-class SimulatorNode(Node):
-    """Wires the plant to its topics under one of the two clockworks."""
+class SimulatorNode(ReportingNode[SimulatorConfig]):
+    """Wires the plant to its topics, in real time or in lockstep."""
 
     def __init__(self) -> None:
-        super().__init__("simulator", automatically_declare_parameters_from_overrides=True)
-        self.exit_code = 0
-        self.config = declare(self, SimulatorConfig)
-        self.health = HealthReporter(self, self._probe)
+        super().__init__("simulator", SimulatorConfig)
         self._odometry = self.health.publisher(ODOMETRY)
         self._odometry_message = new_message(ODOMETRY.type_name)
         self._odometries = self._commands = 0
         self._fault: str | None = None
         self._running = False
 
-        way = Lockstep if self.config.lockstep else RealTime
-        self._clockwork: Clockwork = way(self, make_plant(self.config))
+        pacing = Lockstep if self.config.lockstep else RealTime
+        self._pacing: Pacing = pacing(self, make_plant(self.config))
         self.health.subscription(COMMAND, self._on_command)
         self.create_service(Trigger, "~/start", self._on_start)
         if self.config.autostart:
@@ -181,7 +176,7 @@ class SimulatorNode(Node):
 
     def _start(self) -> None:
         self._running = True
-        self._clockwork.start()
+        self._pacing.start()
 
     def _on_start(self, _: Any, response: Any) -> Any:
         response.success = not self._running
@@ -193,9 +188,10 @@ class SimulatorNode(Node):
     def _on_command(self, message: Any) -> None:
         if self._running:
             self._commands += 1
-            self._clockwork.take(conversions.command_from_message(message))
+            self._pacing.receive_command(conversions.command_from_message(message))
 
-    def _probe(self) -> Health:
+    def report(self) -> Health:
+        """Return whether the flight runs, and what ended it."""
         text = self._fault or ("running" if self._running else "waiting for ~/start")
         return Health(
             level=ERROR if self._fault else OK,

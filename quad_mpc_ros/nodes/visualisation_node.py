@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from quad_mpc_ros.messages import conversions, markers
@@ -14,44 +13,41 @@ from quad_mpc_ros.messages.markers import Trail, VisualisationConfig
 from quad_mpc_ros.messages.topics import COMMAND, MARKERS, ODOMETRY, PREDICTED_PATH, TF
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.ros.clocks import create_steady_timer
-from quad_mpc_ros.ros.health import Health, HealthReporter
+from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
-from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.safety.validation import odometry_fault
 
 
-class VisualisationNode(Node):
+class VisualisationNode(ReportingNode[VisualisationConfig]):
     """Shows each time the newest of what it has heard since the last time."""
 
     def __init__(self) -> None:
-        super().__init__("visualisation", automatically_declare_parameters_from_overrides=True)
-        self._config = declare(self, VisualisationConfig)
-        period = 1.0 / self._config.publish_rate
-        self._vehicle = self._config.vehicle()
-        self._trail = Trail(duration=self._config.trail_duration, spacing=period)
+        super().__init__("visualisation", VisualisationConfig)
+        period = 1.0 / self.config.publish_rate
+        self._vehicle = self.config.vehicle()
+        self._trail = Trail(duration=self.config.trail_duration, spacing=period)
         self._odometry: OdometrySample | None = None
         self._command: CommandSample | None = None
         self._plan: Any = None
         self._heard = False
 
-        self._health = HealthReporter(self, self._probe)
-        self._markers = self._health.publisher(MARKERS)
+        self._markers = self.health.publisher(MARKERS)
         self._transforms = self._transform_publisher()
-        self._health.subscription(ODOMETRY, self._on_odometry)
-        self._health.subscription(COMMAND, self._on_command)
-        self._health.subscription(PREDICTED_PATH, self._on_plan)
+        self.health.subscription(ODOMETRY, self._on_odometry)
+        self.health.subscription(COMMAND, self._on_command)
+        self.health.subscription(PREDICTED_PATH, self._on_plan)
         create_steady_timer(self, period, self._show)
 
     def _transform_publisher(self) -> Publisher | None:
-        if not self._config.broadcast_tf:
+        if not self.config.broadcast_tf:
             return None
         try:
             message_class(TF.type_name)
         except ImportError:
             self.get_logger().info("tf2_msgs is not installed: no transform is broadcast")
             return None
-        return self._health.publisher(TF)
+        return self.health.publisher(TF)
 
     def _on_odometry(self, message: Any) -> None:
         odometry = conversions.odometry_from_message(message)
@@ -80,7 +76,7 @@ class VisualisationNode(Node):
             self._transforms.publish(transform)
 
     def _drawn(self, odometry: OdometrySample) -> list[Any]:
-        config, new = self._config, new_message
+        config, new = self.config, new_message
         drawn = [
             markers.vehicle_marker(odometry, arm=config.arm, new=new),
             markers.trail_marker(odometry, self._trail.p_WB, new=new),
@@ -97,7 +93,8 @@ class VisualisationNode(Node):
         self._command = self._plan = None
         return drawn
 
-    def _probe(self) -> Health:
+    def report(self) -> Health:
+        """Return whether there is something to show."""
         if self._odometry is None:
             return Health(level=WARN, text="waiting for odometry")
         return Health(level=OK, text="showing")

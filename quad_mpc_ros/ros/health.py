@@ -9,17 +9,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
+from quad_mpc_ros.configuration import Configuration
 from quad_mpc_ros.messages.diagnostics import WARN, fill_status
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, Topic
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
+from quad_mpc_ros.ros.parameters import declare
+
+C = TypeVar("C", bound=Configuration)
 
 PEERS_KEY = "peers."
 _PERIOD = 1.0
@@ -166,6 +170,25 @@ class HealthReporter:
             (f"{PEERS_KEY}{name}", str(_peer_count(endpoint)))
             for name, endpoint in self._endpoints.items()
         ]
+
+
+class ReportingNode(Node, Generic[C]):
+    """A node without a lifecycle: it runs from its start to its end.
+
+    A derived node makes its endpoints through ``health`` and overrides :meth:`report`. To end with
+    another exit code than 0 it sets ``exit_code``.
+    """
+
+    def __init__(self, name: str, configuration: type[C]) -> None:
+        """Declare the parameters. Raises :class:`ConfigurationError` for what is given wrong."""
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        self.exit_code = 0
+        self.config = declare(self, configuration)
+        self.health = HealthReporter(self, self.report)
+
+    def report(self) -> Health:
+        """Return the health of the node."""
+        raise NotImplementedError
 
 
 def _peer_count(endpoint: Publisher | Subscription) -> int:

@@ -44,7 +44,10 @@ class Flight:
                 and self._peer.node.count_publishers("visualisation/markers")
             )
         )
+        # Whether the node has found this subscription is seen only when it shows something.
+        assert self._peer.wait(lambda: self.tick() or self.shown)
         self._peer.spin(0.3)
+        self.shown.clear()
 
     def tick(self, **position: float) -> None:
         self._ticks += 1
