@@ -11,7 +11,7 @@ from quad_mpc_ros.commands.output import results_in, write_json
 from quad_mpc_ros.evaluation.flight import read_flight
 from quad_mpc_ros.evaluation.metrics import summarise
 from quad_mpc_ros.evaluation.table import summary_table
-from quad_mpc_ros.figures.flight_figures import write_figures
+from quad_mpc_ros.figures import write_figures
 
 
 def finish(out: Path, *, wall_seconds: float) -> int:

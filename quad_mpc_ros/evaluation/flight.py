@@ -87,6 +87,11 @@ class Flight:
         return self.time_of(self.stamp_ns)
 
     @property
+    def tick_time(self) -> Array:
+        """Time of each tick of the controller from the first odometry (k,) [s]."""
+        return self.time_of(np.asarray(self.stats["stamp_ns"], dtype=np.int64))
+
+    @property
     def odometry_period(self) -> float:
         """Usual time between two odometries [s]; that of the control for a single one."""
         if len(self.stamp_ns) < 2:

@@ -15,6 +15,8 @@ _WIDTH, _HEIGHT = 8.0, 6.2  # inch
 _MOST_NUMBERS = 12  # waypoints; numbers on more would hide the flight
 
 _SPACING = 0.25  # of the longest side, flown between two drawn vehicles
+_MOST_VEHICLES = 300
+_MOST_PIECES = 20_000  # of the coloured line, each drawn by itself
 
 # From the ground up; mplot3d's own order takes each of these as a whole and gets it wrong.
 _GROUND, _REFERENCE, _FLIGHT, _VEHICLES, _MARKS = 1, 2, 3, 4, 5
@@ -27,20 +29,19 @@ def write_path(flight: Flight, path: Path) -> Path:
     than it is where the room is large. Raises ``OSError`` when the file cannot be written.
     """
     figure = style.new_figure(_WIDTH, _HEIGHT)
-    # Any: mplot3d has no type hints.
-    axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
     points = [flight.p_WB, *([] if flight.reference is None else [flight.reference.p_WB])]
     lower, upper = space.room(np.vstack(points))
-    space.draw_room(axes, lower, upper)
+    axes = space.draw_room(figure, lower, upper)
     _draw_reference(axes, flight)
     _draw_flight(figure, axes, flight, ground=float(lower[2]))
     side = float(np.max(upper - lower))
+    way = space.way_along(flight.p_WB)
     space.draw_vehicles(
         axes,
         flight.p_WB,
         flight.q_WB_xyzw,
-        way=space.way_along(flight.p_WB),
-        spacing=_SPACING * side,
+        way=way,
+        spacing=max(_SPACING * side, float(way[-1]) / _MOST_VEHICLES),
         side=side,
         zorder=_VEHICLES,
     )
@@ -103,6 +104,6 @@ def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> No
         label="start",
         zorder=_MARKS,
     )
-    space.draw_coloured_by_speed(
-        figure, axes, flight.p_WB, np.linalg.norm(flight.v_WB_B, axis=1), zorder=_FLIGHT
-    )
+    thinned = slice(None, None, -(-len(x) // _MOST_PIECES))
+    speed = np.linalg.norm(flight.v_WB_B[thinned], axis=1)
+    space.draw_coloured_by_speed(figure, axes, flight.p_WB[thinned], speed, zorder=_FLIGHT)

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.figures import space, style
+from quad_mpc_ros.figures.over_time import draw_panel, label_time
+from quad_mpc_ros.figures.panels import Curve, Panel
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.trajectories.feasibility import Verdict
 from quad_mpc_ros.trajectories.trajectory import TrajectorySamples
@@ -30,19 +32,17 @@ def write_reference(
     """
     figure = style.new_figure(_WIDTH, _HEIGHT, dpi=dpi)
     grid = figure.add_gridspec(5, 2, width_ratios=(1.15, 1.0))
-    # Any: mplot3d has no type hints.
-    room: Any = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
-    _draw_path(figure, room, samples)
+    _draw_path(figure, grid[:, 0], samples)
     _draw_needs(figure, [figure.add_subplot(grid[row, 1]) for row in range(5)], verdict)
     figure.suptitle(title, x=0.01, ha="left", fontsize=11, color=style.INK, fontweight="bold")
     return style.save(figure, path)
 
 
-def _draw_path(figure: Any, axes: Any, samples: TrajectorySamples) -> None:
+def _draw_path(figure: Any, place: Any, samples: TrajectorySamples) -> None:
     thinned = slice(None, None, max(len(samples.p_WB) // _MOST_POINTS, 1))
     p_WB, q_WB_xyzw = samples.p_WB[thinned], samples.q_WB_xyzw[thinned]
     lower, upper = space.room(p_WB)
-    space.draw_room(axes, lower, upper, zoom=_ZOOM)
+    axes = space.draw_room(figure, lower, upper, place=place, zoom=_ZOOM)
     speed = np.linalg.norm(samples.v_WB_W[thinned], axis=1)
     if speed.max() > 0.0:
         space.draw_coloured_by_speed(figure, axes, p_WB, speed, zorder=_PATH)
@@ -75,18 +75,26 @@ def _turned(q_WB_xyzw: Array) -> Array:
 def _draw_needs(figure: Any, column: list[Any], verdict: Verdict) -> None:
     needs, limits = verdict.over_time, verdict.limits
     throttle = (limits.throttle_min, limits.throttle_max)
-    rows: list[tuple[str, Array, tuple[float, ...]]] = [("throttle", needs.throttle, throttle)]
-    for axis, rates, bound in zip("xyz", needs.w_WB_B.T, limits.omega_max, strict=True):
-        rows.append((f"$\\omega_{axis}$ [rad/s]", rates, (-bound, bound)))
-    rows.append(("height [m]", needs.height, (0.0,)))
-    for axes, (label, values, bounds) in zip(column, rows, strict=True):
-        style.tidy(axes)
-        for number, bound in enumerate(bounds):
-            axes.axhline(bound, label="limit" if number == 0 else None, **style.BOUND_LINE)
-        axes.plot(needs.seconds, values, label="needed", **style.FLOWN_LINE)
-        axes.set_ylabel(label, fontsize=8, color=style.INK)
+    rows = [
+        ("throttle", "", "", needs.throttle, throttle),
+        *(
+            ("ω", axis, "rad/s", rates, (-bound, bound))
+            for axis, rates, bound in zip("xyz", needs.w_WB_B.T, limits.omega_max, strict=True)
+        ),
+        ("height", "", "m", needs.height, (0.0,)),
+    ]
+    for axes, (name, subscript, unit, values, bounds) in zip(column, rows, strict=True):
+        panel = Panel(
+            name=name,
+            subscript=subscript,
+            unit=unit,
+            curves=[Curve(name="needed", time=needs.seconds, values=values)],
+            bounds=bounds,
+            bound_name="limit",
+        )
+        draw_panel(axes, panel, fontsize=8)
     for axes in column[:-1]:
         axes.tick_params(labelbottom=False)
     style.legend(column[0])
-    column[-1].set_xlabel("time [s]", fontsize=9, color=style.INK)
+    label_time(column[-1])
     figure.align_ylabels(column)

@@ -30,8 +30,16 @@ def room(points: Array) -> tuple[Array, Array]:
     return lower, upper
 
 
-def draw_room(axes: Any, lower: Array, upper: Array, *, zoom: float = _ZOOM) -> None:
-    """Give axes the extent, the eye and the look of that space."""
+def draw_room(
+    figure: Any, lower: Array, upper: Array, *, place: Any = 111, zoom: float = _ZOOM
+) -> Any:
+    """Return axes of that extent, in a place of the figure; Any, for mplot3d has no types."""
+    from matplotlib import rc_context
+    from matplotlib.ticker import MaxNLocator
+
+    # The colour and the width that mplot3d's grid() is given it ignores; these it takes.
+    with rc_context({"grid.color": style.GRID, "grid.linewidth": 0.6}):
+        axes = figure.add_subplot(place, projection="3d", computed_zorder=False)
     axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(lower[2], upper[2]))
     axes.set_box_aspect(upper - lower, zoom=zoom)
     axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
@@ -41,15 +49,8 @@ def draw_room(axes: Any, lower: Array, upper: Array, *, zoom: float = _ZOOM) -> 
         axis.line.set_color(style.FAINT)
         axis.set_label_text(f"{name} [m]", fontsize=9, color=style.INK)
         axis.set_tick_params(labelsize=8, labelcolor=style.INK, color=style.FAINT)
-        axis.set_major_locator(_few_ticks())
-        # The only way in mplot3d: its grid() ignores colour and width.
-        axis._axinfo["grid"].update(color=style.GRID, linewidth=0.6)
-
-
-def _few_ticks() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(nbins=5, steps=[1, 2, 5, 10])
+        axis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+    return axes
 
 
 def draw_coloured_by_speed(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,16 +15,6 @@ BOUND = "#D55E00"
 INK = "#333333"
 FAINT = "#B8B8B8"
 GRID = "#E4E4E4"
-
-FLOWN_LINE: dict[str, Any] = {"color": FLOWN, "linewidth": 1.3, "zorder": 3}
-# Broad and below, so that it is seen where the flight lies on it.
-REFERENCE_LINE: dict[str, Any] = {"color": REFERENCE, "linewidth": 2.2, "zorder": 2}
-BOUND_LINE: dict[str, Any] = {
-    "color": BOUND,
-    "linewidth": 0.9,
-    "linestyle": (0, (5, 3)),
-    "zorder": 1,
-}
 
 _DPI = 200
 

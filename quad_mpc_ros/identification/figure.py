@@ -7,35 +7,41 @@ from pathlib import Path
 import numpy as np
 
 from quad_mpc_ros.figures import style
+from quad_mpc_ros.figures.over_time import write_panels
+from quad_mpc_ros.figures.panels import Curve, Panel
 from quad_mpc_ros.identification.result import FittedCourse, Identification
 
 _LONGEST = 10.0  # s, of a flight, shown where the rates change most
-_WIDTH, _HEIGHT = 8.0, 7.0  # inch
 
 
 def write_fit_figure(found: Identification, path: Path) -> Path:
     """Draw the liveliest ten seconds into a PNG. Raises ``OSError`` if it cannot be written."""
     start = _liveliest(found.rates)
-    figure = style.new_figure(_WIDTH, _HEIGHT)
-    column = figure.subplots(4, 1, sharex=True)
     panels = [
-        *((found.rates, axis, f"$\\omega_{name}$ [rad/s]") for axis, name in enumerate("xyz")),
-        (found.specific_force, 0, "specific force\nalong body z [m/s²]"),
+        Panel(
+            name="ω", subscript=name, unit="rad/s", curves=_curves(found.rates, axis, start=start)
+        )
+        for axis, name in enumerate("xyz")
     ]
-    for axes, (course, axis, label) in zip(column, panels, strict=True):
-        shown = (course.time >= start) & (course.time <= start + _LONGEST)
-        style.tidy(axes)
-        for values, name, line in (
-            (course.fitted, "fitted", style.REFERENCE_LINE),
-            (course.measured, "measured", style.FLOWN_LINE),
-        ):
-            axes.plot(course.time[shown], values[shown, axis], label=name, **line)
-        axes.set_ylabel(label, fontsize=9, color=style.INK)
-    style.title(column[0], _title(found))
-    style.legend(column[0])
-    column[-1].set_xlabel("time [s]", fontsize=9, color=style.INK)
-    figure.align_ylabels(column)
-    return style.save(figure, path)
+    force = _curves(found.specific_force, 0, start=start)
+    panels.append(Panel(name="specific force\nalong body z", unit="m/s²", curves=force))
+    return write_panels(_title(found), panels, path)
+
+
+def _curves(course: FittedCourse, axis: int, *, start: float) -> list[Curve]:
+    """Return one component as fitted and as measured, over the time that is shown."""
+    shown = (course.time >= start) & (course.time <= start + _LONGEST)
+    time = course.time[shown]
+    return [
+        Curve(
+            name="fitted",
+            time=time,
+            values=course.fitted[shown, axis],
+            colour=style.REFERENCE,
+            weight="broad",
+        ),
+        Curve(name="measured", time=time, values=course.measured[shown, axis]),
+    ]
 
 
 def _title(found: Identification) -> str:

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.evaluation.metrics import FALLBACKS, NOT_FAILED, percentiles
 from quad_mpc_ros.figures import style
+from quad_mpc_ros.figures.over_time import draw_panel, label_time
+from quad_mpc_ros.figures.panels import Curve, Panel
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.text_tables import text_table
@@ -130,26 +132,32 @@ def write_command_comparison(comparison: CommandComparison, path: Path) -> Path:
 
     Raises ``OSError`` if it cannot be written.
     """
-    time = (comparison.stamp_ns - comparison.stamp_ns[:1]) * 1e-9
+    time = np.asarray((comparison.stamp_ns - comparison.stamp_ns[:1]) * 1e-9)
     figure = style.new_figure(_WIDTH, 0.7 + _PANEL_HEIGHT * len(CHANNELS))
     grid = figure.subplots(len(CHANNELS), 2, sharex=True, squeeze=False, width_ratios=(3, 2))
-    labels = ("throttle", *(f"$\\omega_{axis}$ [rad/s]" for axis in "xyz"))
-    for i, ((both, difference), label) in enumerate(zip(grid, labels, strict=True)):
-        for values, name, line in (
-            (comparison.recorded[:, i], "recorded", style.REFERENCE_LINE),
-            (comparison.resolved[:, i], "resolved", style.FLOWN_LINE),
-        ):
-            both.plot(time, values, drawstyle="steps-post", label=name, **line)
-        off = comparison.resolved[:, i] - comparison.recorded[:, i]
-        difference.plot(time, off, drawstyle="steps-post", **style.FLOWN_LINE)
-        both.set_ylabel(label, fontsize=9, color=style.INK)
-        for axes in (both, difference):
-            style.tidy(axes)
+    quantities = (("throttle", "", ""), *(("ω", axis, "rad/s") for axis in "xyz"))
+    for i, ((both, difference), quantity) in enumerate(zip(grid, quantities, strict=True)):
+        name, subscript, unit = quantity
+        recorded, resolved = comparison.recorded[:, i], comparison.resolved[:, i]
+        curves = [
+            Curve(
+                name="recorded",
+                time=time,
+                values=recorded,
+                colour=style.REFERENCE,
+                weight="broad",
+                held=True,
+            ),
+            Curve(name="resolved", time=time, values=resolved, held=True),
+        ]
+        draw_panel(both, Panel(name=name, subscript=subscript, unit=unit, curves=curves))
+        off = Curve(name="difference", time=time, values=resolved - recorded, held=True)
+        draw_panel(difference, Panel(name="", curves=[off]))
     style.title(grid[0, 0], "Commands")
     style.legend(grid[0, 0])
     style.title(grid[0, 1], f"Difference, {comparison.equal} of {len(time)} equal")
     for axes in grid[-1]:
-        axes.set_xlabel("time [s]", fontsize=9, color=style.INK)
+        label_time(axes)
     figure.align_ylabels(grid[:, 0])
     return style.save(figure, path)
 

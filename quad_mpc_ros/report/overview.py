@@ -10,8 +10,7 @@ from typing import Any
 
 from quad_mpc_ros.configuration.errors import shown
 from quad_mpc_ros.recordings.parameters import recorded_parameters
-from quad_mpc_ros.report.fallbacks import WITHOUT_MPC, fallback_spans
-from quad_mpc_ros.report.run import ReportedRun
+from quad_mpc_ros.report.run import WITHOUT_MPC, ReportedRun, fallback_spans
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
@@ -31,7 +30,7 @@ def verdict(run: ReportedRun) -> str:
         return f"{summary['commands']} commands; who gave them was not recorded."
     if not without:
         return f"The MPC gave every one of the {summary['commands']} commands."
-    first = fallback_spans(run)[0]
+    first = fallback_spans(run.flight)[0]
     told = ", ".join(f"{count} {source}" for source, count in without.items())
     return (
         f"The MPC did not command at {sum(without.values())} of {sources.total()} ticks: {told}. "

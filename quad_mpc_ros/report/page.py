@@ -12,7 +12,7 @@ from string import Template
 from typing import Any
 
 from quad_mpc_ros import __version__
-from quad_mpc_ros.report import rows
+from quad_mpc_ros.figures import panels
 from quad_mpc_ros.report.overview import (
     identity_table,
     metrics_table,
@@ -50,44 +50,44 @@ _SECTIONS = (
         key="error",
         title="Tracking error",
         text="Distance and angle to the reference in force at each odometry.",
-        draw=partial(time_figure, rows_of=rows.error_rows),
+        draw=partial(time_figure, panels_of=panels.error_panels),
     ),
     _Section(
         key="position",
         title="Position in the world",
         text="Figure 4 of the paper.",
-        draw=partial(time_figure, rows_of=rows.position_rows),
+        draw=partial(time_figure, panels_of=panels.position_panels),
     ),
     _Section(
         key="attitude",
         title="Attitude as a unit quaternion",
         text="Figure 5 of the paper. A quaternion and its negative are the same attitude.",
-        draw=partial(time_figure, rows_of=rows.attitude_rows),
+        draw=partial(time_figure, panels_of=panels.attitude_panels),
     ),
     _Section(
         key="velocity",
         title="Velocity in body axes",
         text="Figure 6 of the paper: forward, left and up.",
-        draw=partial(time_figure, rows_of=rows.velocity_rows),
+        draw=partial(time_figure, panels_of=panels.velocity_panels),
     ),
     _Section(
         key="inputs",
         title="Commanded throttle and body rates",
         text="Figure 7 of the paper, with the bounds of the controller dashed.",
-        draw=partial(time_figure, rows_of=rows.input_rows),
+        draw=partial(time_figure, panels_of=panels.input_panels),
     ),
     _Section(
         key="solver",
         title="Solve time and iterations",
         text="Of every tick at which the solver ran; dashed is the control period.",
-        draw=partial(time_figure, rows_of=rows.solver_rows),
+        draw=partial(time_figure, panels_of=panels.solver_panels),
     ),
     _Section(
         key="source",
         title="Who commanded",
         text="The rung of the safety ladder at each tick. Where it was not the MPC, every figure "
         "over time is shaded: yellow the last plan, orange hover, red blind, grey silent.",
-        draw=partial(time_figure, rows_of=rows.source_rows),
+        draw=partial(time_figure, panels_of=panels.source_panels),
     ),
 )
 

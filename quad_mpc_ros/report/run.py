@@ -1,4 +1,4 @@
-"""A run as the report shows it: its flight, its plans, its figures of merit."""
+"""A run as the report shows it: its flight, its plans, its figures of merit, who commanded."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from quad_mpc_ros.evaluation.flight import Flight, read_flight
-from quad_mpc_ros.evaluation.metrics import Summary, summarise
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.evaluation.metrics import FALLBACKS, Summary, summarise
 from quad_mpc_ros.recordings.recorded_plans import RecordedPlan, read_plans
+from quad_mpc_ros.safety.ladder import Source
+
+WITHOUT_MPC = (*FALLBACKS, Source.SILENT.name.lower())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,11 +31,6 @@ class ReportedRun:
         """Figures of merit, as in ``summary.json``."""
         return summarise(self.flight, wall_seconds=None)
 
-    @cached_property
-    def tick_time(self) -> Array:
-        """Time of each tick of the controller from the first odometry (k,) [s]."""
-        return self.flight.time_of(np.asarray(self.flight.stats["stamp_ns"], dtype=np.int64))
-
 
 def read_runs(bags: Mapping[str, Path]) -> list[ReportedRun]:
     """Read bags by the name of their run. Raises what :func:`read_flight` raises."""
@@ -44,3 +41,32 @@ def _read(name: str, bag: Path) -> ReportedRun:
     flight = read_flight(bag)
     plans = read_plans(bag, end_ns=int(flight.stamp_ns[-1]))
     return ReportedRun(name=name, bag=bag, flight=flight, plans=plans)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """A time, from ``start`` to ``end`` [s], in which ``source`` commanded, and why at first."""
+
+    start: float
+    end: float
+    source: str
+    reason: str
+
+
+def fallback_spans(flight: Flight) -> list[Span]:
+    """Return the spans without the MPC, in order: each until the first tick of another source."""
+    sources, time = flight.stats["source"], flight.tick_time
+    if len(sources) == 0:
+        return []
+    begins = np.flatnonzero(np.append(True, sources[1:] != sources[:-1]))
+    ends = np.append(time[begins[1:]], flight.time[-1])
+    return [
+        Span(
+            start=float(time[begin]),
+            end=float(end),
+            source=str(sources[begin]),
+            reason=str(flight.stats["reason"][begin]),
+        )
+        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)
+        if sources[begin] in WITHOUT_MPC
+    ]

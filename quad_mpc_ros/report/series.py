@@ -65,7 +65,7 @@ def _commands(run: ReportedRun) -> Columns:
 
 
 def _ticks(run: ReportedRun) -> Columns:
-    return {"time_s": run.tick_time, **run.flight.stats}
+    return {"time_s": run.flight.tick_time, **run.flight.stats}
 
 
 def _vector(name: str, values: Array, unit: str = "") -> Columns:

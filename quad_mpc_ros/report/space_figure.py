@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,10 @@ import numpy as np
 from quad_mpc_ros.evaluation.waypoints import waypoints
 from quad_mpc_ros.figures import space, style
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.report.plotting import plotly
+from quad_mpc_ros.report.plotting import lay_out, plotly, subplots
 from quad_mpc_ros.report.run import ReportedRun
-from quad_mpc_ros.report.time_figure import LEGEND
 
+MOST_POINTS = 5000  # of a line in space
 MOST_HORIZONS = 100  # drawn; more would hide the flight
 _HORIZON_COLOUR = "#CC79A7"
 _HEIGHT = 560  # pixels
@@ -23,26 +22,14 @@ _HOVER = "t = %{customdata:.2f} s<br>x %{x:.3f}, y %{y:.3f}, z %{z:.3f} m"
 
 def space_figure(runs: Sequence[ReportedRun]) -> Any:
     """Return path, reference, waypoints and predicted horizons of runs beside each other."""
-    count = len(runs)
-    figure = plotly("subplots").make_subplots(
-        rows=1,
-        cols=count,
-        specs=[[{"type": "scene"}] * count],
-        horizontal_spacing=0.01,
-        subplot_titles=[escape(run.name) for run in runs] if count > 1 else None,
-    )
+    scenes = [[{"type": "scene"}] * len(runs)]
+    figure = subplots(1, runs, titles="subplot_titles", specs=scenes, horizontal_spacing=0.01)
     fastest = max(float(_speed(run).max()) for run in runs)
     for column, run in enumerate(runs, start=1):
         for trace in _traces(run, fastest=fastest, first=column == 1):
             figure.add_trace(trace, row=1, col=column)
     figure.update_scenes(**_room(runs))
-    figure.update_layout(
-        height=_HEIGHT,
-        template="plotly_white",
-        margin={"l": 0, "r": 0, "t": 60, "b": 0},
-        legend=LEGEND,
-        font={"color": style.INK, "size": 12},
-    )
+    lay_out(figure, height=_HEIGHT, margin={"l": 0, "r": 0, "b": 0})
     return figure
 
 
@@ -83,22 +70,25 @@ def _traces(run: ReportedRun, *, fastest: float, first: bool) -> list[Any]:
     traces = [
         _line("predicted", horizons, horizon_time, colour=_HORIZON_COLOUR, width=2, legend=first)
     ]
+    thinned = slice(None, None, -(-len(flight.p_WB) // MOST_POINTS))
+    time = flight.time[thinned]
     if flight.reference is not None:
-        reference = flight.reference.p_WB
+        reference = flight.reference.p_WB[thinned]
         colour = style.REFERENCE
         traces += [
-            _line("reference", reference, flight.time, colour=colour, width=4, legend=first),
+            _line("reference", reference, time, colour=colour, width=4, legend=first),
             _waypoints(run, legend=first),
         ]
     colours = {
-        "color": _speed(run),
+        "color": _speed(run)[thinned],
         "cmin": 0.0,
         "cmax": fastest or 1.0,
         "colorscale": "Viridis",
         "showscale": first,
         "colorbar": {"title": {"text": "speed [m/s]"}, "len": 0.7, "thickness": 12},
     }
-    flown = _line("flown", flight.p_WB, flight.time, colour=style.FLOWN, width=6, legend=first)
+    p_WB = flight.p_WB[thinned]
+    flown = _line("flown", p_WB, time, colour=style.FLOWN, width=6, legend=first)
     flown.line.update(colours)
     return [*traces, flown, _start(run, legend=first)]
 

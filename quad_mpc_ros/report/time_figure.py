@@ -1,4 +1,4 @@
-"""Rows over time as a Plotly figure, a column a run, on common axes."""
+"""Panels over time as a Plotly figure, a column a run, on common axes."""
 
 from __future__ import annotations
 
@@ -8,62 +8,65 @@ from typing import Any
 
 import numpy as np
 
+from quad_mpc_ros.evaluation.flight import Flight
 from quad_mpc_ros.figures import style
-from quad_mpc_ros.report.fallbacks import fallback_spans
-from quad_mpc_ros.report.plotting import plotly
-from quad_mpc_ros.report.row import Curve, Row
-from quad_mpc_ros.report.run import ReportedRun
+from quad_mpc_ros.figures.panels import Curve, Panel
+from quad_mpc_ros.report.plotting import lay_out, plotly, subplots
+from quad_mpc_ros.report.run import ReportedRun, fallback_spans
+
+MOST_POINTS = 6000  # of a curve; three for each pixel of a wide screen
+MOST_SHADES = 200  # the longest times without the MPC
 
 _ROW_HEIGHT, _MARGINS = 130, 100  # pixels
-# At the top left: the names of the runs stand below it, Plotly's buttons on the right.
-LEGEND = {"orientation": "h", "yref": "container", "y": 1.0, "yanchor": "top", "x": 0.0}
+_WIDTHS = {"fine": 0.75, "normal": 1.5, "strong": 2.0, "broad": 3.0}  # pixels
 _SPAN_COLOURS = {"plan": "#F0E442", "hover": "#E69F00", "blind": "#D55E00", "silent": "#333333"}
 
 
-def time_figure(runs: Sequence[ReportedRun], rows_of: Callable[[ReportedRun], list[Row]]) -> Any:
-    """Return the rows of runs beside each other, with the times without the MPC shaded."""
-    columns = [rows_of(run) for run in runs]
+def time_figure(runs: Sequence[ReportedRun], panels_of: Callable[[Flight], list[Panel]]) -> Any:
+    """Return the panels of runs beside each other, with the times without the MPC shaded."""
+    columns = [panels_of(run.flight) for run in runs]
     count = len(columns[0])
-    figure = plotly("subplots").make_subplots(
-        rows=count,
-        cols=len(runs),
+    figure = subplots(
+        count,
+        runs,
+        titles="column_titles",
         shared_xaxes="all",
         shared_yaxes="rows",
         vertical_spacing=0.3 / (_ROW_HEIGHT * count / 100.0),
         horizontal_spacing=0.03,
-        column_titles=[escape(run.name) for run in runs] if len(runs) > 1 else None,
     )
     shown: set[str] = set()
-    for column, (run, rows) in enumerate(zip(runs, columns, strict=True), start=1):
-        for number, row in enumerate(rows, start=1):
-            _draw(figure, row, place={"row": number, "col": column}, shown=shown)
+    for column, (run, panels) in enumerate(zip(runs, columns, strict=True), start=1):
+        for row, panel in enumerate(panels, start=1):
+            _draw(figure, panel, place={"row": row, "col": column}, shown=shown)
         figure.update_xaxes(title_text="time [s]", row=count, col=column)
-        figure.layout.shapes += tuple(_shades(figure, run, rows=count, column=column))
-    for number, row in enumerate(columns[0], start=1):
-        figure.update_yaxes(title_text=row.label, row=number, col=1)
-    figure.update_layout(
-        height=_MARGINS + _ROW_HEIGHT * count,
-        template="plotly_white",
-        hovermode="x",
-        margin={"l": 70, "r": 20, "t": 60, "b": 40},
-        legend=LEGEND,
-        font={"color": style.INK, "size": 12},
-    )
+        figure.layout.shapes += tuple(_shades(figure, run.flight, rows=count, column=column))
+    for row, panel in enumerate(columns[0], start=1):
+        figure.update_yaxes(title_text=label(panel), row=row, col=1)
+    height, margin = _MARGINS + _ROW_HEIGHT * count, {"l": 70, "r": 20, "b": 40}
+    lay_out(figure, height=height, margin=margin, hovermode="x")
     return figure
 
 
-def _draw(figure: Any, row: Row, *, place: dict[str, int], shown: set[str]) -> None:
-    for curve in row.curves:
-        figure.add_trace(_trace(curve, in_legend=curve.name not in shown), **place)
+def label(panel: Panel) -> str:
+    """Return what a panel shows, in Plotly's HTML."""
+    name = f"{panel.name}<sub>{panel.subscript}</sub>" if panel.subscript else panel.name
+    return f"{name} [{panel.unit}]" if panel.unit else name
+
+
+def _draw(figure: Any, panel: Panel, *, place: dict[str, int], shown: set[str]) -> None:
+    for curve in panel.curves:
+        trace = _trace(curve.thinned(MOST_POINTS), in_legend=curve.name not in shown)
+        figure.add_trace(trace, **place)
         shown.add(curve.name)
-    for bound in row.bounds:
+    for bound in panel.bounds:
         line = {"color": style.BOUND, "width": 1, "dash": "dash"}
         figure.add_hline(bound, line=line, **place)
-    if row.logarithmic:
+    if panel.logarithmic:
         figure.update_yaxes(type="log", dtick=1, **place)
-    if row.names:
-        ticks = {"tickvals": list(range(len(row.names))), "ticktext": list(row.names)}
-        figure.update_yaxes(range=[-0.5, len(row.names) - 0.5], **ticks, **place)
+    if panel.levels:
+        ticks = {"tickvals": list(range(len(panel.levels))), "ticktext": list(panel.levels)}
+        figure.update_yaxes(range=[-0.5, len(panel.levels) - 0.5], **ticks, **place)
 
 
 def _trace(curve: Curve, *, in_legend: bool) -> Any:
@@ -77,7 +80,7 @@ def _trace(curve: Curve, *, in_legend: bool) -> Any:
         mode="lines" if len(curve.time) > 1 else "markers",
         line={
             "color": curve.colour,
-            "width": curve.width,
+            "width": _WIDTHS[curve.weight],
             "shape": "hv" if curve.held else "linear",
         },
         customdata=None if curve.hover is None else [escape(str(text)) for text in curve.hover],
@@ -85,8 +88,9 @@ def _trace(curve: Curve, *, in_legend: bool) -> Any:
     )
 
 
-def _shades(figure: Any, run: ReportedRun, *, rows: int, column: int) -> list[dict[str, Any]]:
+def _shades(figure: Any, flight: Flight, *, rows: int, column: int) -> list[dict[str, Any]]:
     """Return a rectangle for each time without the MPC in each row of a column."""
+    longest = sorted(fallback_spans(flight), key=lambda span: span.start - span.end)
     return [
         {
             "type": "rect",
@@ -102,6 +106,6 @@ def _shades(figure: Any, run: ReportedRun, *, rows: int, column: int) -> list[di
             "layer": "below",
             "name": span.source,
         }
-        for span in fallback_spans(run)
+        for span in longest[:MOST_SHADES]
         for subplot in (figure.get_subplot(row, column) for row in range(1, rows + 1))
     ]

@@ -13,8 +13,8 @@ import pytest
 from matplotlib.image import imread
 
 from quad_mpc_ros.evaluation import Flight
-from quad_mpc_ros.figures import style, write_comparison, write_figures
-from quad_mpc_ros.figures.panels import attitude_panels, input_panels, velocity_panels
+from quad_mpc_ros.figures import space, style, write_comparison, write_figures
+from quad_mpc_ros.figures.panels import Curve, attitude_panels, input_panels, velocity_panels
 
 FlightMaker = Callable[..., Flight]
 
@@ -89,10 +89,9 @@ class TestAttitude:
         """Once round, the same attitude is reached as the negative of the quaternion."""
         w, *_, z = attitude_panels(circling)
         turned = np.linspace(0.0, np.pi, 300)
-        assert w.flown == pytest.approx(np.cos(turned))
-        assert z.flown == pytest.approx(np.sin(turned))
-        assert w.reference is not None
-        assert np.all(w.reference == 1.0)
+        assert w.curve("flown").values == pytest.approx(np.cos(turned))
+        assert z.curve("flown").values == pytest.approx(np.sin(turned))
+        assert np.all(w.curve("reference").values == 1.0)
 
     def test_a_source_that_always_keeps_w_positive(
         self, make_flight: FlightMaker, circling: Flight
@@ -100,23 +99,54 @@ class TestAttitude:
         q = circling.q_WB_xyzw * np.where(circling.q_WB_xyzw[:, 3:] < 0.0, -1.0, 1.0)
         assert np.abs(np.diff(q, axis=0)).max() > 1.9  # the jump that is no motion
         panels = attitude_panels(make_flight(300, q_WB_xyzw=q))
-        assert max(np.abs(np.diff(panel.flown)).max() for panel in panels) < 0.02
-        assert panels[0].flown[-1] == pytest.approx(-1.0)
+        flown = [panel.curve("flown").values for panel in panels]
+        assert max(np.abs(np.diff(values)).max() for values in flown) < 0.02
+        assert flown[0][-1] == pytest.approx(-1.0)
 
     def test_a_flight_may_begin_with_either_sign(self, make_flight: FlightMaker) -> None:
         q = np.tile([0.0, 0.0, 0.0, -1.0], (5, 1))
-        assert attitude_panels(make_flight(5, q_WB_xyzw=q))[0].flown.tolist() == [-1.0] * 5
+        w = attitude_panels(make_flight(5, q_WB_xyzw=q))[0]
+        assert w.curve("flown").values.tolist() == [-1.0] * 5
 
 
 def test_inputs_are_held_within_the_bounds_of_the_controller(circling: Flight) -> None:
     panels = input_panels(circling)
-    assert all(panel.held for panel in panels)
+    assert all(panel.curve("commanded").held for panel in panels)
     assert [panel.bounds for panel in panels] == [
         (0.0, 1.0),
         *((-limit * np.pi, limit * np.pi) for limit in (6.0, 6.0, 3.0)),
     ]
-    assert panels[3].flown.tolist() == [2.0] * 300
-    assert not any(panel.held for panel in velocity_panels(circling))
+    assert panels[3].curve("commanded").values.tolist() == [2.0] * 300
+    assert not any(panel.curve("flown").held for panel in velocity_panels(circling))
+
+
+def test_of_a_long_curve_the_peaks_are_drawn() -> None:
+    values = np.sin(np.arange(100_001) / 1000.0)
+    values[70_123], values[30_456] = 5.0, -7.0
+    values[50_000:50_010] = np.nan
+    hover = np.arange(100_001).astype(str)
+    whole = Curve(name="long", time=np.arange(100_001.0), values=values, hover=hover)
+    thin = whole.thinned(1000)
+    assert thin.hover is not None
+    assert 500 < len(thin.time) <= 1003
+    assert np.all(np.diff(thin.time) > 0.0)
+    assert (thin.time[0], thin.time[-1]) == (0.0, 100_000.0)
+    assert (np.nanmax(thin.values), np.nanmin(thin.values)) == (5.0, -7.0)
+    assert thin.hover.tolist() == [str(int(time)) for time in thin.time]
+    assert whole.thinned(100_001) is whole
+
+
+def test_the_grid_of_space_is_as_light_as_that_of_the_others(tmp_path: Path) -> None:
+    """It takes its colour where mplot3d lets one give it, which is in no argument."""
+    figure = style.new_figure(4.0, 4.0, dpi=100)
+    axes = space.draw_room(figure, np.zeros(3), np.ones(3))
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.line.set_color("white")
+        axis.set_tick_params(labelcolor="white", color="white")
+        axis.set_label_text("")
+    pixels = imread(style.save(figure, tmp_path / "room.png"))[..., :3]
+    assert np.mean(np.all(np.abs(pixels - style.rgb(style.GRID)) < 0.02, axis=-1)) > 5e-3
+    assert pixels.min() > 0.85  # matplotlib's own grid is darker
 
 
 def test_matplotlib_is_imported_only_to_draw_and_pyplot_never(tmp_path: Path) -> None:

@@ -18,17 +18,18 @@ import pytest
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.evaluation import Flight
+from quad_mpc_ros.figures.panels import (
+    attitude_panels,
+    input_panels,
+    position_panels,
+    solver_panels,
+)
 from quad_mpc_ros.recordings.recorded_plans import RecordedPlan
 from quad_mpc_ros.report import TABLE_NAMES, ReportedRun, csv_tables, page
-from quad_mpc_ros.report.fallbacks import fallback_spans
 from quad_mpc_ros.report.overview import verdict
-from quad_mpc_ros.report.rows import (
-    attitude_rows,
-    input_rows,
-    position_rows,
-    solver_rows,
-)
+from quad_mpc_ros.report.run import fallback_spans
 from quad_mpc_ros.report.space_figure import MOST_HORIZONS, drawn_horizons
+from quad_mpc_ros.report.time_figure import label
 
 FlightMaker = Callable[..., Flight]
 
@@ -72,7 +73,7 @@ class Elements(HTMLParser):
 
 
 def test_spans_without_the_mpc(failing: ReportedRun) -> None:
-    plan, hover = fallback_spans(failing)
+    plan, hover = fallback_spans(failing.flight)
     assert (plan.source, plan.reason) == ("plan", "solver <failed>")
     assert (plan.start, plan.end) == pytest.approx((0.6, 0.8))
     assert hover.source == "hover"
@@ -84,14 +85,13 @@ def test_a_span_lasts_until_the_end_of_the_flight(
 ) -> None:
     flight = make_flight(100)
     silent = build.tick(int(flight.stamp_ns[60]), source="silent", reason="no odometry")
-    (span,) = fallback_spans(run_of(dataclasses.replace(flight, stats=build.stats([silent]))))
+    (span,) = fallback_spans(dataclasses.replace(flight, stats=build.stats([silent])))
     assert (span.start, span.end) == pytest.approx((1.2, 1.98))
 
 
 def test_waiting_is_no_fallback(make_flight: FlightMaker, build: SimpleNamespace) -> None:
     waiting = build.tick(build.start_ns, source="waiting", reason="no reference yet")
-    run = run_of(make_flight(5, stats=build.stats([waiting])))
-    assert fallback_spans(run) == []
+    assert fallback_spans(make_flight(5, stats=build.stats([waiting]))) == []
 
 
 def test_the_verdict_tells_who_commanded_and_why(
@@ -156,15 +156,16 @@ def test_horizons_are_apart_and_few(make_flight: FlightMaker) -> None:
     assert len(drawn_horizons(run_of(make_flight(5)))[0]) == 0
 
 
-def test_rows_are_those_of_the_paper_with_bounds(failing: ReportedRun) -> None:
-    assert [row.label for row in position_rows(failing)] == ["x [m]", "y [m]", "z [m]"]
+def test_panels_are_those_of_the_paper_with_bounds(failing: ReportedRun) -> None:
+    flight = failing.flight
+    assert [label(panel) for panel in position_panels(flight)] == ["x [m]", "y [m]", "z [m]"]
     symbols = [f"q<sub>{axis}</sub>" for axis in "wxyz"]
-    assert [row.label for row in attitude_rows(failing)] == symbols
-    throttle, *rates = input_rows(failing)
+    assert [label(panel) for panel in attitude_panels(flight)] == symbols
+    throttle, *rates = input_panels(flight)
     assert tuple(throttle.bounds) == (0.0, 1.0)
-    assert [row.label for row in rates] == [f"ω<sub>{axis}</sub> [rad/s]" for axis in "xyz"]
+    assert [label(panel) for panel in rates] == [f"ω<sub>{axis}</sub> [rad/s]" for axis in "xyz"]
     assert rates[2].bounds == pytest.approx((-3 * np.pi, 3 * np.pi))
-    assert solver_rows(failing)[0].bounds == [20_000.0]
+    assert solver_panels(flight)[0].bounds == [20_000.0]
 
 
 def test_the_page_loads_nothing_and_escapes_what_was_recorded(failing: ReportedRun) -> None:

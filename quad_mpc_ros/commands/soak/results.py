@@ -13,11 +13,15 @@ from quad_mpc_ros.commands.soak.campaign import Outcome
 from quad_mpc_ros.commands.soak.command import PICTURE, RESULT
 from quad_mpc_ros.commands.soak.endurance import PERIODS_TO_CATCH_UP
 from quad_mpc_ros.commands.soak.rig import Rig
-from quad_mpc_ros.figures.soak_figure import SoakSeries, write_soak_figure
+from quad_mpc_ros.figures import style
+from quad_mpc_ros.figures.over_time import draw_panel, label_time
+from quad_mpc_ros.figures.panels import LEVELS, Curve, Panel
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.text_tables import labelled, text_table
 
 _WIDTH, _NAME = 99, 27
+_FIGURE_WIDTH, _FIGURE_HEIGHT = 10.0, 6.0  # inch
+_LATENESS = (0.1, 1e3)  # ms, on the axis
 GOOD, BAD = "holds", "FAILS"
 
 
@@ -33,7 +37,7 @@ def write_results(
     with results_in(out):
         write_json(out / RESULT, result)
         if rig.watch.ticks:
-            write_soak_figure(_series(rig, config, outcomes), out / PICTURE)
+            _write_picture(rig, config, outcomes, out / PICTURE)
 
 
 def outcome_lines(outcome: Outcome) -> list[str]:
@@ -92,23 +96,45 @@ def _memory_text(memory: dict[str, float | None]) -> str:
     return f"{memory['warm']:.1f} MB once warm, grown by {memory['growth']:+.2f} MB since"
 
 
-def _series(rig: Rig, config: MpcConfig, outcomes: Sequence[Outcome]) -> SoakSeries:
+def _write_picture(rig: Rig, config: MpcConfig, outcomes: Sequence[Outcome], path: Path) -> None:
+    """Draw who commanded, how late, and how much memory it took; raises ``OSError``."""
     start_ns = rig.watch.ticks[0].sent_ns  # that of the flight, not of starts before it
-    memory = [(when_ns, used) for when_ns, used in rig.memory if when_ns >= start_ns]
+    figure = style.new_figure(_FIGURE_WIDTH, _FIGURE_HEIGHT, dpi=120)
+    column = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
+    for axes, panel in zip(column, _panels(rig, config, start_ns), strict=True):
+        draw_panel(axes, panel)
+    rungs, late, memory = column
+    for outcome in outcomes:
+        begin, end = ((when - start_ns) * 1e-9 for when in (outcome.began_ns, outcome.ended_ns))
+        if begin < 0.0:
+            continue
+        for axes in column:
+            axes.axvspan(begin, end, color=style.REFERENCE, alpha=0.25, linewidth=0.0)
+        name = outcome.fault.name
+        rungs.text(begin, len(LEVELS), name, fontsize=5, rotation=90, va="top", ha="right")
+    rungs.set_ylim(-0.3, len(LEVELS))
+    late.set_ylim(*_LATENESS)
+    style.title(rungs, "Who commanded")
+    label_time(memory)
+    style.save(figure, path)
 
-    def seconds(when_ns: int) -> float:
-        return (when_ns - start_ns) * 1e-9
 
-    return SoakSeries(
-        time=np.array([seconds(tick.sent_ns) for tick in rig.watch.ticks]),
-        sources=[tick.source for tick in rig.watch.ticks],
-        lateness=np.maximum(rig.watch.lateness_ms(), 1e-2),
-        memory_time=np.array([seconds(when_ns) for when_ns, _ in memory]),
-        memory_mb=np.array([1e-6 * used for _, used in memory]),
-        spans=[
-            (outcome.fault.name, seconds(outcome.began_ns), seconds(outcome.ended_ns))
-            for outcome in outcomes
-            if outcome.began_ns >= start_ns
-        ],
-        period=1e3 / config.control_rate,
-    )
+def _panels(rig: Rig, config: MpcConfig, start_ns: int) -> list[Panel]:
+    ticks = rig.watch.ticks
+    time = np.array([(tick.sent_ns - start_ns) * 1e-9 for tick in ticks])
+    level = np.array([LEVELS.index(tick.source) for tick in ticks])
+    lateness = np.maximum(rig.watch.lateness_ms(), 1e-2)
+    memory = np.array([(when, used) for when, used in rig.memory if when >= start_ns])
+    memory = memory.reshape(-1, 2)
+    used = Curve(name="", time=(memory[:, 0] - start_ns) * 1e-9, values=1e-6 * memory[:, 1])
+    return [
+        Panel(name="", curves=[Curve(name="", time=time, values=level, held=True)], levels=LEVELS),
+        Panel(
+            name="odometry to tick",
+            unit="ms",
+            curves=[Curve(name="", time=time, values=lateness, weight="fine")],
+            bounds=(1e3 / config.control_rate,),
+            logarithmic=True,
+        ),
+        Panel(name="memory", unit="MB", curves=[used]),
+    ]
