@@ -27,12 +27,28 @@ _PERIODS_AWAY = 3
 class Controller:
     """MPC under a supervisor.
 
-    Odometry triggers the ticks. In lockstep an odometry waits for the reference of its own stamp
+    Odometry triggers the ticks. At each it minimises, over the inputs u_i = (throttle, body
+    rates) of the horizon and subject to the linearised model and the bounds on the inputs,
+
+        sum_i x_i' Q x_i + u_i' R u_i,
+
+    where x_i and u_i are the errors to the reference on the manifold R^6 x SO(3), and gives the
+    first input. It keeps its own account of what was sent: nothing has to be told but
+    :meth:`replace_last_command`, when something else acted.
+
+    In lockstep an odometry waits for the reference of its own stamp
     and a repeated odometry gets the same answer again, so that lost messages can be sent again.
 
     Args:
-        config: Parameters of the vehicle, the MPC and its supervisor.
+        config: What to fly and how. Live parameters may change by :meth:`reconfigure`.
         deadline: How long a plan may take to be flown, where time does not wait [s].
+
+    Example:
+        >>> controller = Controller(MpcConfig())
+        >>> odometry = OdometrySample.at_rest([0.0, 0.0, 1.0])
+        >>> tick = controller.step(odometry, ReferenceWindow.hover([0.0, 0.0, 2.0]))
+        >>> tick.command.throttle > MpcConfig().vehicle().hover_throttle
+        True
     """
 
     def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
@@ -66,6 +82,22 @@ class Controller:
     def take_warnings(self) -> list[str]:
         """Return what there is to tell the log since the last call."""
         return self._supervisor.take_warnings()
+
+    def step(self, odometry: OdometrySample, reference: ReferenceWindow) -> Tick | None:
+        """Answer an odometry, as if it and the reference arrived at the odometry's stamp.
+
+        Args:
+            odometry: The vehicle, in ENU and FLU.
+            reference: Where it shall be from now on; it has to cover the stamp.
+
+        Returns:
+            What came of it. ``command`` is None when the safety ladder says to send nothing.
+            Without a tick, None: the odometry is unfit (:meth:`take_warnings` says why), or came
+            before it was due at ``control_rate``.
+        """
+        now_ns = odometry.stamp_ns
+        answered = self.receive_reference(reference, now_ns=now_ns)
+        return self.receive_odometry(odometry, now_ns=now_ns) or answered
 
     def receive_odometry(self, odometry: OdometrySample, *, now_ns: int) -> Tick | None:
         """Take an odometry, which may trigger a tick.

@@ -39,9 +39,10 @@ def warmed_up(config: MpcConfig, *, deadline: float = math.inf) -> Controller:
 @functools.cache
 def _compile(config: MpcConfig) -> None:
     """Run a few ticks of a controller that nobody listens to."""
-    controller = Controller(config)
+    controller, frame_id = Controller(config), config.odometry.frame_id
     for stamp_ns in _TICKS_NS:
-        controller.receive_reference(_held_from(stamp_ns, config), now_ns=stamp_ns)
+        held = ReferenceWindow.hover(np.zeros(3), stamp_ns=stamp_ns, frame_id=frame_id)
+        controller.receive_reference(held, now_ns=stamp_ns)
         controller.receive_odometry(_moving_at(stamp_ns, config), now_ns=stamp_ns)
         controller.take_warnings()
     # Then without odometry, and last without reference: who flies then must not compile either.
@@ -59,19 +60,5 @@ def _moving_at(stamp_ns: int, config: MpcConfig) -> OdometrySample:
         q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
         v_WB_B=np.array([0.3, 0.0, 0.0]),
         w_WB_B=np.zeros(3),
-        frame_id=config.odometry.frame_id,
-    )
-
-
-def _held_from(stamp_ns: int, config: MpcConfig) -> ReferenceWindow:
-    rest = np.zeros((2, 3))
-    return ReferenceWindow(
-        stamp_ns=stamp_ns,
-        offset_ns=np.array([0, 1_000_000_000]),
-        p_WB=rest,
-        q_WB_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (2, 1)),
-        v_WB_W=rest,
-        a_WB_W=rest,
-        w_WB_W=rest,
         frame_id=config.odometry.frame_id,
     )

@@ -9,10 +9,11 @@ the way in. Stamps are integer nanoseconds: no time is ever rounded.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.lie import Array
 
@@ -21,7 +22,18 @@ from quad_mpc_ros.lie import Array
 class OdometrySample:
     """One ``nav_msgs/Odometry``: pose in ``frame_id`` (ENU), twist in ``child_frame_id`` (FLU).
 
-    Shapes: ``p_WB`` (3,) [m], ``q_WB_xyzw`` (4,), ``v_WB_B`` (3,) [m/s], ``w_WB_B`` (3,) [rad/s].
+    Args:
+        stamp_ns: When it was measured [ns].
+        p_WB: Position in the world (3,) [m].
+        q_WB_xyzw: Attitude, body to world, a unit quaternion (4,).
+        v_WB_B: Velocity in body axes (3,) [m/s].
+        w_WB_B: Body rates, in body axes (3,) [rad/s].
+        frame_id: The world frame.
+        child_frame_id: The body frame.
+
+    Example:
+        >>> OdometrySample.at_rest([0.0, 0.0, 1.5], yaw=0.5).speed
+        0.0
     """
 
     stamp_ns: int
@@ -31,6 +43,27 @@ class OdometrySample:
     w_WB_B: Array
     frame_id: str = "odom"
     child_frame_id: str = "base_link"
+
+    @classmethod
+    def at_rest(
+        cls, p_WB: ArrayLike, *, yaw: float = 0.0, stamp_ns: int = 0, frame_id: str = "odom"
+    ) -> OdometrySample:
+        """Return the odometry of a level vehicle that does not move.
+
+        Args:
+            p_WB: Position in the world (3,) [m].
+            yaw: Where the nose points, from east to north [rad].
+            stamp_ns: When it was measured [ns].
+            frame_id: The world frame.
+        """
+        return cls(
+            stamp_ns=stamp_ns,
+            p_WB=np.array(p_WB, dtype=np.float64),
+            q_WB_xyzw=_level(yaw),
+            v_WB_B=np.zeros(3),
+            w_WB_B=np.zeros(3),
+            frame_id=frame_id,
+        )
 
     @property
     def speed(self) -> float:
@@ -46,9 +79,13 @@ class OdometrySample:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CommandSample:
-    """One ``geometry_msgs/TwistStamped`` command: throttle [0, 1] and body rates [rad/s], FLU.
+    """One ``geometry_msgs/TwistStamped`` command: throttle and body rates, FLU.
 
-    ``stamp_ns`` is the stamp of the odometry that the command answers; ``w_WB_B`` is (3,).
+    Args:
+        stamp_ns: Stamp of the odometry that the command answers [ns].
+        throttle: Collective throttle in [0, 1].
+        w_WB_B: Body rates in body axes (3,) [rad/s].
+        frame_id: The body frame.
     """
 
     stamp_ns: int
@@ -59,12 +96,20 @@ class CommandSample:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReferenceWindow:
-    """One ``trajectory_msgs/MultiDOFJointTrajectory``: samples of the reference ahead.
+    """One ``trajectory_msgs/MultiDOFJointTrajectory``: n samples of the reference ahead.
 
-    ``offset_ns`` (n,) are the times of the samples after ``stamp_ns``, non-decreasing. Two samples
-    at the same time mark a jump; the later one holds from that time on. All vectors are in the
-    header frame (world). Shapes: ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_W`` (n, 3) in m, m/s,
-    m/s^2, rad/s; ``q_WB_xyzw`` (n, 4).
+    Vectors are in the header frame (world). Two samples at the same time mark a jump; the later
+    one holds from that time on. Most windows are made by :meth:`hover` or :meth:`through`.
+
+    Args:
+        stamp_ns: The time that the offsets count from [ns].
+        offset_ns: Times of the samples after the stamp, non-decreasing (n,) [ns].
+        p_WB: Positions (n, 3) [m].
+        q_WB_xyzw: Attitudes, body to world, unit quaternions (n, 4).
+        v_WB_W: Velocities (n, 3) [m/s].
+        a_WB_W: Accelerations (n, 3) [m/s^2].
+        w_WB_W: Angular velocities (n, 3) [rad/s].
+        frame_id: The world frame.
     """
 
     stamp_ns: int
@@ -75,3 +120,108 @@ class ReferenceWindow:
     a_WB_W: Array
     w_WB_W: Array
     frame_id: str = "odom"
+
+    @classmethod
+    def hover(
+        cls,
+        p_WB: ArrayLike,
+        *,
+        yaw: float = 0.0,
+        stamp_ns: int = 0,
+        duration: float = 2.0,
+        frame_id: str = "odom",
+    ) -> ReferenceWindow:
+        """Return the reference that holds a place, level.
+
+        Args:
+            p_WB: Where to hover (3,) [m].
+            yaw: Where the nose points, from east to north [rad].
+            stamp_ns: From when on [ns].
+            duration: For how long [s]; at least the horizon of the MPC.
+            frame_id: The world frame.
+
+        Example:
+            >>> ReferenceWindow.hover([0.0, 0.0, 2.0]).p_WB
+            array([[0., 0., 2.],
+                   [0., 0., 2.]])
+        """
+        rest = np.zeros((2, 3))
+        return cls(
+            stamp_ns=stamp_ns,
+            offset_ns=np.array([0, round(duration * 1e9)]),
+            p_WB=np.tile(np.array(p_WB, dtype=np.float64), (2, 1)),
+            q_WB_xyzw=np.tile(_level(yaw), (2, 1)),
+            v_WB_W=rest,
+            a_WB_W=rest,
+            w_WB_W=rest,
+            frame_id=frame_id,
+        )
+
+    @classmethod
+    def through(
+        cls,
+        seconds: ArrayLike,
+        p_WB: ArrayLike,
+        *,
+        yaw: float = 0.0,
+        stamp_ns: int = 0,
+        gravity: float = 9.81,
+        frame_id: str = "odom",
+    ) -> ReferenceWindow:
+        """Return the reference that passes positions at times, smoothly as they are.
+
+        Velocities and accelerations are the finite differences of the positions. The thrust axis
+        is along the force that the acceleration needs, R_WB e3 ~ a + g e3, drag left out; the
+        angular velocities are those of the attitudes.
+
+        Args:
+            seconds: Times after the stamp, increasing (n,) [s]; n is 3 or more.
+            p_WB: Positions (n, 3) [m].
+            yaw: Where the nose points while level, from east to north [rad].
+            stamp_ns: The time that ``seconds`` count from [ns].
+            gravity: Acceleration of gravity [m/s^2].
+            frame_id: The world frame.
+
+        Raises:
+            ValueError: The shapes do not match, there are fewer than three samples, or the times
+                do not increase.
+        """
+        from quad_mpc_ros.lie import so3  # which needs Numba, and most who use samples do not
+
+        t, p = np.array(seconds, dtype=np.float64), np.array(p_WB, dtype=np.float64)
+        if t.ndim != 1 or len(t) < 3 or p.shape != (len(t), 3) or not np.all(np.diff(t) > 0.0):
+            raise ValueError(
+                f"given times {t.shape} and positions {p.shape}, expected increasing times (n,) "
+                "and positions (n, 3) of 3 or more samples"
+            )
+        v = np.gradient(p, t, axis=0, edge_order=2)
+        a = np.gradient(v, t, axis=0, edge_order=2)
+        force = a + np.array([0.0, 0.0, gravity])
+        R_WB = so3.shortest_rotation(
+            np.tile([0.0, 0.0, 1.0], (len(t), 1)),
+            force / np.linalg.norm(force, axis=1, keepdims=True),
+        ) @ so3.exp([0.0, 0.0, yaw])
+        return cls(
+            stamp_ns=stamp_ns,
+            offset_ns=np.rint(t * 1e9).astype(np.int64),
+            p_WB=p,
+            q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+            v_WB_W=v,
+            a_WB_W=a,
+            w_WB_W=_slopes(t, R_WB, log=so3.log),
+            frame_id=frame_id,
+        )
+
+
+def _level(yaw: float) -> Array:
+    """Return the quaternion (4,) of a level attitude."""
+    return np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
+
+
+def _slopes(t: Array, R_WB: Array, *, log: Callable[[Array], Array]) -> Array:
+    """Return the angular velocities of attitudes at times (n,) [s], in the world (n, 3)."""
+    places = np.arange(len(t))
+    before, after = np.maximum(places - 1, 0), np.minimum(places + 1, len(t) - 1)
+    turn_B = log(np.swapaxes(R_WB[before], 1, 2) @ R_WB[after])
+    turn_W = np.einsum("nij,nj->ni", R_WB[before], turn_B)
+    return np.asarray(turn_W / (t[after] - t[before])[:, None])
