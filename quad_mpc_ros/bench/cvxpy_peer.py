@@ -14,11 +14,10 @@ import numpy as np
 
 from quad_mpc_ros.bench.peer import Effort, PeerUnavailableError
 from quad_mpc_ros.control.mpc import FORMULATIONS
-from quad_mpc_ros.estimation.delay_compensation import StatePredictor
+from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.formulation import Horizon, Plan
 from quad_mpc_ros.ocp.horizon_qp import HorizonPattern, HorizonStages
 
 
@@ -36,25 +35,24 @@ class CvxpyPeer:
     def __init__(self, config: MpcConfig, cvxpy: Any) -> None:
         self._config = config
         self._cvxpy = cvxpy
-        self._predictor = StatePredictor(config)
-        self._formulation = FORMULATIONS[config.formulation](config)
-        self._pattern = self._formulation.pattern()
+        self._delay_compensation = DelayCompensation(config)
+        self._problem = FORMULATIONS[config.formulation](config)
+        self._pattern = self._problem.pattern()
         self._effort = Effort(solved=False, iterations=0, solve_time=0.0)
 
     def step(self, odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
         """Return the first input of the plan; None when the solver failed."""
-        situation = self._predictor.predict(odometry)
-        horizon: Horizon | None = self._formulation.linearise(situation, window)
-        plan: Plan | None = None
+        self._problem.begin(self._delay_compensation.predict(odometry), window)
         self._effort = Effort(solved=True, iterations=0, solve_time=0.0)
-        while horizon is not None:
-            solution = self._solve(horizon.stages)
+        converged = False
+        while not converged:
+            solution = self._solve(self._problem.linearise())
             if solution is None:
                 return None
-            plan, horizon = horizon.advance(*solution)
-        assert plan is not None
+            converged = self._problem.line_search(*solution)
+        plan = self._problem.plan()
         u = plan.command_over(0.0, 1.0 / self._config.control_rate)
-        self._predictor.record(u, stamp_ns=odometry.stamp_ns)
+        self._delay_compensation.record(u, stamp_ns=odometry.stamp_ns)
         return CommandSample(stamp_ns=odometry.stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
 
     def effort(self) -> Effort:

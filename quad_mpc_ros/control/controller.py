@@ -15,7 +15,7 @@ from quad_mpc_ros.control.tick import Tick, figures_of
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.formulation import Plan
+from quad_mpc_ros.ocp.plan import Plan
 from quad_mpc_ros.safety.ladder import Decision
 from quad_mpc_ros.safety.supervisor import Supervisor
 

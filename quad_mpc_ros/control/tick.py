@@ -12,7 +12,7 @@ from quad_mpc_ros.model.samples import CommandSample
 
 if TYPE_CHECKING:  # who reads the figures of a recording needs no solver
     from quad_mpc_ros.control.mpc import MpcStep
-    from quad_mpc_ros.ocp.formulation import Plan
+    from quad_mpc_ros.ocp.plan import Plan
     from quad_mpc_ros.safety.ladder import Decision
     from quad_mpc_ros.safety.supervisor import Counts
 
@@ -107,7 +107,7 @@ def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
             "solve_time_us": 0.0,
             "step_time_us": 0.0,
         }
-    d, model = step.situation.disturbance, step.situation.model
+    model = step.state.model
     return {
         "solver_status": step.solution.status,
         "iterations": step.iterations,
@@ -115,10 +115,10 @@ def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
         "dual_residual": step.solution.dual_residual,
         "solve_time_us": 1e6 * step.solve_time,
         "step_time_us": 1e6 * step.step_time,
-        "disturbance_x": float(d.a_W[0]),
-        "disturbance_y": float(d.a_W[1]),
-        "disturbance_z": float(d.a_W[2]),
-        "thrust_scale": d.thrust_scale,
+        "disturbance_x": float(model.a_W[0]),
+        "disturbance_y": float(model.a_W[1]),
+        "disturbance_z": float(model.a_W[2]),
+        "thrust_scale": model.thrust_scale,
         "rate_time_constant_ms": 1e3 * model.rate_time_constant,
         "thrust_time_constant_ms": 1e3 * model.thrust_time_constant,
     }

@@ -1,4 +1,4 @@
-"""Which command acts when."""
+"""The commands sent, and which of them acts when: they act after the delay of the input."""
 
 from __future__ import annotations
 
@@ -59,20 +59,18 @@ class CommandHistory:
         """Whether what acted at a time was sent from here, as far as is remembered."""
         return self._count > 0 and bool(self._acts_ns[0] <= time_ns)
 
-    @property
-    def rows(self) -> tuple[NDArray[np.int64], Array, int]:
-        """What :func:`acting_between` takes."""
-        return self._acts_ns, self._commands, self._count
-
-    @property
-    def room(self) -> Acting:
-        """Room for all that could act."""
-        return self._found
-
     def between(self, start_ns: int, end_ns: int) -> Acting:
         """Return what acts from one time to another, in order; the next call overwrites it."""
         durations, commands = self._found
-        count = acting_between(*self.rows, start_ns, end_ns, durations, commands)
+        count = _acting_between(
+            acts_ns=self._acts_ns,
+            commands=self._commands,
+            count=self._count,
+            start_ns=start_ns,
+            end_ns=end_ns,
+            durations=durations,
+            acting=commands,
+        )
         return Acting(durations[:count], commands[:count])
 
     def _make_room(self, oldest_ns: int) -> None:
@@ -90,7 +88,7 @@ class CommandHistory:
 
 
 @compiled
-def acting_between(
+def _acting_between(
     acts_ns: NDArray[np.int64],
     commands: Array,
     count: int,

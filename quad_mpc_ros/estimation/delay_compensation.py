@@ -1,28 +1,22 @@
-"""From an odometry to the situation in which the next command will act."""
+"""Delay compensation: from an odometry to the state in which the next command will act.
+
+A command sent now acts after the delay of the input. The state is rolled forward over that time
+through the commands already sent, by the model as the disturbance EKF believes it, which follows
+the vehicle from odometry to odometry on the way.
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.estimation.command_history import CommandHistory, acting_between
-from quad_mpc_ros.estimation.disturbance_ekf import Memory, VehicleEstimator, follow, start_at
-from quad_mpc_ros.lie import Array, kernels
-from quad_mpc_ros.model.rollout import (
-    NO_DISTURBANCE,
-    Disturbance,
-    Model,
-    Motion,
-    advance,
-    model_of,
-    motion,
-    read_odometry,
-)
+from quad_mpc_ros.estimation.command_history import CommandHistory
+from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf
+from quad_mpc_ros.model.parameters import parameters_of
+from quad_mpc_ros.model.rollout import ACTUATORS, ROW_SIZE, V_WB_W, read_odometry, roll_forward
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.situation import Situation
+from quad_mpc_ros.ocp.problem import PredictedState
 
 # Longest stretch predicted at once; the error is of the third order in the turn of a stretch.
 _LONGEST = 0.005
@@ -35,44 +29,40 @@ _SETTLING_NS, _SPOOLING_NS = 300_000_000, 1_500_000_000
 _REST_SPEED = 0.1
 
 
-class StatePredictor:
+class DelayCompensation:
     """Follows the vehicle through the commands sent, and predicts across the input delay."""
 
     def __init__(self, config: MpcConfig) -> None:
         vehicle = config.vehicle()
-        self._model = model_of(
-            vehicle,
-            rate_time_constant=config.rate_time_constant,
-            thrust_time_constant=config.thrust_time_constant,
-        )
-        self._learning = config.estimate_disturbance
-        self._delay_ns = round(config.input_delay * 1e9)
         hover = Input(throttle=vehicle.hover_throttle, w_WB_B=np.zeros(3))
+        self._delay_ns = round(config.input_delay * 1e9)
         self._history = CommandHistory(delay_ns=self._delay_ns, initial=hover)
-        self._sent = hover
-        self._engaged, self._was_idle = True, False
-        self._estimator = VehicleEstimator(
-            self._model, throttle=hover.throttle, learning=self._learning
+        self._ekf = DisturbanceEkf(
+            parameters_of(
+                vehicle,
+                rate_time_constant=config.rate_time_constant,
+                thrust_time_constant=config.thrust_time_constant,
+            ),
+            throttle=hover.throttle,
         )
-        self._follows = self._learning or self._model.thrust_time_constant > 0.0
-        self._now = motion(1)
+        self._learns = config.estimate_disturbance
+        # Without a lag the throttle is the command: nothing of it is to be followed.
+        self._follows = self._learns or config.thrust_time_constant > 0.0
+        self._throttle_sent = hover.throttle
+        self._engaged, self._was_idle = True, False
+        # States of this odometry and the one before, and the one ahead, across the delay.
+        self._measured, self._previous = np.zeros(ROW_SIZE), np.zeros(ROW_SIZE)
+        self._ahead = np.zeros(ROW_SIZE)
         self._previous_ns: int | None = None
-        # Of the previous odometry: what is predicted overwrites the state.
-        self._R_WB, self._w_WB_B = np.eye(3), np.zeros(3)
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed bounds."""
-        self._bounds = (config.throttle_min, config.throttle_max)
-
-    @property
-    def disturbance(self) -> Disturbance:
-        """The present estimate of the disturbance."""
-        return self._estimator.disturbance if self._learning else NO_DISTURBANCE
+        self._ekf.reconfigure(throttle_min=config.throttle_min, throttle_max=config.throttle_max)
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
         """Remember a command by the stamp of the odometry that it answers."""
-        self._sent = command
+        self._throttle_sent = command.throttle
         self._history.record(command, stamp_ns=stamp_ns)
 
     def engage(self, engaged: bool) -> None:
@@ -87,138 +77,55 @@ class StatePredictor:
             self._was_idle = True
         self._engaged = engaged
 
-    def predict(self, odometry: OdometrySample) -> Situation:
-        """Return the situation in which a command sent now will begin to act.
+    def predict(self, odometry: OdometrySample) -> PredictedState:
+        """Return the state in which a command sent now will begin to act.
 
-        Its motion is overwritten by the next.
+        Its row is overwritten by a later prediction.
         """
         stamp_ns = odometry.stamp_ns
-        previous_ns = self._followed_from(stamp_ns)
-        if previous_ns is None:
-            self._estimator.begin()
-        _arrive(
-            odometry.p_WB,
-            odometry.q_WB_xyzw,
-            odometry.v_WB_B,
-            odometry.w_WB_B,
-            *self._now,
-            self._follows,
-            self._learning,
-            previous_ns is None,
-            stamp_ns if previous_ns is None else previous_ns,
-            stamp_ns,
-            self._engaged,
-            self._settling_ns(odometry),
-            *self._model,
-            *self._estimator.memory,
-            *self._history.rows,
-            *self._history.room,
-            *self._bounds,
-            self._R_WB,
-            self._w_WB_B,
+        self._measured, self._previous = self._previous, self._measured
+        read_odometry(
+            p_WB=odometry.p_WB,
+            q_WB_xyzw=odometry.q_WB_xyzw,
+            v_WB_B=odometry.v_WB_B,
+            w_WB_B=odometry.w_WB_B,
+            row=self._measured,
         )
+        self._follow(odometry)
+        self._measured[ACTUATORS.start] = self._ekf.throttle
         self._previous_ns = stamp_ns
-        d, model = self.disturbance, self._estimator.model
-        acts_ns = stamp_ns + self._delay_ns
+        state, parameters = self._measured, self._ekf.parameters()
         if self._delay_ns > 0:
-            acting = self._history.between(stamp_ns, acts_ns)
-            advance(
-                model,
-                d.a_W,
-                d.thrust_scale,
-                acting.commands,
-                acting.durations,
-                _LONGEST,
-                self._now,
+            acting = self._history.between(stamp_ns, stamp_ns + self._delay_ns)
+            roll_forward(
+                parameters=parameters,
+                commands=acting.commands,
+                durations=acting.durations,
+                longest=_LONGEST,
+                start=state,
+                end=self._ahead,
             )
-        return Situation(acts_ns, self._now, self._sent.throttle, model, d)
+            state = self._ahead
+        return PredictedState(stamp_ns + self._delay_ns, state, self._throttle_sent, parameters)
 
-    def _followed_from(self, stamp_ns: int) -> int | None:
-        """Return the stamp of the odometry from which there is something to be learned to another.
-
-        Not across a long silence, nor from a clock to one that was set.
-        """
-        previous_ns = self._previous_ns
-        if previous_ns is not None and 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
-            return previous_ns
-        return None
+    def _follow(self, odometry: OdometrySample) -> None:
+        """Bring the EKF from the odometry before to this one."""
+        stamp_ns, previous_ns = odometry.stamp_ns, self._previous_ns
+        # Not across a long silence, nor from a clock to one that was set.
+        if previous_ns is None or not 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
+            self._ekf.start(self._measured[V_WB_W])
+        elif self._follows:
+            settled_ns = previous_ns - self._settling_ns(odometry)
+            self._ekf.update(
+                before=self._previous,
+                after=self._measured,
+                acting=self._history.between(previous_ns, stamp_ns),
+                # What acted is not known, or has not acted for long enough.
+                frozen=not (self._learns and self._engaged and self._history.knows(settled_ns)),
+            )
 
     def _settling_ns(self, odometry: OdometrySample) -> int:
         """Return for how long commands must have acted before the vehicle is judged by them."""
         if not self._was_idle:
             return 0
         return _SPOOLING_NS if odometry.speed < _REST_SPEED else _SETTLING_NS
-
-
-@compiled
-def _arrive(
-    # the odometry
-    p_WB: Array,
-    q_WB_xyzw: Array,
-    v_WB_B: Array,
-    w_WB_B: Array,
-    # its state
-    p_now: Array,
-    v_now: Array,
-    R_now: Array,
-    actuators_now: Array,
-    follows: bool,
-    learning: bool,
-    is_first: bool,
-    previous_ns: int,
-    stamp_ns: int,
-    engaged: bool,
-    settling_ns: int,
-    # the model
-    a: float,
-    b: float,
-    c: float,
-    drag: float,
-    gravity: float,
-    thrust_time_constant: float,
-    rate_time_constant: float,
-    # the estimator's memory
-    x: Array,
-    P: Array,
-    throttle: Array,
-    rate_lag: Array,
-    flown: Array,
-    # the commands sent, and room for those that acted
-    acts_ns: NDArray[np.int64],
-    sent: Array,
-    count: int,
-    durations: Array,
-    commands: Array,
-    throttle_min: float,
-    throttle_max: float,
-    # of the previous odometry
-    R_before: Array,
-    w_before: Array,
-) -> None:
-    """Read an odometry, and bring up to it what nobody measures."""
-    now = Motion(p_now, v_now, R_now, actuators_now)
-    read_odometry(p_WB, q_WB_xyzw, v_WB_B, w_WB_B, now)
-    if follows and is_first:
-        start_at(x, P, v_now[0])
-    elif follows:
-        acted = acting_between(acts_ns, sent, count, previous_ns, stamp_ns, durations, commands)
-        # What acted is not known, or has not acted for long enough.
-        frozen = not engaged or count == 0 or acts_ns[0] > previous_ns - settling_ns
-        for k in range(acted):
-            frozen |= not throttle_min < commands[k, 0] < throttle_max
-        follow(
-            Model(a, b, c, drag, gravity, thrust_time_constant, rate_time_constant),
-            Memory(x, P, throttle, rate_lag, flown),
-            durations[:acted],
-            commands[:acted],
-            R_before,
-            w_before,
-            R_now[0],
-            w_WB_B,
-            v_now[0],
-            learning,
-            frozen,
-        )
-    actuators_now[0, 0] = throttle[0]
-    kernels.store_matrix(kernels.matrix(R_now[0]), R_before)
-    kernels.store_vector(kernels.vector(w_WB_B), w_before)

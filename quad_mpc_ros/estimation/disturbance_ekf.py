@@ -1,16 +1,21 @@
-"""Estimating what the model does not know: disturbance, thrust, and how far the actuators lag.
+"""The disturbance EKF: what the model does not know, learned from what the vehicle does.
 
 Between two odometries the velocity and the body rates are predicted with the commands that were
-really acting, delayed and lagged, and what was measured instead corrects
+really acting, delayed and lagged. Two extended Kalman filters correct by the innovation, what was
+measured less what was predicted. The filter of the velocity has the state x = (v, d, k, tau_s):
 
-- an acceleration in the world (wind, drag) and a factor on the thrust (mass, battery), which look
-  alike at hover and part company as the vehicle tilts,
-- the time constant of the thrust, through the velocity's sensitivity to it,
-- the time constant of the body rates, through theirs.
+- v, the velocity in the world,
+- d, an acceleration in the world (wind, drag), and k, a factor on the thrust (mass, battery): they
+  look alike at hover and part company as the vehicle tilts,
+- tau_s, the time constant of the thrust, through the velocity's sensitivity to it,
 
-All are random walks of extended Kalman filters, bounded, and kept as they are on the ground and
-while the throttle is at a bound. A time constant of zero is no lag and stays. The throttle, which
-nobody measures, is followed through the lag.
+    predict   x <- f(x),  P <- F P F' + Q      F = df/dx, differs from one in the rows of v alone
+    update    K = P H' / (H P H' + r),  x <- x + K (z - H x),  P <- P - K H P      axis by axis
+
+The filter of the body rates has the one state tau_w, their time constant, through the rates'
+sensitivity to it. All but v are random walks, clamped to bounds. They are kept as they are on the
+ground, and where the commands do not act or are saturated. A time constant of zero is no lag and
+stays. The throttle, which nobody measures, is followed through the lag.
 """
 
 from __future__ import annotations
@@ -23,10 +28,23 @@ import numpy as np
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.estimation.command_history import Acting
 from quad_mpc_ros.lie import Array, kernels
-from quad_mpc_ros.model.rollout import Body, Disturbance, Model, input_at, moved_on
+from quad_mpc_ros.model.actuators import actuators_in, first_order_lag, first_order_lag_slopes
+from quad_mpc_ros.model.parameters import (
+    DISTURBANCE,
+    RATE_TIME_CONSTANT,
+    THRUST_SCALE,
+    THRUST_TIME_CONSTANT,
+    ModelParameters,
+    parameters_in,
+)
+from quad_mpc_ros.model.rollout import Body, body_in, propagated
 
-# State of the filter: velocity, acceleration, factor on the thrust, time constant of the thrust.
+# The estimate, one vector: first the state of the velocity's filter, whose covariance is (8, 8),
 _V, _D, _K, _TAU, _SIZE = 0, 3, 6, 7, 8
+# then the throttle and its derivative by the thrust's time constant, the rates' time constant and
+# its variance, and one in flight, zero on the ground, between them while it seems to have landed.
+_THROTTLE, _THROTTLE_SLOPE, _RATE_TAU, _RATE_VARIANCE, _FLOWN = 8, 9, 10, 11, 12
+_ESTIMATE_SIZE = 13
 
 _VELOCITY_NOISE = 0.1  # m/s, of a measurement: more than any, for commands answer it too
 _ACCELERATION_NOISE = 0.3  # m/s^2 / sqrt(Hz), of the model within a step
@@ -50,21 +68,70 @@ _REST_SPEED, _LIFT, _LANDED = 0.1, 0.95, 0.6
 _TOUCHDOWN = 0.25
 
 
-class Memory(NamedTuple):
-    """``x`` (8,) and ``P`` (8, 8) of the velocity's filter; ``throttle`` (2,) with its derivative
-    by the time constant; ``rate_lag`` (2,): time constant of the rates and its variance; ``flown``
-    (1,): one in flight, zero on the ground, between them while it seems to have landed.
-    """
+class DisturbanceEkf:
+    """Follows a vehicle from odometry to odometry."""
 
-    x: Array
-    P: Array
-    throttle: Array
-    rate_lag: Array
-    flown: Array
+    def __init__(self, nominal: Array, *, throttle: float) -> None:
+        """``nominal`` are the configured parameters (11,), ``throttle`` is where it begins."""
+        thrust_lag, rate_lag = nominal[THRUST_TIME_CONSTANT], nominal[RATE_TIME_CONSTANT]
+        self._nominal = nominal
+        self._initial_throttle = throttle
+        self._estimate = np.zeros(_ESTIMATE_SIZE)
+        self._estimate[_K], self._estimate[_TAU] = 1.0, thrust_lag
+        self._estimate[_RATE_TAU] = rate_lag
+        self._estimate[_RATE_VARIANCE] = (_LAG_SPREAD * rate_lag) ** 2
+        self._covariance = np.zeros((_SIZE, _SIZE))
+        self._covariance[_D:_K, _D:_K] = np.eye(3) * _ACCELERATION_SPREAD**2
+        self._covariance[_K, _K] = _SCALE_SPREAD**2
+        self._covariance[_TAU, _TAU] = (_LAG_SPREAD * thrust_lag) ** 2
+        self._saturation = np.array([-math.inf, math.inf])
+        self.start(np.zeros(3))
+
+    def reconfigure(self, *, throttle_min: float, throttle_max: float) -> None:
+        """Take over changed bounds of the throttle."""
+        self._saturation[:] = throttle_min, throttle_max
+
+    @property
+    def throttle(self) -> float:
+        """The throttle that the vehicle has by now."""
+        return float(self._estimate[_THROTTLE])
+
+    def parameters(self) -> Array:
+        """Return the parameters (11,) as believed by now."""
+        believed = self._nominal.copy()
+        believed[THRUST_TIME_CONSTANT] = self._estimate[_TAU]
+        believed[RATE_TIME_CONSTANT] = self._estimate[_RATE_TAU]
+        believed[DISTURBANCE] = self._estimate[_D:_K]
+        believed[THRUST_SCALE] = self._estimate[_K]
+        return believed
+
+    def start(self, v_WB_W: Array) -> None:
+        """Begin with a velocity (3,), perhaps on the ground; what was learned is kept."""
+        self._estimate[_THROTTLE] = self._initial_throttle
+        self._estimate[_THROTTLE_SLOPE] = self._estimate[_FLOWN] = 0.0
+        _believe_velocity(self._estimate, self._covariance, v_WB_W)
+
+    def update(self, *, before: Array, after: Array, acting: Acting, frozen: bool) -> None:
+        """Go on from one odometry to the next, under the commands that acted between them.
+
+        ``before`` and ``after`` are their states, rows (19,) of
+        :mod:`~quad_mpc_ros.model.rollout`. ``frozen`` learns nothing, and follows the throttle.
+        """
+        _update(
+            nominal=self._nominal,
+            estimate=self._estimate,
+            P=self._covariance,
+            saturation=self._saturation,
+            commands=acting.commands,
+            durations=acting.durations,
+            before=before,
+            after=after,
+            frozen=frozen,
+        )
 
 
 class _Slopes(NamedTuple):
-    """How an interval changes: by the thrust's scale and by the time constants.
+    """How a prediction changes: by the thrust's scale and by the time constants.
 
     ``v_by_scale`` and ``v_by_lag`` of the velocity, ``w_by_lag`` of the rates.
     """
@@ -74,150 +141,100 @@ class _Slopes(NamedTuple):
     w_by_lag: kernels.Vector
 
 
-class VehicleEstimator:
-    """Follows a vehicle from odometry to odometry; without ``learning`` only its throttle."""
-
-    def __init__(self, model: Model, *, throttle: float, learning: bool) -> None:
-        self._modelled = model
-        self._learning = learning
-        self._throttle = throttle
-        self._lagging = model.thrust_time_constant > 0.0 or model.rate_time_constant > 0.0
-        self._memory = Memory(
-            x=np.zeros(_SIZE),
-            P=np.zeros((_SIZE, _SIZE)),
-            throttle=np.zeros(2),
-            rate_lag=np.array(
-                (model.rate_time_constant, (_LAG_SPREAD * model.rate_time_constant) ** 2)
-            ),
-            flown=np.zeros(1),
-        )
-        x, P = self._memory.x, self._memory.P
-        x[_K], x[_TAU] = 1.0, model.thrust_time_constant
-        P[_D : _D + 3, _D : _D + 3] = np.eye(3) * _ACCELERATION_SPREAD**2
-        P[_K, _K] = _SCALE_SPREAD**2
-        P[_TAU, _TAU] = (_LAG_SPREAD * model.thrust_time_constant) ** 2
-        self.begin()
-
-    @property
-    def memory(self) -> Memory:
-        """What it knows, for :func:`start_at` and :func:`follow`."""
-        return self._memory
-
-    @property
-    def throttle(self) -> float:
-        """The throttle that the vehicle has by now."""
-        return float(self._memory.throttle[0])
-
-    @property
-    def disturbance(self) -> Disturbance:
-        """The present estimate of the disturbance."""
-        x = self._memory.x
-        return Disturbance(a_W=x[_D : _D + 3].copy(), thrust_scale=float(x[_K]))
-
-    @property
-    def model(self) -> Model:
-        """The model with the present estimate of its time constants."""
-        if not self._lagging:
-            return self._modelled
-        return self._modelled._replace(
-            thrust_time_constant=float(self._memory.x[_TAU]),
-            rate_time_constant=float(self._memory.rate_lag[0]),
-        )
-
-    def begin(self) -> None:
-        """Suppose the vehicle perhaps on the ground, and keep what was learned."""
-        self._memory.throttle[:] = self._throttle, 0.0
-        self._memory.flown[0] = 0.0
-
-    def start(self, v_WB_W: Array) -> None:
-        """Begin, and believe a velocity (3,)."""
-        self.begin()
-        start_at(self._memory.x, self._memory.P, v_WB_W)
-
-    def follow(
-        self,
-        *,
-        R_before: Array,
-        w_before: Array,
-        R_after: Array,
-        w_after: Array,
-        v_after: Array,
-        acting: Acting,
-        frozen: bool,
-    ) -> None:
-        """Go on from one odometry to the next, under the commands that acted between them.
-
-        Attitudes (3, 3) and body rates (3,) are those of the two, ``v_after`` (3,) is the second's
-        velocity in the world. ``frozen`` learns nothing.
-        """
-        follow(
-            self._modelled,
-            self._memory,
-            acting.durations,
-            acting.commands,
-            R_before,
-            w_before,
-            R_after,
-            w_after,
-            v_after,
-            self._learning,
-            frozen,
-        )
+@compiled
+def _update(
+    nominal: Array,
+    estimate: Array,
+    P: Array,
+    saturation: Array,
+    commands: Array,
+    durations: Array,
+    before: Array,
+    after: Array,
+    frozen: bool,
+) -> None:
+    """Predict from one odometry to the next, and correct by the second if it teaches anything."""
+    if len(durations) == 0:
+        return
+    modelled, duration = parameters_in(nominal), durations.sum()
+    predicted, slopes = _predict(modelled, estimate, commands, durations, before, after)
+    thrust = slopes.v_by_scale[2] / duration
+    _notice_flight(modelled, estimate, thrust, kernels.vector(after[3:6]), duration)
+    for k in range(len(commands)):
+        frozen |= not saturation[0] < commands[k, 0] < saturation[1]
+    if frozen or estimate[_FLOWN] < 1.0:
+        _believe_velocity(estimate, P, after[3:6])
+        return
+    kernels.store_vector(predicted.v, estimate[_V:_D])
+    _predict_covariance(modelled, P, slopes, duration)
+    lag_before = estimate[_TAU]
+    for axis in range(3):
+        _correct_velocity(estimate, P, axis, after[3 + axis])
+    _clamp(modelled, estimate)
+    estimate[_THROTTLE] += estimate[_THROTTLE_SLOPE] * (estimate[_TAU] - lag_before)
+    _correct_rate_lag(
+        modelled, estimate, predicted.actuators[1:], slopes.w_by_lag, after[16:19], duration
+    )
 
 
 @compiled
-def follow(
-    modelled: Model,
-    memory: Memory,
-    durations: Array,
+def _predict(
+    modelled: ModelParameters,
+    estimate: Array,
     commands: Array,
-    R_before: Array,
-    w_before: Array,
-    R_after: Array,
-    w_after: Array,
-    v_after: Array,
-    learning: bool,
-    frozen: bool,
-) -> None:
-    """Follow a vehicle from one odometry to the next, and learn of it."""
-    if len(durations) == 0:
-        return
-    x, P, flown = memory.x, memory.P, memory.flown
-    believed = Model(
+    durations: Array,
+    before: Array,
+    after: Array,
+) -> tuple[Body, _Slopes]:
+    """Move a state on through commands (n, 4) by what is believed; return it and its slopes."""
+    believed = ModelParameters(
         modelled.a,
         modelled.b,
         modelled.c,
         modelled.drag,
         modelled.gravity,
-        x[_TAU],
-        memory.rate_lag[0],
+        estimate[_TAU],
+        estimate[_RATE_TAU],
+        kernels.vector(estimate[_D:_K]),
+        estimate[_K],
     )
-    axis = _mean_axis(
-        kernels.column(kernels.matrix(R_before), 2), kernels.column(kernels.matrix(R_after), 2)
-    )
-    start = Body(
+    start, end = body_in(before), body_in(after)
+    axis = _mean_axis(kernels.column(start.R, 2), kernels.column(end.R, 2))
+    throttle, slope = estimate[_THROTTLE], estimate[_THROTTLE_SLOPE]
+    rates = start.actuators[1], start.actuators[2], start.actuators[3]
+    body = Body(
         (0.0, 0.0, 0.0),
-        kernels.vector(x[_V : _V + 3]),
-        kernels.matrix(R_before),
-        (memory.throttle[0], w_before[0], w_before[1], w_before[2]),
+        kernels.vector(estimate[_V:_D]),
+        start.R,
+        (throttle, rates[0], rates[1], rates[2]),
     )
-    reached, slopes = _followed(believed, memory, commands, durations, axis, start)
-    if not learning:
-        return
-    duration = durations.sum()
-    thrust = slopes.v_by_scale[2] / duration
-    v = kernels.vector(v_after)
-    resting = kernels.dot(v, v) < _REST_SPEED**2
-    if not resting or thrust > _LIFT * modelled.gravity:
-        flown[0] = 1.0
-    elif thrust < _LANDED * modelled.gravity:
-        flown[0] = max(flown[0] - duration / _TOUCHDOWN, 0.0)
-    elif flown[0] > 0.0:
-        flown[0] = 1.0
-    if frozen or flown[0] < 1.0:
-        start_at(x, P, v_after)
-    else:
-        _learn(modelled, memory, slopes, reached, v_after, w_after, duration)
+    v_by_scale = v_by_lag = w_by_lag = (0.0, 0.0, 0.0)
+    for k in range(len(durations)):
+        dt, command = durations[k], actuators_in(commands[k])
+        decay, share = first_order_lag(believed.rate_time_constant, dt)
+        decay_slope, share_slope = first_order_lag_slopes(believed.rate_time_constant, dt)
+        excess = (
+            body.actuators[1] - command[1],
+            body.actuators[2] - command[2],
+            body.actuators[3] - command[3],
+        )
+        w_by_lag = kernels.plus(
+            kernels.scaled(decay, w_by_lag), kernels.scaled(decay_slope, excess)
+        )
+        decay, share = first_order_lag(believed.thrust_time_constant, dt)
+        decay_slope, share_slope = first_order_lag_slopes(believed.thrust_time_constant, dt)
+        off = throttle - command[0]
+        mean, mean_slope = command[0] + share * off, share * slope + share_slope * off
+        throttle, slope = command[0] + decay * off, decay * slope + decay_slope * off
+        push = dt * ((believed.a * mean + believed.b) * mean + believed.c)
+        push_slope = (
+            dt * believed.thrust_scale * (2.0 * believed.a * mean + believed.b) * mean_slope
+        )
+        v_by_scale = kernels.plus(v_by_scale, kernels.scaled(push, axis))
+        v_by_lag = kernels.plus(v_by_lag, kernels.scaled(push_slope, axis))
+        body = propagated(believed, command, dt, _LONGEST, body)
+    estimate[_THROTTLE], estimate[_THROTTLE_SLOPE] = throttle, slope
+    return body, _Slopes(v_by_scale, v_by_lag, w_by_lag)
 
 
 @compiled
@@ -231,105 +248,39 @@ def _mean_axis(before: kernels.Vector, after: kernels.Vector) -> kernels.Vector:
 
 
 @compiled
-def start_at(x: Array, P: Array, v_WB_W: Array) -> None:
-    """Believe a velocity (3,), and keep what was learned."""
+def _notice_flight(
+    modelled: ModelParameters,
+    estimate: Array,
+    thrust: float,
+    v_WB_W: kernels.Vector,
+    duration: float,
+) -> None:
+    """Tell flight from standing by speed, and by the upward thrust over mass against gravity."""
+    resting = kernels.dot(v_WB_W, v_WB_W) < _REST_SPEED**2
+    if not resting or thrust > _LIFT * modelled.gravity:
+        estimate[_FLOWN] = 1.0
+    elif thrust < _LANDED * modelled.gravity:
+        estimate[_FLOWN] = max(estimate[_FLOWN] - duration / _TOUCHDOWN, 0.0)
+    elif estimate[_FLOWN] > 0.0:
+        estimate[_FLOWN] = 1.0
+
+
+@compiled
+def _believe_velocity(estimate: Array, P: Array, v_WB_W: Array) -> None:
+    """Believe a velocity (3,) as measured, and keep what was learned."""
     for i in range(3):
-        x[i] = v_WB_W[i]
+        estimate[_V + i] = v_WB_W[i]
         P[i, :] = 0.0
         P[:, i] = 0.0
         P[i, i] = _VELOCITY_NOISE**2
 
 
 @compiled
-def _lag_slopes(time_constant: float, duration: float) -> tuple[float, float, float, float]:
-    """Return decay and mean share of a first-order lag, and their derivatives by its constant."""
-    if time_constant <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0
-    decay = math.exp(-duration / time_constant)
-    decay_slope = decay * duration / time_constant**2
-    share = time_constant * (1.0 - decay) / duration
-    return (
-        decay,
-        share,
-        decay_slope,
-        share / time_constant - time_constant * decay_slope / duration,
-    )
-
-
-@compiled
-def _followed(
-    model: Model,
-    memory: Memory,
-    commands: Array,
-    durations: Array,
-    thrust_axis_W: kernels.Vector,
-    start: Body,
-) -> tuple[Body, _Slopes]:
-    """Move a state on through commands (n, 4) by what is believed; return it and its slopes."""
-    x, body, d_W = memory.x, start, kernels.vector(memory.x[_D : _D + 3])
-    throttle, slope = memory.throttle[0], memory.throttle[1]
-    v_by_scale = v_by_lag = w_by_lag = (0.0, 0.0, 0.0)
-    for k in range(len(durations)):
-        dt, command = durations[k], input_at(commands[k])
-        decay, share, decay_slope, share_slope = _lag_slopes(model.rate_time_constant, dt)
-        excess = (
-            body.actuators[1] - command[1],
-            body.actuators[2] - command[2],
-            body.actuators[3] - command[3],
-        )
-        w_by_lag = kernels.plus(
-            kernels.scaled(decay, w_by_lag), kernels.scaled(decay_slope, excess)
-        )
-        decay, share, decay_slope, share_slope = _lag_slopes(model.thrust_time_constant, dt)
-        off = throttle - command[0]
-        mean, mean_slope = command[0] + share * off, share * slope + share_slope * off
-        throttle, slope = command[0] + decay * off, decay * slope + decay_slope * off
-        push = dt * ((model.a * mean + model.b) * mean + model.c)
-        push_slope = dt * x[_K] * (2.0 * model.a * mean + model.b) * mean_slope
-        v_by_scale = kernels.plus(v_by_scale, kernels.scaled(push, thrust_axis_W))
-        v_by_lag = kernels.plus(v_by_lag, kernels.scaled(push_slope, thrust_axis_W))
-        body = moved_on(model, d_W, x[_K], command, dt, _LONGEST, body)
-    memory.throttle[0], memory.throttle[1] = throttle, slope
-    return body, _Slopes(v_by_scale, v_by_lag, w_by_lag)
-
-
-@compiled
-def _learn(
-    model: Model,
-    memory: Memory,
-    slopes: _Slopes,
-    reached: Body,
-    v_WB_W: Array,
-    w_WB_B: Array,
-    duration: float,
+def _predict_covariance(
+    modelled: ModelParameters, P: Array, slopes: _Slopes, duration: float
 ) -> None:
-    """Correct what is believed by what was measured where ``reached`` was expected."""
-    x, P = memory.x, memory.P
-    kernels.store_vector(reached.v, x[_V : _V + 3])
-    _spread(model, P, slopes, duration)
-    before = x[_TAU]
-    for i in range(3):
-        _correct(x, P, i, v_WB_W[i])
-    for i in range(3):
-        x[_D + i] = kernels.clamp(x[_D + i], -_ACCELERATION_BOUND, _ACCELERATION_BOUND)
-    x[_K] = kernels.clamp(x[_K], SCALE_BOUNDS[0], SCALE_BOUNDS[1])
-    x[_TAU] = _bounded_lag(x[_TAU], model.thrust_time_constant)
-    memory.throttle[0] += memory.throttle[1] * (x[_TAU] - before)
-    _correct_rate_lag(
-        model, memory.rate_lag, reached.actuators[1:], slopes.w_by_lag, w_WB_B, duration
-    )
-
-
-@compiled
-def _bounded_lag(time_constant: float, modelled: float) -> float:
-    return kernels.clamp(time_constant, modelled / _LAG_BOUND, modelled * _LAG_BOUND)
-
-
-@compiled
-def _spread(model: Model, P: Array, slopes: _Slopes, duration: float) -> None:
-    """Let the uncertainty grow over a duration."""
-    # F P F', where F differs from one in the rows of the velocity alone.
-    kept = 1.0 - duration * model.drag
+    """Let the uncertainty grow over a duration: F P F' and the random walks."""
+    kept = 1.0 - duration * modelled.drag
     for i in range(3):
         by_scale, by_lag = slopes.v_by_scale[i], slopes.v_by_lag[i]
         for j in range(_SIZE):
@@ -344,41 +295,57 @@ def _spread(model: Model, P: Array, slopes: _Slopes, duration: float) -> None:
         P[i, i] += _ACCELERATION_NOISE**2 * duration
         P[_D + i, _D + i] += _ACCELERATION_WALK**2 * duration
     P[_K, _K] += _SCALE_WALK**2 * duration
-    P[_TAU, _TAU] += (_LAG_WALK * model.thrust_time_constant) ** 2 * duration
+    P[_TAU, _TAU] += (_LAG_WALK * modelled.thrust_time_constant) ** 2 * duration
 
 
 @compiled
-def _correct(x: Array, P: Array, entry: int, measured: float) -> None:
-    """Take a measurement of one entry of the state."""
-    row = P[entry].copy()
-    variance = row[entry] + _VELOCITY_NOISE**2
-    off = measured - x[entry]
+def _correct_velocity(estimate: Array, P: Array, axis: int, measured: float) -> None:
+    """Correct by the measured velocity along one axis of the world."""
+    row = P[axis].copy()
+    variance = row[axis] + _VELOCITY_NOISE**2
+    innovation = measured - estimate[axis]
     for i in range(_SIZE):
         gain = row[i] / variance
-        x[i] += gain * off
+        estimate[i] += gain * innovation
         for j in range(_SIZE):
             P[i, j] -= gain * row[j]
 
 
 @compiled
+def _clamp(modelled: ModelParameters, estimate: Array) -> None:
+    """Bring what the velocity taught inside its bounds."""
+    for i in range(3):
+        estimate[_D + i] = kernels.clamp(
+            estimate[_D + i], -_ACCELERATION_BOUND, _ACCELERATION_BOUND
+        )
+    estimate[_K] = kernels.clamp(estimate[_K], SCALE_BOUNDS[0], SCALE_BOUNDS[1])
+    estimate[_TAU] = _clamped_lag(estimate[_TAU], modelled.thrust_time_constant)
+
+
+@compiled
+def _clamped_lag(time_constant: float, modelled: float) -> float:
+    return kernels.clamp(time_constant, modelled / _LAG_BOUND, modelled * _LAG_BOUND)
+
+
+@compiled
 def _correct_rate_lag(
-    model: Model,
-    rate_lag: Array,
-    expected: kernels.Vector,
+    modelled: ModelParameters,
+    estimate: Array,
+    predicted: kernels.Vector,
     slopes: kernels.Vector,
     measured: Array,
     duration: float,
 ) -> None:
-    """Take the measured rates of the three axes, one after another."""
-    if model.rate_time_constant <= 0.0:
+    """Correct the rates' time constant by the measured rates, axis by axis."""
+    if modelled.rate_time_constant <= 0.0:
         return
-    time_constant, variance = rate_lag[0], rate_lag[1]
+    time_constant, variance = estimate[_RATE_TAU], estimate[_RATE_VARIANCE]
     before = time_constant
-    variance += (_LAG_WALK * model.rate_time_constant) ** 2 * duration
+    variance += (_LAG_WALK * modelled.rate_time_constant) ** 2 * duration
     for i in range(3):
         gain = variance * slopes[i] / (slopes[i] ** 2 * variance + _RATE_NOISE**2)
-        off = measured[i] - expected[i] - slopes[i] * (time_constant - before)
-        time_constant += gain * off
+        innovation = measured[i] - predicted[i] - slopes[i] * (time_constant - before)
+        time_constant += gain * innovation
         variance -= gain * slopes[i] * variance
-    rate_lag[0] = _bounded_lag(time_constant, model.rate_time_constant)
-    rate_lag[1] = variance
+    estimate[_RATE_TAU] = _clamped_lag(time_constant, modelled.rate_time_constant)
+    estimate[_RATE_VARIANCE] = variance

@@ -41,78 +41,75 @@ def sample(window: ReferenceWindow, stamps_ns: ArrayLike) -> ReferencePoints:
     Before the first sample the first one holds; from the last one on its pose holds, at rest.
     """
     times = np.asarray(stamps_ns, dtype=np.int64)
-    count = times.size
-    p, v, a, w = (np.empty((count, 3)) for _ in range(4))
-    R = np.empty((count, 3, 3))
+    points = np.empty((times.size, POINT_SIZE))
     sample_into(
-        times.reshape(-1) - window.stamp_ns,
-        window.offset_ns,
-        window.p_WB,
-        window.q_WB_xyzw,
-        window.v_WB_W,
-        window.a_WB_W,
-        window.w_WB_W,
-        p,
-        R,
-        v,
-        a,
-        w,
+        times_ns=times.reshape(-1) - window.stamp_ns,
+        offsets_ns=window.offset_ns,
+        samples=packed(window),
+        points=points,
     )
+    p, R, v, a, w = (np.ascontiguousarray(part) for part in point_parts(points))
+    shape = *times.shape, 3
     return ReferencePoints(
-        p_WB=p.reshape(*times.shape, 3),
-        R_WB=R.reshape(*times.shape, 3, 3),
-        v_WB_W=v.reshape(*times.shape, 3),
-        a_WB_W=a.reshape(*times.shape, 3),
-        w_WB_B=w.reshape(*times.shape, 3),
+        p_WB=p.reshape(shape),
+        R_WB=R.reshape(*shape, 3),
+        v_WB_W=v.reshape(shape),
+        a_WB_W=a.reshape(shape),
+        w_WB_B=w.reshape(shape),
     )
+
+
+def packed(window: ReferenceWindow) -> Array:
+    """Return the samples of a window as compiled code takes them, (n, 16).
+
+    A row holds position, quaternion, velocity, acceleration and body rate in the world.
+    """
+    return np.concatenate(
+        (window.p_WB, window.q_WB_xyzw, window.v_WB_W, window.a_WB_W, window.w_WB_W), axis=1
+    )
+
+
+POINT_SIZE = 21
 
 
 @compiled
 def sample_into(
-    times: NDArray[np.int64],
-    offsets: NDArray[np.int64],
-    p: Array,
-    q: Array,
-    v: Array,
-    a: Array,
-    w: Array,
-    p_at: Array,
-    R_at: Array,
-    v_at: Array,
-    a_at: Array,
-    w_at: Array,
+    times_ns: NDArray[np.int64], offsets_ns: NDArray[np.int64], samples: Array, points: Array
 ) -> None:
-    """Write the points ``.._at`` times (n,) [ns] after the stamp of a window of samples.
+    """Write the points (m, 21) at times (m,) after the stamp of a window of samples (n, 16).
 
-    The samples are a window's p_WB, q_WB_xyzw, v_WB_W, a_WB_W, w_WB_W.
+    A row of ``samples`` is one of :func:`packed`, a row of ``points`` holds position, rotation row
+    by row, velocity, acceleration, and body rate in the body.
     """
-    last = len(offsets) - 1
+    p, q, v, a, w = window_parts(samples)
+    p_at, R_at, v_at, a_at, w_at = point_parts(points)
+    last = len(offsets_ns) - 1
     lower, segment, still = 0, -1, False
     R, turn, w_before, w_after = _segment(q, w, 0, 0)
-    for k in range(len(times)):
-        time = times[k]
+    for k in range(len(times_ns)):
+        time = times_ns[k]
         # Of two samples at the same time the later one holds from that time on.
-        while lower < last and offsets[lower + 1] <= time:
+        while lower < last and offsets_ns[lower + 1] <= time:
             lower += 1
-        while lower > 0 and offsets[lower] > time:
+        while lower > 0 and offsets_ns[lower] > time:
             lower -= 1
-        holds = lower == last or time <= offsets[0]
+        holds = lower == last or time <= offsets_ns[0]
         upper = lower if holds else lower + 1
         if lower != segment:
             R, turn, w_before, w_after = _segment(q, w, lower, upper)
             segment = lower if not holds else -1
-            still = not holds and _is_still(p, q, v, a, w, lower)
+            still = not holds and _is_still(samples, lower)
         if holds or still:
             moving = 1.0 if lower < last else 0.0
             for i in range(3):
                 p_at[k, i] = p[lower, i]
                 v_at[k, i] = moving * v[lower, i]
                 a_at[k, i] = moving * a[lower, i]
-            kernels.store_matrix(R, R_at[k])
+            kernels.store_matrix_row(R, R_at[k])
             kernels.store_vector(kernels.scaled(moving, w_before), w_at[k])
             continue
-        width = 1e-9 * (offsets[upper] - offsets[lower])
-        fraction = 1e-9 * (time - offsets[lower]) / width
+        width = 1e-9 * (offsets_ns[upper] - offsets_ns[lower])
+        fraction = 1e-9 * (time - offsets_ns[lower]) / width
         for i in range(3):
             p_at[k, i], _ = _cubic(
                 p[lower, i], p[upper, i], v[lower, i], v[upper, i], fraction, width
@@ -124,15 +121,28 @@ def sample_into(
         x0, s0 = _cubic(0.0, turn[0], w_before[0], w_after[0], fraction, width)
         x1, s1 = _cubic(0.0, turn[1], w_before[1], w_after[1], fraction, width)
         x2, s2 = _cubic(0.0, turn[2], w_before[2], w_after[2], fraction, width)
-        kernels.store_matrix(kernels.multiply(R, kernels.exp((x0, x1, x2))), R_at[k])
+        kernels.store_matrix_row(kernels.multiply(R, kernels.exp((x0, x1, x2))), R_at[k])
         kernels.store_vector(
             kernels.apply(kernels.right_jacobian((x0, x1, x2)), (s0, s1, s2)), w_at[k]
         )
 
 
 @compiled
-def _is_still(p: Array, q: Array, v: Array, a: Array, w: Array, lower: int) -> bool:
+def window_parts(samples: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Return position, quaternion, velocity, acceleration, body rate: views of a window's rows."""
+    return samples[:, 0:3], samples[:, 3:7], samples[:, 7:10], samples[:, 10:13], samples[:, 13:16]
+
+
+@compiled
+def point_parts(points: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Return position, rotation, velocity, acceleration, body rate: views of the points' rows."""
+    return points[:, 0:3], points[:, 3:12], points[:, 12:15], points[:, 15:18], points[:, 18:21]
+
+
+@compiled
+def _is_still(samples: Array, lower: int) -> bool:
     """Whether nothing moves between a sample and the next."""
+    p, q, v, a, w = window_parts(samples)
     for i in range(3):
         for k in (lower, lower + 1):
             if p[k, i] != p[lower, i] or v[k, i] != 0.0 or a[k, i] != 0.0 or w[k, i] != 0.0:

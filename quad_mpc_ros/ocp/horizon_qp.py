@@ -13,14 +13,14 @@ wrong by a third of their range.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.lie.kernels import infinity_norm
+from quad_mpc_ros.lie import Array, kernels
 
 Mask = NDArray[np.bool_]
 
@@ -45,37 +45,75 @@ class HorizonPattern:
 class HorizonStages:
     """The numbers of one horizon in physical units, to be written in place.
 
-    Shapes: ``x0`` (nx,), ``A`` (N, nx, nx), ``B`` (N, nx, nu), ``c`` (N, nx), ``H`` (N, nx, nx)
-    and ``g`` (N, nx) for the states 1 to N, ``R`` (N, nu) diagonal, ``r``, ``lower``, ``upper``
-    (N, nu).
+    They are kept in a few blocks, for compiled code: ``x0`` (nx,), ``dynamics`` (N, nx, nx+nu+1)
+    with A, B and c side by side, ``state_cost`` (N, nx, nx+1) with H and g of the states 1 to N,
+    ``input_terms`` (N, 4, nu) with the diagonal of R, r, lower and upper one below another.
     """
 
     x0: Array
-    A: Array
-    B: Array
-    c: Array
-    H: Array
-    g: Array
-    R: Array
-    r: Array
-    lower: Array
-    upper: Array
+    dynamics: Array
+    state_cost: Array
+    input_terms: Array
 
     @staticmethod
     def zeros(steps: int, nx: int, nu: int) -> HorizonStages:
         """Return room for a horizon."""
         return HorizonStages(
             x0=np.zeros(nx),
-            A=np.zeros((steps, nx, nx)),
-            B=np.zeros((steps, nx, nu)),
-            c=np.zeros((steps, nx)),
-            H=np.zeros((steps, nx, nx)),
-            g=np.zeros((steps, nx)),
-            R=np.zeros((steps, nu)),
-            r=np.zeros((steps, nu)),
-            lower=np.zeros((steps, nu)),
-            upper=np.zeros((steps, nu)),
+            dynamics=np.zeros((steps, nx, nx + nu + 1)),
+            state_cost=np.zeros((steps, nx, nx + 1)),
+            input_terms=np.zeros((steps, 4, nu)),
         )
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """The number of steps, of states and of inputs."""
+        return len(self.dynamics), len(self.x0), self.input_terms.shape[2]
+
+    @property
+    def A(self) -> Array:
+        """(N, nx, nx), in place, as are all that follow."""
+        return self.dynamics[:, :, : len(self.x0)]
+
+    @property
+    def B(self) -> Array:
+        """(N, nx, nu)."""
+        return self.dynamics[:, :, len(self.x0) : -1]
+
+    @property
+    def c(self) -> Array:
+        """(N, nx)."""
+        return self.dynamics[:, :, -1]
+
+    @property
+    def H(self) -> Array:
+        """(N, nx, nx), symmetric."""
+        return self.state_cost[:, :, :-1]
+
+    @property
+    def g(self) -> Array:
+        """(N, nx)."""
+        return self.state_cost[:, :, -1]
+
+    @property
+    def R(self) -> Array:
+        """(N, nu), the diagonal."""
+        return self.input_terms[:, 0]
+
+    @property
+    def r(self) -> Array:
+        """(N, nu)."""
+        return self.input_terms[:, 1]
+
+    @property
+    def lower(self) -> Array:
+        """(N, nu)."""
+        return self.input_terms[:, 2]
+
+    @property
+    def upper(self) -> Array:
+        """(N, nu)."""
+        return self.input_terms[:, 3]
 
 
 class HorizonQP:
@@ -90,59 +128,61 @@ class HorizonQP:
         state, size = pattern.state_size, pattern.input_size
         n, nx, nu = pattern.steps, len(state), len(size)
         self._n, self._nx, self._nu = n, nx, nu
-        self._shape = n, nx, nu
-        self._sizes = state, size
+        self._sizes = np.concatenate((size, state))
         count = n * (nx + nu)
         self.A, A_places = _assemble(self._constraint_blocks(), shape=(count, count))
         self.P, P_places = _assemble(self._cost_blocks(), shape=(count, count))
-        self.q, self.lower, self.upper = np.zeros(count), np.zeros(count), np.zeros(count)
+        self._vectors = np.zeros((3, count))
+        self.q, self.lower, self.upper = self._vectors
 
         count_A, count_B = (n - 1) * int(pattern.A.sum()), n * int(pattern.B.sum())
         self.A.data[A_places[count_A + count_B :]] = 1.0  # next states and bounded inputs
         count_H = n * int(np.triu(pattern.H).sum())
-        self._fixed: _Fixed = (
-            state,
-            size,
-            *_part(n, pattern.A, -state / state[:, None], A_places[:count_A], skipped=1),
-            *_part(n, pattern.B, -size / state[:, None], A_places[count_A : count_A + count_B]),
-            *_part(n, np.triu(pattern.H), state * state[:, None], P_places[:count_H]),
-            P_places[count_H:],
-            self.A.data,
-            self.P.data,
-            self.q,
-            self.lower,
-            self.upper,
+        width = nx + nu + 1
+        self._from_A = _entries(
+            n, pattern.A, -state / state[:, None], A_places[:count_A], width=width, skipped=1
         )
-        self._size = 1.0
+        self._from_B = _entries(
+            n,
+            pattern.B,
+            -size / state[:, None],
+            A_places[count_A : count_A + count_B],
+            width=width,
+            column=nx,
+        )
+        self._from_H = _entries(
+            n, np.triu(pattern.H), state * state[:, None], P_places[:count_H], width=nx + 1
+        )
+        self._places_R = P_places[count_H:]
 
     def update(self, stages: HorizonStages) -> None:
         """Write the numbers of a horizon; shapes as in :class:`HorizonStages`."""
-        if stages.B.shape != self._shape:
+        expected = self._n, self._nx, self._nu
+        if stages.shape != expected:
             # Compiled code does not look where it writes.
-            raise ValueError(f"stages of shape {stages.B.shape}, expected {self._shape}")
-        self._size = _write(
-            stages.x0,
-            stages.A,
-            stages.B,
-            stages.c,
-            stages.H,
-            stages.g,
-            stages.R,
-            stages.r,
-            stages.lower,
-            stages.upper,
-            *self._fixed,
+            raise ValueError(f"stages of shape {stages.shape}, expected {expected}")
+        _scatter(stages.dynamics, *self._from_A, self.A.data)
+        _scatter(stages.dynamics, *self._from_B, self.A.data)
+        _scatter(stages.state_cost, *self._from_H, self.P.data)
+        _write_vectors(
+            x0=stages.x0,
+            dynamics=stages.dynamics,
+            state_cost=stages.state_cost,
+            input_terms=stages.input_terms,
+            sizes=self._sizes,
+            places_R=self._places_R,
+            P_data=self.P.data,
+            vectors=self._vectors,
         )
 
-    def size(self) -> float:
+    def magnitude(self) -> float:
         """Return a number at least as large as each of the problem's; NaN when one is NaN."""
-        return self._size
+        return _infinity_norm(self._vectors, self.A.data, self.P.data)
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Return inputs (N, nu) and states 1 to N (N, nx) of a solution, in physical units."""
-        n, nx, nu = self._shape
-        inputs, states = np.empty((n, nu)), np.empty((n, nx))
-        _split(z, *self._sizes, inputs, states)
+        inputs, states = np.empty((self._n, self._nu)), np.empty((self._n, self._nx))
+        _split(z, self._sizes, inputs, states)
         return inputs, states
 
     def _input_at(self, stage: int) -> int:
@@ -172,106 +212,94 @@ class HorizonQP:
 
 
 _Places = NDArray[np.intp]
-_Part = tuple[_Places, Array, _Places]
-_Fixed = tuple[
-    Array, Array,  # sizes of states and inputs
-    _Places, Array, _Places,  # part of A
-    _Places, Array, _Places,  # part of B
-    _Places, Array, _Places,  # part of H
-    _Places,  # where R goes
-    Array, Array, Array, Array, Array,  # A, P, q, lower, upper
-]  # fmt: skip
 
 
-def _part(steps: int, mask: Mask, scale: Array, places: _Places, *, skipped: int = 0) -> _Part:
-    """Return where in all stages' matrices the masked entries are, their factors, and places.
+class _Entries(NamedTuple):
+    """Entries of a block of stages: where they are in it, their factors, and where they go."""
 
-    ``skipped`` stages have none.
+    sources: _Places
+    factors: Array
+    places: _Places
+
+
+def _entries(
+    steps: int,
+    mask: Mask,
+    scale: Array,
+    places: _Places,
+    *,
+    width: int,
+    column: int = 0,
+    skipped: int = 0,
+) -> _Entries:
+    """Return the masked entries of all stages of a block but the first ``skipped``.
+
+    A stage's block has rows of ``width`` entries, the mask begins at a ``column`` of it.
     """
-    entries = np.flatnonzero(mask)
-    sources = np.arange(skipped, steps)[:, None] * mask.size + entries
-    return sources.ravel(), np.tile(scale.ravel()[entries], steps - skipped), places
+    rows, columns = np.nonzero(mask)
+    in_stage = rows * width + column + columns
+    sources = np.arange(skipped, steps)[:, None] * (len(mask) * width) + in_stage
+    return _Entries(sources.ravel(), np.tile(scale[rows, columns], steps - skipped), places)
 
 
 @compiled
-def _split(z: Array, state_size: Array, input_size: Array, inputs: Array, states: Array) -> None:
-    nu, nx = len(input_size), len(state_size)
+def _split(z: Array, sizes: Array, inputs: Array, states: Array) -> None:
+    nu, nx = inputs.shape[1], states.shape[1]
     for i in range(len(inputs)):
         first = i * (nu + nx)
         for k in range(nu):
-            inputs[i, k] = z[first + k] * input_size[k]
+            inputs[i, k] = z[first + k] * sizes[k]
         for k in range(nx):
-            states[i, k] = z[first + nu + k] * state_size[k]
+            states[i, k] = z[first + nu + k] * sizes[nu + k]
 
 
 @compiled
-def _write(
-    x0: Array,
-    A: Array,
-    B: Array,
-    c: Array,
-    H: Array,
-    g: Array,
-    R: Array,
-    r: Array,
-    least: Array,
-    most: Array,
-    state_size: Array,
-    input_size: Array,
-    # entries of A, B and H, what to multiply them with, where to write them
-    sources_A: _Places,
-    factors_A: Array,
-    places_A: _Places,
-    sources_B: _Places,
-    factors_B: Array,
-    places_B: _Places,
-    sources_H: _Places,
-    factors_H: Array,
-    places_H: _Places,
-    places_R: _Places,
-    A_data: Array,
-    P_data: Array,
-    q: Array,
-    lower: Array,
-    upper: Array,
-) -> float:
-    """Write matrices, linear cost, right sides of the dynamics and bounds, all scaled.
-
-    Return a number at least as large as each of them; NaN when one is NaN.
-    """
-    _scatter(A.reshape(-1), sources_A, factors_A, places_A, A_data)
-    _scatter(B.reshape(-1), sources_B, factors_B, places_B, A_data)
-    _scatter(H.reshape(-1), sources_H, factors_H, places_H, P_data)
-    n, nx, nu = B.shape
-    for i in range(n):
-        for k in range(nu):
-            size, bound = input_size[k], n * nx + i * nu + k
-            P_data[places_R[i * nu + k]] = R[i, k] * size * size
-            q[i * (nu + nx) + k] = r[i, k] * size
-            lower[bound], upper[bound] = least[i, k] / size, most[i, k] / size
-        for k in range(nx):
-            q[i * (nu + nx) + nu + k] = g[i, k] * state_size[k]
-            constant = c[i, k]
-            if i == 0:
-                for j in range(nx):
-                    constant += A[0, k, j] * x0[j]
-            lower[i * nx + k] = upper[i * nx + k] = constant / state_size[k]
-    return (
-        infinity_norm(q)
-        + infinity_norm(lower)
-        + infinity_norm(upper)
-        + infinity_norm(P_data)
-        + infinity_norm(A_data)
-    )
-
-
-@compiled
-def _scatter(
-    entries: Array, sources: _Places, factors: Array, places: _Places, data: Array
-) -> None:
-    """Write some of the entries, times their factors, to their places."""
+def _scatter(block: Array, sources: _Places, factors: Array, places: _Places, data: Array) -> None:
+    """Write some of a block's entries, times their factors, to their places."""
+    entries = block.reshape(-1)
     for k in range(len(sources)):
         data[places[k]] = factors[k] * entries[sources[k]]
+
+
+@compiled
+def _write_vectors(
+    x0: Array,
+    dynamics: Array,
+    state_cost: Array,
+    input_terms: Array,
+    sizes: Array,
+    places_R: _Places,
+    P_data: Array,
+    vectors: Array,
+) -> None:
+    """Write R, linear cost, right sides of the dynamics and bounds, all scaled."""
+    q, lower, upper = vectors[0], vectors[1], vectors[2]
+    n, nx, nu = len(dynamics), len(x0), input_terms.shape[2]
+    for i in range(n):
+        for k in range(nu):
+            size, bound = sizes[k], n * nx + i * nu + k
+            R, r = input_terms[i, 0, k], input_terms[i, 1, k]
+            least, most = input_terms[i, 2, k], input_terms[i, 3, k]
+            P_data[places_R[i * nu + k]] = R * size * size
+            q[i * (nu + nx) + k] = r * size
+            lower[bound], upper[bound] = least / size, most / size
+        for k in range(nx):
+            size = sizes[nu + k]
+            q[i * (nu + nx) + nu + k] = state_cost[i, k, nx] * size
+            constant = dynamics[i, k, nx + nu]
+            if i == 0:
+                for j in range(nx):
+                    constant += dynamics[0, k, j] * x0[j]
+            lower[i * nx + k] = upper[i * nx + k] = constant / size
+
+
+@compiled
+def _infinity_norm(vectors: Array, A_data: Array, P_data: Array) -> float:
+    return (
+        kernels.infinity_norm(vectors.reshape(-1))
+        + kernels.infinity_norm(A_data)
+        + kernels.infinity_norm(P_data)
+    )
 
 
 def _assemble(

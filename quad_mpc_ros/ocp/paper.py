@@ -1,7 +1,9 @@
 """The paper's formulation, exactly: 9 errors, 4 inputs, A and B frozen over the horizon.
 
-Section 2.3: x̃[i+1] = x̃[i] + dt (A x̃[i] + B ũ[i]) with x̃ = x_r ⊟ x and ũ = u_r - u. The reference
-is constant over the horizon.
+    min   sum_{i=0..N} x̃[i]' Q x̃[i] + sum_{i=0..N-1} ũ[i]' R ũ[i]            (section 2.3)
+    s.t.  x̃[i+1] = x̃[i] + dt (A x̃[i] + B ũ[i]),   x̃ = x_r ⊟ x,   ũ = u_r - u
+
+with A and B of the error dynamics (Eq. 4), and the reference constant over the horizon.
 """
 
 from __future__ import annotations
@@ -13,19 +15,20 @@ from quad_mpc_ros.model.reference_window import ReferencePoints, sample
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import (
     ATTITUDE,
+    BODY_RATE,
     INPUT_SIZE,
     POSITION,
     TANGENT_SIZE,
+    VELOCITY,
     Input,
     State,
     boxminus,
 )
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.error_dynamics import error_dynamics
-from quad_mpc_ros.ocp.formulation import Horizon, Plan
 from quad_mpc_ros.ocp.horizon_qp import HorizonPattern, HorizonStages
-from quad_mpc_ros.ocp.situation import Situation
+from quad_mpc_ros.ocp.plan import Plan
+from quad_mpc_ros.ocp.problem import PredictedState
 
 # What a position, velocity, attitude, throttle and rate error of this vehicle typically is.
 _STATE_SIZE = np.repeat([1.0, 3.0, 0.5], 3)
@@ -34,8 +37,10 @@ _INPUT_SIZE = np.array([0.3, 5.0, 5.0, 5.0])
 _EYE = np.eye(TANGENT_SIZE)
 
 
-class PaperFormulation:
-    """Error-state linear MPC as printed; see the module for its one equation."""
+class PaperProblem:
+    """Error-state linear MPC as printed: one iteration of the SQP loop, and a full step."""
+
+    is_deviation = False
 
     def __init__(self, config: MpcConfig) -> None:
         self._vehicle = config.vehicle()
@@ -63,36 +68,67 @@ class PaperFormulation:
             input_size=_INPUT_SIZE,
         )
 
-    def linearise(self, situation: Situation, window: ReferenceWindow) -> Horizon:
-        """Return the paper's problem for the reference of now, held over the horizon."""
-        x, throttle = situation.x, situation.throttle_sent
-        reference = sample(window, situation.stamp_ns)
-        u_reference = reference_input(reference, self._vehicle).vector()
+    def begin(self, state: PredictedState, window: ReferenceWindow) -> None:
+        """Take the reference of now, held over the horizon: no warm start is needed."""
+        self._stamp_ns = state.stamp_ns
+        self._x, self._throttle = state.x, state.throttle_sent
+        self._reference = sample(window, state.stamp_ns)
+        self._u_reference = reference_input(self._reference, self._vehicle).vector()
+
+    def linearise(self) -> HorizonStages:
+        """Return the paper's problem, with A and B at the present state and input."""
+        x, throttle, u_reference = self._x, self._throttle, self._u_reference
         A, B = error_dynamics(
             x, self._vehicle, throttle=throttle, throttle_error=u_reference[0] - throttle
         )
         dt, stages = self._step, self._stages
-        stages.x0[:] = boxminus(_state_of(reference), x)
+        stages.x0[:] = boxminus(_state_of(self._reference), x)
         stages.A[:] = _EYE + dt * A
         stages.B[:] = dt * B
         # The bounds hold on u = u_r - ũ; the paper prints them on ũ, which cannot climb.
         stages.lower[:] = u_reference - self._u_max
         stages.upper[:] = u_reference - self._u_min
+        return stages
 
-        def advance(inputs: Array, states: Array) -> tuple[Plan, None]:
-            """Take the errors off the reference; the paper solves once."""
-            errors = np.vstack((stages.x0, states))
-            plan = Plan(
-                stamp_ns=situation.stamp_ns,
-                step=dt,
-                input_step=dt,
-                inputs=np.clip(u_reference - inputs, self._u_min, self._u_max),
-                p_WB=reference.p_WB - errors[:, POSITION],
-                R_WB=reference.R_WB @ so3.exp(-errors[:, ATTITUDE]),
-            )
-            return plan, None
+    def line_search(self, inputs: Array, states: Array) -> bool:
+        """Take the full step: the paper solves once."""
+        self._input_errors, self._errors = inputs, np.vstack((self._stages.x0, states))
+        return True
 
-        return Horizon(stages=stages, advance=advance)
+    def plan(self) -> Plan:
+        """Return the reference less the errors."""
+        reference, errors = self._reference, self._errors
+        inputs = self._u_reference - self._input_errors
+        return Plan(
+            stamp_ns=self._stamp_ns,
+            step=self._step,
+            input_step=self._step,
+            inputs=np.clip(inputs, self._u_min, self._u_max),
+            p_WB=reference.p_WB - errors[:, POSITION],
+            R_WB=reference.R_WB @ so3.exp(-errors[:, ATTITUDE]),
+        )
+
+
+def error_dynamics(
+    x: State, vehicle: Vehicle, *, throttle: float, throttle_error: float
+) -> tuple[Array, Array]:
+    """Return A (9, 9) and B (9, 4) of d x̃/dt = A x̃ + B ũ, x̃ = x_r ⊟ x (paper, after Eq. 4).
+
+    ``throttle`` is s, the throttle in force, and ``throttle_error`` is s̃ = s_r - s. The paper
+    drops second-order terms and also -[omega] q̃, which is of first order while the body turns.
+    """
+    A = np.zeros((TANGENT_SIZE, TANGENT_SIZE))
+    A[POSITION, VELOCITY] = x.R_WB
+    A[POSITION, ATTITUDE] = -x.R_WB @ so3.hat(x.v_WB_B)
+    A[VELOCITY, VELOCITY] = -vehicle.drag * np.eye(3)
+    A[VELOCITY, ATTITUDE] = so3.hat(-vehicle.gravity * x.R_WB[2])
+
+    a, b, _ = vehicle.thrust_curve
+    slope = vehicle.motor_count * (2.0 * a * throttle_error + 2.0 * a * throttle + b)
+    B = np.zeros((TANGENT_SIZE, INPUT_SIZE))
+    B[VELOCITY.stop - 1, 0] = slope / vehicle.mass
+    B[ATTITUDE, BODY_RATE] = np.eye(3)
+    return A, B
 
 
 def reference_input(reference: ReferencePoints, vehicle: Vehicle) -> Input:

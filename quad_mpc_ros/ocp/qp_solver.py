@@ -92,7 +92,7 @@ class QpSolver:
         Given NaN, OSQP keeps its old data or says "solved"; it must not come to that.
         """
         # Written so that NaN, which compares with nothing, is refused.
-        return self._qp.size() < _LARGEST
+        return self._qp.magnitude() < _LARGEST
 
     def _updated(self) -> osqp_adapter.OsqpAdapter:
         """Return OSQP with the problem as it stands."""

@@ -16,13 +16,18 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array, kernels
-from quad_mpc_ros.model.reference_window import sample_into
-from quad_mpc_ros.model.rollout import INPUT_SIZE, Disturbance, Model, inverse_throttle_curve
+from quad_mpc_ros.model.actuators import lead
+from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, throttle_for
+from quad_mpc_ros.model.reference_window import POINT_SIZE, packed, point_parts, sample_into
+from quad_mpc_ros.model.rollout import SUBSTEPS
 from quad_mpc_ros.model.samples import ReferenceWindow
+from quad_mpc_ros.model.state import INPUT_SIZE
+
+_STAGE_SIZE = 15 + (SUBSTEPS + 1) * INPUT_SIZE
 
 
 class Target(NamedTuple):
-    """The reference of N stages of M substeps.
+    """The reference of N stages of M substeps: the parts of one buffer, see :func:`target_in`.
 
     ``p_WB``, ``v_WB_W`` (N, 3) and ``R_WB`` (N, 3, 3) at the ends of the stages, ``inputs``
     (N, M, 4) held over the substeps and ``mean_inputs`` (N, 4) their means over the stages.
@@ -35,126 +40,88 @@ class Target(NamedTuple):
     mean_inputs: Array
 
 
-def empty_target(steps: int, substeps: int) -> Target:
-    """Return room for a target."""
+@compiled
+def target_in(buffer: Array) -> Target:
+    """Return the parts of a buffer, in which they are one after another."""
+    n = len(buffer) // _STAGE_SIZE
     return Target(
-        p_WB=np.zeros((steps, 3)),
-        v_WB_W=np.zeros((steps, 3)),
-        R_WB=np.zeros((steps, 3, 3)),
-        inputs=np.zeros((steps, substeps, INPUT_SIZE)),
-        mean_inputs=np.zeros((steps, INPUT_SIZE)),
+        buffer[: 3 * n].reshape((n, 3)),
+        buffer[3 * n : 6 * n].reshape((n, 3)),
+        buffer[6 * n : 15 * n].reshape((n, 3, 3)),
+        buffer[15 * n : (15 + SUBSTEPS * INPUT_SIZE) * n].reshape((n, SUBSTEPS, INPUT_SIZE)),
+        buffer[(15 + SUBSTEPS * INPUT_SIZE) * n :].reshape((n, INPUT_SIZE)),
     )
 
 
 class TargetSampler:
-    """Samples windows at the substeps of a horizon."""
+    """Samples windows at the substeps of a horizon, into a buffer of its own."""
 
-    def __init__(self, *, steps: int, substeps: int, step: float) -> None:
-        self._dt = step / substeps
-        count = steps * substeps
-        self._offsets = np.rint(self._dt * 1e9 * np.arange(count + 1)).astype(np.int64)
-        self._target = empty_target(steps, substeps)
+    def __init__(self, *, steps: int, step: float) -> None:
+        self._dt = step / SUBSTEPS
+        count = steps * SUBSTEPS
+        self._ends_ns = np.rint(self._dt * 1e9 * np.arange(count + 1)).astype(np.int64)
+        self.buffer = np.zeros(steps * _STAGE_SIZE)
+        """The last target, see :func:`target_in`."""
 
     def sample(
         self,
         window: ReferenceWindow,
         stamp_ns: int,
         *,
-        model: Model,
-        disturbance: Disturbance,
+        parameters: Array,
         u_min: Array,
         u_max: Array,
-    ) -> Target:
-        """Return the target of a horizon from ``stamp_ns`` on; it is overwritten by the next."""
+    ) -> Array:
+        """Write the target of a horizon from ``stamp_ns`` on into the buffer, and return that.
+
+        ``parameters`` (11,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
+        """
         _sample(
-            stamp_ns - window.stamp_ns,
-            self._offsets,
-            window.offset_ns,
-            window.p_WB,
-            window.q_WB_xyzw,
-            window.v_WB_W,
-            window.a_WB_W,
-            window.w_WB_W,
-            *model,
-            self._dt,
-            disturbance.a_W,
-            disturbance.thrust_scale,
-            u_min,
-            u_max,
-            *self._target,
+            elapsed_ns=stamp_ns - window.stamp_ns,
+            ends_ns=self._ends_ns,
+            offsets_ns=window.offset_ns,
+            samples=packed(window),
+            parameters=parameters,
+            dt=self._dt,
+            u_min=u_min,
+            u_max=u_max,
+            buffer=self.buffer,
         )
-        return self._target
+        return self.buffer
 
 
 @compiled
 def _sample(
     elapsed_ns: int,
-    substeps_ns: NDArray[np.int64],
-    offset_ns: NDArray[np.int64],
-    # samples of the window
-    p_WB: Array,
-    q_WB_xyzw: Array,
-    v_WB_W: Array,
-    a_WB_W: Array,
-    w_WB_W: Array,
-    # the model
-    a: float,
-    b: float,
-    c: float,
-    drag: float,
-    gravity: float,
-    thrust_time_constant: float,
-    rate_time_constant: float,
+    ends_ns: NDArray[np.int64],
+    offsets_ns: NDArray[np.int64],
+    samples: Array,
+    parameters: Array,
     dt: float,
-    d_W: Array,
-    thrust_scale: float,
     u_min: Array,
     u_max: Array,
-    # the target
-    p_target: Array,
-    v_target: Array,
-    R_target: Array,
-    inputs: Array,
-    mean_inputs: Array,
+    buffer: Array,
 ) -> None:
-    """Write the target from a window and the times of the ends of all substeps (N M + 1)."""
-    model = Model(a, b, c, drag, gravity, thrust_time_constant, rate_time_constant)
-    target = Target(p_target, v_target, R_target, inputs, mean_inputs)
-    count, d = len(substeps_ns), kernels.vector(d_W)
-    p, R, v = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 3))
-    dv, w = np.empty((count, 3)), np.empty((count, 3))
-    sample_into(
-        elapsed_ns + substeps_ns,
-        offset_ns,
-        p_WB,
-        q_WB_xyzw,
-        v_WB_W,
-        a_WB_W,
-        w_WB_W,
-        p,
-        R,
-        v,
-        dv,
-        w,
-    )
-    substeps = inputs.shape[1]
+    """Write the target from a window and the ends of all substeps (N M + 1)."""
+    model, target, count = parameters_in(parameters), target_in(buffer), len(ends_ns)
+    points = np.empty((count, POINT_SIZE))
+    sample_into(elapsed_ns + ends_ns, offsets_ns, samples, points)
+    p, R, v, dv, w = point_parts(points)
     held = np.empty((count, INPUT_SIZE))
-    R_held, throttle = kernels.matrix(R[0]), 0.0
+    R_held, throttle = kernels.matrix_in_row(R[0]), 0.0
     for k in range(count):
-        if k == 0 or not _is_same(R, v, dv, k):
+        if k == 0 or not _is_same(points, k):
             R_held, throttle = _hold(
                 model,
-                kernels.matrix(R[k]),
+                kernels.matrix_in_row(R[k]),
                 kernels.vector(v[k]),
                 kernels.vector(dv[k]),
-                d,
-                thrust_scale,
             )
         held[k, 0] = throttle
         for n in range(3):
             held[k, 1 + n] = w[k, n]
-        if k > 0 and k % substeps == 0:
-            i = k // substeps - 1
+        if k > 0 and k % SUBSTEPS == 0:
+            i = k // SUBSTEPS - 1
             kernels.store_vector(kernels.vector(p[k]), target.p_WB[i])
             kernels.store_vector(kernels.vector(v[k]), target.v_WB_W[i])
             kernels.store_matrix(R_held, target.R_WB[i])
@@ -162,53 +129,46 @@ def _sample(
 
 
 @compiled
-def _is_same(R: Array, v: Array, a: Array, k: int) -> bool:
+def _is_same(points: Array, k: int) -> bool:
     """Whether the reference moves as it did one substep before, as it does at rest."""
-    for i in range(3):
-        if v[k, i] != v[k - 1, i] or a[k, i] != a[k - 1, i]:
-            return False
-        for j in range(3):
-            if R[k, i, j] != R[k - 1, i, j]:
-                return False
-    return True
+    same = True
+    for n in range(3, 18):  # attitude, velocity, acceleration
+        same &= points[k, n] == points[k - 1, n]
+    return same
 
 
 @compiled
 def _lead(
-    model: Model, dt: float, held: Array, u_min: Array, u_max: Array, target: Target
+    model: ModelParameters, dt: float, held: Array, u_min: Array, u_max: Array, target: Target
 ) -> None:
     """Write the commands that make actuators follow inputs (N M + 1, 4), and their means."""
-    steps, substeps = target.inputs.shape[:2]
     for n in range(INPUT_SIZE):
-        lag = model.thrust_time_constant if n == 0 else model.rate_time_constant
-        for i in range(steps):
+        time_constant = model.thrust_time_constant if n == 0 else model.rate_time_constant
+        for i in range(len(target.inputs)):
             total = 0.0
-            for j in range(substeps):
-                before, after = held[i * substeps + j, n], held[i * substeps + j + 1, n]
-                # The inverse of a first-order lag: c = x + tau dx/dt.
-                command = 0.5 * (before + after) + lag / dt * (after - before)
+            for j in range(SUBSTEPS):
+                k = i * SUBSTEPS + j
+                command = lead(time_constant, dt, held[k, n], held[k + 1, n])
                 target.inputs[i, j, n] = kernels.clamp(command, u_min[n], u_max[n])
                 total += target.inputs[i, j, n]
-            target.mean_inputs[i, n] = total / substeps
+            target.mean_inputs[i, n] = total / SUBSTEPS
 
 
 @compiled
 def _hold(
-    model: Model,
+    model: ModelParameters,
     R_WB: kernels.Matrix,
     v_WB_W: kernels.Vector,
     a_WB_W: kernels.Vector,
-    d_W: kernels.Vector,
-    thrust_scale: float,
 ) -> tuple[kernels.Matrix, float]:
     """Return the attitude, tilted against a disturbance, and the throttle for a reference."""
+    d_W = model.a_W
     x, y, z = kernels.plus(a_WB_W, kernels.scaled(model.drag, v_WB_W))
     force = x, y, z + model.gravity
     against = kernels.plus(force, kernels.scaled(-1.0, d_W))
     if d_W[0] != 0.0 or d_W[1] != 0.0 or d_W[2] != 0.0:
         R_WB = _tilted(force, against, R_WB)
-    thrust = kernels.dot(kernels.column(R_WB, 2), against)
-    return R_WB, inverse_throttle_curve(model.a, model.b, model.c, thrust / thrust_scale)
+    return R_WB, throttle_for(model, kernels.dot(kernels.column(R_WB, 2), against))
 
 
 @compiled

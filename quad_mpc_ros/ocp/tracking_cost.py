@@ -1,9 +1,11 @@
 """The cost of a predicted motion, and its quadratic model, in compiled loops.
 
-Errors x ⊟ x_r of position, velocity in the world (whose norm is that in the body) and attitude,
-weighted by Q at the ends of the stages, and the inputs' deviations from those that hold the
-reference, weighted by R. The Hessian is that of Gauss and Newton: the attitude error e moves by
-J_r^-1(e) for a turn of the body.
+    J = sum_{i=1..N} w_i |x_i ⊟ x_r,i|_Q^2 + sum_{i=0..N-1} |δ_i|_R^2,   w_N the terminal weight
+
+with the errors of position, velocity in the world (whose norm is that in the body) and attitude at
+the ends of the stages, and the inputs' deviations δ from those that hold the reference. The
+Hessian is that of Gauss and Newton: the attitude error e moves by J_r^-1(e) for a turn of the
+body.
 """
 
 from __future__ import annotations
@@ -12,37 +14,37 @@ from typing import NamedTuple
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array, kernels
-from quad_mpc_ros.model.rollout import Motion
+from quad_mpc_ros.model.rollout import body_in
 from quad_mpc_ros.ocp.target import Target
 
 
 class Weights(NamedTuple):
-    """``Q`` (9,) of position, velocity and attitude, ``R`` (4,) of throttle and rates, ``stage``
-    (N,) factors on Q.
+    """``Q`` (9,) of position, velocity and attitude, ``R`` (4,) of throttle and rates, and the
+    factor on Q at the last stage.
     """
 
     Q: Array
     R: Array
-    stage: Array
+    terminal: float
 
 
 @compiled
 def tracking_cost(
-    weights: Weights, states: Motion, target: Target, deviation: Array, errors: Array
+    weights: Weights, states: Array, target: Target, deviation: Array, errors: Array
 ) -> float:
-    """Return the cost of states 0 to N and deviations (N, 4), and write the errors (N, 9)."""
+    """Return the cost of states 0 to N (N + 1, 19) and deviations (N, 4); write errors (N, 9)."""
     cost = 0.0
     for i in range(len(deviation)):
+        body = body_in(states[i + 1])
         for k in range(3):
-            errors[i, k] = states.p_WB[i + 1, k] - target.p_WB[i, k]
-            errors[i, 3 + k] = states.v_WB_W[i + 1, k] - target.v_WB_W[i, k]
+            errors[i, k] = body.p[k] - target.p_WB[i, k]
+            errors[i, 3 + k] = body.v[k] - target.v_WB_W[i, k]
         R_target = kernels.matrix(target.R_WB[i])
-        R_error = kernels.multiply(
-            kernels.transposed(R_target), kernels.matrix(states.R_WB[i + 1])
-        )
+        R_error = kernels.multiply(kernels.transposed(R_target), body.R)
         kernels.store_vector(kernels.log(R_error), errors[i, 6:])
+        factor = _stage_weight(weights, i, len(deviation))
         for k in range(9):
-            cost += weights.stage[i] * weights.Q[k] * errors[i, k] ** 2
+            cost += factor * weights.Q[k] * errors[i, k] ** 2
         for k in range(4):
             cost += weights.R[k] * deviation[i, k] ** 2
     return cost
@@ -53,7 +55,7 @@ def quadratic_cost(weights: Weights, errors: Array, H: Array, g: Array) -> None:
     """Write half the Hessian (N, nx, nx) and half the gradient (N, nx) at errors (N, 9)."""
     Q = weights.Q
     for i in range(len(errors)):
-        factor = weights.stage[i]
+        factor = _stage_weight(weights, i, len(errors))
         for k in range(6):
             H[i, k, k] = factor * Q[k]
             g[i, k] = factor * Q[k] * errors[i, k]
@@ -66,3 +68,8 @@ def quadratic_cost(weights: Weights, errors: Array, H: Array, g: Array) -> None:
                 H[i, 6 + a, 6 + b] = factor * (
                     J[a] * Q[6] * J[b] + J[3 + a] * Q[7] * J[3 + b] + J[6 + a] * Q[8] * J[6 + b]
                 )
+
+
+@compiled
+def _stage_weight(weights: Weights, stage: int, steps: int) -> float:
+    return weights.terminal if stage == steps - 1 else 1.0

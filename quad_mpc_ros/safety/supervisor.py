@@ -15,7 +15,7 @@ from quad_mpc_ros.lie.kernels import infinity_norm
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input, state_from_odometry
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.formulation import Plan
+from quad_mpc_ros.ocp.plan import Plan
 from quad_mpc_ros.safety import ladder
 from quad_mpc_ros.safety.command_limits import clamped, rate_limited
 from quad_mpc_ros.safety.fallbacks import BlindFallback, HoverFallback, idle

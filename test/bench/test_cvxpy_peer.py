@@ -11,7 +11,7 @@ from quad_mpc_ros.bench import flight as bench_flight
 from quad_mpc_ros.bench.controller_peer import ControllerPeer
 from quad_mpc_ros.bench.cvxpy_peer import CvxpyPeer, stagewise_problem
 from quad_mpc_ros.control.mpc import FORMULATIONS
-from quad_mpc_ros.estimation.delay_compensation import StatePredictor
+from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig, SolverParameters
 from quad_mpc_ros.ocp.horizon_qp import HorizonQP
@@ -29,7 +29,8 @@ def test_both_write_down_the_same_problem(
     for odometry in odometries:
         model = FORMULATIONS[formulation](mpc)
         pattern = model.pattern()
-        stages = model.linearise(StatePredictor(mpc).predict(odometry), window).stages
+        model.begin(DelayCompensation(mpc).predict(odometry), window)
+        stages = model.linearise()
         problem, inputs, states = stagewise_problem(cvxpy, stages, pattern)
         problem.solve(solver=cvxpy.CLARABEL)
         qp = HorizonQP(pattern)

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.mpc import Mpc
 from quad_mpc_ros.estimation.command_history import CommandHistory
-from quad_mpc_ros.estimation.delay_compensation import StatePredictor
+from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -57,12 +57,12 @@ def test_commands_from_the_future_are_forgotten() -> None:
 def test_nothing_is_learned_across_a_jump_of_the_stamps(
     shift: int, make_odometry: MakeOdometry
 ) -> None:
-    predictor = StatePredictor(MpcConfig())
+    compensation = DelayCompensation(MpcConfig())
     hover = Input(throttle=MpcConfig().vehicle().hover_throttle, w_WB_B=np.zeros(3))
     rising = {"v_WB_B": np.array([0.0, 0.0, 2.0])}
     for stamp in (START, START + 20 * MS, START + shift, START + shift + 20 * MS):
         # 0.4 m/s^2 of drag in a period is little; across five seconds it would be all of it.
-        disturbance = predictor.predict(make_odometry(stamp, **rising)).disturbance
-        predictor.record(hover, stamp_ns=stamp)
-    assert_allclose(disturbance.a_W, np.zeros(3), atol=0.1)
-    assert disturbance.thrust_scale == pytest.approx(1.0, abs=0.05)
+        model = compensation.predict(make_odometry(stamp, **rising)).model
+        compensation.record(hover, stamp_ns=stamp)
+    assert_allclose(model.a_W, np.zeros(3), atol=0.1)
+    assert model.thrust_scale == pytest.approx(1.0, abs=0.05)

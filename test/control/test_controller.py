@@ -23,7 +23,7 @@ from quad_mpc_ros.model.state import State
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig, OdometryParameters, SolverParameters
 from quad_mpc_ros.ocp import paper
-from quad_mpc_ros.ocp.error_dynamics import error_dynamics
+from quad_mpc_ros.ocp.paper import error_dynamics
 from quad_mpc_ros.simulation.closed_loop import LoopStep
 
 MakeOdometry = Callable[..., OdometrySample]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.estimation.command_history import CommandHistory
-from quad_mpc_ros.estimation.delay_compensation import StatePredictor
+from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input
@@ -67,44 +67,42 @@ def test_the_intervals_fill_the_time_whatever_was_sent() -> None:
         assert total == pytest.approx(0.031, abs=1e-12)
 
 
-def test_without_delay_the_situation_is_the_odometry() -> None:
-    predictor = StatePredictor(MpcConfig())
+def test_without_delay_the_state_is_the_odometry() -> None:
+    compensation = DelayCompensation(MpcConfig())
     odometry = _odometry(stamp_ns=20 * MS)
-    situation = predictor.predict(odometry)
-    assert situation.stamp_ns == 20 * MS
-    np.testing.assert_array_equal(situation.x.p_WB, odometry.p_WB)
-    np.testing.assert_allclose(situation.x.v_WB_B, odometry.v_WB_B, atol=1e-15)
+    state = compensation.predict(odometry)
+    assert state.stamp_ns == 20 * MS
+    np.testing.assert_array_equal(state.x.p_WB, odometry.p_WB)
+    np.testing.assert_allclose(state.x.v_WB_B, odometry.v_WB_B, atol=1e-15)
 
 
 def test_free_fall_across_the_delay() -> None:
     """With the motors off for long enough, the state ahead is that of a stone."""
     config = MpcConfig(input_delay=0.033, drag=0.0, thrust_curve=(1.88, 2.8, 0.0))
-    predictor = StatePredictor(config)
-    predictor.record(throttle(0.0), stamp_ns=-100 * MS)
-    situation = predictor.predict(_odometry(stamp_ns=0, v_WB_B=np.array([1.0, 0.0, 0.0])))
-    assert situation.stamp_ns == 33 * MS
-    np.testing.assert_allclose(
-        situation.x.p_WB, [0.033, 0.0, 5.0 - 0.5 * 9.81 * 0.033**2], atol=1e-9
-    )
-    np.testing.assert_allclose(situation.x.v_WB_W, [1.0, 0.0, -9.81 * 0.033], atol=1e-9)
+    compensation = DelayCompensation(config)
+    compensation.record(throttle(0.0), stamp_ns=-100 * MS)
+    state = compensation.predict(_odometry(stamp_ns=0, v_WB_B=np.array([1.0, 0.0, 0.0])))
+    assert state.stamp_ns == 33 * MS
+    np.testing.assert_allclose(state.x.p_WB, [0.033, 0.0, 5.0 - 0.5 * 9.81 * 0.033**2], atol=1e-9)
+    np.testing.assert_allclose(state.x.v_WB_W, [1.0, 0.0, -9.81 * 0.033], atol=1e-9)
 
 
 def test_rates_in_flight_turn_the_state_ahead() -> None:
-    predictor = StatePredictor(MpcConfig(input_delay=0.03))
-    predictor.record(Input(throttle=0.3, w_WB_B=np.array([0.0, 0.0, 2.0])), stamp_ns=-10 * MS)
-    situation = predictor.predict(_odometry(stamp_ns=0))
+    compensation = DelayCompensation(MpcConfig(input_delay=0.03))
+    compensation.record(Input(throttle=0.3, w_WB_B=np.array([0.0, 0.0, 2.0])), stamp_ns=-10 * MS)
+    state = compensation.predict(_odometry(stamp_ns=0))
     # Sent 10 ms ago with a delay of 30 ms: it acts for the last 10 ms of the 30 ahead.
-    np.testing.assert_allclose(so3.log(situation.x.R_WB), [0.0, 0.0, 2.0 * 0.010], atol=1e-12)
+    np.testing.assert_allclose(so3.log(state.x.R_WB), [0.0, 0.0, 2.0 * 0.010], atol=1e-12)
 
 
 def test_what_did_not_act_is_forgotten_when_commands_begin_to() -> None:
-    predictor = StatePredictor(MpcConfig(input_delay=0.03))
+    compensation = DelayCompensation(MpcConfig(input_delay=0.03))
     spin = Input(throttle=0.9, w_WB_B=np.array([0.0, 0.0, 5.0]))
-    predictor.engage(False)
+    compensation.engage(False)
     for stamp_ns in range(-100 * MS, 0, 20 * MS):
-        predictor.record(spin, stamp_ns=stamp_ns)
-    predictor.engage(True)
-    ahead = predictor.predict(_odometry(stamp_ns=0)).x
+        compensation.record(spin, stamp_ns=stamp_ns)
+    compensation.engage(True)
+    ahead = compensation.predict(_odometry(stamp_ns=0)).x
     np.testing.assert_allclose(ahead.R_WB, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(ahead.v_WB_W, 0.0, atol=1e-9)  # at hover, where another flew it
 
@@ -122,14 +120,14 @@ def test_only_commands_that_act_teach(
     engagements: dict[int, bool], first: int | None, last: int | None
 ) -> None:
     """A vehicle that drifts at a steady speed, whatever is asked of it."""
-    predictor = StatePredictor(MpcConfig())
+    compensation = DelayCompensation(MpcConfig())
     learned = []
     for k in range(100):
         if k in engagements:
-            predictor.engage(engagements[k])
+            compensation.engage(engagements[k])
         odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=np.array([1.0, 0.0, 0.0]))
-        learned.append(float(predictor.predict(odometry).disturbance.a_W[0]))
-        predictor.record(throttle(0.3), stamp_ns=20 * MS * k)
+        learned.append(float(compensation.predict(odometry).model.a_W[0]))
+        compensation.record(throttle(0.3), stamp_ns=20 * MS * k)
     changes = np.flatnonzero(np.diff(learned)) + 1
     assert (min(changes, default=None), max(changes, default=None)) == (first, last)
 

@@ -1,4 +1,4 @@
-"""What the estimator learns from exact motions, and what it must not learn."""
+"""What the filter learns from exact motions, and what it must not learn."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.estimation.command_history import Acting
-from quad_mpc_ros.estimation.disturbance_ekf import VehicleEstimator
+from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf
 from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.rollout import Model, model_of
+from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, parameters_of
+from quad_mpc_ros.model.rollout import ACTUATORS, R_WB, ROW_SIZE, V_WB_W
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
@@ -17,8 +18,23 @@ VEHICLE = Vehicle()
 PERIOD, FINE = 0.02, 20
 
 
-def model(*, rate: float = 0.0, thrust: float = 0.0) -> Model:
-    return model_of(VEHICLE, rate_time_constant=rate, thrust_time_constant=thrust)
+def parameters(*, rate: float = 0.0, thrust: float = 0.0) -> Array:
+    return parameters_of(VEHICLE, rate_time_constant=rate, thrust_time_constant=thrust)
+
+
+def believed(ekf: DisturbanceEkf) -> ModelParameters:
+    return parameters_in(ekf.parameters())
+
+
+def measured(
+    *, rotation: Array | None = None, w_WB_B: Array | None = None, v_WB_W: Array | None = None
+) -> Array:
+    """Return the state of an odometry, at rest and level but for what is given."""
+    row = np.zeros(ROW_SIZE)
+    row[R_WB] = (np.eye(3) if rotation is None else rotation).ravel()
+    row[ACTUATORS][1:] = 0.0 if w_WB_B is None else w_WB_B
+    row[V_WB_W] = 0.0 if v_WB_W is None else v_WB_W
+    return row
 
 
 def command(seconds: float) -> Input:
@@ -41,7 +57,7 @@ def under(u: Input) -> Acting:
 
 
 def flown(
-    estimator: VehicleEstimator,
+    ekf: DisturbanceEkf,
     *,
     rate: float = 0.0,
     thrust: float = 0.0,
@@ -49,13 +65,13 @@ def flown(
     a_W: Array | None = None,
     frozen: bool = False,
     noise: float = 0.0,
-) -> VehicleEstimator:
-    """Let the estimator follow a flight, integrated in fine steps by the true rigid body."""
+) -> DisturbanceEkf:
+    """Let the filter follow a flight, integrated in fine steps by the true rigid body."""
     rng = np.random.default_rng(3)
     x = State(p_WB=np.zeros(3), v_WB_B=np.zeros(3), R_WB=np.eye(3))
     acting = np.concatenate(([0.29], np.zeros(3)))
     lags = np.array([thrust, rate, rate, rate])
-    estimator.start(x.v_WB_W)
+    ekf.start(x.v_WB_W)
     for k in range(500):
         u, before, w_before = command(k * PERIOD), x, acting[1:].copy()
         for _ in range(FINE):
@@ -74,119 +90,97 @@ def flown(
             if a_W is not None:
                 pushed = x.v_WB_W + dt * a_W
                 x = State(p_WB=x.p_WB, v_WB_B=x.R_WB.T @ pushed, R_WB=x.R_WB)
-        estimator.follow(
-            R_before=before.R_WB,
-            w_before=w_before,
-            R_after=x.R_WB,
-            w_after=acting[1:] + noise * rng.normal(size=3),
-            v_after=x.v_WB_W + noise * rng.normal(size=3),
+        ekf.update(
+            before=measured(rotation=before.R_WB, w_WB_B=w_before),
+            after=measured(
+                rotation=x.R_WB,
+                w_WB_B=acting[1:] + noise * rng.normal(size=3),
+                v_WB_W=x.v_WB_W + noise * rng.normal(size=3),
+            ),
             acting=under(u),
             frozen=frozen,
         )
-    return estimator
+    return ekf
 
 
 @pytest.mark.parametrize("scale", [0.8, 1.0, 1.1])
 def test_wind_and_thrust_scale_are_told_apart(scale: float) -> None:
     wind = np.array([0.6, -0.4, 0.2])
-    estimator = VehicleEstimator(model(), throttle=0.29, learning=True)
-    estimate = flown(estimator, scale=scale, a_W=wind).disturbance
+    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    estimate = believed(flown(ekf, scale=scale, a_W=wind))
     np.testing.assert_allclose(estimate.a_W, wind, atol=0.1)
     assert estimate.thrust_scale == pytest.approx(scale, abs=0.01)
 
 
 @pytest.mark.parametrize(("rate", "thrust"), [(0.03, 0.03), (0.045, 0.045), (0.02, 0.055)])
 def test_time_constants_are_found(rate: float, thrust: float) -> None:
-    estimator = VehicleEstimator(model(rate=0.03, thrust=0.03), throttle=0.29, learning=True)
-    learned = flown(estimator, rate=rate, thrust=thrust, scale=0.9).model
+    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    learned = believed(flown(ekf, rate=rate, thrust=thrust, scale=0.9))
     assert learned.rate_time_constant == pytest.approx(rate, rel=0.02)
     assert learned.thrust_time_constant == pytest.approx(thrust, rel=0.1)
-    assert estimator.disturbance.thrust_scale == pytest.approx(0.9, abs=0.02)
-    assert estimator.throttle == pytest.approx(_lagging(thrust), abs=0.01)
+    assert believed(ekf).thrust_scale == pytest.approx(0.9, abs=0.02)
+    assert ekf.throttle == pytest.approx(_lagging(thrust), abs=0.01)
 
 
 def test_noise_costs_accuracy_only() -> None:
-    estimator = VehicleEstimator(model(rate=0.03, thrust=0.03), throttle=0.29, learning=True)
-    learned = flown(estimator, rate=0.045, thrust=0.045, noise=0.03).model
+    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    learned = believed(flown(ekf, rate=0.045, thrust=0.045, noise=0.03))
     assert learned.rate_time_constant == pytest.approx(0.045, rel=0.1)
     assert learned.thrust_time_constant == pytest.approx(0.045, rel=0.3)
 
 
 def test_without_lags_in_the_model_none_are_learned() -> None:
-    estimator = VehicleEstimator(model(), throttle=0.29, learning=True)
-    learned = flown(estimator, rate=0.02, thrust=0.02).model
+    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    learned = believed(flown(ekf, rate=0.02, thrust=0.02))
     assert learned.rate_time_constant == learned.thrust_time_constant == 0.0
 
 
 def test_frozen_it_learns_nothing() -> None:
-    modelled = model(rate=0.03, thrust=0.03)
-    estimator = VehicleEstimator(modelled, throttle=0.29, learning=True)
-    flown(estimator, rate=0.05, thrust=0.05, scale=0.8, frozen=True)
-    assert estimator.model == modelled
-    assert not estimator.disturbance.a_W.any()
-    assert estimator.disturbance.thrust_scale == 1.0
+    modelled = parameters(rate=0.03, thrust=0.03)
+    ekf = DisturbanceEkf(modelled, throttle=0.29)
+    flown(ekf, rate=0.05, thrust=0.05, scale=0.8, frozen=True)
+    np.testing.assert_array_equal(ekf.parameters(), modelled)
 
 
 def test_on_the_ground_it_learns_nothing() -> None:
-    modelled = model(rate=0.03, thrust=0.03)
-    estimator = VehicleEstimator(modelled, throttle=0.0, learning=True)
-    estimator.start(np.zeros(3))
+    modelled = parameters(rate=0.03, thrust=0.03)
+    ekf = DisturbanceEkf(modelled, throttle=0.0)
+    ekf.start(np.zeros(3))
     turning = Input(throttle=0.2, w_WB_B=np.array([3.0, 0.0, 0.0]))
     for _ in range(200):
-        estimator.follow(
-            R_before=np.eye(3),
-            w_before=np.zeros(3),
-            R_after=np.eye(3),
-            w_after=np.zeros(3),
-            v_after=np.zeros(3),
-            acting=under(turning),
-            frozen=False,
-        )
-    assert estimator.model == modelled
-    assert not estimator.disturbance.a_W.any()
-    assert estimator.disturbance.thrust_scale == 1.0
+        ekf.update(before=measured(), after=measured(), acting=under(turning), frozen=False)
+    np.testing.assert_array_equal(ekf.parameters(), modelled)
 
 
 def test_after_a_landing_it_keeps_what_it_learned() -> None:
     wind = np.array([0.6, -0.4, 0.2])
-    estimator = VehicleEstimator(model(), throttle=0.29, learning=True)
-    before = flown(estimator, a_W=wind).disturbance
+    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    before = believed(flown(ekf, a_W=wind))
     idle = Input(throttle=0.0, w_WB_B=np.zeros(3))
     for _ in range(200):
-        estimator.follow(
-            R_before=np.eye(3),
-            w_before=np.zeros(3),
-            R_after=np.eye(3),
-            w_after=np.zeros(3),
-            v_after=np.zeros(3),
-            acting=under(idle),
-            frozen=False,
-        )
-    np.testing.assert_array_equal(estimator.disturbance.a_W, before.a_W)
-    assert estimator.disturbance.thrust_scale == before.thrust_scale
+        ekf.update(before=measured(), after=measured(), acting=under(idle), frozen=False)
+    np.testing.assert_array_equal(believed(ekf).a_W, before.a_W)
+    assert believed(ekf).thrust_scale == before.thrust_scale
 
 
 def test_little_thrust_at_rest_is_a_landing_only_when_it_lasts() -> None:
     """For a moment it is a vehicle in the air that has more thrust than modelled."""
     scale, hover = 1.5, VEHICLE.thrust(VEHICLE.hover_throttle)
-    estimator = VehicleEstimator(model(), throttle=0.29, learning=True)
-    estimator.start(np.zeros(3))
+    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    ekf.start(np.zeros(3))
     velocity = 0.0
     # Thrust as modelled over the weight: taken over in the air, and brought to hover.
     for modelled in (1.0, 0.55, 0.55, *(1.0 / scale for _ in range(200))):
         velocity += PERIOD * VEHICLE.gravity * (scale * modelled - 1.0)
         assert modelled == 1.0 or abs(velocity) < 0.1
         throttle = VEHICLE.throttle_for(modelled * hover)
-        estimator.follow(
-            R_before=np.eye(3),
-            w_before=np.zeros(3),
-            R_after=np.eye(3),
-            w_after=np.zeros(3),
-            v_after=np.array([0.0, 0.0, velocity]),
+        ekf.update(
+            before=measured(),
+            after=measured(v_WB_W=np.array([0.0, 0.0, velocity])),
             acting=under(Input(throttle=throttle, w_WB_B=np.zeros(3))),
             frozen=False,
         )
-    d = estimator.disturbance
+    d = believed(ekf)
     assert d.thrust_scale / scale * VEHICLE.gravity + d.a_W[2] == pytest.approx(
         VEHICLE.gravity, rel=0.01
     )
@@ -194,21 +188,24 @@ def test_little_thrust_at_rest_is_a_landing_only_when_it_lasts() -> None:
 
 def test_estimates_are_bounded() -> None:
     """However absurd the velocities, and the rates."""
-    estimator = VehicleEstimator(model(rate=0.03, thrust=0.03), throttle=0.29, learning=True)
+    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     rng = np.random.default_rng(0)
     for k in range(500):
-        estimator.follow(
-            R_before=so3.exp(rng.normal(size=3)),
-            w_before=20.0 * rng.normal(size=3),
-            R_after=so3.exp(rng.normal(size=3)),
-            w_after=20.0 * rng.normal(size=3),
-            v_after=np.full(3, 1.0 * k),
+        ekf.update(
+            before=measured(
+                rotation=so3.exp(rng.normal(size=3)), w_WB_B=20.0 * rng.normal(size=3)
+            ),
+            after=measured(
+                rotation=so3.exp(rng.normal(size=3)),
+                w_WB_B=20.0 * rng.normal(size=3),
+                v_WB_W=np.full(3, 1.0 * k),
+            ),
             acting=under(command(0.1 * k)),
             frozen=False,
         )
-        learned, disturbance = estimator.model, estimator.disturbance
-        assert np.abs(disturbance.a_W).max() <= 5.0
-        assert 0.5 <= disturbance.thrust_scale <= 1.5
+        learned = believed(ekf)
+        assert np.abs(learned.a_W).max() <= 5.0
+        assert 0.5 <= learned.thrust_scale <= 1.5
         assert 0.015 <= learned.rate_time_constant <= 0.06
         assert 0.015 <= learned.thrust_time_constant <= 0.06
 

@@ -10,14 +10,15 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.jacobians import STATE_SIZE, jacobians
+from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, parameters_of
 from quad_mpc_ros.model.rollout import (
-    STATE_SIZE,
+    ACTUATORS,
+    P_WB,
+    R_WB,
+    ROW_SIZE,
     SUBSTEPS,
-    Disturbance,
-    Motion,
-    jacobians,
-    model_of,
-    motion,
+    V_WB_W,
     roll_out,
 )
 from quad_mpc_ros.model.vehicle import Vehicle
@@ -25,38 +26,45 @@ from quad_mpc_ros.model.vehicle import Vehicle
 VEHICLE = Vehicle()
 STEP = 0.05
 LAGS = [(0.0, 0.0), (0.03, 0.0), (0.0, 0.04), (0.03, 0.04), (0.5, 0.3)]
-DISTURBANCE = Disturbance(a_W=np.array([0.8, -1.1, 0.4]), thrust_scale=0.85)
+A_W, THRUST_SCALE = (0.8, -1.1, 0.4), 0.85
 
 
-def start(seed: int) -> Motion:
+def start(seed: int) -> Array:
     rng = np.random.default_rng(seed)
-    return Motion(
-        p_WB=rng.normal(size=(1, 3)),
-        v_WB_W=3.0 * rng.normal(size=(1, 3)),
-        R_WB=so3.exp(rng.normal(size=(1, 3))),
-        actuators=np.array([[0.4, *(2.0 * rng.normal(size=3))]]),
+    return row(
+        p=rng.normal(size=3),
+        v=3.0 * rng.normal(size=3),
+        R=so3.exp(rng.normal(size=3)),
+        actuators=np.array([0.4, *(2.0 * rng.normal(size=3))]),
     )
 
 
-def rolled_out(
-    x: Motion,
-    inputs: Array,
-    lags: tuple[float, float],
-    *,
-    disturbance: Disturbance = DISTURBANCE,
-    vehicle: Vehicle = VEHICLE,
-) -> Motion:
+def row(*, p: Array, v: Array, R: Array, actuators: Array) -> Array:
+    state = np.zeros(ROW_SIZE)
+    state[P_WB], state[V_WB_W], state[R_WB], state[ACTUATORS] = p, v, R.ravel(), actuators
+    return state
+
+
+def rotation(state: Array) -> Array:
+    return state[R_WB].reshape(3, 3)
+
+
+def model_of(
+    lags: tuple[float, float], *, vehicle: Vehicle = VEHICLE, disturbed: bool = True
+) -> ModelParameters:
+    model = parameters_in(
+        parameters_of(vehicle, rate_time_constant=lags[0], thrust_time_constant=lags[1])
+    )
+    return model._replace(a_W=A_W, thrust_scale=THRUST_SCALE) if disturbed else model
+
+
+def rolled_out(x: Array, inputs: Array, model: ModelParameters) -> Array:
     """Return the states that inputs (N, 4) held over whole stages, or (N, M, 4), lead to."""
     if inputs.ndim == 2:
         inputs = np.repeat(inputs[:, None, :], SUBSTEPS, axis=1)
-    states = motion(len(inputs) + 1)
-    model = model_of(vehicle, rate_time_constant=lags[0], thrust_time_constant=lags[1])
-    roll_out(model, STEP, disturbance.a_W, disturbance.thrust_scale, inputs, x, states)
+    states = np.zeros((len(inputs) + 1, ROW_SIZE))
+    roll_out(model, STEP, inputs, x, states)
     return states
-
-
-def last(states: Motion) -> Motion:
-    return Motion(*(values[-1:].copy() for values in states))
 
 
 def commands(steps: int, seed: int, *, rate: float = 4.0) -> Array:
@@ -66,15 +74,15 @@ def commands(steps: int, seed: int, *, rate: float = 4.0) -> Array:
     )
 
 
-def integrated(x: Motion, inputs: Array, lags: tuple[float, float]) -> Array:
+def integrated(x: Array, inputs: Array, lags: tuple[float, float]) -> Array:
     """Return position, velocity and quaternion after the inputs, by scipy on a quaternion."""
     y = np.concatenate(
         (
-            x.p_WB[0],
-            x.v_WB_W[0],
-            Rotation.from_matrix(x.R_WB[0]).as_quat(),
-            x.actuators[0, 1:],
-            x.actuators[0, :1],
+            x[P_WB],
+            x[V_WB_W],
+            Rotation.from_matrix(rotation(x)).as_quat(),
+            x[ACTUATORS][1:],
+            x[ACTUATORS][:1],
         )
     )
     a, b, c = VEHICLE.thrust_curve
@@ -87,8 +95,8 @@ def integrated(x: Motion, inputs: Array, lags: tuple[float, float]) -> Array:
         def slope(_: float, y: Array, u: Array = u) -> Array:
             w, s = y[10:13], y[13]
             body_z = Rotation.from_quat(y[6:10]).apply([0.0, 0.0, 1.0])
-            thrust = DISTURBANCE.thrust_scale * 4.0 * (a * s * s + b * s + c)
-            dv = thrust / VEHICLE.mass * body_z - VEHICLE.drag * y[3:6] + DISTURBANCE.a_W
+            thrust = THRUST_SCALE * 4.0 * (a * s * s + b * s + c)
+            dv = thrust / VEHICLE.mass * body_z - VEHICLE.drag * y[3:6] + np.array(A_W)
             dv[2] -= VEHICLE.gravity
             q_xyz, q_w = y[6:9], y[9]
             dq = 0.5 * np.append(q_w * w + np.cross(q_xyz, w), -q_xyz @ w)
@@ -104,16 +112,16 @@ def integrated(x: Motion, inputs: Array, lags: tuple[float, float]) -> Array:
 def test_rollout_agrees_with_an_independent_integrator(lags: tuple[float, float]) -> None:
     """To millimetres over half a second of violent flying; the substep's error is of order 2."""
     x, inputs = start(1), commands(10, 2)
-    states = rolled_out(x, inputs, lags)
+    states = rolled_out(x, inputs, model_of(lags))
     exact = integrated(x, inputs, lags)
-    np.testing.assert_allclose(states.p_WB[-1], exact[0:3], atol=2e-3)
-    np.testing.assert_allclose(states.v_WB_W[-1], exact[3:6], atol=8e-3)
-    difference = states.R_WB[-1].T @ Rotation.from_quat(exact[6:10]).as_matrix()
+    np.testing.assert_allclose(states[-1, P_WB], exact[0:3], atol=2e-3)
+    np.testing.assert_allclose(states[-1, V_WB_W], exact[3:6], atol=8e-3)
+    difference = rotation(states[-1]).T @ Rotation.from_quat(exact[6:10]).as_matrix()
     assert np.linalg.norm(so3.log(difference)) < 3e-3
     if lags[0]:
-        np.testing.assert_allclose(states.actuators[-1, 1:], exact[10:13], rtol=1e-7)
+        np.testing.assert_allclose(states[-1, ACTUATORS][1:], exact[10:13], rtol=1e-7)
     if lags[1]:
-        assert states.actuators[-1, 0] == pytest.approx(exact[13], rel=1e-7)
+        assert states[-1, ACTUATORS][0] == pytest.approx(exact[13], rel=1e-7)
 
 
 @pytest.mark.parametrize("lags", LAGS)
@@ -128,27 +136,27 @@ def test_jacobians_are_the_derivatives_through_box_plus(
     inputs = inputs + 0.05 * rng.normal(size=inputs.shape)
     free = np.ones_like(inputs)
     free[:, list(held)] = 0.0
-    states = rolled_out(start(3), inputs, lags)
-    model = model_of(VEHICLE, rate_time_constant=lags[0], thrust_time_constant=lags[1])
+    model = model_of(lags)
+    states = rolled_out(start(3), inputs, model)
     A, B = np.zeros((10, STATE_SIZE, STATE_SIZE)), np.zeros((10, STATE_SIZE, 4))
-    d = DISTURBANCE
-    jacobians(model, STEP, d.a_W, d.thrust_scale, inputs, free, states, states, A, B)
+    jacobians(model, STEP, inputs, free, states[0].copy(), states, A, B)
 
     def next_state(dx: Array, du: Array) -> Array:
-        moved = Motion(
-            p_WB=states.p_WB[None, stage] + dx[0:3],
-            v_WB_W=states.v_WB_W[None, stage] + dx[3:6],
-            R_WB=states.R_WB[None, stage] @ so3.exp(dx[6:9]),
-            actuators=states.actuators[None, stage] + dx[[12, 9, 10, 11]],
+        now = states[stage]
+        moved = row(
+            p=now[P_WB] + dx[0:3],
+            v=now[V_WB_W] + dx[3:6],
+            R=rotation(now) @ so3.exp(dx[6:9]),
+            actuators=now[ACTUATORS] + dx[[12, 9, 10, 11]],
         )
-        end = rolled_out(moved, (inputs[stage] + free[stage] * du)[None], lags)
+        end = rolled_out(moved, (inputs[stage] + free[stage] * du)[None], model)[1]
         return np.concatenate(
             (
-                end.p_WB[1],
-                end.v_WB_W[1],
-                so3.log(states.R_WB[stage + 1].T @ end.R_WB[1]),
-                end.actuators[1, 1:],
-                end.actuators[1, :1],
+                end[P_WB],
+                end[V_WB_W],
+                so3.log(rotation(states[stage + 1]).T @ rotation(end)),
+                end[ACTUATORS][1:],
+                end[ACTUATORS][:1],
             )
         )
 
@@ -165,13 +173,12 @@ def test_jacobians_are_the_derivatives_through_box_plus(
 
 def test_without_lags_the_small_jacobians_are_those_of_the_large() -> None:
     inputs = np.repeat(commands(3, 4)[:, None, :], SUBSTEPS, axis=1)
-    states, free = rolled_out(start(3), inputs, (0.0, 0.0)), np.ones_like(inputs)
-    model = model_of(VEHICLE, rate_time_constant=0.0, thrust_time_constant=0.0)
+    model, free = model_of((0.0, 0.0)), np.ones_like(inputs)
+    states = rolled_out(start(3), inputs, model)
     found = []
     for size in (9, STATE_SIZE):
         A, B = np.zeros((3, size, size)), np.zeros((3, size, 4))
-        d = DISTURBANCE
-        jacobians(model, STEP, d.a_W, d.thrust_scale, inputs, free, states, states, A, B)
+        jacobians(model, STEP, inputs, free, states[0].copy(), states, A, B)
         found.append((A[:, :9, :9], B[:, :9]))
     np.testing.assert_array_equal(found[0][0], found[1][0])
     np.testing.assert_array_equal(found[0][1], found[1][1])
@@ -180,24 +187,24 @@ def test_without_lags_the_small_jacobians_are_those_of_the_large() -> None:
 @pytest.mark.parametrize("lags", LAGS)
 def test_a_horizon_is_its_stages_one_after_another(lags: tuple[float, float]) -> None:
     x, inputs = start(5), commands(6, 6)
-    whole = rolled_out(x, inputs, lags)
+    model = model_of(lags)
+    whole = rolled_out(x, inputs, model)
     for u in inputs:
-        x = last(rolled_out(x, u[None], lags))
-    np.testing.assert_allclose(whole.p_WB[-1], x.p_WB[0], atol=1e-12)
-    np.testing.assert_allclose(whole.v_WB_W[-1], x.v_WB_W[0], atol=1e-12)
-    np.testing.assert_allclose(whole.R_WB[-1], x.R_WB[0], atol=1e-12)
+        x = rolled_out(x, u[None], model)[-1]
+    np.testing.assert_allclose(whole[-1, :15], x[:15], atol=1e-12)
 
 
 def test_a_vanishing_lag_is_no_lag() -> None:
     x, inputs = start(7), commands(10, 8)
-    none, tiny = rolled_out(x, inputs, (0.0, 0.0)), rolled_out(x, inputs, (1e-7, 1e-7))
-    np.testing.assert_allclose(tiny.p_WB, none.p_WB, atol=1e-5)
+    none = rolled_out(x, inputs, model_of((0.0, 0.0)))
+    tiny = rolled_out(x, inputs, model_of((1e-7, 1e-7)))
+    np.testing.assert_allclose(tiny[:, P_WB], none[:, P_WB], atol=1e-5)
 
 
 def test_without_drag_the_motion_is_ballistic() -> None:
     vehicle = dataclasses.replace(VEHICLE, drag=0.0, thrust_curve=(1.88, 2.8, 0.0))
-    nothing = Disturbance(a_W=np.zeros(3), thrust_scale=1.0)
     x = start(9)
-    states = rolled_out(x, np.zeros((10, 4)), (0.0, 0.0), disturbance=nothing, vehicle=vehicle)
-    fallen = x.p_WB[0] + 0.5 * x.v_WB_W[0] + np.array([0.0, 0.0, -0.5 * 9.81 * 0.25])
-    np.testing.assert_allclose(states.p_WB[-1], fallen, atol=1e-12)
+    model = model_of((0.0, 0.0), vehicle=vehicle, disturbed=False)
+    states = rolled_out(x, np.zeros((10, 4)), model)
+    fallen = x[P_WB] + 0.5 * x[V_WB_W] + np.array([0.0, 0.0, -0.5 * 9.81 * 0.25])
+    np.testing.assert_allclose(states[-1, P_WB], fallen, atol=1e-12)

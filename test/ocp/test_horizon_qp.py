@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import piqp
 import pytest
+from fixtures.stages import changed, stages_of
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.control.mpc import Mpc
@@ -33,7 +34,7 @@ def a_horizon(steps: int, seed: int, nx: int = 4, nu: int = 2) -> HorizonStages:
     """Return a horizon in which every number of every stage is its own."""
     rng = np.random.default_rng(seed)
     factors = rng.normal(size=(steps, nx, nx))
-    return HorizonStages(
+    return stages_of(
         x0=rng.normal(size=nx),
         A=0.4 * rng.normal(size=(steps, nx, nx)),
         B=rng.normal(size=(steps, nx, nu)),
@@ -131,7 +132,7 @@ def test_zeros_keep_their_place() -> None:
     full, sparse = HorizonQP(a_pattern(3)), HorizonQP(a_pattern(3))
     full.update(horizon)
     sparse.update(
-        dataclasses.replace(
+        changed(
             horizon,
             A=np.zeros_like(horizon.A),
             B=np.zeros_like(horizon.B),
@@ -166,7 +167,7 @@ def test_updating_in_place_equals_a_fresh_problem(parameters: SolverParameters) 
     tolerance = 1e-7 if parameters is EXACT else 5e-3
     first = a_horizon(6, seed=6)
     # From a problem full of zeros to a full one and back: no entry may be left behind.
-    emptier = dataclasses.replace(first, A=np.zeros_like(first.A), g=np.zeros_like(first.g))
+    emptier = changed(first, A=np.zeros_like(first.A), g=np.zeros_like(first.g))
     for horizon in (emptier, first, a_horizon(6, seed=7), emptier):
         qp.update(horizon)
         solution = solver.solve()

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input, State, odometry_from_state
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.manifold import ManifoldFormulation
+from quad_mpc_ros.ocp.manifold import ManifoldProblem
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
@@ -124,13 +125,12 @@ def test_any_attitude_at_10_m_per_s_5_m_away_comes_back(seed: int) -> None:
 def test_pattern_holds_every_entry_that_a_flight_needs(
     lagging: bool, square: list[LoopStep]
 ) -> None:
-    from quad_mpc_ros.estimation.delay_compensation import StatePredictor
-
     mpc = MANIFOLD.updated({"rate_time_constant": 0.03} if lagging else {})
-    formulation, predictor = ManifoldFormulation(mpc), StatePredictor(mpc)
-    pattern = formulation.pattern()
+    problem, delay_compensation = ManifoldProblem(mpc), DelayCompensation(mpc)
+    pattern = problem.pattern()
     for step in square[100:160]:
-        stages = formulation.linearise(predictor.predict(step.odometry), step.window).stages
+        problem.begin(delay_compensation.predict(step.odometry), step.window)
+        stages = problem.linearise()
         assert not stages.A[:, ~pattern.A].any()
         assert not stages.B[:, ~pattern.B].any()
         assert not stages.H[:, ~pattern.H].any()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
+from fixtures.stages import NAMES, changed
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.lie import Array
@@ -37,7 +36,7 @@ def spoiled(stages: HorizonStages, name: str, value: float) -> HorizonStages:
     numbers = np.array(getattr(stages, name))
     place = {"A": (4, 3, 3), "B": (4, 5, 0), "H": (4, 0, 0)}.get(name, (0,) * numbers.ndim)
     numbers[place] = value
-    return dataclasses.replace(stages, **{name: numbers})
+    return changed(stages, **{name: numbers})
 
 
 def test_a_solution_comes_with_its_figures(qp: HorizonQP, stages: list[HorizonStages]) -> None:
@@ -96,10 +95,10 @@ def test_running_out_of_iterations_is_a_failure(
 def test_after_a_failure_the_next_solve_is_as_good_as_a_fresh_one(
     qp: HorizonQP, stages: list[HorizonStages]
 ) -> None:
-    near = dataclasses.replace(stages[0], x0=np.zeros(9))
+    near = changed(stages[0], x0=np.zeros(9))
     expected = fresh_solution(qp, near)
     # So far away that these iterations are not enough, and the iterate is far away as well.
-    far = dataclasses.replace(stages[0], x0=1000.0 * np.ones(9))
+    far = changed(stages[0], x0=1000.0 * np.ones(9))
     solver = QpSolver(qp, SolverParameters(max_iterations=20))
     qp.update(far)
     assert not solver.solve().solved
@@ -109,12 +108,9 @@ def test_after_a_failure_the_next_solve_is_as_good_as_a_fresh_one(
     assert_allclose(solution.z, expected, rtol=0.0, atol=5e-2)
 
 
-FIELDS = [field.name for field in dataclasses.fields(HorizonStages)]
-
-
 # An infinite upper bound is none, and means something.
-SPOILT = [(name, np.nan) for name in FIELDS]
-SPOILT += [(name, np.inf) for name in FIELDS if name != "upper"]
+SPOILT = [(name, np.nan) for name in NAMES]
+SPOILT += [(name, np.inf) for name in NAMES if name != "upper"]
 
 
 @pytest.mark.parametrize(("name", "value"), SPOILT)

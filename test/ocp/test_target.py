@@ -5,21 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quad_mpc_ros.lie import so3
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.parameters import ModelParameters, packed, parameters_in, parameters_of
 from quad_mpc_ros.model.reference_window import sample
 from quad_mpc_ros.model.rollout import (
-    NO_DISTURBANCE,
+    ACTUATORS,
+    P_WB,
+    R_WB,
+    ROW_SIZE,
     SUBSTEPS,
-    Disturbance,
-    Model,
-    Motion,
-    model_of,
-    motion,
+    V_WB_W,
     roll_out,
 )
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.ocp.target import Target, TargetSampler
+from quad_mpc_ros.ocp.target import Target, TargetSampler, target_in
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.server import ReferenceServer
 
@@ -37,16 +37,34 @@ def eight(angular_frequency: float) -> ReferenceWindow:
     return server.window(START)
 
 
-def target_of(
-    window: ReferenceWindow, model: Model, disturbance: Disturbance = NO_DISTURBANCE
-) -> Target:
-    sampler = TargetSampler(steps=STEPS, substeps=SUBSTEPS, step=STEP)
-    return sampler.sample(
-        window, window.stamp_ns, model=model, disturbance=disturbance, u_min=U_MIN, u_max=U_MAX
+def model_of(*, rate: float, thrust: float) -> ModelParameters:
+    return parameters_in(
+        parameters_of(VEHICLE, rate_time_constant=rate, thrust_time_constant=thrust)
     )
 
 
-def on_reference(window: ReferenceWindow, target: Target, model: Model) -> Motion:
+def target_of(
+    window: ReferenceWindow,
+    model: ModelParameters,
+    *,
+    u_min: Array = U_MIN,
+    u_max: Array = U_MAX,
+) -> Target:
+    sampler = TargetSampler(steps=STEPS, step=STEP)
+    buffer = sampler.sample(
+        window, window.stamp_ns, parameters=packed(model), u_min=u_min, u_max=u_max
+    )
+    return target_in(buffer)
+
+
+def row(p_WB: Array, v_WB_W: Array, rotation: Array, actuators: Array) -> Array:
+    state = np.zeros(ROW_SIZE)
+    state[P_WB], state[V_WB_W] = p_WB, v_WB_W
+    state[R_WB], state[ACTUATORS] = rotation.ravel(), actuators
+    return state
+
+
+def on_reference(window: ReferenceWindow, target: Target, model: ModelParameters) -> Array:
     """Return the state on the reference, actuators included."""
     now = sample(window, window.stamp_ns)
     # What the command of the first substep leads away from at the lag's pace.
@@ -54,7 +72,7 @@ def on_reference(window: ReferenceWindow, target: Target, model: Model) -> Motio
     lags = np.array([model.thrust_time_constant, *[model.rate_time_constant] * 3])
     slope = (second - first) / (STEP / SUBSTEPS)
     actuators = first - (lags + 0.5 * STEP / SUBSTEPS) * slope
-    return Motion(now.p_WB[None], now.v_WB_W[None], now.R_WB[None], actuators[None])
+    return row(now.p_WB, now.v_WB_W, now.R_WB, actuators)
 
 
 @pytest.mark.parametrize("lags", [(0.0, 0.0), (0.03, 0.03), (0.05, 0.02)])
@@ -62,45 +80,36 @@ def on_reference(window: ReferenceWindow, target: Target, model: Model) -> Motio
 def test_nothing_needs_to_be_corrected_on_a_reference_that_can_be_flown(
     lags: tuple[float, float], angular_frequency: float
 ) -> None:
-    model = model_of(VEHICLE, rate_time_constant=lags[0], thrust_time_constant=lags[1])
+    model = model_of(rate=lags[0], thrust=lags[1])
     window = eight(angular_frequency)
     target = target_of(window, model)
-    states = motion(STEPS + 1)
+    states = np.zeros((STEPS + 1, ROW_SIZE))
     start = on_reference(window, target, model)
-    roll_out(model, STEP, np.zeros(3), 1.0, target.inputs, start, states)
+    roll_out(model, STEP, target.inputs, start, states)
     # Open loop, with inputs held over 12.5 ms and a guessed start: a centimetre at 9 m/s.
     scale = angular_frequency**4
-    np.testing.assert_allclose(states.p_WB[1:], target.p_WB, atol=7e-4 * scale)
-    np.testing.assert_allclose(states.v_WB_W[1:], target.v_WB_W, atol=4e-3 * scale)
-    turned = np.swapaxes(target.R_WB, -1, -2) @ states.R_WB[1:]
+    np.testing.assert_allclose(states[1:, P_WB], target.p_WB, atol=7e-4 * scale)
+    np.testing.assert_allclose(states[1:, V_WB_W], target.v_WB_W, atol=4e-3 * scale)
+    turned = np.swapaxes(target.R_WB, -1, -2) @ states[1:, R_WB].reshape(-1, 3, 3)
     assert np.abs(so3.log(turned)).max() < 4e-3 * scale
 
 
 def test_a_disturbance_is_met_by_tilt_and_throttle() -> None:
     """Hovering in wind, with motors weaker than modelled: no acceleration is left."""
-    model = model_of(VEHICLE, rate_time_constant=0.0, thrust_time_constant=0.0)
-    disturbance = Disturbance(a_W=np.array([1.5, -0.8, 0.3]), thrust_scale=0.8)
+    model = model_of(rate=0.0, thrust=0.0)._replace(a_W=(1.5, -0.8, 0.3), thrust_scale=0.8)
     server = ReferenceServer(ReferenceConfig(trajectory="hover"))
     server.start(0)
-    target = target_of(server.window(START), model, disturbance)
-    states = motion(STEPS + 1)
-    start = Motion(target.p_WB[:1], np.zeros((1, 3)), target.R_WB[:1], np.zeros((1, 4)))
-    roll_out(
-        model,
-        STEP,
-        disturbance.a_W,
-        disturbance.thrust_scale,
-        target.inputs,
-        start,
-        states,
-    )
-    np.testing.assert_allclose(states.v_WB_W, 0.0, atol=1e-12)
+    target = target_of(server.window(START), model)
+    states = np.zeros((STEPS + 1, ROW_SIZE))
+    start = row(target.p_WB[0], np.zeros(3), target.R_WB[0], np.zeros(4))
+    roll_out(model, STEP, target.inputs, start, states)
+    np.testing.assert_allclose(states[:, V_WB_W], 0.0, atol=1e-12)
     assert target.R_WB[0, 0, 2] < 0.0  # leaning into the wind from the west
     assert target.R_WB[0, 1, 2] > 0.0
 
 
 def test_at_rest_the_throttle_is_that_of_hovering() -> None:
-    model = model_of(VEHICLE, rate_time_constant=0.03, thrust_time_constant=0.03)
+    model = model_of(rate=0.03, thrust=0.03)
     server = ReferenceServer(ReferenceConfig(trajectory="hover"))
     server.start(0)
     target = target_of(server.window(START), model)
@@ -109,12 +118,8 @@ def test_at_rest_the_throttle_is_that_of_hovering() -> None:
 
 
 def test_inputs_stay_inside_the_bounds_and_means_are_means() -> None:
-    model = model_of(VEHICLE, rate_time_constant=0.05, thrust_time_constant=0.05)
-    sampler = TargetSampler(steps=STEPS, substeps=SUBSTEPS, step=STEP)
     u_max = np.array([0.6, 4.0, 4.0, 4.0])
-    target = sampler.sample(
-        eight(2.6), START, model=model, disturbance=NO_DISTURBANCE, u_min=-u_max, u_max=u_max
-    )
+    target = target_of(eight(2.6), model_of(rate=0.05, thrust=0.05), u_min=-u_max, u_max=u_max)
     assert np.all(np.abs(target.inputs) <= u_max)
     assert np.any(np.abs(target.inputs) == u_max)
     np.testing.assert_allclose(target.mean_inputs, target.inputs.mean(axis=1), atol=1e-12)

@@ -14,7 +14,7 @@ from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.mpc_config import MpcConfig, SlewParameters
-from quad_mpc_ros.ocp.formulation import Plan
+from quad_mpc_ros.ocp.plan import Plan
 from quad_mpc_ros.safety.ladder import Source
 from quad_mpc_ros.safety.supervisor import Supervisor
 

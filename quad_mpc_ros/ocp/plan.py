@@ -1,19 +1,14 @@
-"""What a formulation of the horizon must provide (see ``docs/equations.md``)."""
+"""What the controller intends to fly: the inputs it has chosen, and where they lead."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import Input
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.horizon_qp import HorizonPattern, HorizonStages
-from quad_mpc_ros.ocp.situation import Situation
 
 
 class Plan(NamedTuple):
@@ -63,32 +58,3 @@ def _mean_over(inputs: Array, begin: float, end: float) -> tuple[float, float, f
         if until >= end:
             break
     return a, b, c, d
-
-
-class Horizon(NamedTuple):
-    """A linearised horizon: the numbers of its QP, and how its solution becomes a plan.
-
-    ``advance`` takes the inputs (N, nu) and the states 1 to N (N, nx) that solve the QP and
-    returns the plan, and the horizon to solve next where another iteration is worth it.
-    ``is_deviation`` says that the variables are deviations from a plan: zero is where to start.
-    """
-
-    stages: HorizonStages
-    advance: Callable[[Array, Array], tuple[Plan, Horizon | None]]
-    is_deviation: bool = False
-
-
-class Formulation(Protocol):
-    """Turns a state and a reference into a horizon."""
-
-    def pattern(self) -> HorizonPattern:
-        """Return the sparsity and the natural sizes of the variables."""
-        ...
-
-    def reconfigure(self, config: MpcConfig) -> None:
-        """Take over changed weights and bounds."""
-        ...
-
-    def linearise(self, situation: Situation, window: ReferenceWindow) -> Horizon:
-        """Return the horizon that begins with a situation."""
-        ...

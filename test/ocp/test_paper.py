@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.state import Input, State, boxminus, boxplus
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.ocp.error_dynamics import error_dynamics
+from quad_mpc_ros.ocp.paper import error_dynamics
 from quad_mpc_ros.simulation.dynamics import paper_dynamics
 
 VEHICLE = Vehicle()

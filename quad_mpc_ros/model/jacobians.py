@@ -1,0 +1,208 @@
+"""Exact Jacobians of the rollout, in compiled loops.
+
+x_{i+1} = f(x_i, u_i) over a stage of substeps; A_i = df/dx and B_i = df/du through ⊞, that is in
+the tangent spaces at x_i and x_{i+1}, with the right Jacobian of SO(3). They are those of the
+discretisation in :mod:`quad_mpc_ros.model.rollout`, not of the differential equations.
+
+Tangent order of the horizon: position, velocity, attitude, body rate, throttle.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.model.actuators import Actuators, actuators_in, followed
+from quad_mpc_ros.model.parameters import ModelParameters
+from quad_mpc_ros.model.rollout import (
+    Discretisation,
+    Midpoint,
+    body_in,
+    discretised,
+    store_body,
+    substep,
+)
+
+POSITION = slice(0, 3)
+VELOCITY = slice(3, 6)
+ATTITUDE = slice(6, 9)
+RATE = slice(9, 12)
+THROTTLE = 12
+STATE_SIZE = 13
+
+# Columns of the sensitivities to what turns the body: attitude, rates, commanded rates.
+_FROM_RATE, _FROM_COMMAND, _TURNING = 3, 6, 9
+
+
+class _Turning(NamedTuple):
+    """Sensitivities to what turns the body, (9, 3) each: of attitude, velocity and position."""
+
+    R: Array
+    v: Array
+    p: Array
+
+
+@compiled
+def jacobians(
+    model: ModelParameters,
+    step: float,
+    inputs: Array,
+    free: Array,
+    start: Array,
+    states: Array,
+    A: Array,
+    B: Array,
+) -> None:
+    """Roll out as :func:`roll_out` does, and write A (N, nx, nx) and B (N, nx, 4) on the way.
+
+    ``nx`` is 13, or 9 without what actuators that do not lag need not have. The input of a stage
+    moves the commands of all its substeps alike, but for those that are not ``free`` (N, M, 4):
+    one, or zero for a command that a bound holds.
+    """
+    steps, substeps = inputs.shape[:2]
+    lagging = A.shape[1] > _WITHOUT_ACTUATORS
+    d = discretised(model, step / substeps)
+    x = body_in(start)
+    store_body(x, states[0])
+    turning = _Turning(np.empty((_TURNING, 3)), np.empty((_TURNING, 3)), np.empty((_TURNING, 3)))
+    for i in range(steps):
+        _begin(turning)
+        kept, gained = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0)
+        by_throttle = by_command = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        own_v, own_p = 1.0, 0.0
+        for j in range(substeps):
+            command, let = actuators_in(inputs[i, j]), actuators_in(free[i, j])
+            x, midpoint = substep(model, d, command, x)
+            mean_kept = followed(d.share, kept, (0.0, 0.0, 0.0, 0.0))
+            mean_gained = followed(d.share, gained, let)
+            _turn_on(d, midpoint, mean_kept, mean_gained, lagging, turning)
+            slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[0] + model.b)
+            push = kernels.scaled(slope, kernels.column(midpoint.R, 2))
+            by_throttle = _push_on(d, kernels.scaled(mean_kept[0], push), by_throttle)
+            by_command = _push_on(d, kernels.scaled(mean_gained[0], push), by_command)
+            kept = followed(d.decay, kept, (0.0, 0.0, 0.0, 0.0))
+            gained = followed(d.decay, gained, let)
+            own_p += d.phi1 * own_v
+            own_v *= d.velocity_decay
+        store_body(x, states[i + 1])
+        _fill(A[i], B[i], own_p, own_v, turning, by_command)
+        if lagging:
+            _fill_actuators(A[i], B[i], kept, gained, turning, by_throttle)
+
+
+@compiled
+def _begin(turning: _Turning) -> None:
+    """Write the sensitivities at the start of a stage."""
+    dR, dv, dp = turning
+    for n in range(_TURNING):
+        for k in range(3):
+            dR[n, k] = 1.0 if n == k else 0.0
+            dv[n, k] = dp[n, k] = 0.0
+
+
+@compiled
+def _push_on(
+    d: Discretisation, acceleration: kernels.Vector, moved: tuple[kernels.Vector, kernels.Vector]
+) -> tuple[kernels.Vector, kernels.Vector]:
+    """Return velocity and position after a substep with an acceleration."""
+    v, p = moved
+    return (
+        kernels.plus(kernels.scaled(d.velocity_decay, v), kernels.scaled(d.phi1, acceleration)),
+        kernels.plus(
+            p, kernels.plus(kernels.scaled(d.phi1, v), kernels.scaled(d.phi2, acceleration))
+        ),
+    )
+
+
+@compiled
+def _turn_on(
+    d: Discretisation,
+    midpoint: Midpoint,
+    mean_kept: Actuators,
+    mean_gained: Actuators,
+    lagging: bool,
+    turning: _Turning,
+) -> None:
+    """Carry the sensitivities to what turns the body over a substep.
+
+    Those to rates that do not lag are zero.
+    """
+    dR, dv, dp = turning
+    J = kernels.right_jacobian(midpoint.half_turn)
+    x_axis, y_axis = kernels.column(midpoint.R, 0), kernels.column(midpoint.R, 1)
+    for n in range(_TURNING):
+        if _FROM_RATE <= n < _FROM_COMMAND and not lagging:
+            continue
+        # By how much half of the turn moves.
+        half = (0.0, 0.0, 0.0)
+        if n >= _FROM_COMMAND:
+            half = kernels.scaled(
+                0.5 * d.dt * mean_gained[n - 5], kernels.column(J, n - _FROM_COMMAND)
+            )
+        elif n >= _FROM_RATE:
+            half = kernels.scaled(0.5 * d.dt * mean_kept[n - 2], kernels.column(J, n - _FROM_RATE))
+        turned = kernels.plus(kernels.apply_transposed(midpoint.half, kernels.vector(dR[n])), half)
+        # The thrust's direction moves by R (phi x e3).
+        acceleration = kernels.scaled(
+            midpoint.push,
+            kernels.plus(kernels.scaled(turned[1], x_axis), kernels.scaled(-turned[0], y_axis)),
+        )
+        v, p = _push_on(d, acceleration, (kernels.vector(dv[n]), kernels.vector(dp[n])))
+        kernels.store_vector(v, dv[n])
+        kernels.store_vector(p, dp[n])
+        kernels.store_vector(
+            kernels.plus(kernels.apply_transposed(midpoint.half, turned), half), dR[n]
+        )
+
+
+# Entries of the attitude, and of the state without actuators.
+_ATTITUDE, _WITHOUT_ACTUATORS = 6, 9
+
+
+@compiled
+def _fill(
+    A: Array,
+    B: Array,
+    own_p: float,
+    own_v: float,
+    turning: _Turning,
+    by_command: tuple[kernels.Vector, kernels.Vector],
+) -> None:
+    """Write what can be other than zero of position, velocity and attitude."""
+    dR, dv, dp = turning
+    for k in range(3):
+        A[k, k] = 1.0
+        A[k, 3 + k] = own_p
+        A[3 + k, 3 + k] = own_v
+        B[3 + k, 0], B[k, 0] = by_command[0][k], by_command[1][k]
+        for n in range(3):
+            A[k, _ATTITUDE + n] = dp[n, k]
+            A[3 + k, _ATTITUDE + n] = dv[n, k]
+            A[_ATTITUDE + k, _ATTITUDE + n] = dR[n, k]
+            B[k, 1 + n] = dp[_FROM_COMMAND + n, k]
+            B[3 + k, 1 + n] = dv[_FROM_COMMAND + n, k]
+            B[_ATTITUDE + k, 1 + n] = dR[_FROM_COMMAND + n, k]
+
+
+@compiled
+def _fill_actuators(
+    A: Array,
+    B: Array,
+    kept: Actuators,
+    gained: Actuators,
+    turning: _Turning,
+    by_throttle: tuple[kernels.Vector, kernels.Vector],
+) -> None:
+    """Write the columns and rows of body rate and throttle."""
+    dR, dv, dp = turning
+    for k in range(3):
+        for n in range(3):
+            A[k, 9 + n] = dp[_FROM_RATE + n, k]
+            A[3 + k, 9 + n] = dv[_FROM_RATE + n, k]
+            A[_ATTITUDE + k, 9 + n] = dR[_FROM_RATE + n, k]
+        A[3 + k, 12], A[k, 12] = by_throttle[0][k], by_throttle[1][k]
+        A[9 + k, 9 + k], B[9 + k, 1 + k] = kept[1 + k], gained[1 + k]
+    A[12, 12], B[12, 0] = kept[0], gained[0]
