@@ -12,10 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.evaluation import read_flight
-from quad_mpc_ros.evaluation.recorded_reference import read_recording
 from quad_mpc_ros.figures import write_comparison, write_figures
 from quad_mpc_ros.figures.reference_figure import write_reference
+from quad_mpc_ros.recordings.recording import Recording, flown_points
 from quad_mpc_ros.trajectories.config import TRAJECTORIES, ReferenceConfig
 from quad_mpc_ros.trajectories.configured import judged_trajectory
 
@@ -38,7 +37,7 @@ def update_flights() -> None:
         for preset, title in PRESETS.items():
             out = Path(scratch, preset)
             main(["simulate", "--config", preset, "--out", str(out)])
-            flights[title] = read_flight(out / "bag")
+            flights[title] = Recording(out / "bag").flight()
         pictures = write_figures(flights[PRESETS["paper"]], Path(scratch, "figures"))
         for picture in pictures:
             name = "square.png" if picture.name == "path.png" else f"paper_{picture.name}"
@@ -58,7 +57,7 @@ def update_references() -> None:
             if name in files:
                 changes["file"] = files[name]
             config = ReferenceConfig.build(changes)
-            trajectory, verdict = judged_trajectory(config, read_bag=read_recording)
+            trajectory, verdict = judged_trajectory(config, read_bag=flown_points)
             times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]
             picture = IMAGES / f"reference_{name}.png"
             write_reference(name, trajectory.at(times), verdict, picture, dpi=REFERENCE_DPI)

@@ -33,8 +33,8 @@ def _run(options: argparse.Namespace) -> int:
     """Judge, show and draw; return the exit code."""
     from quad_mpc_ros.commands.run_configuration import SCHEMA
     from quad_mpc_ros.configuration import files
-    from quad_mpc_ros.evaluation.recorded_reference import read_recording
     from quad_mpc_ros.figures.reference_figure import write_reference
+    from quad_mpc_ros.recordings.recording import flown_points
     from quad_mpc_ros.trajectories.configured import judged_trajectory
 
     assignments = list(options.assignments)
@@ -42,7 +42,7 @@ def _run(options: argparse.Namespace) -> int:
         assignments.insert(0, f"reference.trajectory={options.reference}")
     loaded = files.load(options.config or ["default"], assignments, schema=SCHEMA)
     config = cast("ReferenceConfig", loaded["reference"])
-    trajectory, verdict = judged_trajectory(config, read_bag=read_recording)
+    trajectory, verdict = judged_trajectory(config, read_bag=flown_points)
     out = prepared_out(options.out or default_out(config.trajectory), holds=(_FIGURE,))
     figure = out / _FIGURE
     times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]

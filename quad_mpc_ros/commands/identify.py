@@ -11,7 +11,6 @@ from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.output import check_writable, write_new
 from quad_mpc_ros.commands.recording import (
     add_recording_options,
-    bag_of,
     recorded_configuration,
     topic_names,
 )
@@ -34,8 +33,8 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Fit, tell (the table on standard error), write; return the exit code."""
     from quad_mpc_ros.identification import (
+        fit,
         identification_table,
-        identify,
         measurements_of,
         parameter_file,
         write_fit_figure,
@@ -43,21 +42,20 @@ def _run(options: argparse.Namespace) -> int:
     from quad_mpc_ros.messages.topics import COMMAND as COMMAND_TOPIC
     from quad_mpc_ros.messages.topics import ENGAGED
     from quad_mpc_ros.mpc_config import MpcConfig
-    from quad_mpc_ros.recordings.parameters import recorded_parameters
-    from quad_mpc_ros.recordings.recorded_run import read_run
+    from quad_mpc_ros.recordings.recording import Recording
 
     for name, path in (("--out", options.out), ("--plot", options.plot)):
         check_writable(name, path, overwrite=options.overwrite)
-    bag = bag_of(options.bag)
-    run = read_run(bag, topic_names(options), topics=(COMMAND_TOPIC, ENGAGED))
+    recording = Recording(options.bag)
+    run = recording.run(topic_names(options), topics=(COMMAND_TOPIC, ENGAGED))
     mpc = cast("MpcConfig", recorded_configuration(options, run)["mpc"])
     data = measurements_of(run, vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame)
-    found = identify(data)
+    found = fit(data)
     # In lockstep a command takes no time of its own.
-    lockstep = recorded_parameters(run.parameters, MpcConfig).get("lockstep", False)
+    lockstep = recording.parameters_of(MpcConfig).get("lockstep", False)
     age = float("nan") if lockstep else data.command_age
     print(identification_table(found, mpc, command_age=age), file=sys.stderr)
-    text = parameter_file(found, mpc, bag=bag, keep=options.keep)
+    text = parameter_file(found, mpc, bag=run.bag, keep=options.keep)
     if options.out is None:
         print(text, end="")
     else:

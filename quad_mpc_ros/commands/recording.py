@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from quad_mpc_ros.configuration import Configuration
-    from quad_mpc_ros.recordings.recorded_run import RecordedRun, TopicNames
+    from quad_mpc_ros.recordings.run import RecordedRun, TopicNames
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -54,17 +54,9 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def bag_of(given: Path) -> Path:
-    """Return the bag of what was given, which may be the folder of a run."""
-    from quad_mpc_ros.recordings.bag_metadata import METADATA_FILE
-
-    inside = given / "bag"
-    return inside if inside.is_dir() and not (given / METADATA_FILE).exists() else given
-
-
 def topic_names(options: argparse.Namespace) -> TopicNames:
     """Return the topics that were named. Raises :class:`UserError` for those that exclude."""
-    from quad_mpc_ros.recordings.recorded_run import TopicNames
+    from quad_mpc_ros.recordings.run import TopicNames
 
     return TopicNames(
         odometry=options.odom_topic,

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.output import check_writable, results_in, write_new
-from quad_mpc_ros.commands.recording import bag_of
 
 if TYPE_CHECKING:
     from quad_mpc_ros.report import ReportedRun
@@ -77,6 +76,8 @@ def _run(options: argparse.Namespace) -> int:
 
 def _named(given: Sequence[Path]) -> dict[str, Path]:
     """Return the bags by the names of their runs, numbered where folders have the same name."""
+    from quad_mpc_ros.recordings.bag_metadata import bag_of
+
     bags: dict[str, Path] = {}
     for path in given:
         bag = bag_of(path)

@@ -12,7 +12,6 @@ from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, write_json
 from quad_mpc_ros.commands.recording import (
     add_recording_options,
-    bag_of,
     recorded_configuration,
     topic_names,
 )
@@ -20,7 +19,7 @@ from quad_mpc_ros.configuration import BagError
 
 if TYPE_CHECKING:
     from quad_mpc_ros.mpc_config import MpcConfig
-    from quad_mpc_ros.recordings.recorded_run import RecordedRun
+    from quad_mpc_ros.recordings.run import RecordedRun
     from quad_mpc_ros.replay.command_comparison import CommandComparison
     from quad_mpc_ros.replay.resolution import Resolved, WindowSource
     from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -56,10 +55,9 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Feed, record, compare, tell; return the exit code."""
     from quad_mpc_ros.messages.topics import REFERENCE
-    from quad_mpc_ros.recordings.recorded_run import read_run
+    from quad_mpc_ros.recordings.recording import Recording
 
-    bag = bag_of(options.bag)
-    run = read_run(bag, topic_names(options))
+    run = Recording(options.bag).run(topic_names(options))
     config = recorded_configuration(options, run, assignments=_adopted(options, run))
     mpc = cast("MpcConfig", config["mpc"])
     windows = None
@@ -67,11 +65,11 @@ def _run(options: argparse.Namespace) -> int:
         windows = _made_windows(cast("ReferenceConfig", config["reference"]), run)
     elif not run.windows:
         raise BagError(
-            f"{bag}: no reference in it: give --reference NAME, or --reference-topic with one of "
-            f"type {REFERENCE.type_name}"
+            f"{run.bag}: no reference in it: give --reference NAME, or --reference-topic with "
+            f"one of type {REFERENCE.type_name}"
         )
     out = prepared_out(options.out or default_out("resolved"))
-    print(f"resolving {bag} into {out}", file=sys.stderr)
+    print(f"resolving {run.bag} into {out}", file=sys.stderr)
     steps = _recorded(out / "bag", run, mpc, windows)
     if not any(step.tick is not None and step.tick.command is not None for step in steps):
         print("warning: the controller gave no command", file=sys.stderr)

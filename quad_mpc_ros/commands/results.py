@@ -8,10 +8,10 @@ from typing import Any
 
 from quad_mpc_ros.commands.command import EXIT_FAILED
 from quad_mpc_ros.commands.output import results_in, write_json
-from quad_mpc_ros.evaluation.flight import read_flight
 from quad_mpc_ros.evaluation.metrics import summarise
 from quad_mpc_ros.evaluation.table import summary_table
 from quad_mpc_ros.figures import write_figures
+from quad_mpc_ros.recordings.recording import Recording
 
 
 def finish(out: Path, *, wall_seconds: float) -> int:
@@ -20,7 +20,7 @@ def finish(out: Path, *, wall_seconds: float) -> int:
     It is 0 only when the MPC itself gave every command.
     """
     print("  evaluating the recording", file=sys.stderr, flush=True)
-    flight = read_flight(out / "bag")
+    flight = Recording(out / "bag").flight()
     summary = summarise(flight, wall_seconds=wall_seconds)
     with results_in(out):
         write_json(out / "summary.json", summary)

@@ -14,10 +14,10 @@ import yaml
 from quad_mpc_ros.commands.output import default_out, prepared_out
 from quad_mpc_ros.commands.run_options import DEFAULT_DURATION
 from quad_mpc_ros.configuration import UserError, files
-from quad_mpc_ros.evaluation.recorded_reference import read_recording
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
+from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant, plant_entry
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
@@ -56,7 +56,7 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
     sources, made = _sources(options), _assignments(options, lockstep=lockstep)
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
     reference = cast(ReferenceConfig, loaded["reference"])
-    trajectory = configured_trajectory(reference, read_bag=read_recording)
+    trajectory = configured_trajectory(reference, read_bag=flown_points)
     if _starts_on_reference(options, trajectory, reference):
         made += _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
         loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)

@@ -14,7 +14,7 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages.topics import STATS
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings.recorded_stats import tick_stats
+from quad_mpc_ros.recordings.logs import tick_stats
 from quad_mpc_ros.ros.messages import message_class, qos_of
 
 _ANSWER_TIMEOUT = 5.0  # s, discovery included

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.evaluation.flight import Flight
 from quad_mpc_ros.evaluation.waypoints import waypoints
 from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.safety.ladder import Source
 
 FALLBACKS = [

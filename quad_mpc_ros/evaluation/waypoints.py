@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.evaluation.flight import Flight
 from quad_mpc_ros.lie import Array
+from quad_mpc_ros.recordings.flight import Flight
 
 # A smooth reference that is published without preview also moves in steps, but of one odometry
 # or a few; and one that starts from rest leaves by millimetres.

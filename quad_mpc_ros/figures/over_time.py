@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from quad_mpc_ros.evaluation.flight import Flight
 from quad_mpc_ros.figures import style
 from quad_mpc_ros.figures.panels import (
     Panel,
@@ -16,6 +15,7 @@ from quad_mpc_ros.figures.panels import (
     velocity_panels,
 )
 from quad_mpc_ros.figures.path_figure import write_path
+from quad_mpc_ros.recordings.flight import Flight
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,10 +10,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.evaluation.flight import Flight
 from quad_mpc_ros.evaluation.metrics import attitude_errors, position_errors
 from quad_mpc_ros.figures import style
 from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.safety.ladder import Source
 
 Weight = Literal["fine", "normal", "strong", "broad"]

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.evaluation.flight import Flight
 from quad_mpc_ros.evaluation.waypoints import waypoints
 from quad_mpc_ros.figures import space, style
+from quad_mpc_ros.recordings.flight import Flight
 
 _WIDTH, _HEIGHT = 8.0, 6.2  # inch
 _MOST_NUMBERS = 12  # waypoints; numbers on more would hide the flight

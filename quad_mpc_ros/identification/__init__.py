@@ -1,12 +1,12 @@
 """The lags, the delay, the thrust and the drag of a vehicle, fitted to a recorded flight.
 
-:func:`measurements_of` takes what is needed from a recording, :func:`identify` fits,
+:func:`measurements_of` takes what is needed from a recording, :func:`fit` fits,
 :func:`identification_table` and :func:`parameter_file` tell, :func:`write_fit_figure` shows.
 :func:`learned` takes what the controller itself has estimated, :func:`learned_file` tells it.
 """
 
 from quad_mpc_ros.identification.figure import write_fit_figure
-from quad_mpc_ros.identification.fit import identify
+from quad_mpc_ros.identification.fit import fit, identify
 from quad_mpc_ros.identification.learned import Learned, learned, learned_file
 from quad_mpc_ros.identification.measurements import Measurements, measurements_of
 from quad_mpc_ros.identification.report import identification_table, parameter_file
@@ -17,6 +17,7 @@ __all__ = [
     "Identification",
     "Learned",
     "Measurements",
+    "fit",
     "identification_table",
     "identify",
     "learned",

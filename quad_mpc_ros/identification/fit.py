@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.identification.measurements import Measurements
+from quad_mpc_ros.identification.measurements import Measurements, measurements_of
 from quad_mpc_ros.identification.model import (
     ACCELERATION,
     DELAY,
@@ -25,6 +25,9 @@ from quad_mpc_ros.identification.model import (
 )
 from quad_mpc_ros.identification.result import Estimate, FittedCourse, Identification
 from quad_mpc_ros.lie import Array
+from quad_mpc_ros.messages.topics import COMMAND, ENGAGED
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings.recording import Recording
 
 # Searched before the fit, which finds the nearest minimum only [s].
 _TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
@@ -51,6 +54,7 @@ _LEAST_SHARE = 0.01
 _VAGUE_SHARE = 0.5
 _VAGUE = {RATE_TAU: 0.01, THRUST_TAU: 0.01, DELAY: 0.01, SCALE: 0.1, DRAG: 0.1}
 
+_MOST_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and tells no more
 _AVERAGED_OVER = 0.08  # s, of the specific force shown
 
 
@@ -60,11 +64,31 @@ class _Spread:
     velocity: float
 
 
-def identify(data: Measurements) -> Identification:
-    """Fit lags, delay, thrust scale and drag to a flight.
+def identify(recording: Recording) -> Identification:
+    """Identify the vehicle of a recording, compared with the one in its recorded parameters.
+
+    Args:
+        recording: One vehicle's odometry and the commands that it flew by.
+
+    Returns:
+        Time constants and delay [s], thrust per mass over that of the given vehicle, drag [1/s],
+        each with its 95 % interval.
+
+    Raises:
+        BagError: The recording has too little flight under commands.
+    """
+    given = MpcConfig.build(recording.parameters_of(MpcConfig))
+    run = recording.run(topics=(COMMAND, ENGAGED))
+    frame = given.odometry.twist_frame
+    return fit(measurements_of(run, vehicle=given.vehicle(), twist_frame=frame))
+
+
+def fit(measured: Measurements) -> Identification:
+    """Fit lags, delay, thrust scale and drag to a flight; of a long one, to parts of it.
 
     Raises :class:`BagError` for a flight that is too short for a confidence.
     """
+    data = measured.thinned(_MOST_ODOMETRIES)
     model = ResponseModel(data)
     windows = len(np.unique(model.blocks[model.in_window > 0.0]))
     if windows < _FEWEST_WINDOWS:
@@ -102,8 +126,8 @@ def identify(data: Measurements) -> Identification:
         rates=_rate_course(model, data, theta),
         specific_force=_specific_force(model, data, theta),
         averaged_over=_AVERAGED_OVER,
-        samples=model.usable,
-        flown=float(np.count_nonzero(data.usable) * data.period),
+        flown=measured.flown,
+        fitted=data.flown,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.recordings.recorded_run import Received, RecordedRun
+from quad_mpc_ros.recordings.flight import first_by_stamp
+from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received, Stamps
+from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.safety.validation import odometry_fault
 
 # Perhaps on the ground: this near to where it stood, if it ever went this far from there [m].
@@ -23,6 +25,7 @@ _SETTLING = 0.3
 _STALE_COMMAND = 0.5  # s
 _FASTEST = 1e3  # rad/s; nothing turns at more, and no throttle is larger
 _FEWEST = 50
+_BLOCK = 5.0  # s of a long flight that are kept together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,36 +56,68 @@ class Measurements:
         """Usual time between two odometries [s]."""
         return float(np.median(np.diff(self.time)))
 
+    @property
+    def flown(self) -> float:
+        """Time that the vehicle flies and acts on commands [s]."""
+        return float(np.count_nonzero(self.usable) * self.period)
+
+    def thinned(self, most: int) -> Measurements:
+        """Return about ``most`` odometries at most, in blocks spread evenly over the flight.
+
+        The commands are those before and in the blocks.
+        """
+        if len(self.time) <= most:
+            return self
+        block = np.floor(self.time / _BLOCK)
+        numbers = np.unique(block[self.usable])
+        kept = numbers[:: -(-np.count_nonzero(self.usable) // most)]
+        chosen = np.isin(block, kept)
+        # Nothing is measured across a gap.
+        usable = self.usable & np.append(chosen[1:], True)
+        command_block = np.floor(self.command_time / _BLOCK)
+        commanded = np.isin(command_block, kept) | np.isin(command_block + 1, kept)
+        return dataclasses.replace(
+            self,
+            time=self.time[chosen],
+            p_WB=self.p_WB[chosen],
+            v_WB_W=self.v_WB_W[chosen],
+            R_WB=self.R_WB[chosen],
+            w_WB_B=self.w_WB_B[chosen],
+            usable=usable[chosen],
+            command_time=self.command_time[commanded],
+            throttle=self.throttle[commanded],
+            w_command=self.w_command[commanded],
+        )
+
 
 def measurements_of(run: RecordedRun, *, vehicle: Vehicle, twist_frame: str) -> Measurements:
     """Return what a recording tells of a vehicle whose twist is in ``child`` or ``world`` frame.
 
     Raises :class:`BagError` for one without commands, or with too little flight under them.
     """
-    received = _in_order(run.odometries)
-    odometries = [each.value for each in received]
-    commands = _commands_in_order(run)
-    if len(odometries) < _FEWEST:
-        raise BagError(
-            f"{run.bag}: {len(odometries)} usable odometries, expected {_FEWEST} or more"
-        )
+    places = _usable_places(run.odometries)
+    command_ns, commands = _usable_commands(run.commands)
+    if len(places) < _FEWEST:
+        raise BagError(f"{run.bag}: {len(places)} usable odometries, expected {_FEWEST} or more")
     if len(commands) < 2:
         raise BagError(
             f"{run.bag}: {len(commands)} commands, expected those of the flight, "
             "geometry_msgs/msg/TwistStamped with the throttle in linear.z, on a topic that ends "
             "in /command or on --command-topic"
         )
-    start_ns = odometries[0].stamp_ns
-    time = np.array([odometry.stamp_ns - start_ns for odometry in odometries]) * 1e-9
-    R_WB = so3.rotation_from_quaternion_xyzw(np.array([o.q_WB_xyzw for o in odometries]))
-    v, w = (np.array([getattr(o, name) for o in odometries]) for name in ("v_WB_B", "w_WB_B"))
+    rows = run.odometries.rows.all[places]
+    stamp_ns = run.odometries.stamp_ns[places]
+    time = (stamp_ns - stamp_ns[0]) * 1e-9
+    p_WB, q_WB_xyzw, v, w = (
+        np.ascontiguousarray(columns) for columns in np.split(rows, (3, 7, 10), axis=1)
+    )
+    R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw)
     if twist_frame == "child":
         v = np.einsum("nij,nj->ni", R_WB, v)
     else:
         w = np.einsum("nji,nj->ni", R_WB, w)
-    p_WB = np.array([odometry.p_WB for odometry in odometries])
-    command_time = np.array([command.stamp_ns - start_ns for command in commands]) * 1e-9
-    acting = _acting(run.engagements, np.array([each.log_time_ns for each in received]))
+    command_time = (command_ns - stamp_ns[0]) * 1e-9
+    acting = _acting(run.engagements, run.odometries.log_time_ns[places])
     usable = _flying(p_WB, v) & _commanded(time, command_time) & acting
     if np.count_nonzero(usable) < _FEWEST:
         raise BagError(
@@ -98,34 +133,29 @@ def measurements_of(run: RecordedRun, *, vehicle: Vehicle, twist_frame: str) -> 
         R_WB=R_WB,
         w_WB_B=w,
         command_time=command_time,
-        throttle=np.clip([command.throttle for command in commands], 0.0, 1.0),
-        w_command=np.array([command.w_WB_B for command in commands]),
+        throttle=np.clip(commands[:, 0], 0.0, 1.0),
+        w_command=np.ascontiguousarray(commands[:, 1:]),
         usable=usable,
-        command_age=_command_age(run),
+        command_age=_command_age(run.commands),
         vehicle=vehicle,
     )
 
 
-def _in_order(
-    odometries: Sequence[Received[OdometrySample]],
-) -> list[Received[OdometrySample]]:
-    """Return what is fit for use in order of stamps, each stamp once."""
-    first: dict[int, Received[OdometrySample]] = {}
-    for received in odometries:
-        odometry = received.value
-        if odometry_fault(odometry, frame_id=odometry.frame_id) is None:
-            first.setdefault(odometry.stamp_ns, received)
-    return [first[stamp_ns] for stamp_ns in sorted(first)]
+def _usable_places(odometries: OdometryLog) -> NDArray[np.intp]:
+    """Return where what is fit for use is, in order of stamps, each stamp once."""
+    fit = [odometry_fault(each.value, frame_id=each.value.frame_id) is None for each in odometries]
+    places = np.flatnonzero(fit)
+    _, first = first_by_stamp(odometries.stamp_ns[places])
+    return places[first]
 
 
-def _commands_in_order(run: RecordedRun) -> list[CommandSample]:
-    first: dict[int, CommandSample] = {}
-    for received in run.commands:
-        command = received.value
-        # NaN compares with nothing, and so is not within the limit.
-        if np.all(np.abs([command.throttle, *command.w_WB_B]) <= _FASTEST):
-            first.setdefault(command.stamp_ns, command)
-    return [first[stamp_ns] for stamp_ns in sorted(first)]
+def _usable_commands(commands: CommandLog) -> tuple[Stamps, Array]:
+    """Return stamps (m,), ascending, and throttle and rates (m, 4) of what can be used."""
+    rows = commands.rows.all
+    # NaN compares with nothing, and so is not within the limit.
+    places = np.flatnonzero(np.all(np.abs(rows) <= _FASTEST, axis=1))
+    stamp_ns, first = first_by_stamp(commands.stamp_ns[places])
+    return stamp_ns, rows[places[first]]
 
 
 def _flying(p_WB: Array, v_WB_W: Array) -> NDArray[np.bool_]:
@@ -170,7 +200,6 @@ def _acting(
     return acting
 
 
-def _command_age(run: RecordedRun) -> float:
-    ages = [(sent.publish_time_ns - sent.value.stamp_ns) * 1e-9 for sent in run.commands]
-    age = float(np.median(ages))
+def _command_age(commands: CommandLog) -> float:
+    age = float(np.median((commands.publish_time_ns - commands.stamp_ns) * 1e-9))
     return age if 0.0 <= age < 1.0 else float("nan")

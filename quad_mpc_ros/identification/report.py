@@ -53,6 +53,7 @@ def identification_table(found: Identification, given: MpcConfig, *, command_age
         f"{found.rate_residual:.3g} rad/s, velocity {found.velocity_residual:.3g} m/s RMS",
     ]
     notes = [
+        *_part_note(found),
         *_scale_note(found, given),
         f"wind and the like push by {_signed(found.wind_acceleration_W[0])} m/s^2 east and "
         f"{_signed(found.wind_acceleration_W[1])} m/s^2 north",
@@ -120,6 +121,12 @@ def _row(name: str, unit: str, given: float, estimate: Estimate) -> tuple[str, .
     least = 10.0**-digits
     width = max(math.ceil(factor * estimate.half_width / least) * least, least)
     return label, before, f"{factor * estimate.value:.{digits}f}", f"{width:.{digits}f}"
+
+
+def _part_note(found: Identification) -> list[str]:
+    if found.fitted == found.flown:
+        return []
+    return [f"fitted to {found.fitted:.1f} s of that, spread evenly over the flight"]
 
 
 def _scale_note(found: Identification, given: MpcConfig) -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quad_mpc_ros.lie import Array
 
@@ -47,8 +46,8 @@ class Identification:
     ``thrust_scale`` is that of thrust per mass: nothing flown can tell the two apart.
     ``wind_acceleration_W`` (2,) [m/s^2] is the constant horizontal acceleration that was fitted
     beside them, wind above all. ``rates`` are body rates [rad/s], ``specific_force`` is along the
-    thrust axis [m/s^2], averaged over ``averaged_over`` seconds. ``samples`` (n,) are the indices
-    of the odometries used, ``flown`` their time [s].
+    thrust axis [m/s^2], averaged over ``averaged_over`` seconds. ``flown`` is the time under
+    commands [s], ``fitted`` what of it was used.
     """
 
     rate_time_constant: Estimate
@@ -62,5 +61,5 @@ class Identification:
     rates: FittedCourse
     specific_force: FittedCourse
     averaged_over: float
-    samples: NDArray[np.intp]
     flown: float
+    fitted: float

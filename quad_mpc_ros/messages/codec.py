@@ -111,6 +111,18 @@ class RosbagsMessages:
             raise BagError(f"the message type {type_name} is not known")
 
 
+def header_stamp_ns(data: bytes) -> int:
+    """Return the stamp [ns] in CDR of a type that begins with a ``std_msgs/Header``.
+
+    Raises :class:`BagError` for data that are too short.
+    """
+    try:
+        seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+    except (IndexError, struct.error) as error:
+        raise BagError(f"cannot decode a stamp: {error}") from error
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
 def _definitions(schema: MessageSchema) -> Typesdict:
     if schema.encoding == IDL_ENCODING:
         found: Typesdict = {}

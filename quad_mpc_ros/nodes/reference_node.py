@@ -10,10 +10,10 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.evaluation.recorded_reference import read_recording
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import GOAL_POSE, ODOMETRY, REFERENCE, REFERENCE_PATH, TRAJECTORY
+from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import decoded, new_message
@@ -84,11 +84,11 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def _prepared(self) -> LiveReference:
         joined = functools.cache(
-            functools.partial(joined_trajectory, self._config, read_bag=read_recording)
+            functools.partial(joined_trajectory, self._config, read_bag=flown_points)
         )
         if self._config.mode == "on_request":
             return LiveReference(self._config, joined(), joined=joined)
-        trajectory = configured_trajectory(self._config, read_bag=read_recording)
+        trajectory = configured_trajectory(self._config, read_bag=flown_points)
         return LiveReference(
             self._config, trajectory, joined=(lambda: trajectory) if trajectory.smooth else joined
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -52,6 +53,12 @@ class FileSummary:
     name: str
     span: TimeSpan | None
     message_count: int
+
+
+def bag_of(path: Path) -> Path:
+    """Return the bag of what was given, which may be the folder of a run."""
+    inside = path / "bag"
+    return inside if inside.is_dir() and not (path / METADATA_FILE).exists() else path
 
 
 def extended(span: TimeSpan | None, time_ns: int) -> TimeSpan:

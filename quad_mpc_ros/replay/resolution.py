@@ -19,8 +19,9 @@ from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.tick import Tick, TickStats
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings.logs import Received
 from quad_mpc_ros.recordings.parameters import recorded_parameters
-from quad_mpc_ros.recordings.recorded_run import Received, RecordedRun
+from quad_mpc_ros.recordings.run import RecordedRun
 
 S = TypeVar("S", CommandSample, ReferenceWindow)
 

@@ -20,9 +20,9 @@ from quad_mpc_ros.report.overview import (
     verdict,
 )
 from quad_mpc_ros.report.plotting import plotly
-from quad_mpc_ros.report.run import ReportedRun
+from quad_mpc_ros.report.run import MOST_HORIZONS, ReportedRun
 from quad_mpc_ros.report.series import TABLE_NAMES, csv_tables
-from quad_mpc_ros.report.space_figure import MOST_HORIZONS, space_figure
+from quad_mpc_ros.report.space_figure import space_figure
 from quad_mpc_ros.report.time_figure import time_figure
 
 _COLUMN_WIDTH = 420  # pixels at least, of a run

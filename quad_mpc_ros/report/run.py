@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from quad_mpc_ros.evaluation.flight import Flight, read_flight
 from quad_mpc_ros.evaluation.metrics import FALLBACKS, Summary, summarise
-from quad_mpc_ros.recordings.recorded_plans import RecordedPlan, read_plans
+from quad_mpc_ros.recordings.flight import Flight, RecordedPlan
+from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.safety.ladder import Source
 
+MOST_HORIZONS = 100  # drawn; more would hide the flight
 WITHOUT_MPC = (*FALLBACKS, Source.SILENT.name.lower())
 
 
@@ -33,14 +34,13 @@ class ReportedRun:
 
 
 def read_runs(bags: Mapping[str, Path]) -> list[ReportedRun]:
-    """Read bags by the name of their run. Raises what :func:`read_flight` raises."""
+    """Read bags by the name of their run. Raises what :meth:`Recording.flight` raises."""
     return [_read(name, bag) for name, bag in bags.items()]
 
 
 def _read(name: str, bag: Path) -> ReportedRun:
-    flight = read_flight(bag)
-    plans = read_plans(bag, end_ns=int(flight.stamp_ns[-1]))
-    return ReportedRun(name=name, bag=bag, flight=flight, plans=plans)
+    flight = Recording(bag).flight(most_plans=MOST_HORIZONS)
+    return ReportedRun(name=name, bag=bag, flight=flight, plans=flight.plans)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,10 +11,9 @@ from quad_mpc_ros.evaluation.waypoints import waypoints
 from quad_mpc_ros.figures import space, style
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.report.plotting import lay_out, plotly, subplots
-from quad_mpc_ros.report.run import ReportedRun
+from quad_mpc_ros.report.run import MOST_HORIZONS, ReportedRun
 
 MOST_POINTS = 5000  # of a line in space
-MOST_HORIZONS = 100  # drawn; more would hide the flight
 _HORIZON_COLOUR = "#CC79A7"
 _HEIGHT = 560  # pixels
 _HOVER = "t = %{customdata:.2f} s<br>x %{x:.3f}, y %{y:.3f}, z %{z:.3f} m"

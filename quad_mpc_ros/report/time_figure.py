@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.evaluation.flight import Flight
 from quad_mpc_ros.figures import style
 from quad_mpc_ros.figures.panels import Curve, Panel
+from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.report.plotting import lay_out, plotly, subplots
 from quad_mpc_ros.report.run import ReportedRun, fallback_spans
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.evaluation.recorded_reference import read_recording
+from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 
@@ -105,10 +105,10 @@ def test_a_recorded_run_is_flown_again(tmp_path: Path, capsys: pytest.CaptureFix
     capsys.readouterr()
 
     config = ReferenceConfig(trajectory="bag", file=str(first / "bag"), max_acceleration=4.0)
-    trajectory = configured_trajectory(config, read_bag=read_recording)
+    trajectory = configured_trajectory(config, read_bag=flown_points)
     seconds = np.arange(0.0, 1e-9 * trajectory.period_ns, 0.01)
     p_WB = trajectory.at((1e9 * seconds).astype(int).tolist()).p_WB
     assert np.linalg.norm(p_WB[:, :2], axis=1)[200:350] == pytest.approx(2.0, abs=0.01)
-    flown = read_recording(second / "bag")
+    flown = flown_points(second / "bag")
     expected = trajectory.at((1e9 * flown.seconds).round().astype(int).tolist()).p_WB
     assert np.linalg.norm(flown.p_WB - expected, axis=1).max() < 0.02

@@ -15,8 +15,8 @@ import pytest
 from matplotlib.image import imread
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.evaluation import read_flight
 from quad_mpc_ros.figures import style
+from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.writer import BagWriter
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -45,7 +45,7 @@ def test_page_and_series_of_two_runs(runs: tuple[Path, Path], tmp_path: Path) ->
     for name, run in (("manifold", first), ("paper", second)):
         with (tmp_path / "csv" / name / "odometry.csv").open() as table:
             heights = [float(row["p_WB_z_m"]) for row in csv.DictReader(table)]
-        assert heights == read_flight(run / "bag").p_WB[:, 2].tolist()
+        assert heights == Recording(run / "bag").flight().p_WB[:, 2].tolist()
     assert not list(tmp_path.rglob("*.part"))
 
 
@@ -198,7 +198,7 @@ class TestInABrowser:
         )
         flown = [np.array(curve) for curve in shown]
         for number, run in enumerate(runs):
-            flight = read_flight(run / "bag")
+            flight = Recording(run / "bag").flight()
             for curve, values in zip(flown[3 * number :], flight.p_WB.T, strict=False):
                 assert curve[:, 0] == pytest.approx(flight.time)
                 assert curve[:, 1] == pytest.approx(values, abs=1e-6)
@@ -222,7 +222,7 @@ class TestInABrowser:
         assert download.value.suggested_filename == "paper_commands.csv"
         text = Path(download.value.path()).read_text()
         throttle = [float(row["throttle"]) for row in csv.DictReader(io.StringIO(text))]
-        assert throttle == read_flight(runs[1] / "bag").commands.throttle.tolist()
+        assert throttle == Recording(runs[1] / "bag").flight().commands.throttle.tolist()
         with opened.page.expect_download() as download:
             opened.page.hover("#figure-error")
             opened.page.click("#figure-error .modebar-btn[data-title*='ownload']")

@@ -12,9 +12,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.configuration import BagError, UserError
-from quad_mpc_ros.evaluation import Flight, read_flight, summarise
+from quad_mpc_ros.evaluation.metrics import summarise
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings.flight import Flight
+from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -28,7 +30,7 @@ BagStarter = Callable[..., Any]
 def read(bag: Any) -> Flight:
     """End a bag and read it."""
     bag.writer.close()
-    return read_flight(bag.writer.directory)
+    return Recording(bag.writer.directory).flight()
 
 
 @pytest.mark.parametrize("namespace", ["", "/uav1", "/fleet/uav1"])
@@ -231,7 +233,7 @@ class TestRefusals:
 
     def test_no_bag(self, tmp_path: Path) -> None:
         with pytest.raises(BagError, match="does not exist"):
-            read_flight(tmp_path / "none")
+            Recording(tmp_path / "none").flight()
 
     def test_no_odometry(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
         bag = make_bag()

@@ -11,8 +11,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from quad_mpc_ros.evaluation import Flight, summarise
+from quad_mpc_ros.evaluation.metrics import summarise
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings.flight import Flight
 
 FlightMaker = Callable[..., Flight]
 

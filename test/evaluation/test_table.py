@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.evaluation import Flight, summarise, summary_table
+from quad_mpc_ros.evaluation.metrics import summarise
+from quad_mpc_ros.evaluation.table import summary_table
+from quad_mpc_ros.recordings.flight import Flight
 
 FlightMaker = Callable[..., Flight]
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from quad_mpc_ros.evaluation import Flight
 from quad_mpc_ros.figures import space, style, write_comparison, write_figures
 from quad_mpc_ros.figures.panels import Curve, attitude_panels, input_panels, velocity_panels
+from quad_mpc_ros.recordings.flight import Flight
 
 FlightMaker = Callable[..., Flight]
 
@@ -154,7 +154,7 @@ def test_matplotlib_is_imported_only_to_draw_and_pyplot_never(tmp_path: Path) ->
 import sys
 import numpy as np
 from quad_mpc_ros import figures
-from quad_mpc_ros.evaluation import CommandTrack, Flight
+from quad_mpc_ros.recordings.flight import CommandTrack, Flight
 assert "matplotlib" not in sys.modules
 from quad_mpc_ros.mpc_config import MpcConfig
 stamp_ns, zeros = np.arange(5) * 10**7, np.zeros((5, 3))

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from quad_mpc_ros.configuration import BagError, files
 from quad_mpc_ros.identification import (
     Identification,
     Measurements,
+    fit,
     identification_table,
     identify,
     measurements_of,
@@ -25,7 +28,9 @@ from quad_mpc_ros.identification.lag import LaggedCommands
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings.recorded_run import Received, RecordedRun
+from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received
+from quad_mpc_ros.recordings.recording import Recording
+from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
@@ -94,7 +99,7 @@ def piloted(truth: OdometrySample, hover: float, knock: np.ndarray) -> CommandSa
 def noisy(run: RecordedRun, *, seed: int = 0) -> RecordedRun:
     """Return a flight as it is measured."""
     sensors = Sensors(SimulatorConfig.build({**NOISE, "seed": seed}))
-    return dataclasses.replace(
+    return changed(
         run,
         odometries=[
             dataclasses.replace(odometry, value=sensors.measured(odometry.value))
@@ -107,12 +112,20 @@ def received(value: object, time_ns: int) -> Received:
     return Received(value=value, log_time_ns=time_ns, publish_time_ns=time_ns)
 
 
+def changed(run: RecordedRun, **changes: object) -> RecordedRun:
+    """Return a run with other values; lists of odometries and commands become logs."""
+    logs = {"odometries": OdometryLog, "commands": CommandLog}
+    return dataclasses.replace(
+        run, **{name: logs[name].of(v) if name in logs else v for name, v in changes.items()}
+    )
+
+
 def recording(odometries: list[Received], commands: list[Received]) -> RecordedRun:
     return RecordedRun(
         bag=Path("bag"),
-        odometries=odometries,
+        odometries=OdometryLog.of(odometries),
         windows=[],
-        commands=commands,
+        commands=CommandLog.of(commands),
         stats=[],
         parameters={},
     )
@@ -123,7 +136,7 @@ def measured(run: RecordedRun) -> Measurements:
 
 
 def identified(run: RecordedRun) -> Identification:
-    return identify(measured(run))
+    return fit(measured(run))
 
 
 def assert_near(
@@ -206,7 +219,7 @@ def test_commands_that_did_not_act_are_left_out() -> None:
         else command
         for command in run.commands
     ]
-    untold = dataclasses.replace(run, commands=commands)
+    untold = changed(run, commands=commands)
     told = dataclasses.replace(
         untold,
         engagements=[
@@ -218,7 +231,7 @@ def test_commands_that_did_not_act_are_left_out() -> None:
     assert identified(untold).rates.explained < 0.9
     assert_near(identified(told), relative=0.02, drag_within=0.05)
     with pytest.raises(BagError, match="commands acted on 0% of them"):
-        identified(dataclasses.replace(run, engagements=[received(False, START_NS)]))
+        identified(changed(run, engagements=[received(False, START_NS)]))
 
 
 @pytest.mark.parametrize(
@@ -265,9 +278,7 @@ def test_single_wild_odometries_do_not_matter() -> None:
             w_WB_B=odometries[i].value.w_WB_B + 10.0,
         )
         odometries[i] = dataclasses.replace(odometries[i], value=wild)
-    assert_near(
-        identified(dataclasses.replace(run, odometries=odometries)), relative=0.1, drag_within=0.6
-    )
+    assert_near(identified(changed(run, odometries=odometries)), relative=0.1, drag_within=0.6)
 
 
 def test_a_twist_in_the_world_is_turned() -> None:
@@ -281,11 +292,11 @@ def test_a_twist_in_the_world_is_turned() -> None:
         )
         turned.append(dataclasses.replace(received_odometry, value=world))
     data = measurements_of(
-        dataclasses.replace(run, odometries=turned),
+        changed(run, odometries=turned),
         vehicle=MpcConfig().vehicle(),
         twist_frame="world",
     )
-    assert_near(identify(data), relative=0.01, drag_within=0.05)
+    assert_near(fit(data), relative=0.01, drag_within=0.05)
 
 
 def test_hover_shows_the_thrust_and_nothing_else() -> None:
@@ -314,9 +325,7 @@ def test_standing_on_the_ground_is_no_flight() -> None:
         # Commands that would roll it over if it flew.
         command = CommandSample(stamp_ns=stamp_ns, throttle=0.1, w_WB_B=np.full(3, (-1.0) ** k))
         idle.append(received(command, stamp_ns))
-    whole = dataclasses.replace(
-        run, odometries=[*ground, *run.odometries], commands=[*idle, *run.commands]
-    )
+    whole = changed(run, odometries=[*ground, *run.odometries], commands=[*idle, *run.commands])
     assert not measured(whole).usable[:200].any()
     assert_near(identified(whole), relative=0.1, drag_within=0.6)
 
@@ -337,7 +346,7 @@ def test_the_parameter_file_is_the_vehicle(keep: str, tmp_path: Path) -> None:
 
 def test_rates_of_another_flight_are_told(tmp_path: Path) -> None:
     run, other = flown(**TRUTH), flown(seed=1)
-    found = identified(dataclasses.replace(run, commands=other.commands))
+    found = identified(changed(run, commands=other.commands))
     told = identification_table(found, MpcConfig(), command_age=float("nan"))
     assert "warning" in told
     figure = write_fit_figure(found, tmp_path / "fit.png")
@@ -349,9 +358,9 @@ def test_too_little_is_refused() -> None:
     with pytest.raises(BagError, match="longer flight"):
         identified(run)
     with pytest.raises(BagError, match="0 commands"):
-        measured(dataclasses.replace(run, commands=[]))
+        measured(changed(run, commands=[]))
     with pytest.raises(BagError, match="10 usable odometries"):
-        measured(dataclasses.replace(run, odometries=run.odometries[:10]))
+        measured(changed(run, odometries=run.odometries[:10]))
     long_ago = [
         dataclasses.replace(
             sent, value=dataclasses.replace(sent.value, stamp_ns=sent.value.stamp_ns % 10**9)
@@ -359,7 +368,7 @@ def test_too_little_is_refused() -> None:
         for sent in run.commands
     ]
     with pytest.raises(BagError, match="stamped"):
-        measured(dataclasses.replace(run, commands=long_ago[:40]))
+        measured(changed(run, commands=long_ago[:40]))
 
 
 def test_nonsense_and_a_clock_that_was_set_do_not_matter() -> None:
@@ -392,7 +401,7 @@ def test_nonsense_and_a_clock_that_was_set_do_not_matter() -> None:
         )
         for sent in commands
     ]
-    whole = dataclasses.replace(run, odometries=[*before, *late], commands=later)
+    whole = changed(run, odometries=[*before, *late], commands=later)
     found = identified(whole)
     assert found.rate_time_constant.value == pytest.approx(0.03, rel=0.1)
     assert found.thrust_scale.value == pytest.approx(1.0 / 1.2, rel=0.1)
@@ -415,3 +424,31 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say() -> None:
             inside[name] += abs(estimate.value - value) <= estimate.half_width
     # Of 8 intervals of 95 %, fewer than 6 hold the truth less than once in a hundred times.
     assert {name for name in truth if inside[name] < 6} == set(), inside
+
+
+def test_a_long_flight_is_fitted_in_parts() -> None:
+    data = measured(flown(**TRUTH, duration=60.0))
+    assert data.thinned(len(data.time)) is data
+    some = data.thinned(1000)
+    assert 700 < len(some.time) <= 1250
+    assert np.all(np.diff(some.time) > 0.0)
+    assert len(some.command_time) < 0.8 * len(data.command_time)
+    # Blocks from beginning to end, each ended by an odometry that is not used.
+    gaps = np.flatnonzero(np.diff(some.time) > 2.0 * data.period)
+    assert len(gaps) >= 3
+    assert not np.any(some.usable[gaps])
+    assert some.time[-1] > 0.7 * data.time[-1]
+    assert_near(fit(some), relative=0.01, drag_within=0.05)
+
+
+def test_a_recording_is_identified(tmp_path: Path, make_bag: Callable[..., Any]) -> None:
+    run = flown(**TRUTH)
+    bag = make_bag()
+    for odometry in run.odometries:
+        bag.odometry(odometry.value)
+    for command in run.commands:
+        bag.command(command.value)
+    bag.writer.close()
+    found = identify(Recording(bag.writer.directory))
+    assert found.fitted == found.flown
+    assert found.rate_time_constant == identified(run).rate_time_constant

@@ -12,7 +12,8 @@ from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings.recorded_run import Received, RecordedRun
+from quad_mpc_ros.recordings.logs import Received
+from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.replay.command_comparison import compare_commands, comparison_table
 from quad_mpc_ros.replay.resolution import Resolved, resolve
 from quad_mpc_ros.simulation.config import SimulatorConfig

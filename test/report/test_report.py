@@ -17,18 +17,17 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.evaluation import Flight
 from quad_mpc_ros.figures.panels import (
     attitude_panels,
     input_panels,
     position_panels,
     solver_panels,
 )
-from quad_mpc_ros.recordings.recorded_plans import RecordedPlan
+from quad_mpc_ros.recordings.flight import Flight, RecordedPlan
 from quad_mpc_ros.report import TABLE_NAMES, ReportedRun, csv_tables, page
 from quad_mpc_ros.report.overview import verdict
-from quad_mpc_ros.report.run import fallback_spans
-from quad_mpc_ros.report.space_figure import MOST_HORIZONS, drawn_horizons
+from quad_mpc_ros.report.run import MOST_HORIZONS, fallback_spans
+from quad_mpc_ros.report.space_figure import drawn_horizons
 from quad_mpc_ros.report.time_figure import label
 
 FlightMaker = Callable[..., Flight]

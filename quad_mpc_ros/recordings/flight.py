@@ -1,0 +1,211 @@
+"""A recorded flight as arrays: what was flown, what was asked for, what was commanded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.reference_window import sample
+from quad_mpc_ros.model.samples import ReferenceWindow
+from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.ocp.paper import reference_input
+from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
+from quad_mpc_ros.safety.validation import reference_fault
+
+_NO_STAMP = np.iinfo(np.int64).min
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReferenceTrack:
+    """The reference in force at each of n odometries.
+
+    Shapes: ``p_WB`` [m], ``v_WB_B`` [m/s] and ``w_WB_B`` [rad/s] (n, 3), the last two in the body
+    frame of the reference; ``R_WB`` (n, 3, 3); ``throttle`` (n,), which holds the reference.
+    """
+
+    p_WB: Array
+    R_WB: Array
+    v_WB_B: Array
+    w_WB_B: Array
+    throttle: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CommandTrack:
+    """The m commands of a flight, by the stamp of the odometry they answer.
+
+    Shapes: ``stamp_ns``, ``publish_time_ns`` and ``throttle`` (m,); ``w_WB_B`` (m, 3) [rad/s].
+    """
+
+    stamp_ns: Stamps
+    publish_time_ns: Stamps
+    throttle: Array
+    w_WB_B: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordedPlan:
+    """Positions ``p_WB`` (n, 3) [m] along one plan, from the state at which it begins."""
+
+    stamp_ns: int
+    p_WB: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Flight:
+    """A flight of n odometries, at least one. Everything is in order of stamps, each stamp once.
+
+    Shapes: ``stamp_ns``, ``publish_time_ns`` (n,); ``p_WB`` [m], ``v_WB_B`` [m/s], ``w_WB_B``
+    [rad/s] (n, 3); ``q_WB_xyzw`` (n, 4) with the sign that was recorded. ``reference`` is None
+    when none was recorded. ``stats`` are the figures of the k ticks of the controller, each (k,),
+    by their name in :class:`TickStats`. ``parameters`` are those recorded, by node; ``mpc`` are
+    those of the controller, defaults where they were not recorded. ``plans`` are some of the
+    controller's, as many as were asked for.
+    """
+
+    stamp_ns: Stamps
+    publish_time_ns: Stamps
+    p_WB: Array
+    q_WB_xyzw: Array
+    v_WB_B: Array
+    w_WB_B: Array
+    reference: ReferenceTrack | None
+    commands: CommandTrack
+    stats: Mapping[str, NDArray[Any]]
+    parameters: Mapping[str, Mapping[str, Any]]
+    mpc: MpcConfig
+    plans: Sequence[RecordedPlan] = ()
+
+    @property
+    def time(self) -> Array:
+        """Time of each odometry from the first one (n,) [s]."""
+        return self.time_of(self.stamp_ns)
+
+    @property
+    def tick_time(self) -> Array:
+        """Time of each tick of the controller from the first odometry (k,) [s]."""
+        return self.time_of(np.asarray(self.stats["stamp_ns"], dtype=np.int64))
+
+    @property
+    def odometry_period(self) -> float:
+        """Usual time between two odometries [s]; that of the control for a single one."""
+        if len(self.stamp_ns) < 2:
+            return 1.0 / self.mpc.control_rate
+        return float(np.median(np.diff(self.stamp_ns))) * 1e-9
+
+    def time_of(self, stamp_ns: Stamps) -> Array:
+        """Return stamps as times from the first odometry [s]."""
+        return np.asarray((stamp_ns - self.stamp_ns[0]) * 1e-9)
+
+
+def odometry_arrays(log: OdometryLog) -> dict[str, NDArray[Any]]:
+    """Return the arrays of :class:`Flight` that come from usable odometry."""
+    stamp_ns, first = first_by_stamp(log.stamp_ns)
+    rows = log.rows.all[first]
+    return {
+        "stamp_ns": stamp_ns,
+        "publish_time_ns": log.publish_time_ns[first],
+        "p_WB": rows[:, 0:3].copy(),
+        "q_WB_xyzw": rows[:, 3:7].copy(),
+        "v_WB_B": rows[:, 7:10].copy(),
+        "w_WB_B": rows[:, 10:13].copy(),
+    }
+
+
+def command_track(log: CommandLog, *, end_ns: int) -> CommandTrack:
+    """Return the commands stamped up to the end of a flight."""
+    stamp_ns, first = first_by_stamp(log.stamp_ns, end_ns=end_ns)
+    rows = log.rows.all[first]
+    return CommandTrack(
+        stamp_ns=stamp_ns,
+        publish_time_ns=log.publish_time_ns[first],
+        throttle=rows[:, 0].copy(),
+        w_WB_B=rows[:, 1:4].copy(),
+    )
+
+
+def tick_figures(log: StatsLog, *, end_ns: int) -> dict[str, NDArray[Any]]:
+    """Return the figures of the ticks stamped up to the end of a flight."""
+    figures = log.columns
+    _, first = first_by_stamp(figures["stamp_ns"], end_ns=end_ns)
+    return {name: values[first] for name, values in figures.items()}
+
+
+def first_by_stamp(
+    stamps_ns: ArrayLike, *, end_ns: int | None = None
+) -> tuple[Stamps, NDArray[np.intp]]:
+    """Return the stamps up to the end, ascending, and where each first occurs."""
+    stamp_ns, first = np.unique(np.asarray(stamps_ns, dtype=np.int64), return_index=True)
+    count = len(stamp_ns) if end_ns is None else np.searchsorted(stamp_ns, end_ns, side="right")
+    return stamp_ns[:count], first[:count]
+
+
+class ReferenceSampler:
+    """Samples the reference at the stamps of odometries, given its windows one by one.
+
+    At each stamp the window in force is the last one stamped no later, and before the first
+    window it is the first one. Windows may come in any order; of those with the same stamp the
+    last one counts. Two of them are held: the newest, as long as nobody knows how far it
+    reaches, and the oldest, for what lies before it.
+    """
+
+    def __init__(self, stamp_ns: Stamps, vehicle: Vehicle) -> None:
+        """Take the stamps (n,) [ns], ascending, and whose throttle is to hold the reference."""
+        self._stamp_ns = stamp_ns
+        self._vehicle = vehicle
+        self._in_force_ns = np.full(len(stamp_ns), _NO_STAMP, dtype=np.int64)
+        self._points = np.empty((len(stamp_ns), 19))
+        self._newest: ReferenceWindow | None = None
+        self._oldest: ReferenceWindow | None = None
+
+    def take(self, window: ReferenceWindow) -> None:
+        """Use a window, unless it is one that the controller refuses."""
+        if reference_fault(window, frame_id=window.frame_id) is not None:
+            return
+        if self._oldest is None or window.stamp_ns < self._oldest.stamp_ns:
+            self._oldest = window
+        newest = self._newest
+        if newest is None or window.stamp_ns >= newest.stamp_ns:
+            if newest is not None:
+                self._sample(newest, end_ns=window.stamp_ns)
+            self._newest = window
+        else:
+            self._sample(window, end_ns=newest.stamp_ns)
+
+    def track(self) -> ReferenceTrack | None:
+        """Return the reference at all stamps; None when no window was taken."""
+        if self._newest is None or self._oldest is None:
+            return None
+        self._sample(self._newest, end_ns=None)
+        for place in np.flatnonzero(self._in_force_ns == _NO_STAMP).tolist():
+            self._write(place, self._oldest)
+        points = self._points
+        return ReferenceTrack(
+            p_WB=points[:, 0:3].copy(),
+            R_WB=points[:, 3:12].reshape(-1, 3, 3),
+            v_WB_B=points[:, 12:15].copy(),
+            w_WB_B=points[:, 15:18].copy(),
+            throttle=points[:, 18].copy(),
+        )
+
+    def _sample(self, window: ReferenceWindow, *, end_ns: int | None) -> None:
+        """Sample a window from its stamp on, where no window with a later stamp is in force."""
+        start = int(np.searchsorted(self._stamp_ns, window.stamp_ns))
+        end = None if end_ns is None else int(np.searchsorted(self._stamp_ns, end_ns))
+        within = self._in_force_ns[start:end] <= window.stamp_ns
+        for place in (start + np.flatnonzero(within)).tolist():
+            self._write(place, window)
+            self._in_force_ns[place] = window.stamp_ns
+
+    def _write(self, place: int, window: ReferenceWindow) -> None:
+        point = sample(window, self._stamp_ns[place])
+        row = self._points[place]
+        row[0:3], row[3:12] = point.p_WB, point.R_WB.ravel()
+        row[12:15], row[15:18] = point.v_WB_B, point.w_WB_B
+        row[18] = reference_input(point, self._vehicle).throttle

@@ -1,0 +1,338 @@
+"""The recording of one vehicle: a bag, opened once, whose messages become values as they come."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import BagError, Configuration
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.codec import header_stamp_ns
+from quad_mpc_ros.messages.topics import (
+    COMMAND,
+    ENGAGED,
+    ODOMETRY,
+    PREDICTED_PATH,
+    RECORDED_COMMAND,
+    REFERENCE,
+    STATS,
+    Topic,
+)
+from quad_mpc_ros.model.state import with_body_twist
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings.bag_metadata import bag_of
+from quad_mpc_ros.recordings.flight import (
+    Flight,
+    RecordedPlan,
+    ReferenceSampler,
+    command_track,
+    odometry_arrays,
+    tick_figures,
+)
+from quad_mpc_ros.recordings.logs import (
+    CommandLog,
+    Log,
+    OdometryLog,
+    Received,
+    StatsLog,
+    T,
+    WindowLog,
+    tick_stats,
+)
+from quad_mpc_ros.recordings.parameters import read_parameters, recorded_parameters
+from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
+from quad_mpc_ros.recordings.run import (
+    OUR_NAMES,
+    POSE,
+    TWIST,
+    RecordedRun,
+    TopicNames,
+    joined,
+    odometry_of_pose,
+    odometry_of_twist,
+)
+from quad_mpc_ros.safety.validation import odometry_fault
+from quad_mpc_ros.trajectories.point_table import PointTable
+
+Taker = Callable[[RecordedMessage], None]
+
+_MOST_LISTED = 12
+
+
+class Recording:
+    """A recorded run of one vehicle, under whatever namespace it was recorded.
+
+    Opening reads the index. :meth:`flight` and :meth:`run` stream the messages: each is decoded
+    when it comes, turned into numbers and dropped, so that an hour of flight takes tens of
+    megabytes. Every failure is a :class:`BagError` that names the bag.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        """Open a bag directory, one ``.mcap`` file, or the folder of a run with ``bag/`` in it."""
+        self.path = bag_of(Path(path))
+        self.bag = BagReader(self.path)
+
+    @cached_property
+    def parameters(self) -> Mapping[str, Mapping[str, Any]]:
+        """The recorded parameters by node, and by dotted name."""
+        return read_parameters(self.bag.metadata)
+
+    def parameters_of(self, kind: type[Configuration]) -> dict[str, Any]:
+        """Return the recorded parameters of the node that ``kind`` configures, if any."""
+        return recorded_parameters(self.parameters, kind)
+
+    def flight(self, *, most_plans: int = 0) -> Flight:
+        """Return the flight as arrays, with up to ``most_plans`` plans, evenly chosen.
+
+        It ends with the last usable odometry: what is stamped later is left out, as the watchdog
+        of the controller rightly acts when a simulator has ended. Odometry and references that
+        the controller refuses (not finite, no unit quaternion) are left out too, and of messages
+        that were sent again, as in lockstep, the first one counts.
+
+        Raises:
+            BagError: It has no usable odometry, or one of our topics twice.
+            ConfigurationError: The recorded parameters cannot be used.
+        """
+        mpc = MpcConfig.build(self.parameters_of(MpcConfig))
+        odometry, commands, stats = OdometryLog(), CommandLog(), StatsLog()
+        plan_stamps: list[int] = []
+        takers: dict[Topic, Taker] = {
+            ODOMETRY: _usable_odometry(odometry, twist_frame=mpc.odometry.twist_frame),
+            COMMAND: _into(commands, conversions.command_from_message),
+            STATS: self._figures(stats),
+        }
+        if most_plans:
+            takers[PREDICTED_PATH] = lambda m: plan_stamps.append(header_stamp_ns(m.data))
+        self._stream(takers)
+        if len(odometry) == 0:
+            raise BagError(
+                f"{self.path}: no flight in it: expected usable {ODOMETRY.type_name} messages on "
+                f"a topic that ends in /{ODOMETRY.name}"
+            )
+        arrays = odometry_arrays(odometry)
+        stamp_ns = arrays["stamp_ns"]
+        end_ns = int(stamp_ns[-1])
+        # In a second pass, now that it is known for which stamps they count.
+        sampler = ReferenceSampler(stamp_ns, mpc.vehicle())
+        plans = _ChosenPlans(plan_stamps, end_ns=end_ns, most=most_plans)
+        again: dict[Topic, Taker] = {REFERENCE: _windows(sampler.take)}
+        if most_plans:
+            again[PREDICTED_PATH] = plans.take
+        self._stream(again)
+        return Flight(
+            **arrays,
+            reference=sampler.track(),
+            commands=command_track(commands, end_ns=end_ns),
+            stats=tick_figures(stats, end_ns=end_ns),
+            parameters=self.parameters,
+            mpc=mpc,
+            plans=plans.in_order(),
+        )
+
+    def run(
+        self,
+        names: TopicNames = OUR_NAMES,
+        *,
+        topics: Collection[Topic] = (REFERENCE, COMMAND, ENGAGED, STATS),
+    ) -> RecordedRun:
+        """Return the odometry and ``topics`` of the controller, the others left empty.
+
+        Raises:
+            BagError: It has no odometry, or a topic twice, or a named topic is not there or of
+                another type.
+        """
+        odometry, poses, twists = OdometryLog(), OdometryLog(), OdometryLog()
+        windows, stats = WindowLog(), StatsLog()
+        commands, flown = CommandLog(), CommandLog()
+        engagements: list[Received[bool]] = []
+        takers: dict[Topic, Taker] = {
+            REFERENCE: _into(windows, conversions.reference_from_message),
+            COMMAND: _into(commands, conversions.command_from_message),
+            ENGAGED: lambda m: engagements.append(_received(m, bool(m.message.data))),
+            STATS: self._figures(stats),
+        }
+        takers = {topic: takers[topic] for topic in topics}
+        if names.pose:
+            takers[POSE] = _into(poses, odometry_of_pose)
+            takers[TWIST] = _into(twists, odometry_of_twist)
+        else:
+            takers[ODOMETRY] = _into(odometry, conversions.odometry_from_message)
+        if COMMAND in topics and not names.command:
+            takers[RECORDED_COMMAND] = _into(flown, conversions.command_from_message)
+        self._stream(takers, names=names.given)
+        if names.pose:
+            odometry = joined(poses, twists)
+        if not odometry:
+            raise BagError(
+                f"{self.path}: no odometry in it: expected {ODOMETRY.type_name} on a topic that "
+                f"ends in /{ODOMETRY.name}, or --odom-topic, or --pose-topic with --twist-topic; "
+                f"it holds {self._listed_topics()}"
+            )
+        return RecordedRun(
+            bag=self.path,
+            odometries=odometry,
+            windows=windows,
+            # In a bag that was resolved, the vehicle flew these and not the ones beside them.
+            commands=flown or commands,
+            stats=stats,
+            parameters=self.parameters,
+            engagements=engagements,
+        )
+
+    def _stream(
+        self, takers: Mapping[Topic, Taker], *, names: Mapping[Topic, str] | None = None
+    ) -> None:
+        """Hand the messages of topics over one by one, in log-time order.
+
+        ``names`` are full names of topics that are not to be looked for by our name.
+        """
+        given = names or {}
+        taker_of = {
+            name: take
+            for topic, take in takers.items()
+            for name in (
+                [self._checked(topic, given[topic])] if topic in given else self._names_of(topic)
+            )
+        }
+        for message in self.bag.messages(taker_of.keys()):
+            taker_of[message.topic](message)
+
+    def _figures(self, log: StatsLog) -> Taker:
+        def take(message: RecordedMessage) -> None:
+            try:
+                log.add(tick_stats(message.message))
+            except (KeyError, ValueError) as error:
+                raise BagError(
+                    f"{self.path}: unusable message on /{STATS.name}: {error}"
+                ) from error
+
+        return take
+
+    def _checked(self, topic: Topic, name: str) -> str:
+        """Return the full name of a topic that was asked for by name."""
+        known = self.bag.topics
+        full = name if name.startswith("/") or name in known else f"/{name}"
+        info = known.get(full)
+        if info is None:
+            raise BagError(
+                f"{self.path}: topic {name} is not in it; it holds {self._listed_topics()}"
+            )
+        if info.type_name != topic.type_name:
+            raise BagError(
+                f"{self.path}: topic {full} is of type {info.type_name or 'unknown'}, "
+                f"expected {topic.type_name}"
+            )
+        return full
+
+    def _names_of(self, topic: Topic) -> list[str]:
+        """Return the full name of a topic as a list of one, or none when it was not recorded."""
+        names = [
+            name
+            for name, info in self.bag.topics.items()
+            if f"/{name}".endswith(f"/{topic.name}")
+            and info.type_name == topic.type_name
+            and info.message_count > 0
+        ]
+        if len(names) > 1:
+            raise BagError(
+                f"{self.path}: {', '.join(sorted(names))} all end in /{topic.name}: "
+                "expected a bag of one vehicle, record each vehicle in its own"
+            )
+        return names
+
+    def _listed_topics(self) -> str:
+        """Return the topics and their types as text for an error."""
+        topics = self.bag.topics
+        shown = [
+            f"{name} ({info.type_name or 'no type'})"
+            for name, info in sorted(topics.items())[:_MOST_LISTED]
+        ]
+        more = len(topics) - len(shown)
+        return ", ".join(shown + ([f"{more} more"] if more else [])) or "no topic"
+
+
+def flown_points(bag: Path) -> PointTable:
+    """Return where the vehicle of a bag was, by the stamps of its odometry.
+
+    Raises :class:`UserError` for a bag that cannot be read and for too few odometries.
+    """
+    flight = Recording(bag).flight()
+    return PointTable(source=str(bag), seconds=flight.time, p_WB=flight.p_WB)
+
+
+class _ChosenPlans:
+    """Of plans that come again, keeps those evenly chosen by their stamps."""
+
+    def __init__(self, stamps_ns: list[int], *, end_ns: int, most: int) -> None:
+        stamps = np.array(stamps_ns, dtype=np.int64)
+        order = np.argsort(stamps, kind="stable")
+        order = order[: np.searchsorted(stamps[order], end_ns, side="right")]
+        step = -(-len(order) // most) if most else 1
+        self._chosen = set(order[:: max(step, 1)].tolist()) if most else set()
+        self._seen = 0
+        self._plans: list[RecordedPlan] = []
+
+    def take(self, message: RecordedMessage) -> None:
+        """Keep the plan in a message, if it is a chosen one and finite."""
+        if self._seen in self._chosen:
+            p_WB = conversions.positions_from_path(message.message)
+            if np.all(np.isfinite(p_WB)):
+                stamp_ns = header_stamp_ns(message.data)
+                self._plans.append(RecordedPlan(stamp_ns=stamp_ns, p_WB=p_WB))
+        self._seen += 1
+
+    def in_order(self) -> list[RecordedPlan]:
+        """Return the plans by their stamps."""
+        return sorted(self._plans, key=lambda plan: plan.stamp_ns)
+
+
+def _usable_odometry(log: OdometryLog, *, twist_frame: str) -> Taker:
+    """Return what adds odometry that is fit for use, with its twist in body axes."""
+
+    def take(message: RecordedMessage) -> None:
+        odometry = conversions.odometry_from_message(message.message)
+        if odometry_fault(odometry, frame_id=odometry.frame_id) is None:
+            turned = with_body_twist(odometry) if twist_frame == "world" else odometry
+            _add(log, message, turned)
+
+    return take
+
+
+def _windows(use: Callable[[Any], None]) -> Taker:
+    def take(message: RecordedMessage) -> None:
+        try:
+            window = conversions.reference_from_message(message.message)
+        except ValueError:
+            return
+        use(window)
+
+    return take
+
+
+def _into(log: Log[T], convert: Callable[[Any], T]) -> Taker:
+    """Return what adds the values of messages; what has no value (``ValueError``) is left out."""
+
+    def take(message: RecordedMessage) -> None:
+        try:
+            value = convert(message.message)
+        except ValueError:
+            return
+        _add(log, message, value)
+
+    return take
+
+
+def _add(log: Log[T], message: RecordedMessage, value: T) -> None:
+    log.add(value, log_time_ns=message.log_time_ns, publish_time_ns=message.publish_time_ns)
+
+
+def _received(message: RecordedMessage, value: T) -> Received[T]:
+    return Received(
+        value=value,
+        log_time_ns=message.log_time_ns,
+        publish_time_ns=message.publish_time_ns,
+    )

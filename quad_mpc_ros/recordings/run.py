@@ -1,0 +1,137 @@
+"""What a controller was given in a recorded flight, message by message, and what it answered.
+
+The bag may be of another stack: topics can be named, and pose and twist may come apart.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.tick import TickStats
+from quad_mpc_ros.messages.conversions import odometry_from_pose_and_twist
+from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, Topic
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received
+
+POSE = Topic(name="pose", type_name="geometry_msgs/msg/PoseStamped", reliable=False)
+TWIST = Topic(name="twist", type_name="geometry_msgs/msg/TwistStamped", reliable=False)
+
+_BODY_FRAME = "base_link"
+_ZERO = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopicNames:
+    """Which topics of a bag are what; empty stands for ours, in whatever namespace.
+
+    With ``pose`` and ``twist``, both or neither, they make the odometry together.
+    """
+
+    odometry: str = ""
+    pose: str = ""
+    twist: str = ""
+    reference: str = ""
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        if bool(self.pose) != bool(self.twist):
+            raise UserError("--pose-topic and --twist-topic: given one, expected both or neither")
+        if self.pose and self.odometry:
+            raise UserError("--odom-topic and --pose-topic: given both, expected one of them")
+
+    @property
+    def given(self) -> dict[Topic, str]:
+        """Return the topics that have a name here, with it."""
+        names = {
+            ODOMETRY: self.odometry,
+            POSE: self.pose,
+            TWIST: self.twist,
+            REFERENCE: self.reference,
+            COMMAND: self.command,
+        }
+        return {topic: name for topic, name in names.items() if name}
+
+
+OUR_NAMES = TopicNames()
+"""The topics of this package, in whatever namespace."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecordedRun:
+    """The messages of one vehicle, each kind in the order in which it was recorded.
+
+    ``odometries`` holds at least one. Nothing is left out or judged here: what a controller
+    refuses is still among them. ``commands`` are those that were flown, ``stats`` the figures of
+    the ticks, ``parameters`` those recorded, by node. ``engagements`` tell from when on the
+    vehicle acted on commands, and from when on it did not; before the first of them it did.
+    """
+
+    bag: Path
+    odometries: OdometryLog
+    windows: Sequence[Received[ReferenceWindow]]
+    commands: CommandLog
+    stats: Sequence[TickStats]
+    parameters: Mapping[str, Mapping[str, Any]]
+    engagements: Sequence[Received[bool]] = ()
+
+
+def odometry_of_pose(message: Any) -> OdometrySample:
+    """Return a ``geometry_msgs/PoseStamped`` as an odometry without motion."""
+    still = SimpleNamespace(twist=SimpleNamespace(linear=_ZERO, angular=_ZERO))
+    return odometry_from_pose_and_twist(message, still, child_frame_id=_BODY_FRAME)
+
+
+def odometry_of_twist(message: Any) -> OdometrySample:
+    """Return a ``geometry_msgs/TwistStamped`` as an odometry at the origin."""
+    pose = SimpleNamespace(position=_ZERO, orientation=_ZERO)
+    placed = SimpleNamespace(header=message.header, pose=pose)
+    return odometry_from_pose_and_twist(placed, message, child_frame_id=_BODY_FRAME)
+
+
+def joined(poses: OdometryLog, twists: OdometryLog) -> OdometryLog:
+    """Return each pose with the twist stamped nearest to it, at most half a period away.
+
+    Of the ones only the poses count, of the others only the twists.
+    """
+    found: list[Received[OdometrySample]] = []
+    for pose, place in zip(poses, _nearest(poses, twists), strict=True):
+        if place is not None:
+            twist = twists[place]
+            moving = dataclasses.replace(
+                pose.value, v_WB_B=twist.value.v_WB_B, w_WB_B=twist.value.w_WB_B
+            )
+            received = Received(
+                value=moving,
+                # Whole when both have come.
+                log_time_ns=max(pose.log_time_ns, twist.log_time_ns),
+                publish_time_ns=max(pose.publish_time_ns, twist.publish_time_ns),
+            )
+            found.append(received)
+    return OdometryLog.of(sorted(found, key=lambda received: received.log_time_ns))
+
+
+def _nearest(poses: OdometryLog, twists: OdometryLog) -> list[int | None]:
+    """Return the place of the twist for each pose, or None where none is near."""
+    if not poses or not twists:
+        return [None] * len(poses)
+    order = np.argsort(twists.stamp_ns, kind="stable")
+    twist_ns, pose_ns = twists.stamp_ns[order], poses.stamp_ns
+    gaps = np.diff(np.unique(pose_ns))
+    tolerance_ns = float(np.median(gaps)) / 2.0 if len(gaps) else float("inf")
+    after = np.clip(np.searchsorted(twist_ns, pose_ns), 1, max(len(twist_ns) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(twist_ns) - 1)
+    nearest = np.where(pose_ns - twist_ns[before] <= twist_ns[after] - pose_ns, before, after)
+    near = np.abs(pose_ns - twist_ns[nearest]) <= tolerance_ns
+    return [
+        place if is_near else None
+        for place, is_near in zip(order[nearest].tolist(), near.tolist(), strict=True)
+    ]
