@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.bench.acados_solver import REFERENCE_SIZE
-from quad_mpc_ros.bench.peer import Effort
+from quad_mpc_ros.bench.peers import Effort
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.reference_window import sample
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.bench.peer import PeerUnavailableError
+from quad_mpc_ros.bench.peers import PeerUnavailableError
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
 

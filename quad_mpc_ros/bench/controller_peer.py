@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from quad_mpc_ros.bench.peer import Effort
+from quad_mpc_ros.bench.peers import Effort
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.bench.peer import Effort, PeerUnavailableError
+from quad_mpc_ros.bench.peers import Effort, PeerUnavailableError
 from quad_mpc_ros.control.mpc import FORMULATIONS
 from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.lie import Array

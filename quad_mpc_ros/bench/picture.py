@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from quad_mpc_ros.bench.page import compared, swept
 from quad_mpc_ros.bench.peers import PEERS, SWEPT
-from quad_mpc_ros.bench.tables import compared, swept
 from quad_mpc_ros.figures import style
 
 if TYPE_CHECKING:

@@ -3,17 +3,53 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
+import importlib.metadata
+import os
+import platform
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from quad_mpc_ros.bench import machine
-from quad_mpc_ros.bench.config import BenchConfig, Entry
-from quad_mpc_ros.bench.figures import summarise
-from quad_mpc_ros.bench.flight import MeasuredFlight, fly
-from quad_mpc_ros.bench.peer import PeerUnavailableError
-from quad_mpc_ros.bench.peers import PEERS
-from quad_mpc_ros.bench.preparation import NewPeer, prepare
+from quad_mpc_ros.bench.acados_peer import AcadosPeer
+from quad_mpc_ros.bench.acados_solver import build_solver
+from quad_mpc_ros.bench.controller_peer import ControllerPeer
+from quad_mpc_ros.bench.cvxpy_peer import CvxpyPeer, cvxpy_module
+from quad_mpc_ros.bench.flights import MeasuredFlight, fly, summarise
+from quad_mpc_ros.bench.peers import PEERS, SWEPT, Peer, PeerUnavailableError
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchConfig:
+    """The peers at ``mpc.horizon_steps``, and some of them at each of ``steps``, in turns."""
+
+    mpc: MpcConfig
+    simulator: SimulatorConfig
+    reference: ReferenceConfig
+    peers: Sequence[str]
+    steps: Sequence[int]
+    repeats: int
+
+    def entries(self) -> list[Entry]:
+        """Return everything that is to fly, each once."""
+        compared = [Entry(peer, self.mpc.horizon_steps) for peer in self.peers]
+        swept = [
+            Entry(peer, steps) for steps in self.steps for peer in SWEPT if peer in self.peers
+        ]
+        return list(dict.fromkeys(compared + swept))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line of the result: a peer with a horizon of ``steps``."""
+
+    peer: str
+    steps: int
+
 
 Tell = Callable[[str], None]
 """Shows one line of progress."""
@@ -25,7 +61,7 @@ def run(config: BenchConfig, *, scratch: Path, tell: Tell) -> dict[str, Any]:
     ``scratch`` is a folder for what has to be compiled. A peer that cannot fly here is told and
     listed under ``skipped``.
     """
-    described = machine.describe()
+    described = describe_machine()
     ready, skipped = _prepared(config, scratch, tell)
     flights: dict[Entry, list[MeasuredFlight]] = {entry: [] for entry in ready}
     order = list(_order(list(ready), config.repeats))
@@ -86,3 +122,79 @@ def _settings(config: BenchConfig) -> dict[str, Any]:
         "terminal_weight": mpc.terminal_weight,
         "solver_tolerance": mpc.solver.tolerance,
     }
+
+
+NewPeer = Callable[[], Peer]
+"""Makes a peer for one flight."""
+
+
+def prepare(peer: str, config: MpcConfig, folder: Path) -> NewPeer:
+    """Return how to make a peer by name; ``folder`` is for what has to be compiled once.
+
+    Raises :class:`~quad_mpc_ros.bench.peers.PeerUnavailableError` when it cannot fly here.
+    """
+    return _PREPARATIONS[peer](config, folder)
+
+
+def _controller(config: MpcConfig, _: Path) -> NewPeer:
+    return lambda: ControllerPeer(config)
+
+
+def _paper(config: MpcConfig, _: Path) -> NewPeer:
+    return lambda: ControllerPeer(dataclasses.replace(config, formulation="paper"))
+
+
+def _acados(config: MpcConfig, folder: Path) -> NewPeer:
+    solver = build_solver(config, folder)
+    return lambda: AcadosPeer(config, solver)
+
+
+def _cvxpy(config: MpcConfig, _: Path) -> NewPeer:
+    cvxpy = cvxpy_module()
+    return lambda: CvxpyPeer(config, cvxpy)
+
+
+_PREPARATIONS: dict[str, Callable[[MpcConfig, Path], NewPeer]] = {
+    "controller": _controller,
+    "paper": _paper,
+    "acados": _acados,
+    "cvxpy": _cvxpy,
+}
+
+
+_DISTRIBUTIONS = ("numpy", "scipy", "osqp", "cvxpy", "comma-deps-acados")
+
+
+def describe_machine() -> dict[str, str]:
+    """Return processor, system and versions by what to call them; what is unknown is left out."""
+    found = {
+        "date": datetime.date.today().isoformat(),
+        "processor": _processor(),
+        "cores": str(os.cpu_count() or ""),
+        "load before the run": f"{os.getloadavg()[0]:.2f}",
+        "system": _system(),
+        "kernel": platform.release().partition("-")[0],
+        "Python": platform.python_version(),
+    }
+    for name in _DISTRIBUTIONS:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return {name: text for name, text in found.items() if text}
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.machine()
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.machine()
+
+
+def _system() -> str:
+    try:
+        return platform.freedesktop_os_release()["PRETTY_NAME"]
+    except (OSError, KeyError):
+        return platform.system()

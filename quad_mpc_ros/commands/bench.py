@@ -16,7 +16,7 @@ from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, 
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.bench.config import BenchConfig
+    from quad_mpc_ros.bench.run import BenchConfig
     from quad_mpc_ros.mpc_config import MpcConfig
     from quad_mpc_ros.simulation.config import SimulatorConfig
     from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -117,7 +117,7 @@ def _write(result: dict[str, Any], out: Path) -> None:
 
 
 def _show(result: dict[str, Any], out: Path) -> None:
-    from quad_mpc_ros.bench.tables import (
+    from quad_mpc_ros.bench.page import (
         as_text,
         comparison_lines,
         horizon_rows,
@@ -137,7 +137,7 @@ def _show(result: dict[str, Any], out: Path) -> None:
 
 def _configuration(options: argparse.Namespace) -> BenchConfig:
     """Return what the options ask for; raises :class:`UserError` for what cannot be used."""
-    from quad_mpc_ros.bench.config import BenchConfig
+    from quad_mpc_ros.bench.run import BenchConfig
     from quad_mpc_ros.commands.run_configuration import SCHEMA
     from quad_mpc_ros.configuration import files
 

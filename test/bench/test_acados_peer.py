@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quad_mpc_ros.bench import flight as bench_flight
+from quad_mpc_ros.bench import flights as bench_flight
 from quad_mpc_ros.bench.acados_peer import AcadosPeer
 from quad_mpc_ros.bench.acados_solver import build_solver
 from quad_mpc_ros.bench.controller_peer import ControllerPeer
-from quad_mpc_ros.bench.figures import summarise
-from quad_mpc_ros.bench.peer import PeerUnavailableError
+from quad_mpc_ros.bench.flights import summarise
+from quad_mpc_ros.bench.peers import PeerUnavailableError
 from quad_mpc_ros.control.mpc import Mpc
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow

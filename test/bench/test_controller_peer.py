@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from quad_mpc_ros.bench import flight as bench_flight
+from quad_mpc_ros.bench import flights as bench_flight
 from quad_mpc_ros.bench.controller_peer import ControllerPeer
-from quad_mpc_ros.bench.figures import errors_before_switches, summarise
-from quad_mpc_ros.bench.flight import MeasuredFlight
+from quad_mpc_ros.bench.flights import MeasuredFlight, errors_before_switches, summarise
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation import closed_loop

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from quad_mpc_ros.bench import flight as bench_flight
+from quad_mpc_ros.bench import flights as bench_flight
 from quad_mpc_ros.bench.controller_peer import ControllerPeer
 from quad_mpc_ros.bench.cvxpy_peer import CvxpyPeer, stagewise_problem
 from quad_mpc_ros.control.mpc import FORMULATIONS

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quad_mpc_ros.bench.figures import errors_before_switches, summarise
-from quad_mpc_ros.bench.flight import MeasuredFlight
+from quad_mpc_ros.bench.flights import MeasuredFlight, errors_before_switches, summarise
 
 
 def flight(step_us: list[float], **given: object) -> MeasuredFlight:

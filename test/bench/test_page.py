@@ -7,16 +7,16 @@ from typing import Any
 
 import pytest
 
-from quad_mpc_ros.bench.page import page
-from quad_mpc_ros.bench.picture import write_picture
-from quad_mpc_ros.bench.tables import (
+from quad_mpc_ros.bench.page import (
     as_markdown,
     as_text,
     comparison_lines,
     horizon_rows,
+    page,
     peer_rows,
     swept,
 )
+from quad_mpc_ros.bench.picture import write_picture
 
 
 def times(p50: float | None, p99: float | None, longest: float | None) -> dict[str, float | None]:
