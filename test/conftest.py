@@ -46,6 +46,7 @@ os.environ["ROS_DOMAIN_ID"] = str(_free_domain())
 pytest_plugins = [
     "fixtures.bags",
     "fixtures.controller",
+    "fixtures.own_package",
     "fixtures.recorded_flights",
     "fixtures.setup_py",
 ]

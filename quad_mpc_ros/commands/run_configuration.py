@@ -14,10 +14,10 @@ import yaml
 from quad_mpc_ros.commands.output import default_out, prepared_out
 from quad_mpc_ros.commands.run_options import DEFAULT_DURATION
 from quad_mpc_ros.configuration import UserError, files
-from quad_mpc_ros.lie import so3
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.recording import flown_points
+from quad_mpc_ros.simulation.closed_loop import start_on
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant, plant_entry
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
@@ -114,21 +114,10 @@ def _start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> list[str]:
 
     Raises :class:`UserError` when the simulator's vehicle has no throttle for it.
     """
-    start = trajectory.at([0])
-    R_WB = so3.rotation_from_quaternion_xyzw(start.q_WB_xyzw[0])
-    vehicle = simulator.vehicle()
-    force = start.a_WB_W[0] + vehicle.drag * start.v_WB_W[0] + [0.0, 0.0, vehicle.gravity]
     try:
-        throttle = vehicle.throttle_for(vehicle.mass * float(R_WB[:, 2] @ force))
+        values = start_on(trajectory, simulator)
     except ValueError as error:
         raise UserError(f"--start reference: {error}; --start ground needs none") from error
-    values = {
-        "initial_position": start.p_WB[0].tolist(),
-        "initial_velocity": start.v_WB_W[0].tolist(),
-        "initial_attitude": start.q_WB_xyzw[0].tolist(),
-        "initial_body_rates": (R_WB.T @ start.w_WB_W[0]).tolist(),
-        "initial_throttle": throttle,
-    }
     return [f"simulator.{name}={_yaml(value)}" for name, value in values.items()]
 
 

@@ -2,29 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+
+from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream
+from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
+from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
+from quad_mpc_ros.trajectories.path import Path
 from quad_mpc_ros.trajectories.server import ReferenceServer
 from quad_mpc_ros.trajectories.trajectory import Trajectory
 
 # Simulated time does not start at zero, which ROS reads as "no time yet".
 SIMULATION_START_NS = 1_000_000_000
+_DEFAULT_DURATION = 10.0  # s
+
+ControlLaw = Callable[[OdometrySample, ReferenceWindow], CommandSample | None]
+"""Returns the command that answers an odometry, or None for none: the last one goes on."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopStep:
-    """One odometry of the loop; ``tick`` is None when the control rate skipped it.
+    """One odometry of the loop and what followed from it.
 
-    ``truth`` is the odometry without errors. It was measured at its stamp and sent at
-    ``sent_ns``, when the command took effect or, with a delay, began its way.
+    Attributes:
+        odometry: What was measured.
+        truth: The odometry without errors.
+        sent_ns: When it was sent [ns]. The command took effect then or, with a delay, began its
+            way.
+        window: The reference from the odometry's stamp on.
+        tick: What the controller did; None when the control rate skipped the odometry, and with
+            a control law of one's own.
+        command: What was sent to the plant, if anything was.
     """
 
     odometry: OdometrySample
@@ -32,32 +52,144 @@ class LoopStep:
     sent_ns: int
     window: ReferenceWindow
     tick: Tick | None
+    command: CommandSample | None
 
 
 def fly(
     *,
-    mpc: MpcConfig,
-    simulator: SimulatorConfig,
-    reference: ReferenceConfig,
-    trajectory: Trajectory | None = None,
+    mpc: MpcConfig | None = None,
+    simulator: SimulatorConfig | None = None,
+    reference: ReferenceConfig | None = None,
+    plant: Plant | None = None,
+    trajectory: Trajectory | Path | None = None,
+    controller: Controller | ControlLaw | None = None,
+    on_reference: bool = False,
 ) -> Iterator[LoopStep]:
     """Fly the closed loop and yield every odometry that is sent with what followed from it.
 
     The values pass through the same boundary types as messages do, so the commands are those of
-    a lockstep flight over DDS, bit for bit. ``trajectory`` is flown instead of the one that the
-    reference's configuration asks for.
+    a lockstep flight over DDS, bit for bit. The flight goes on as the steps are asked for;
+    :class:`FlightLog` takes them all.
+
+    Args:
+        mpc: Parameters of the controller.
+        simulator: Parameters of plant and sensors; by default ten seconds without any error.
+        reference: Which trajectory to fly, and how it is shown to the controller.
+        plant: What flies instead of the plant that ``simulator`` asks for.
+        trajectory: What to fly instead of the trajectory that ``reference`` asks for. A path is
+            flown by differential flatness, with the vehicle and the yaw of ``reference``.
+        controller: What commands instead of the MPC of ``mpc``.
+        on_reference: Whether the flight begins in motion on the reference, and not as
+            ``simulator`` says. A plant of one's own begins as it is.
+
+    Yields:
+        One step for each odometry.
+
+    Raises:
+        UserError: For parameters that cannot be used together, or a trajectory that the vehicle
+            cannot fly.
+        ValueError: With ``on_reference``, when the vehicle has no throttle to begin with.
     """
-    plant, controller = make_plant(simulator), warmed_up(mpc)
-    server = ReferenceServer(reference, trajectory)
+    simulator = simulator or SimulatorConfig(duration=_DEFAULT_DURATION)
+    reference = reference or ReferenceConfig()
+    flown = _trajectory(reference, trajectory)
+    if on_reference:
+        simulator = simulator.updated(start_on(flown, simulator))
+    plant = plant or make_plant(simulator)
+    controller = controller or warmed_up(mpc or MpcConfig())
+    server = ReferenceServer(reference, flown)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     server.start(SIMULATION_START_NS)
     while (sent := stream.step()) is not None:
         now_ns = SIMULATION_START_NS + sent.time_ns
         window = server.window(sent.odometry.stamp_ns)
-        controller.receive_reference(window, now_ns=now_ns)
-        tick = controller.receive_odometry(sent.odometry, now_ns=now_ns)
-        if tick is not None and tick.command is not None:
-            plant.apply(tick.command)
+        tick, command = _answered(controller, sent.odometry, window, now_ns=now_ns)
+        if command is not None:
+            plant.apply(command)
         yield LoopStep(
-            odometry=sent.odometry, truth=sent.truth, sent_ns=now_ns, window=window, tick=tick
+            odometry=sent.odometry,
+            truth=sent.truth,
+            sent_ns=now_ns,
+            window=window,
+            tick=tick,
+            command=command,
         )
+
+
+def start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, Any]:
+    """Return the parameters with which the simulator starts in motion on a trajectory.
+
+    Raises ``ValueError`` when its vehicle has no throttle for it.
+    """
+    start = trajectory.at([0])
+    R_WB = so3.rotation_from_quaternion_xyzw(start.q_WB_xyzw[0])
+    vehicle = simulator.vehicle()
+    force = start.a_WB_W[0] + vehicle.drag * start.v_WB_W[0] + [0.0, 0.0, vehicle.gravity]
+    return {
+        "initial_position": start.p_WB[0].tolist(),
+        "initial_velocity": start.v_WB_W[0].tolist(),
+        "initial_attitude": start.q_WB_xyzw[0].tolist(),
+        "initial_body_rates": (R_WB.T @ start.w_WB_W[0]).tolist(),
+        "initial_throttle": vehicle.throttle_for(vehicle.mass * float(R_WB[:, 2] @ force)),
+    }
+
+
+class FlightLog:
+    """A flight of the loop as arrays; n steps.
+
+    Attributes:
+        steps: The steps themselves.
+        time: Time of each odometry from the first one (n,) [s].
+        p_WB: True positions (n, 3) [m].
+        p_WB_reference: Where the reference was (n, 3) [m].
+        commands: Throttle and body rates [rad/s] that were sent (n, 4); NaN where nothing was.
+    """
+
+    def __init__(self, steps: Iterable[LoopStep]) -> None:
+        """Fly to the end: ``FlightLog(fly())``."""
+        self.steps = list(steps)
+        stamps_ns = np.array([step.odometry.stamp_ns for step in self.steps], dtype=np.int64)
+        self.time: Array = np.asarray(1e-9 * (stamps_ns - stamps_ns[:1]), dtype=np.float64)
+        self.p_WB: Array = np.array([step.truth.p_WB for step in self.steps]).reshape(-1, 3)
+        self.p_WB_reference: Array = np.array(
+            [step.window.p_WB[0] for step in self.steps]
+        ).reshape(-1, 3)
+        self.commands: Array = np.array(
+            [_values(step.command) for step in self.steps], dtype=np.float64
+        ).reshape(-1, 4)
+
+    @property
+    def position_error(self) -> Array:
+        """Distance from the reference (n,) [m]."""
+        return np.asarray(np.linalg.norm(self.p_WB - self.p_WB_reference, axis=1))
+
+    @property
+    def position_rmse(self) -> float:
+        """Root mean square of the distance from the reference [m]."""
+        return float(np.sqrt(np.mean(np.square(self.position_error))))
+
+
+def _answered(
+    controller: Controller | ControlLaw,
+    odometry: OdometrySample,
+    window: ReferenceWindow,
+    *,
+    now_ns: int,
+) -> tuple[Tick | None, CommandSample | None]:
+    if not isinstance(controller, Controller):
+        return None, controller(odometry, window)
+    controller.receive_reference(window, now_ns=now_ns)
+    tick = controller.receive_odometry(odometry, now_ns=now_ns)
+    return tick, None if tick is None else tick.command
+
+
+def _trajectory(reference: ReferenceConfig, given: Trajectory | Path | None) -> Trajectory:
+    if given is None:
+        return configured_trajectory(reference)
+    if isinstance(given, Trajectory):
+        return given
+    return FlatTrajectory(given, gravity=reference.gravity, drag=reference.drag, yaw=reference.yaw)
+
+
+def _values(command: CommandSample | None) -> list[float]:
+    return [np.nan] * 4 if command is None else [command.throttle, *command.w_WB_B]

@@ -1,0 +1,34 @@
+"""A node declares the parameters of what another package has registered."""
+
+from __future__ import annotations
+
+import pytest
+import rclpy
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from quad_mpc_ros.ros.parameters import ManagedParameters
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+
+
+@pytest.mark.usefixtures("own_package")
+def test_a_trajectory_of_another_package_has_its_parameters_on_the_node() -> None:
+    rclpy.init()
+    node = Node(
+        "reference",
+        automatically_declare_parameters_from_overrides=True,
+        parameter_overrides=[
+            Parameter("trajectory", value="helix"),
+            Parameter("helix_radius", value=2),
+        ],
+    )
+    try:
+        parameters = ManagedParameters(node, ReferenceConfig, apply=lambda _: None)
+        assert node.get_parameter("helix_radius").value == 2.0
+        assert "helix: its climb" in node.describe_parameter("helix_climb").description
+        node.set_parameters([Parameter("helix_climb", value=1)])
+        config = parameters.settle()
+        assert config.flattened()["helix_climb"] == 1.0
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()

@@ -1,0 +1,81 @@
+"""A plant and a control law of somebody else: handed to the loop, or registered."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fixtures.own_plant import Brick, BrickParameters
+from numpy.testing import assert_array_equal
+
+from quad_mpc_ros.cli import main
+from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.simulation.closed_loop import FlightLog, fly
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+
+TWO_SECONDS = SimulatorConfig(duration=2.0)
+HOVER = ReferenceConfig(trajectory="hover", height=1.0)
+
+
+def test_a_plant_is_handed_to_the_loop_and_flown() -> None:
+    brick = Brick(BrickParameters(initial_position=(0.3, 0.0, 1.0), initial_throttle=0.3))
+    log = FlightLog(fly(plant=brick, simulator=TWO_SECONDS, reference=HOVER))
+    assert_array_equal(log.p_WB[0], [0.3, 0.0, 1.0])
+    assert log.position_error[-1] < 0.02
+
+
+def test_a_control_law_is_handed_to_the_loop_and_flown() -> None:
+    """One that holds the height alone, every other odometry."""
+    law_calls = 0
+
+    def law(odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
+        nonlocal law_calls
+        law_calls += 1
+        if law_calls % 2 == 0:
+            return None
+        error = window.p_WB[0, 2] - odometry.p_WB[2]
+        return CommandSample(
+            stamp_ns=odometry.stamp_ns,
+            throttle=0.2923 + 0.5 * error - 0.3 * odometry.v_WB_B[2],
+            w_WB_B=np.zeros(3),
+        )
+
+    simulator = SimulatorConfig(
+        duration=4.0, initial_position=(0.0, 0.0, 0.8), initial_throttle=0.3
+    )
+    log = FlightLog(fly(controller=law, simulator=simulator, reference=HOVER))
+    assert law_calls == len(log.steps) == 200
+    assert log.position_error[-1] < 0.01
+    assert np.isnan(log.commands[1::2]).all()
+    assert np.isfinite(log.commands[::2]).all()
+    assert all(step.tick is None for step in log.steps)
+
+
+def test_without_any_configuration_the_square_is_flown_for_ten_seconds() -> None:
+    log = FlightLog(fly())
+    assert len(log.steps) == 500
+    assert_array_equal(log.p_WB_reference[0], [0.0, 0.0, 2.0])
+    assert log.position_rmse < 1.0
+
+
+@pytest.mark.usefixtures("own_package")
+def test_one_that_is_registered_is_made_with_its_own_parameters() -> None:
+    config = SimulatorConfig.build({"plant": "brick", "brick_drag": 0.2})
+    assert isinstance(make_plant(config), Brick)
+    assert config.flattened()["brick_drag"] == 0.2
+    with pytest.raises(ConfigurationError, match="given 'stone', expected one of internal, rot"):
+        SimulatorConfig.build({"plant": "stone"})
+
+
+@pytest.mark.usefixtures("own_package")
+def test_the_command_line_flies_it_with_its_preset(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    options = ["--reference", "hover", "--set", "simulator.brick_drag=0.05", "--duration", "1"]
+    assert main(["simulate", "--plant", "brick", *options, "--out", str(out)]) == 0
+    config = json.loads((out / "summary.json").read_text())["config"]
+    assert config["simulator"]["brick_drag"] == 0.05
+    assert config["mpc"]["drag"] == 0.25
