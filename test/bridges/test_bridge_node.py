@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from fixtures.bridges import BRIDGES
 from fixtures.setup_py import executable
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
@@ -20,26 +21,12 @@ from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
 from quad_mpc_ros.bridges import node as node_module
-from quad_mpc_ros.bridges.aerostack2 import Aerostack2Bridge
 from quad_mpc_ros.bridges.bridge import Bridge
-from quad_mpc_ros.bridges.crazyswarm2 import Crazyswarm2Bridge
-from quad_mpc_ros.bridges.mavros import MavrosBridge
 from quad_mpc_ros.bridges.node import run_bridge
-from quad_mpc_ros.bridges.px4 import Px4Bridge
 from quad_mpc_ros.bridges.rates import RatesBridge
-from quad_mpc_ros.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, ODOMETRY, Topic
 from quad_mpc_ros.ros.health import HealthReporter
 from quad_mpc_ros.ros.messages import qos_of
-
-BRIDGES: list[type[Bridge]] = [
-    Px4Bridge,
-    MavrosBridge,
-    RosflightBridge,
-    Aerostack2Bridge,
-    Crazyswarm2Bridge,
-    RatesBridge,
-]
 
 
 def start(bridge: str, *arguments: str, log: Path) -> subprocess.Popen[bytes]:
@@ -165,7 +152,7 @@ class StandIn:
         self._times.append(time.monotonic())
 
 
-@pytest.mark.parametrize("kind", BRIDGES)
+@pytest.mark.parametrize("kind", BRIDGES.values(), ids=BRIDGES)
 def test_every_node_is_silent_when_commands_stop_and_the_state_goes_on(
     kind: type[Bridge],
     new: Callable[[str], Any],

@@ -10,14 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.bridges import BRIDGES
 
-from quad_mpc_ros.bridges.aerostack2 import Aerostack2Bridge
 from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response
-from quad_mpc_ros.bridges.crazyswarm2 import Crazyswarm2Bridge
-from quad_mpc_ros.bridges.mavros import MavrosBridge
-from quad_mpc_ros.bridges.px4 import Px4Bridge
-from quad_mpc_ros.bridges.rates import RatesBridge
-from quad_mpc_ros.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.model.samples import OdometrySample
 
@@ -37,26 +32,16 @@ TEXTS += ["OFFBOARD", "GUIDED", "STABILIZE", "nan", "schön ☃", 5000 * "x"]
 STEPS_NS = [0, 1, SECOND // 100, SECOND // 10, 2 * SECOND, 3600 * SECOND, -1, -SECOND // 20]
 STEPS_NS += [-3600 * SECOND]
 
-Cases = list[tuple[type[Bridge], dict[str, Any]]]
-CASES: dict[str, Cases] = {
-    "px4": [(Px4Bridge, {}), (Px4Bridge, {"thrust_map.kind": "quadratic"})],
-    "mavros": [
-        (MavrosBridge, {}),
-        (MavrosBridge, {"autopilot": "ardupilot", "thrust_map.kind": "linear"}),
-    ],
-    "rosflight": [
-        (RosflightBridge, {"thrust_map.kind": "table"}),
-        (RosflightBridge, {"state": "truth"}),
-    ],
-    "aerostack2": [(Aerostack2Bridge, {})],
-    "crazyswarm2": [
-        (Crazyswarm2Bridge, {"thrust_map.kind": "linear"}),
-        (Crazyswarm2Bridge, {"state": "pose"}),
-    ],
-    "rates": [
-        (RatesBridge, {}),
-        (RatesBridge, {"thrust_unit": "newton", "body_frame": "frd", "angle_unit": "deg"}),
-        (RatesBridge, {"thrust_unit": "mps2", "twist_frame": "world"}),
+# Of each bridge what differs from its default parameters, one after the other.
+VARIANTS: dict[str, list[dict[str, Any]]] = {
+    "px4_bridge": [{}, {"thrust_map.kind": "quadratic"}],
+    "mavros_bridge": [{}, {"autopilot": "ardupilot", "thrust_map.kind": "linear"}],
+    "rosflight_bridge": [{"thrust_map.kind": "table"}, {"state": "truth"}],
+    "crazyswarm2_bridge": [{"thrust_map.kind": "linear"}, {"state": "pose"}],
+    "rates_bridge": [
+        {},
+        {"thrust_unit": "newton", "body_frame": "frd", "angle_unit": "deg"},
+        {"thrust_unit": "mps2", "twist_frame": "world"},
     ],
 }
 
@@ -139,9 +124,11 @@ class Clock:
 def bridges(case: str, new: New) -> Iterator[Bridge]:
     """Yield the bridges of a case for ever, each as long as it is used."""
     battery = {"thrust_map.battery_voltage": 16.0}
-    configs = [(kind, kind.Config.build({**battery, **changes})) for kind, changes in CASES[case]]
+    kind = BRIDGES[case]
+    variants = VARIANTS.get(case, [{}])
+    configs = [kind.Config.build({**battery, **changes}) for changes in variants]
     while True:
-        for kind, config in configs:
+        for config in configs:
             yield kind(config, new)
 
 
@@ -213,7 +200,7 @@ class Run:
         self.messages = Messages(sound, SEED)
         self.random = self.messages.random
         # A pose and its twist are of the same time.
-        self.clock = Clock(self.random, at_once=0.8 if case == "aerostack2" else 0.2)
+        self.clock = Clock(self.random, at_once=0.8 if case == "aerostack2_bridge" else 0.2)
         self.number = 0
         self.bridge: Bridge
 
@@ -240,7 +227,7 @@ class Run:
         )
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", BRIDGES)
 def test_no_state_message_breaks_a_bridge(case: str, new: New, sound: Sound) -> None:
     run = Run(case, new, sound)
     passed = 0
@@ -262,7 +249,7 @@ def test_no_state_message_breaks_a_bridge(case: str, new: New, sound: Sound) -> 
     assert passed > MESSAGES // 50  # else little more than the front door was tried
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", BRIDGES)
 def test_no_command_and_no_wish_makes_a_bridge_send_what_is_absurd(
     case: str, new: New, sound: Sound
 ) -> None:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.bridges import SECOND, T0, command, ready_to_fly, tell, topics
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.bridges import px4
 from quad_mpc_ros.bridges.frames import enu_from_ned, flu_from_frd
+from quad_mpc_ros.bridges.px4 import Px4Bridge
 from quad_mpc_ros.lie import so3
-from quad_mpc_ros.model.samples import CommandSample
 
 New = Callable[[str], Any]
 
@@ -37,10 +39,6 @@ def odometry_message(new: New, **fields: Any) -> Any:
     for name, value in fields.items():
         setattr(message, name, value)
     return message
-
-
-def command(throttle: float = 0.3, w: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Any:
-    return CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.array(w))
 
 
 @pytest.mark.parametrize(
@@ -215,3 +213,111 @@ def test_arming_command(new: New, wanted: bool) -> None:
     message = new("px4_msgs/msg/VehicleCommand")
     px4.fill_arming(message, wanted=wanted, target_system=1)
     assert (message.command, message.param1, message.from_external) == (400, float(wanted), True)
+
+
+def made(new: New, **parameters: Any) -> Px4Bridge:
+    return Px4Bridge(Px4Bridge.Config(**parameters), new)
+
+
+def px4_status(new: New, nav_state: int) -> Any:
+    message = new("px4_msgs/msg/VehicleStatus")
+    message.nav_state = nav_state
+    return message
+
+
+def px4_odometry(new: New, now_ns: int, **fields: Any) -> Any:
+    message = new("px4_msgs/msg/VehicleOdometry")
+    message.timestamp = now_ns // 1000
+    message.pose_frame = message.velocity_frame = 1
+    message.q = [1.0, 0.0, 0.0, 0.0]
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+@pytest.mark.parametrize("nav_state", [0, 2, 4, 10, 13, 15, 17, 18])
+def test_px4_gets_the_heartbeat_but_no_rates_outside_of_offboard(new: New, nav_state: int) -> None:
+    bridge = made(new)
+    tell(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, nav_state), T0)
+    sent = bridge.receive_command(command(T0), now_ns=T0)
+    assert topics(sent) == ["/fmu/in/offboard_control_mode"]
+    assert "not in offboard mode" in bridge.silence
+
+
+def test_px4_gets_the_heartbeat_before_the_rates(new: New) -> None:
+    bridge = ready_to_fly(Px4Bridge, T0)
+    sent = bridge.receive_command(command(T0), now_ns=T0)
+    assert topics(sent) == ["/fmu/in/offboard_control_mode", "/fmu/in/vehicle_rates_setpoint"]
+
+
+@pytest.mark.parametrize("wish", ["arm", "engage"])
+def test_px4_is_asked_only_after_a_second_of_heartbeats(new: New, wish: str) -> None:
+    bridge = made(new)
+    ask = getattr(bridge, wish)
+    assert not ask(True, now_ns=T0).accepted
+    assert ask(False, now_ns=T0).accepted  # away from the MPC at any time
+    tell(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, 4), T0)
+    accepted_after = None
+    for now_ns in range(T0, T0 + 2 * SECOND, SECOND // 50):
+        tell(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, 4), now_ns)
+        bridge.receive_command(command(now_ns), now_ns=now_ns)
+        if accepted_after is None and ask(True, now_ns=now_ns).accepted:
+            accepted_after = now_ns - T0
+    assert accepted_after is not None
+    assert SECOND < accepted_after < 1.3 * SECOND
+    # A pause, and it begins again.
+    assert not ask(True, now_ns=T0 + 3 * SECOND).accepted
+
+
+def test_px4_topics_end_in_the_version_of_their_message(new: New) -> None:
+    def names(bridge: Px4Bridge) -> set[str]:
+        return {each.topic.name for each in bridge.subscriptions} | {
+            topic.name for topic in bridge.publications
+        }
+
+    assert "/fmu/out/vehicle_status_v4" in names(made(new))
+    assert "/fmu/out/vehicle_odometry" in names(made(new))
+    older = names(made(new, fmu="/px4_1/fmu", status_version=0, rates_version=2))
+    assert {"/px4_1/fmu/out/vehicle_status", "/px4_1/fmu/in/vehicle_rates_setpoint_v2"} <= older
+
+
+@pytest.mark.parametrize("field", ["position", "velocity", "angular_velocity"])
+def test_px4_state_marked_invalid_is_not_passed_on(new: New, field: str) -> None:
+    bridge = made(new)
+    message = px4_odometry(new, T0, **{field: [math.nan, 0.0, 0.0]})
+    assert tell(bridge, "/fmu/out/vehicle_odometry", message, T0) is None
+    (warning,) = bridge.take_warnings()
+    assert "the stack's state is not valid" in warning
+    assert "not finite" in warning
+
+
+def test_px4_frame_changes_are_passed_on_as_a_jump(new: New) -> None:
+    bridge = made(new)
+    frames = ((1, 1), (2, 2), (2, 3))
+    for i, (pose, velocity) in enumerate(frames):
+        now_ns = T0 + i * SECOND // 50
+        message = px4_odometry(new, now_ns, pose_frame=pose, velocity_frame=velocity)
+        odometry = tell(bridge, "/fmu/out/vehicle_odometry", message, now_ns)
+        assert odometry is not None
+        assert (odometry.frame_id, odometry.child_frame_id) == ("odom", "base_link")
+    assert bridge.jumps == 1
+
+
+def test_px4_refusals_are_told(new: New) -> None:
+    bridge = made(new)
+    ack = new("px4_msgs/msg/VehicleCommandAck")
+    ack.command, ack.result = 400, 1
+    tell(bridge, "/fmu/out/vehicle_command_ack_v1", ack, T0)
+    assert bridge.take_warnings() == ["PX4 answers command 400 with result 1"]
+
+
+def test_commands_take_the_newest_battery_into_account(new: New) -> None:
+    config = Px4Bridge.Config()
+    reference = dataclasses.replace(config.thrust_map, battery_voltage=16.0)
+    bridge = Px4Bridge(dataclasses.replace(config, thrust_map=reference), new)
+    tell(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, 14), T0)
+    battery = new("px4_msgs/msg/BatteryStatus")
+    battery.voltage_v = 15.0
+    tell(bridge, "/fmu/out/battery_status_v1", battery, T0)
+    rates = bridge.receive_command(command(T0), now_ns=T0)[1].message
+    assert 0.3 < -rates.thrust_body[2] < 0.4
