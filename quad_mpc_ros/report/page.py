@@ -25,6 +25,7 @@ from quad_mpc_ros.report.series import TABLE_NAMES, csv_tables
 from quad_mpc_ros.report.space_figure import space_figure
 from quad_mpc_ros.report.time_figure import time_figure
 
+MOST_ROWS = 30_000  # of a table in the page, ten minutes at 50 Hz; they take 15 MB
 _COLUMN_WIDTH = 420  # pixels at least, of a run
 
 
@@ -112,7 +113,7 @@ def page(runs: Sequence[ReportedRun]) -> str:
         differences=_differences(runs),
         parameters=parameter_table(runs, only_different=False) or "<p>None were recorded.</p>",
         buttons="\n".join(_buttons(run) for run in runs),
-        tables=_in_script({run.name: csv_tables(run) for run in runs}),
+        tables=_in_script({run.name: csv_tables(run) for run in runs if not _long(run)}),
         script=_asset("page.js"),
     )
 
@@ -155,7 +156,14 @@ def _differences(runs: Sequence[ReportedRun]) -> str:
     return f"<h2>Parameters that differ</h2>\n{table or '<p>None.</p>'}"
 
 
+def _long(run: ReportedRun) -> bool:
+    """Whether a browser would have to carry too much with the tables of a run in the page."""
+    return max(len(run.flight.stamp_ns), len(run.flight.tick_time)) > MOST_ROWS
+
+
 def _buttons(run: ReportedRun) -> str:
+    if _long(run):
+        return f"<p>{escape(run.name)}: too long for a page, see quad_mpc report --csv.</p>"
     buttons = " ".join(
         f'<button data-run="{escape(run.name)}" data-table="{name}">{name}.csv</button>'
         for name in TABLE_NAMES

@@ -1,8 +1,8 @@
-"""A run as the report shows it: its flight, its plans, its figures of merit, who commanded."""
+"""A run as the report shows it: its flight, its figures of merit, who commanded."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from quad_mpc_ros.evaluation.metrics import FALLBACKS, Summary, summarise
-from quad_mpc_ros.recordings.flight import Flight, RecordedPlan
+from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.safety.ladder import Source
 
@@ -25,7 +25,6 @@ class ReportedRun:
     name: str
     bag: Path
     flight: Flight
-    plans: Sequence[RecordedPlan]
 
     @cached_property
     def summary(self) -> Summary:
@@ -35,12 +34,10 @@ class ReportedRun:
 
 def read_runs(bags: Mapping[str, Path]) -> list[ReportedRun]:
     """Read bags by the name of their run. Raises what :meth:`Recording.flight` raises."""
-    return [_read(name, bag) for name, bag in bags.items()]
-
-
-def _read(name: str, bag: Path) -> ReportedRun:
-    flight = Recording(bag).flight(most_plans=MOST_HORIZONS)
-    return ReportedRun(name=name, bag=bag, flight=flight, plans=flight.plans)
+    return [
+        ReportedRun(name=name, bag=bag, flight=Recording(bag).flight(most_plans=MOST_HORIZONS))
+        for name, bag in bags.items()
+    ]
 
 
 @dataclass(frozen=True, kw_only=True)

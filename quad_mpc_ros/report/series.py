@@ -15,6 +15,8 @@ from quad_mpc_ros.report.run import ReportedRun
 
 TABLE_NAMES = ("odometry", "commands", "ticks")
 
+_BLOCK = 10_000  # rows
+
 Columns = dict[str, NDArray[Any]]
 
 
@@ -79,5 +81,8 @@ def _csv(columns: Mapping[str, NDArray[Any]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+    count = len(next(iter(columns.values())))
+    for begin in range(0, count, _BLOCK):  # as Python's numbers they take much memory
+        block = [values[begin : begin + _BLOCK].tolist() for values in columns.values()]
+        writer.writerows(zip(*block, strict=True))
     return text.getvalue()

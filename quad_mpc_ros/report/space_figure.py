@@ -10,6 +10,7 @@ import numpy as np
 from quad_mpc_ros.evaluation.waypoints import waypoints
 from quad_mpc_ros.figures import space, style
 from quad_mpc_ros.lie import Array
+from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.report.plotting import lay_out, plotly, subplots
 from quad_mpc_ros.report.run import MOST_HORIZONS, ReportedRun
 
@@ -32,17 +33,17 @@ def space_figure(runs: Sequence[ReportedRun]) -> Any:
     return figure
 
 
-def drawn_horizons(run: ReportedRun) -> tuple[Array, Array]:
+def drawn_horizons(flight: Flight) -> tuple[Array, Array]:
     """Return positions (n, 3) and times (n,) of evenly chosen plans, apart by rows of NaN."""
-    step = -(-len(run.plans) // MOST_HORIZONS) or 1
-    plans = run.plans[::step]
+    step = -(-len(flight.plans) // MOST_HORIZONS) or 1
+    plans = flight.plans[::step]
     if not plans:
         return np.zeros((0, 3)), np.zeros(0)
     gap = np.full((1, 3), np.nan)
     stamps_ns = np.array([plan.stamp_ns for plan in plans], dtype=np.int64)
     lengths = [len(plan.p_WB) + 1 for plan in plans]
     positions = np.vstack([part for plan in plans for part in (plan.p_WB, gap)])
-    return positions, np.repeat(run.flight.time_of(stamps_ns), lengths)
+    return positions, np.repeat(flight.time_of(stamps_ns), lengths)
 
 
 def _room(runs: Sequence[ReportedRun]) -> dict[str, Any]:
@@ -65,7 +66,7 @@ def _room(runs: Sequence[ReportedRun]) -> dict[str, Any]:
 
 def _traces(run: ReportedRun, *, fastest: float, first: bool) -> list[Any]:
     flight = run.flight
-    horizons, horizon_time = drawn_horizons(run)
+    horizons, horizon_time = drawn_horizons(flight)
     traces = [
         _line("predicted", horizons, horizon_time, colour=_HORIZON_COLOUR, width=2, legend=first)
     ]

@@ -38,7 +38,8 @@ def run_of(flight: Flight, *, name: str = "square", plans: int = 0) -> ReportedR
         RecordedPlan(stamp_ns=int(stamp), p_WB=np.full((11, 3), float(number)))
         for number, stamp in enumerate(flight.stamp_ns[:plans])
     ]
-    return ReportedRun(name=name, bag=Path("runs") / name / "bag", flight=flight, plans=recorded)
+    flight = dataclasses.replace(flight, plans=recorded)
+    return ReportedRun(name=name, bag=Path("runs") / name / "bag", flight=flight)
 
 
 @pytest.fixture
@@ -145,14 +146,14 @@ def test_a_run_without_reference_commands_or_ticks(
 
 
 def test_horizons_are_apart_and_few(make_flight: FlightMaker) -> None:
-    p_WB, time = drawn_horizons(run_of(make_flight(1000), plans=1000))
+    p_WB, time = drawn_horizons(run_of(make_flight(1000), plans=1000).flight)
     gaps = np.flatnonzero(np.isnan(p_WB[:, 0]))
     assert len(gaps) == MOST_HORIZONS
     assert set(np.diff(gaps)) == {12}
     # From the first to near the last, ten plans apart; a plan is made of its number.
     assert p_WB[::12, 0].tolist() == list(range(0, 1000, 10))
     assert time[::12] == pytest.approx(0.02 * np.arange(0, 1000, 10))
-    assert len(drawn_horizons(run_of(make_flight(5)))[0]) == 0
+    assert len(drawn_horizons(make_flight(5))[0]) == 0
 
 
 def test_panels_are_those_of_the_paper_with_bounds(failing: ReportedRun) -> None:
@@ -178,6 +179,14 @@ def test_the_page_loads_nothing_and_escapes_what_was_recorded(failing: ReportedR
     assert len(plots) == 8
     assert any("solver <failed>" in words for words in elements.words)
     assert len([a for tag, a in elements.elements if tag == "button"]) == 2 * len(TABLE_NAMES)
+
+
+def test_the_page_of_a_long_flight_stays_small(make_flight: FlightMaker) -> None:
+    """What is drawn is thinned, and the tables are left to ``--csv``."""
+    text = page([run_of(make_flight(40_000))])
+    assert len(text) < len(page([run_of(make_flight(100))])) + 6_000_000
+    assert "too long for a page" in text
+    assert "<button" not in text
 
 
 def test_parameters_that_differ_are_told(make_flight: FlightMaker) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
+import signal
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-from quad_mpc_ros.commands.soak.injection import inject
-from quad_mpc_ros.commands.soak.rig import Rig
-from quad_mpc_ros.commands.soak.start_orders import start_in_every_order
+from quad_mpc_ros.commands.soak.rig import NODES, Rig, SoakError
 from quad_mpc_ros.faults.cases import Fault, ProcessFault
+from quad_mpc_ros.faults.parameter_changes import Change, good_and_bad_changes
 from quad_mpc_ros.faults.verdict import Record, Sighting, complaints, course_seen
 from quad_mpc_ros.mpc_config import MpcConfig
 
@@ -17,6 +20,12 @@ from quad_mpc_ros.mpc_config import MpcConfig
 # and besides for as long as this one was seen to be kept waiting.
 SLACK = 0.05
 _AFTER_HOME = 0.3  # s
+_CHANGE_PERIOD = 0.02  # s
+_MOST_UNANSWERED = 5  # changes; a service forgets what comes when ten wait
+# After its first odometry a simulator takes a moment to run evenly.
+_WARM_UP = 0.5  # s
+_START_TIMEOUT = 60.0  # s
+_FLYING_FOR = 0.3  # s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +60,7 @@ def campaign(faults: tuple[Fault, ...], rig: Rig, config: MpcConfig) -> Iterator
 
 def _started(fault: Fault, rig: Rig) -> Outcome:
     began_ns = time.time_ns()
-    complaints = start_in_every_order(rig)
+    complaints = _start_in_every_order(rig)
     return Outcome(
         fault=fault,
         complaints=complaints,
@@ -64,7 +73,7 @@ def _started(fault: Fault, rig: Rig) -> Outcome:
 def _flown(fault: Fault, rig: Rig, config: MpcConfig) -> Outcome:
     counted, unsound = _count(fault, rig), len(rig.watch.unsound)
     began_ns, rig.stall = time.time_ns(), 0.0
-    origin_ns, end_ns, wrong = inject(fault, rig, config)
+    origin_ns, end_ns, wrong = _inject(fault, rig, config)
     ended_ns = time.time_ns()
     home_ns = _come_home(fault, rig, config)
     record = Record(
@@ -108,3 +117,135 @@ def _come_home(fault: Fault, rig: Rig, config: MpcConfig) -> int | None:
 
 def _count(fault: Fault, rig: Rig) -> int:
     return int(rig.watch.stats.get(fault.counter, 0))
+
+
+class _Injected(NamedTuple):
+    """When it was, by the system's clock in nanoseconds, and what is to be complained of.
+
+    Timeouts count from ``origin_ns``: when the last good message was passed on, or when the fault
+    began where it is not one of messages. It may have ended from ``end_ns`` on.
+    """
+
+    origin_ns: int
+    end_ns: int
+    complaints: list[str]
+
+
+def _inject(fault: Fault, rig: Rig, config: MpcConfig) -> _Injected:
+    """Let a fault happen from its beginning to its end."""
+    match fault.process:
+        case ProcessFault.PAUSE_MPC:
+            return _pause(fault, rig)
+        case ProcessFault.RESTART_SIMULATOR:
+            return _restart(rig)
+        case ProcessFault.SET_PARAMETERS:
+            return _set_parameters(fault, rig, config)
+        case _:
+            return _distort(fault, rig)
+
+
+def _distort(fault: Fault, rig: Rig) -> _Injected:
+    """Let messages, solver or clock fail."""
+    for relay, distortion in ((rig.odometry, fault.odometry), (rig.reference, fault.reference)):
+        if fault.intruder and distortion is not None:
+            relay.intrude()
+    rig.wait(lambda: rig.odometry.heard and rig.reference.heard, "the MPC to hear the second one")
+    if fault.switch:
+        rig.switch(fault.switch, True)
+    origin_ns = _begin(fault, rig)
+    rig.spin(fault.duration)
+    end_ns = time.time_ns()
+    if fault.switch:
+        rig.switch(fault.switch, False)
+    for relay in (rig.odometry, rig.reference):
+        relay.end()
+    return _Injected(origin_ns, end_ns, [])
+
+
+def _begin(fault: Fault, rig: Rig) -> int:
+    """Let relayed messages fail and return the time from which on timeouts count."""
+    for relay in (rig.odometry, rig.reference):
+        relay.shift(fault.clock)
+    if fault.odometry is not None:
+        rig.odometry.begin(fault.odometry)
+        return rig.odometry.passed[-1].when_ns
+    if fault.reference is not None:
+        rig.reference.begin(fault.reference)
+        return rig.reference.passed[-1].when_ns
+    return time.time_ns()
+
+
+def _pause(fault: Fault, rig: Rig) -> _Injected:
+    began_ns = time.time_ns()
+    rig.processes["mpc"].send(signal.SIGSTOP)
+    rig.spin(fault.duration)
+    end_ns = time.time_ns()
+    rig.processes["mpc"].send(signal.SIGCONT)
+    return _Injected(began_ns, end_ns, [])
+
+
+def _restart(rig: Rig) -> _Injected:
+    rig.stop("simulator")
+    origin_ns = rig.odometry.last_heard_ns
+    rig.start("simulator", autostart=True)
+    rig.wait(lambda: rig.odometry.last_heard_ns > origin_ns, "odometry of another simulator")
+    end_ns = rig.odometry.last_heard_ns
+    rig.spin(_WARM_UP)
+    return _Injected(origin_ns, end_ns, [])
+
+
+def _set_parameters(fault: Fault, rig: Rig, config: MpcConfig) -> _Injected:
+    began_ns = time.time_ns()
+    asked: list[tuple[Change, Any]] = []
+    changes = good_and_bad_changes(config)
+    for _ in range(round(fault.duration / _CHANGE_PERIOD / 2)):
+        # In pairs, so that the last good one gives back what was there.
+        for change in (next(changes), next(changes)):
+            asked.append((change, rig.set_parameters(change)))
+            rig.spin(_CHANGE_PERIOD)
+            rig.wait(lambda: _unanswered(asked) < _MOST_UNANSWERED, "answers to changes")
+    rig.wait(lambda: not _unanswered(asked), "answers to changed parameters")
+    wrong = [
+        f"{'refused' if change.good else 'accepted'}: {dict(change.values)}"
+        for change, answer in asked
+        if answer.result().result.successful is not change.good
+    ]
+    return _Injected(began_ns, time.time_ns(), wrong)
+
+
+def _unanswered(asked: list[tuple[Change, Any]]) -> int:
+    return sum(not answer.done() for _, answer in asked)
+
+
+def _start_in_every_order(rig: Rig) -> list[str]:
+    """Start each node when the one before it is there, and return what went wrong."""
+    wrong = []
+    for order in itertools.permutations(NODES):
+        try:
+            _start_in_order(rig, order)
+        except SoakError as error:
+            wrong.append(f"{', '.join(order)}: {error}")
+        for node in order:
+            if node in rig.processes:
+                rig.stop(node)
+    rig.watch.forget()
+    return [*wrong, *rig.watch.unsound]
+
+
+def _start_in_order(rig: Rig, order: tuple[str, ...]) -> None:
+    rig.wait(
+        lambda: rig.node_names().isdisjoint(NODES),
+        f"no node named {', '.join(NODES)} to be on this ROS domain",
+        timeout=_START_TIMEOUT,
+    )
+    rig.watch.forget()
+    for node in order:
+        rig.start(node, **({"autostart": True} if node == "simulator" else {}))
+        rig.wait(
+            functools.partial(_is_there, rig, node), f"{node} to start", timeout=_START_TIMEOUT
+        )
+    rig.wait(lambda: rig.watch.source_for(_FLYING_FOR) == "mpc", "the MPC to fly")
+
+
+def _is_there(rig: Rig, node: str) -> bool:
+    return node in rig.node_names()
