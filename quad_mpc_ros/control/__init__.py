@@ -1,0 +1,1 @@
+"""The controller; :mod:`.controller` is where to begin to read."""

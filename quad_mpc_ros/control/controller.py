@@ -41,7 +41,7 @@ class Controller:
 
     Args:
         config: What to fly and how. Live parameters may change by :meth:`reconfigure`.
-        deadline: How long a plan may take to be flown, where time does not wait [s].
+        deadline: How long the MPC may take for a plan that is flown [s].
 
     Example:
         >>> controller = Controller(MpcConfig())

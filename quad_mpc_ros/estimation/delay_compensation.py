@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from quad_mpc_ros.estimation.command_history import CommandHistory
+from quad_mpc_ros.estimation.contact import REST_SPEED
 from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf
 from quad_mpc_ros.model.parameters import parameters_of
 from quad_mpc_ros.model.rollout import ACTUATORS, ROW_SIZE, V_WB_W, read_odometry, roll_forward
@@ -26,7 +27,6 @@ _LONGEST_GAP_NS = 500_000_000
 # actuators are on their way from wherever another had them. And longer while the vehicle rests:
 # autopilots let the motors spool up for a second before they let them do as commanded.
 _SETTLING_NS, _SPOOLING_NS = 300_000_000, 1_500_000_000
-_REST_SPEED = 0.1
 
 
 class DelayCompensation:
@@ -128,4 +128,4 @@ class DelayCompensation:
         """Return for how long commands must have acted before the vehicle is judged by them."""
         if not self._was_idle:
             return 0
-        return _SPOOLING_NS if odometry.speed < _REST_SPEED else _SETTLING_NS
+        return _SPOOLING_NS if odometry.speed < REST_SPEED else _SETTLING_NS

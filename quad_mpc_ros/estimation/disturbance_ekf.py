@@ -27,6 +27,7 @@ import numpy as np
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.estimation.command_history import Acting
+from quad_mpc_ros.estimation.contact import airborne
 from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.actuators import actuators_in, first_order_lag, first_order_lag_slopes
 from quad_mpc_ros.model.parameters import (
@@ -42,8 +43,8 @@ from quad_mpc_ros.model.rollout import Body, body_in, propagated
 # The estimate, one vector: first the state of the velocity's filter, whose covariance is (8, 8),
 _V, _D, _K, _TAU, _SIZE = 0, 3, 6, 7, 8
 # then the throttle and its derivative by the thrust's time constant, the rates' time constant and
-# its variance, and one in flight, zero on the ground, between them while it seems to have landed.
-_THROTTLE, _THROTTLE_SLOPE, _RATE_TAU, _RATE_VARIANCE, _FLOWN = 8, 9, 10, 11, 12
+# its variance, and whether it is airborne, one in flight and zero on the ground.
+_THROTTLE, _THROTTLE_SLOPE, _RATE_TAU, _RATE_VARIANCE, _AIRBORNE = 8, 9, 10, 11, 12
 _ESTIMATE_SIZE = 13
 
 _VELOCITY_NOISE = 0.1  # m/s, of a measurement: more than any, for commands answer it too
@@ -61,11 +62,6 @@ _LAG_BOUND = 2.0  # of a time constant, as a factor either way
 
 # Longest stretch predicted at once [s].
 _LONGEST = 0.0025
-# At rest and not lifted: on the ground, which carries what the thrust does not. In flight at rest
-# the thrust is the weight, up to its scale. With less than the last of these and the largest scale
-# it would fall, and be at rest no longer before _TOUCHDOWN [s] has passed: so it has landed.
-_REST_SPEED, _LIFT, _LANDED = 0.1, 0.95, 0.6
-_TOUCHDOWN = 0.25
 
 
 class DisturbanceEkf:
@@ -108,7 +104,7 @@ class DisturbanceEkf:
     def start(self, v_WB_W: Array) -> None:
         """Begin with a velocity (3,), perhaps on the ground; what was learned is kept."""
         self._estimate[_THROTTLE] = self._initial_throttle
-        self._estimate[_THROTTLE_SLOPE] = self._estimate[_FLOWN] = 0.0
+        self._estimate[_THROTTLE_SLOPE] = self._estimate[_AIRBORNE] = 0.0
         _believe_velocity(self._estimate, self._covariance, v_WB_W)
 
     def update(self, *, before: Array, after: Array, acting: Acting, frozen: bool) -> None:
@@ -159,10 +155,14 @@ def _update(
     modelled, duration = parameters_in(nominal), durations.sum()
     predicted, slopes = _predict(modelled, estimate, commands, durations, before, after)
     thrust = slopes.v_by_scale[2] / duration
-    _notice_flight(modelled, estimate, thrust, kernels.vector(after[3:6]), duration)
+    v_WB_W = kernels.vector(after[3:6])
+    square_speed = kernels.dot(v_WB_W, v_WB_W)
+    estimate[_AIRBORNE] = airborne(
+        estimate[_AIRBORNE], square_speed, thrust, modelled.gravity, duration
+    )
     for k in range(len(commands)):
         frozen |= not saturation[0] < commands[k, 0] < saturation[1]
-    if frozen or estimate[_FLOWN] < 1.0:
+    if frozen or estimate[_AIRBORNE] < 1.0:
         _believe_velocity(estimate, P, after[3:6])
         return
     kernels.store_vector(predicted.v, estimate[_V:_D])
@@ -245,24 +245,6 @@ def _mean_axis(before: kernels.Vector, after: kernels.Vector) -> kernels.Vector:
     if length < 1e-6:
         return after
     return kernels.scaled(1.0 / 6.0, kernels.plus(middle, kernels.scaled(4.0 / length, middle)))
-
-
-@compiled
-def _notice_flight(
-    modelled: ModelParameters,
-    estimate: Array,
-    thrust: float,
-    v_WB_W: kernels.Vector,
-    duration: float,
-) -> None:
-    """Tell flight from standing by speed, and by the upward thrust over mass against gravity."""
-    resting = kernels.dot(v_WB_W, v_WB_W) < _REST_SPEED**2
-    if not resting or thrust > _LIFT * modelled.gravity:
-        estimate[_FLOWN] = 1.0
-    elif thrust < _LANDED * modelled.gravity:
-        estimate[_FLOWN] = max(estimate[_FLOWN] - duration / _TOUCHDOWN, 0.0)
-    elif estimate[_FLOWN] > 0.0:
-        estimate[_FLOWN] = 1.0
 
 
 @compiled

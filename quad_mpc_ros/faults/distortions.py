@@ -3,7 +3,7 @@
 A distortion is a pure function of the message that would have come, the last one before the fault
 and the time since the fault began. It returns what comes instead: nothing, another message,
 several, or the same one later. They serve a relay between processes and a loop in one. At the end
-are the messages that nobody should fly, which a distortion may make of good ones.
+are changes of single messages into such as nobody should fly.
 """
 
 from __future__ import annotations

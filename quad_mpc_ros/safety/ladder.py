@@ -1,7 +1,7 @@
 """The safety ladder: which source commands the vehicle, and why (see ``docs/safety.md``).
 
-A pure state machine: what is known now and what it remembers in, a decision and the new state
-out. It reads no clock; all times are in nanoseconds of whatever one clock the caller uses.
+A pure state machine: it takes what is known now and its state, and returns a decision and the new
+state. It reads no clock; all times are in nanoseconds of whatever one clock the caller uses.
 """
 
 from __future__ import annotations
@@ -74,9 +74,10 @@ class Inputs(NamedTuple):
 
 
 class LadderState(NamedTuple):
-    """What the ladder remembers from decision to decision.
+    """What the ladder keeps from decision to decision.
 
-    The time of the last plan, since when it has flown blind, and why it was stopped for good.
+    The time of the last plan that was flown, since when nothing but dead reckoning flies, and why
+    it was stopped for good.
     """
 
     planned_ns: int | None = None
@@ -95,7 +96,7 @@ def timeouts_of(config: MpcConfig) -> Timeouts:
 
 
 def decide(inputs: Inputs, state: LadderState, timeouts: Timeouts) -> tuple[Decision, LadderState]:
-    """Return who commands now, and what to remember."""
+    """Return who commands now, and the next state."""
     sighted = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.odometry)
     fault = _input_fault(inputs, timeouts) or inputs.plan_fault
     planned_ns = state.planned_ns if fault else inputs.now_ns

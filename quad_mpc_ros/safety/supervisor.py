@@ -1,8 +1,8 @@
-"""The supervisor: it watches over the MPC, and something always has the vehicle.
+"""The supervisor of the MPC, see ``docs/safety.md``.
 
-What comes in is checked (:mod:`.input_monitor`), the safety ladder (:mod:`.ladder`) says who
-commands, fallbacks (:mod:`.fallbacks`) command where the MPC cannot, and every command is limited
-(:mod:`.command_limits`). ``docs/safety.md`` describes it. It reads no clock: ``now_ns`` is given.
+It checks what comes in (:mod:`.input_monitor`), asks the safety ladder (:mod:`.ladder`) who
+commands, lets a fallback (:mod:`.fallbacks`) command where the MPC cannot, and limits every
+command (:mod:`.command_limits`). It reads no clock: ``now_ns`` is given.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Supervisor:
     """Checks what comes in, decides who commands, and limits what goes out."""
 
     def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
-        """``deadline`` [s] is how long a plan may take to be flown."""
+        """``deadline`` [s] is how long the MPC may take for a plan that is flown."""
         self._config = config
         self._deadline = deadline
         self._vehicle = config.vehicle()
@@ -190,9 +190,8 @@ class Supervisor:
             wanted = rate_limited(wanted, self._sent.command, self._config.slew, duration=elapsed)
         u = clamped(wanted, self._config)
         self.note_sent(u, now_ns=now_ns)
-        self._count("commands")
-        if source is not Source.MPC:
-            self._count("fallbacks")
+        commands, fallbacks, *others = self.counts
+        self.counts = Counts(commands + 1, fallbacks + (source is not Source.MPC), *others)
         return u
 
     def note_sent(self, u: Input, *, now_ns: int) -> None:

@@ -138,6 +138,7 @@ class InternalPlant(DelayedPlant):
         return self._vehicle.thrust(throttle) <= self._weight
 
     def _on_ground(self, x: State) -> bool:
+        """Known here; the controller has to find it out (``estimation/contact.py``)."""
         return bool(x.p_WB[2] <= 0.0 and not x.v_WB_B.any())
 
 

@@ -1,4 +1,8 @@
-"""Whether a vehicle that is to land has reached the ground: it stays although it should sink."""
+"""Whether a vehicle that is to land has reached the ground: it stays although it should sink.
+
+Apart from ``estimation/contact.py``, which goes by the commands: here they are not known, but how
+far below the vehicle the reference is.
+"""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from quad_mpc_ros.estimation.contact import GroundContact
+from quad_mpc_ros.estimation.contact import GroundContact, airborne
 
 MS = 1_000_000
 
@@ -43,3 +43,27 @@ def test_it_stands_until_it_moves_or_has_been_lifted_for_a_while() -> None:
     judged(ground, range(1260, 1900, 20), speed=0.0, lift=0.1)
     assert not ground.update(speed=0.2, lift=0.5, now_ns=1900 * MS)
     assert not ground.update(speed=0.0, lift=0.1, now_ns=1920 * MS)
+
+
+def judged_airborne(before: float, count: int, *, speed: float, lift: float) -> list[float]:
+    """Return what is said every 20 ms."""
+    said = []
+    for _ in range(count):
+        before = airborne(before, speed**2, 9.81 * lift, 9.81, 0.02)
+        said.append(before)
+    return said
+
+
+def test_what_has_not_been_seen_to_fly_stands() -> None:
+    assert judged_airborne(0.0, 50, speed=0.0, lift=0.9) == [0.0] * 50
+    assert judged_airborne(0.0, 1, speed=0.0, lift=0.96) == [1.0]
+    assert judged_airborne(0.0, 1, speed=0.11, lift=0.0) == [1.0]
+
+
+def test_what_flew_has_landed_after_a_while_at_rest_with_too_little_lift() -> None:
+    said = judged_airborne(1.0, 15, speed=0.05, lift=0.5)
+    assert all(0.0 < share < 1.0 for share in said[:12])
+    assert said[12:] == [0.0] * 3
+    # Unless it is lifted or moves in between.
+    assert judged_airborne(said[5], 1, speed=0.0, lift=0.7) == [1.0]
+    assert judged_airborne(said[5], 1, speed=0.2, lift=0.0) == [1.0]
