@@ -73,6 +73,30 @@ def test_private_attributes_of_others_are_touched_in_adapters_only() -> None:
     assert not foreign
 
 
+def test_private_modules_of_others_are_imported_in_adapters_only() -> None:
+    """Those that begin with an underscore, and rclpy's ``impl`` and ``experimental``."""
+    foreign = [
+        f"{name}:{node.lineno}: {module}"
+        for name, tree in TREES.items()
+        if name not in ADAPTERS
+        for node in ast.walk(tree)
+        for module in imported(node)
+        if not module.startswith(("quad_mpc_ros", "__future__"))
+        and any(
+            part.startswith("_") or part in ("impl", "experimental") for part in module.split(".")
+        )
+    ]
+    assert not foreign
+
+
+def imported(node: ast.AST) -> list[str]:
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        return [f"{node.module}.{alias.name}" for alias in node.names]
+    return []
+
+
 def private(tree: ast.Module) -> Iterator[ast.Attribute]:
     for node in ast.walk(tree):
         if (
