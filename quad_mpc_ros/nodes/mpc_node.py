@@ -34,9 +34,10 @@ _PATH_PERIOD_NS = 15_000_000  # every plan at 50 Hz, some at more
 
 
 class MpcNode(ManagedNode[MpcConfig]):
-    """Wires the controller to its topics; odometry triggers it, a timer watches.
+    """Wires the controller to its topics: odometry triggers it, a timer is its watchdog.
 
-    While the node is inactive nothing reaches the controller, which would count on its commands.
+    While the node is inactive nothing reaches the controller: it would count on commands that are
+    not sent.
     """
 
     _controller: Controller
@@ -60,7 +61,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._command = self.health.publisher(COMMAND)
         self._stats = self.health.publisher(STATS)
         self._predicted_path = self.health.publisher(PREDICTED_PATH)
-        # Filled again at every tick: to make them anew takes longer than to control.
+        # Filled again at every tick: making new ones takes longer than the control step.
         self._command_message = new_message(COMMAND.type_name)
         self._stats_message = new_message(STATS.type_name)
         self._path_message = new_message(PREDICTED_PATH.type_name)
@@ -80,17 +81,17 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._finish(self._standby.begin(self._controller))
 
     def deactivate(self) -> None:
-        """Forget the flight: another one commands until the next activation."""
+        """Forget the flight: until the next activation somebody else commands."""
         self._controller, self._tick = self._controller.renewed(), None
         if self._engaged is not None:
             self._controller.engage(self._engaged)
 
     def cleanup(self) -> None:
-        """Let go of the controller."""
+        """Release the controller."""
         del self._controller, self._standby
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over live parameters between two ticks."""
+        """Apply live parameters between two ticks."""
         self._controller.reconfigure(config)
 
     def _on_odometry(self, message: Any) -> None:

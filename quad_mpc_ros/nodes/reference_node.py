@@ -33,7 +33,7 @@ _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate
 class ReferenceNode(ManagedNode[ReferenceConfig]):
     """Wires the reference of a live flight to its topics and services.
 
-    The trajectory begins with the first odometry; until then its beginning is held. With the mode
+    The trajectory begins with the first odometry; until then its first sample is held. In the mode
     ``on_request`` nothing is published until then, and the vehicle stands. While the node is
     inactive the time of the flight stands still.
     """
@@ -79,7 +79,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._time.pause(self._now_ns())
 
     def cleanup(self) -> None:
-        """Let go of the trajectory."""
+        """Release the trajectory."""
         del self._live
 
     def _prepared(self) -> LiveReference:
@@ -97,7 +97,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if not self.active:
             return
         if not self._config.lockstep and not self._live.needs_odometry(self._flight_ns()):
-            return  # not decoded: in real time most of them do not matter
+            return  # not decoded: in real time most are not needed
         odometry = conversions.odometry_from_message(decoded(ODOMETRY, data))
         if odometry_fault(odometry, frame_id=self._config.frame_id) is not None:
             return  # the controller warns of it
@@ -136,7 +136,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._handle("trajectory", lambda now_ns: self._live.follow(now_ns, window))
 
     def _handle(self, name: str, request: Callable[[int], Reply]) -> Reply:
-        """Put a request to the flight, tell what became of it, draw what is flown then."""
+        """Pass a request to the flight, tell its result, and show the new course."""
         now_ns = self._flight_ns()
         reply = request(now_ns) if self.active else _INACTIVE
         self._tell_request(name, reply)
@@ -145,7 +145,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         return reply
 
     def _tell_request(self, name: str, reply: Reply) -> None:
-        """Log what became of a request and report it, but the same refusal only once."""
+        """Log and report the result of a request, but the same refusal only once."""
         before = self._request
         self._request = f"{name} {'accepted' if reply.accepted else 'refused'}: {reply.text}"
         if reply.accepted:

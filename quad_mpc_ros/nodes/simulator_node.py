@@ -22,10 +22,9 @@ from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.odometry_stream import OdometryStream, SentOdometry
 from quad_mpc_ros.simulation.plant import Plant
 
-# s: in lockstep an odometry without an answer is sent again. A busy computer answers late, and
-# that is no loss.
+# s: in lockstep an odometry without a command is sent again; the command may only be late.
 _RESEND_PERIOD = 1.0
-# s: how often real time is looked at when odometries are sent between their regular times
+# s: how often real time is polled when odometries are delayed and leave at irregular times
 _POLL_PERIOD = 1e-3
 
 
@@ -61,7 +60,7 @@ class RealTime:
         self._tick()
 
     def receive_command(self, command: CommandSample) -> None:
-        """Fly up to now with the command before, from now on with this one."""
+        """Fly up to now with the previous command, from now on with this one."""
         self._fly_to(self._elapsed_ns())
         self._plant.apply(command)
 
@@ -96,7 +95,7 @@ class Lockstep:
         self._step()
 
     def receive_command(self, command: CommandSample) -> None:
-        """Step when this is the answer waited for; an answer to a repetition is not."""
+        """Step if this is the awaited command; a second one for the same odometry is not."""
         if self._awaited is not None and command.stamp_ns == self._awaited.odometry.stamp_ns:
             self._plant.apply(command)
             self._step()
@@ -124,9 +123,9 @@ class Lockstep:
         self._send(self._awaited)
 
     def _send(self, sent: SentOdometry) -> None:
-        """Publish the time of the sending, which a delay puts after the stamp, and the odometry.
+        """Publish the time of sending, which is after the stamp by the delay, and the odometry.
 
-        What is sent again is the same: noise is drawn once.
+        A repetition is the same message: noise is drawn once.
         """
         clock = new_message(CLOCK.type_name)
         conversions.fill_time(clock.clock, SIMULATION_START_NS + sent.time_ns)

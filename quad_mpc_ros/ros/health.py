@@ -32,7 +32,7 @@ _POLL_PERIOD = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """What a node says of itself; ``level`` is one of OK, WARN, ERROR."""
+    """The health of a node; ``level`` is OK, WARN or ERROR of ``messages.diagnostics``."""
 
     level: bytes
     text: str
@@ -42,8 +42,8 @@ class Health:
 class HealthReporter:
     """Publishes a node's health, and counts the peers of the endpoints made through it.
 
-    It looks for peers itself, ten times a second. The events that rclpy has for that cannot be
-    used: its events executor crashes when an endpoint that has a handler of them is destroyed.
+    It polls the counts ten times a second. rclpy's events for that cannot be used: its events
+    executor crashes when an endpoint with a handler of such events is destroyed.
     """
 
     def __init__(self, node: Node, probe: Callable[[], Health]) -> None:
@@ -57,7 +57,7 @@ class HealthReporter:
         self._unmatched: set[str] = set()
         self._told: set[str] = set()
         self._publisher = self._create_publisher(DIAGNOSTICS)
-        # A steady clock: in simulated time the health of a node that waits matters most.
+        # Steady: when simulated time stands still, the health of a node matters most.
         create_steady_timer(node, _POLL_PERIOD, self._poll)
 
     def publisher(self, topic: Topic) -> Publisher:
@@ -73,9 +73,9 @@ class HealthReporter:
         raw: bool = False,
         expected: bool = True,
     ) -> None:
-        """Create a subscription; ``raw`` gives bytes.
+        """Create a subscription; with ``raw`` the callback gets bytes.
 
-        Its matched publishers are reported where there are ``expected`` to be some.
+        Its matched publishers are reported if some are ``expected``.
         """
         endpoints = self._endpoints if expected else self._others
         if topic.single_source:
@@ -90,7 +90,7 @@ class HealthReporter:
         )
 
     def destroy_endpoints(self) -> None:
-        """Destroy what was created through it; the health itself is reported on."""
+        """Destroy the endpoints created through it; the health is still reported."""
         for endpoint in (*self._endpoints.values(), *self._others.values()):
             if isinstance(endpoint, Publisher):
                 self._node.destroy_publisher(endpoint)
@@ -118,7 +118,7 @@ class HealthReporter:
         self._reported_s, self._counted = time.monotonic(), peers
 
     def _with_rivals(self, health: Health) -> Health:
-        """Return the health with a warning of topics on which two sources contradict."""
+        """Return the health with a warning of topics with two publishers where one is allowed."""
         rivals = [
             f"{count} publishers on {name}"
             for name in sorted(self._single & self._endpoints.keys())
@@ -145,11 +145,11 @@ class HealthReporter:
             self.report()
 
     def _tell_mismatches(self) -> None:
-        """Warn once of a peer that has been there for a period and is not heard."""
+        """Warn once of a topic where a peer has existed for a period without being matched."""
         unmatched = {
             name
             for name, endpoint in self._endpoints.items()
-            if _peer_count(endpoint) < self._there(endpoint)
+            if _peer_count(endpoint) < self._known_peer_count(endpoint)
         }
         for name in sorted(unmatched & self._unmatched - self._told):
             self._told.add(name)
@@ -159,8 +159,8 @@ class HealthReporter:
             )
         self._unmatched = unmatched
 
-    def _there(self, endpoint: Publisher | Subscription) -> int:
-        """Return how many peers the graph knows."""
+    def _known_peer_count(self, endpoint: Publisher | Subscription) -> int:
+        """Return how many peers the graph knows, matched or not."""
         if isinstance(endpoint, Publisher):
             return int(self._node.count_subscribers(endpoint.topic_name))
         return int(self._node.count_publishers(endpoint.topic_name))
@@ -192,6 +192,7 @@ class ReportingNode(Node, Generic[C]):
 
 
 def _peer_count(endpoint: Publisher | Subscription) -> int:
+    """Return how many peers are matched."""
     if isinstance(endpoint, Publisher):
         return int(endpoint.get_subscription_count())
     return int(endpoint.get_publisher_count())

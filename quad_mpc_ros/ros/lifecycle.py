@@ -1,7 +1,7 @@
 """What the nodes with a lifecycle have in common: transitions, parameters, health, autostart.
 
-A node says in its hooks what it does in a transition; that transitions fail in one line, that
-nothing is left behind by them and that everybody sees the state is here.
+A node says in its hooks what a transition does. This module makes a failed transition one line in
+the log, lets no transition leave anything behind, and shows the state to everybody.
 """
 
 from __future__ import annotations
@@ -31,8 +31,7 @@ from quad_mpc_ros.ros.spin import stop
 
 C = TypeVar("C", bound=ManagedConfiguration)
 
-# In which the answer to the one who asked for the shutdown leaves.
-_FAREWELL = 0.1
+_SHUTDOWN_DELAY = 0.1  # s: the response to the request for the shutdown goes out first
 
 
 class _ObstacleError(UserError):
@@ -42,11 +41,11 @@ class _ObstacleError(UserError):
 class ManagedNode(LifecycleNode, Generic[C]):
     """A node that is configured, activated, deactivated and cleaned up, by itself or by others.
 
-    The publishers are plain ones: what must not be sent while the node is inactive is not computed
-    either, so that a controller never counts on a command that nobody got. Hence a derived node
-    asks :attr:`active` and overrides the hooks below. They raise :class:`UserError` for what is
-    the user's to mend: the transition is then refused. ``deactivate`` and ``cleanup`` raise
-    nothing. The derived ``__init__`` ends with :meth:`start`.
+    The publishers are plain ones, not lifecycle publishers: an inactive node must not even compute
+    what it must not send, or a controller would count on a command that nobody got. So a derived
+    node asks :attr:`active`, and overrides the hooks below. A hook raises :class:`UserError` for
+    what the user can mend, and the transition is refused; ``deactivate`` and ``cleanup`` raise
+    nothing. The ``__init__`` of a derived node ends with :meth:`start`.
     """
 
     def __init__(self, name: str, configuration: type[C]) -> None:
@@ -67,8 +66,8 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def configure(self, config: C) -> None:
         """Make what the node needs.
 
-        Publishers of ``self.health`` and what the methods ``managed_…`` make are destroyed with
-        the cleanup, and when this fails.
+        Publishers of ``self.health`` and what the methods ``managed_…`` make are destroyed by the
+        cleanup, and when this hook fails.
         """
 
     def obstacle(self) -> str | None:
@@ -82,10 +81,10 @@ class ManagedNode(LifecycleNode, Generic[C]):
         """Stop; :attr:`active` is already false."""
 
     def cleanup(self) -> None:
-        """Let go of what ``configure`` made, apart from what is destroyed by itself."""
+        """Release what ``configure`` made, apart from what is destroyed automatically."""
 
     def reconfigure(self, config: C) -> None:
-        """Take over changed live parameters."""
+        """Apply changed live parameters."""
 
     def report(self) -> Health:
         """Return the health of the node while it is active."""
@@ -97,9 +96,9 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return lifecycle_state(self)
 
     def start(self) -> None:
-        """Configure, and activate as soon as nothing is in the way, unless told not to.
+        """Configure, and activate if nothing is in the way, unless ``autostart`` is false.
 
-        Raises what went wrong instead of logging it, since a node that cannot start ends.
+        Raises what went wrong instead of logging it: a node that cannot start ends.
         """
         if not self.get_parameter("autostart").value:
             return
@@ -114,9 +113,9 @@ class ManagedNode(LifecycleNode, Generic[C]):
             raise
 
     def activate_when_ready(self) -> None:
-        """Activate, if the node is starting by itself and nothing is in the way any more.
+        """Activate, if the node starts by itself and nothing is in the way any more.
 
-        To be called when that may have changed.
+        To be called whenever that may have changed.
         """
         if self._autostarting and self.obstacle() is None:
             self.trigger_activate()
@@ -153,7 +152,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         raw: bool = False,
         expected: bool = True,
     ) -> None:
-        """Create a subscription until the cleanup; a publisher may be ``expected`` to be there."""
+        """Create a subscription until the cleanup; ``expected`` says that somebody publishes."""
 
         def guarded(message: Any) -> None:
             if self._configured:  # the executor may hold one that came before the cleanup
@@ -162,7 +161,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.health.subscription(topic, guarded, raw=raw, expected=expected)
 
     def on_configure(self, _: Any) -> TransitionCallbackReturn:
-        """Take the parameters, validated as a whole, and make what the node needs."""
+        """Validate the parameters as a whole and make what the node needs."""
         return self._result_of(self._configure)
 
     def on_activate(self, _: Any) -> TransitionCallbackReturn:
@@ -174,16 +173,16 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return self._result_of(self._deactivate)
 
     def on_cleanup(self, _: Any) -> TransitionCallbackReturn:
-        """Let go of everything, so that the node can be configured anew."""
+        """Release everything, so that the node can be configured again."""
         return self._result_of(self._release)
 
     def on_shutdown(self, _: Any) -> TransitionCallbackReturn:
-        """Let go of everything and end the process."""
-        create_steady_timer(self, _FAREWELL, stop)
+        """Release everything and end the process."""
+        create_steady_timer(self, _SHUTDOWN_DELAY, stop)
         return self._result_of(self._release)
 
     def on_error(self, _: Any) -> TransitionCallbackReturn:
-        """Let go of everything after a defect; the node can be configured anew."""
+        """Release everything after a defect; the node can be configured again."""
         try:
             self._release()
         except Exception:
@@ -191,7 +190,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         return TransitionCallbackReturn.SUCCESS
 
     def destroy_node(self) -> None:
-        """Let go of everything, then end the node."""
+        """Release everything, then end the node."""
         self._release()
         super().destroy_node()
 
@@ -235,7 +234,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._managed_parameters.release()
 
     def _result_of(self, transition: Callable[[], None]) -> TransitionCallbackReturn:
-        """Carry out a transition and keep what went wrong, for whoever asked for it to tell."""
+        """Carry out a transition and keep its error for :meth:`_tell`."""
         self._fault = None
         try:
             transition()
@@ -256,7 +255,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def _on_change_state(
         self, carry_out: Callable[[Any, Any], Any], request: Any, response: Any
     ) -> Any:
-        """Carry out what is asked for when it is possible, and tell what became of it."""
+        """Carry out a requested transition if it is possible, and tell its result."""
         wanted = request.transition
         possible = possible_transitions(self)
         asked = wanted.label or possible.get(wanted.id, str(wanted.id))

@@ -42,11 +42,10 @@ _FOREIGN_PREFIXES = ("qos_overrides.",)
 def declare(node: Node, configuration: type[C], *, managed: bool = False) -> C:
     """Declare every parameter of a configuration on a node and return what the user has set.
 
-    The node must have been made with ``automatically_declare_parameters_from_overrides=True``:
-    that is how a name nobody knows is seen, which rclpy otherwise ignores, and how a whole number
-    given for a real one is accepted, which rclpy otherwise refuses. All but live ones are
-    read-only, unless they are ``managed`` by what knows when they may change. Raises
-    :class:`ConfigurationError`.
+    The node must have been made with ``automatically_declare_parameters_from_overrides=True``.
+    Otherwise rclpy would ignore unknown names, and refuse a whole number for a real parameter.
+    All but live parameters are read-only, unless they are ``managed``: then
+    :class:`ManagedParameters` decides when they may change. Raises :class:`ConfigurationError`.
     """
     given = {
         name: _plain(parameter.value)
@@ -72,10 +71,10 @@ def declare(node: Node, configuration: type[C], *, managed: bool = False) -> C:
 class ManagedParameters(Generic[C]):
     """The parameters of a node with a lifecycle.
 
-    Unconfigured, each may be set, and is validated by itself; :meth:`settle` validates them as a
-    whole. From then on, until :meth:`release`, only live ones change: what is set together through
-    ``set_parameters_atomically`` is one transaction, which is refused or handed to ``apply`` as a
-    whole.
+    While the node is unconfigured each may be set, and is validated by itself. :meth:`settle`
+    validates them as a whole. From then on, until :meth:`release`, only live ones change: those
+    set together by ``set_parameters_atomically`` are one transaction, refused or handed to
+    ``apply`` as a whole.
     """
 
     def __init__(self, node: Node, configuration: type[C], *, apply: Callable[[C], None]) -> None:
@@ -133,7 +132,7 @@ class ManagedParameters(Generic[C]):
         return SetParametersResult(successful=True)
 
     def _take_over(self, _: list[Parameter]) -> None:
-        """Apply what has just been accepted, and by now is stored."""
+        """Apply what has been accepted and stored."""
         if self._settled is not None and self._accepted is not None:
             self._settled, self._accepted = self._accepted, None
             self._apply(self._settled)

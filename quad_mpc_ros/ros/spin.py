@@ -27,11 +27,15 @@ _SPIN_TIMEOUT = 1.0
 def run(
     create: Callable[[], Node], args: list[str] | None = None, *, message_info: bool = False
 ) -> int:
-    """Make a node, spin it until SIGINT or SIGTERM or until it ends itself; return the exit code.
+    """Make a node, spin it until SIGINT, SIGTERM or :func:`stop`, and return the exit code.
 
-    ``message_info`` says that a callback of the node takes the message's info as well. A node that
-    wants to end calls :func:`stop`. Its ``exit_code``, when it has one, is returned.
-    A wrong parameter is one line on stderr and exit code 2.
+    Args:
+        create: Makes the node. Its ``exit_code`` is returned, if it has one.
+        args: Command line arguments for ROS; those of the process if not given.
+        message_info: Whether a callback of the node takes the message's info as well.
+
+    Returns:
+        The exit code: 2 for a wrong parameter, which is one line on stderr.
     """
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.ALL)
     node: Node | None = None
