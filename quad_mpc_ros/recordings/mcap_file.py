@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import heapq
 import io
 import struct
 import tempfile
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
@@ -22,18 +24,31 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from quad_mpc_ros.configuration.errors import BagError, os_reason
-from quad_mpc_ros.recordings.bag_metadata import TimeSpan, extended
+from quad_mpc_ros.recordings.bag_metadata import TimeSpan, extended, united
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Piece:
+    """A part of a file that is read at once: a chunk, or some records that are in none."""
+
+    start: int
+    size: int
+    first_ns: int
+    last_ns: int
+    channels: Collection[int]
+    """Of its messages; empty when nobody knows."""
 
 
 @dataclass
 class McapContents:
-    """What a file holds besides the messages themselves."""
+    """What a file holds besides the messages themselves, and the pieces that hold those."""
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     message_counts: Counter[int] = field(default_factory=Counter)
     span: TimeSpan | None = None
     metadata: list[Metadata] = field(default_factory=list)
+    pieces: list[_Piece] = field(default_factory=list)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,10 +63,11 @@ class McapMessage:
 class McapFile:
     """One MCAP file.
 
-    A file with an index is read by it. A file without, as SIGKILL leaves it, is read from the
-    start up to its last whole record, and held in memory while its messages are put in order.
-    A file that is compressed as a whole (``.mcap.zstd``) is unpacked into a temporary one each
-    time. Checksums are verified. Every failure is a :class:`BagError` that names the file.
+    A file with an index is read by it. One without, as SIGKILL leaves it, is scanned from the
+    start up to its last whole record, which makes an index. Messages are read piece by piece, so
+    that the memory needed is that of a chunk and of those that overlap it in time. A file that is
+    compressed as a whole (``.mcap.zstd``) is unpacked into a temporary one each time. Checksums
+    are verified. Every failure is a :class:`BagError` that names the file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -62,9 +78,15 @@ class McapFile:
         self.path = path
         with _opened(path) as stream:
             self.finished = _is_finished(stream)
-            contents = _indexed_contents(stream) if self.finished else None
-            self._indexed = contents is not None
-            self.contents = contents or _scanned_contents(stream)
+            self._indexed = _indexed_contents(stream) if self.finished else None
+
+    @cached_property
+    def contents(self) -> McapContents:
+        """What the index tells, or a scan of the whole file where there is none."""
+        if self._indexed is not None:
+            return self._indexed
+        with _opened(self.path) as stream:
+            return _scanned_contents(stream)
 
     def verify(self) -> None:
         """Read the whole file; raise :class:`BagError` when a checksum is wrong."""
@@ -81,23 +103,31 @@ class McapFile:
         self, topics: Collection[str] | None = None, *, from_ns: int = 0
     ) -> Iterator[McapMessage]:
         """Yield the messages of ``topics`` (all by default) from a log time on, in its order."""
+        contents = self.contents
+        wanted = {
+            number
+            for number, channel in contents.channels.items()
+            if topics is None or channel.topic in topics
+        }
+        pieces = [
+            piece
+            for piece in contents.pieces
+            if piece.last_ns >= from_ns
+            and not (piece.channels and wanted.isdisjoint(piece.channels))
+        ]
         with _opened(self.path) as stream:
-            if self._indexed:
-                reader = SeekingReader(
-                    stream, validate_crcs=True, record_size_limit=_size_of(stream)
-                )
-                for schema, channel, message in reader.iter_messages(topics, starting_at=from_ns):
+            for message in _in_order(stream, pieces):
+                channel = contents.channels[message.channel_id]
+                if message.channel_id in wanted and message.log_time >= from_ns:
+                    schema = contents.schemas.get(channel.schema_id)
                     yield McapMessage(channel=channel, schema=schema, message=message)
-            else:
-                for found in _scanned_messages(stream, topics):
-                    if found.message.log_time >= from_ns:
-                        yield found
 
 
 _MAGIC_SIZE = len(MCAP0_MAGIC)
 _RECORD_HEAD = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI")
 _CHECKSUM_SIZE = 4
+_PIECE_SIZE = 2**20
 
 
 @contextmanager
@@ -189,63 +219,101 @@ def _indexed_contents(stream: BinaryIO) -> McapContents | None:
         message_counts=Counter(statistics.channel_message_counts),
         span=_span_of(statistics),
         metadata=list(reader.iter_metadata()),
+        pieces=[
+            _Piece(
+                start=chunk.chunk_start_offset,
+                size=chunk.chunk_length,
+                first_ns=chunk.message_start_time,
+                last_ns=chunk.message_end_time,
+                channels=chunk.message_index_offsets.keys(),
+            )
+            for chunk in summary.chunk_indexes
+        ],
     )
 
 
 def _scanned_contents(stream: BinaryIO) -> McapContents:
     contents = McapContents()
-    for record in _whole_records(stream):
-        if isinstance(record, Schema):
-            contents.schemas[record.id] = record
-        elif isinstance(record, Channel):
-            contents.channels[record.id] = record
-        elif isinstance(record, Metadata):
-            contents.metadata.append(record)
-        elif isinstance(record, Message):
-            contents.message_counts[record.channel_id] += 1
-            contents.span = extended(contents.span, record.log_time)
+    for start, size in _pieces_of_whole_records(stream):
+        span: TimeSpan | None = None
+        channels = set()
+        for record in _records(stream, start, size):
+            if isinstance(record, Schema):
+                contents.schemas[record.id] = record
+            elif isinstance(record, Channel):
+                contents.channels[record.id] = record
+            elif isinstance(record, Metadata):
+                contents.metadata.append(record)
+            elif isinstance(record, Message):
+                contents.message_counts[record.channel_id] += 1
+                channels.add(record.channel_id)
+                span = extended(span, record.log_time)
+        if span is not None:
+            contents.span = united((contents.span, span))
+            contents.pieces.append(
+                _Piece(
+                    start=start,
+                    size=size,
+                    first_ns=span.start_ns,
+                    last_ns=span.end_ns,
+                    channels=channels,
+                )
+            )
     return contents
 
 
-def _scanned_messages(stream: BinaryIO, topics: Collection[str] | None) -> Iterator[McapMessage]:
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    found = []
-    for record in _whole_records(stream):
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Message):
-            channel = channels[record.channel_id]
-            if topics is None or channel.topic in topics:
-                schema = schemas.get(channel.schema_id)
-                found.append(McapMessage(channel=channel, schema=schema, message=record))
-    yield from sorted(found, key=lambda item: item.message.log_time)
+def _pieces_of_whole_records(stream: BinaryIO) -> Iterator[tuple[int, int]]:
+    """Yield start and size of parts of a file up to its end, or to where its writer was stopped.
 
-
-def _whole_records(stream: BinaryIO) -> Iterator[McapRecord]:
-    """Yield the records of a file up to its end, or to where its writer was stopped."""
-    end = _end_of_whole_records(stream)
-    stream.seek(_MAGIC_SIZE)
-    whole = io.BytesIO(stream.read(end - _MAGIC_SIZE))
-    reader = StreamReader(whole, skip_magic=True, validate_crcs=True, record_size_limit=end)
-    # Cut after a whole record, the input cannot end anywhere else.
-    with suppress(EndOfFile):
-        yield from reader.records
-
-
-def _end_of_whole_records(stream: BinaryIO) -> int:
+    Each is a chunk, or records outside of chunks, as many as make a mebibyte.
+    """
     size = _size_of(stream)
-    position = _MAGIC_SIZE
+    start = position = _MAGIC_SIZE
     while position + _RECORD_HEAD.size <= size:
         stream.seek(position)
-        _, length = _RECORD_HEAD.unpack(stream.read(_RECORD_HEAD.size))
+        opcode, length = _RECORD_HEAD.unpack(stream.read(_RECORD_HEAD.size))
         following = position + _RECORD_HEAD.size + length
         if following > size:
             break
+        if opcode == Opcode.CHUNK:
+            if position > start:
+                yield start, position - start
+            yield position, following - position
+            start = following
+        elif following - start >= _PIECE_SIZE:
+            yield start, following - start
+            start = following
         position = following
-    return position
+    if position > start:
+        yield start, position - start
+
+
+def _in_order(stream: BinaryIO, pieces: Iterable[_Piece]) -> Iterator[Message]:
+    """Yield the messages of pieces by log time; those of the same time as they are in the file.
+
+    What is held are the messages of a piece, and of those whose times it overlaps.
+    """
+    ahead: list[tuple[int, int, int, Message]] = []
+    for piece in sorted(pieces, key=lambda piece: (piece.first_ns, piece.start)):
+        while ahead and ahead[0][0] < piece.first_ns:
+            yield heapq.heappop(ahead)[-1]
+        for number, record in enumerate(_records(stream, piece.start, piece.size)):
+            if isinstance(record, Message):
+                heapq.heappush(ahead, (record.log_time, piece.start, number, record))
+    while ahead:
+        yield heapq.heappop(ahead)[-1]
+
+
+def _records(stream: BinaryIO, start: int, size: int) -> Iterator[McapRecord]:
+    """Yield the records in a part of a file, those in a chunk one by one."""
+    stream.seek(start)
+    part = stream.read(min(size, _size_of(stream) - start))
+    reader = StreamReader(
+        io.BytesIO(part), skip_magic=True, validate_crcs=True, record_size_limit=len(part)
+    )
+    # Cut after a whole record, the input cannot end anywhere else.
+    with suppress(EndOfFile):
+        yield from reader.records
 
 
 def _span_of(statistics: Statistics) -> TimeSpan | None:

@@ -80,13 +80,14 @@ def repair(directory: Path) -> Repair:
         raise BagError(f"{directory}: is no bag directory")
     _undo_interrupted_repair(directory)
     paths = mcap_files_in(directory)
-    if _is_complete(directory, paths):
+    damaged = [path for path in paths if not _is_whole(path)]
+    if not damaged and _is_complete(directory, paths):
         return Repair(files=(), metadata_written=False)
     packed = [path for path in paths if path.suffix != ".mcap"]
     if packed:
         raise BagError(f"{packed[0]}: is compressed as a whole; unpack it first: unzstd FILE")
     try:
-        repaired = [_repaired(path) for path in paths if not _is_whole(path)]
+        repaired = [_repaired(path) for path in damaged]
         _write_metadata(directory, paths)
     except OSError as error:
         raise BagError(f"{directory}: cannot be repaired: {os_reason(error)}") from error
@@ -106,11 +107,7 @@ def _is_complete(directory: Path, paths: Sequence[Path]) -> bool:
         reader = BagReader(directory)
     except BagError:
         return False
-    return (
-        reader.complete
-        and sorted(reader.files) == sorted(paths)
-        and all(_is_whole(path) for path in paths)
-    )
+    return reader.complete and sorted(reader.files) == sorted(paths)
 
 
 def _is_whole(path: Path) -> bool:

@@ -18,6 +18,7 @@ from mcap.writer import MCAP0_MAGIC
 _HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")  # start and end time, size, checksum, length of a name
 _LENGTH = struct.Struct("<Q")
+_BLOCK = 2**20
 
 
 class Salvage:
@@ -43,23 +44,23 @@ class Salvage:
             opcode, length = _HEAD.unpack(head)
             if opcode in _ENDINGS:
                 return
-            body = self._read(length)
-            if len(body) < length:
+            if length > self._left():  # a damaged length may be astronomic
                 if opcode == Opcode.CHUNK:
-                    yield from _records_of_cut_chunk(body)
+                    yield from _records_of_cut_chunk(self._stream, self._left())
                 return
+            body = self._stream.read(length)
             self.read_up_to += _HEAD.size + length
             try:
                 yield from _parsed(head + body)
             except Exception:  # whatever mcap, zstd and lz4 raise on damaged bytes
                 self.damaged_chunks += 1
 
-    def _read(self, length: int) -> bytes:
-        """Return ``length`` bytes, or what there is: a damaged length may be astronomic."""
+    def _left(self) -> int:
+        """Return how many bytes follow."""
         position = self._stream.tell()
-        available = self._stream.seek(0, io.SEEK_END) - position
+        end = self._stream.seek(0, io.SEEK_END)
         self._stream.seek(position)
-        return self._stream.read(min(length, available))
+        return end - position
 
 
 # Zeros are what a file system leaves of data that it never wrote.
@@ -76,32 +77,58 @@ def _parsed(record: bytes) -> list[McapRecord]:
     return found
 
 
-def _records_of_cut_chunk(body: bytes) -> Iterator[McapRecord]:
+def _records_of_cut_chunk(stream: BinaryIO, size: int) -> Iterator[McapRecord]:
+    """Yield what is whole of a chunk of which a file holds the first ``size`` bytes."""
+    # Zeros may be data or what was never written: better to lose one record than to make one up.
+    end = _end_without_zeros(stream, stream.tell() + size)
+    waiting = b""
     try:
-        # Zeros may be data or what was never written: better to lose one record than to make
-        # one up.
-        content = _content_of_cut_chunk(body.rstrip(b"\0"))
-    except Exception:  # whatever zstd raises on damaged bytes
+        for part in _content_of_cut_chunk(stream, end):
+            waiting += part
+            position = 0
+            while (following := _end_of_record(waiting, position)) is not None:
+                yield from _parsed(waiting[position:following])
+                position = following
+            waiting = waiting[position:]
+    except Exception:  # whatever mcap and zstd raise on damaged bytes
         return
-    position = 0
-    while position + _HEAD.size <= len(content):
-        _, length = _HEAD.unpack_from(content, position)
-        end = position + _HEAD.size + length
-        if end > len(content):
-            return
-        try:
-            yield from _parsed(content[position:end])
-        except Exception:  # whatever mcap raises on damaged bytes
-            return
-        position = end
 
 
-def _content_of_cut_chunk(body: bytes) -> bytes:
-    """Return the uncompressed beginning of a chunk's content."""
-    name_length = _CHUNK_HEAD.unpack_from(body)[-1]
-    start = _CHUNK_HEAD.size + name_length + _LENGTH.size
-    compression = body[_CHUNK_HEAD.size : _CHUNK_HEAD.size + name_length]
-    data = body[start:]
-    if compression == b"zstd":
-        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
-    return data if not compression else b""
+def _end_of_record(content: bytes, start: int) -> int | None:
+    if start + _HEAD.size > len(content):
+        return None
+    _, length = _HEAD.unpack_from(content, start)
+    end: int = start + _HEAD.size + length
+    return end if end <= len(content) else None
+
+
+def _content_of_cut_chunk(stream: BinaryIO, end: int) -> Iterator[bytes]:
+    """Yield the uncompressed content of a chunk, block by block, up to the end of what is there.
+
+    No more than the chunk is said to hold: what follows is another's.
+    """
+    head = stream.read(_CHUNK_HEAD.size)
+    _, _, left, _, name_length = _CHUNK_HEAD.unpack(head)
+    compression = stream.read(min(name_length, end))
+    stream.seek(_LENGTH.size, io.SEEK_CUR)
+    if compression not in (b"zstd", b""):
+        return
+    decompressor = zstandard.ZstdDecompressor().decompressobj() if compression else None
+    while left > 0 and (block := stream.read(max(0, min(_BLOCK, end - stream.tell())))):
+        content = decompressor.decompress(block) if decompressor else block
+        yield content[:left]
+        left -= len(content)
+
+
+def _end_without_zeros(stream: BinaryIO, end: int) -> int:
+    """Return where the zeros at the end of a file begin, and stay where the stream is."""
+    start = stream.tell()
+    while end > start:
+        size = min(_BLOCK, end - start)
+        stream.seek(end - size)
+        kept = len(stream.read(size).rstrip(b"\0"))
+        end -= size - kept
+        if kept:
+            break
+    stream.seek(start)
+    return end
