@@ -8,7 +8,7 @@ import struct
 import tempfile
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -105,20 +105,19 @@ class McapFile:
         """Yield the messages of ``topics`` (all by default) from a log time on, in its order."""
         contents = self.contents
         wanted = {
-            number
+            number: topics is None or channel.topic in topics
             for number, channel in contents.channels.items()
-            if topics is None or channel.topic in topics
         }
         pieces = [
             piece
             for piece in contents.pieces
             if piece.last_ns >= from_ns
-            and not (piece.channels and wanted.isdisjoint(piece.channels))
+            and (not piece.channels or any(wanted.get(number) for number in piece.channels))
         ]
         with _opened(self.path) as stream:
-            for message in _in_order(stream, pieces):
-                channel = contents.channels[message.channel_id]
-                if message.channel_id in wanted and message.log_time >= from_ns:
+            for message in _in_order(stream, pieces, wanted):
+                if message.log_time >= from_ns:
+                    channel = contents.channels[message.channel_id]
                     schema = contents.schemas.get(channel.schema_id)
                     yield McapMessage(channel=channel, schema=schema, message=message)
 
@@ -288,17 +287,20 @@ def _pieces_of_whole_records(stream: BinaryIO) -> Iterator[tuple[int, int]]:
         yield start, position - start
 
 
-def _in_order(stream: BinaryIO, pieces: Iterable[_Piece]) -> Iterator[Message]:
+def _in_order(
+    stream: BinaryIO, pieces: Iterable[_Piece], wanted: Mapping[int, bool]
+) -> Iterator[Message]:
     """Yield the messages of pieces by log time; those of the same time as they are in the file.
 
-    What is held are the messages of a piece, and of those whose times it overlaps.
+    ``wanted`` tells for each channel whether its messages are. Held are those of one piece, and
+    of the ones that it overlaps in time.
     """
     ahead: list[tuple[int, int, int, Message]] = []
     for piece in sorted(pieces, key=lambda piece: (piece.first_ns, piece.start)):
         while ahead and ahead[0][0] < piece.first_ns:
             yield heapq.heappop(ahead)[-1]
         for number, record in enumerate(_records(stream, piece.start, piece.size)):
-            if isinstance(record, Message):
+            if isinstance(record, Message) and wanted[record.channel_id]:
                 heapq.heappush(ahead, (record.log_time, piece.start, number, record))
     while ahead:
         yield heapq.heappop(ahead)[-1]
