@@ -2,8 +2,12 @@
 
 from quad_mpc_ros.configuration.errors import BagError, ConfigurationError, UserError
 from quad_mpc_ros.configuration.extension import ExtensibleConfiguration, registered
-from quad_mpc_ros.configuration.fields import Configuration, ParameterSpec, parameter
-from quad_mpc_ros.configuration.managed import ManagedConfiguration
+from quad_mpc_ros.configuration.fields import (
+    Configuration,
+    ManagedConfiguration,
+    ParameterSpec,
+    parameter,
+)
 
 __all__ = [
     "BagError",

@@ -195,6 +195,17 @@ class Configuration:
         return self.build({**self.flattened(), **changes})
 
 
+@dataclass(frozen=True, kw_only=True)
+class ManagedConfiguration(Configuration):
+    """Parameters of a node that can be configured, activated, deactivated and cleaned up."""
+
+    autostart: bool = parameter(
+        True,
+        doc="Configure and activate by itself at the start, as soon as what it needs is there; "
+        "false waits for the transitions of the lifecycle.",
+    )
+
+
 _NOUNS = {
     "double": ("a number", "numbers"),
     "integer": ("a whole number", "whole numbers"),

@@ -39,7 +39,7 @@ def load(
     """
     values: dict[str, dict[str, Any]] = {node: dict((base or {}).get(node, {})) for node in schema}
     for source in sources:
-        for node, parameters in _read(_resolve(source), schema).items():
+        for node, parameters in _read(_located(source), schema).items():
             values[node].update(parameters)
     for assignment in assignments:
         node, name, value = _parsed(assignment, schema)
@@ -78,7 +78,7 @@ def _config_directory() -> Path:
     raise UserError("the presets of quad_mpc_ros are not installed: install the package again")
 
 
-def _resolve(source: str) -> Path:
+def _located(source: str) -> Path:
     path = Path(source)
     if path.is_file():
         return path

@@ -7,6 +7,9 @@ State: position and velocity in the world, attitude R_WB, and the actuators, thr
     dp/dt = v,  dv/dt = g + k (T(s)/m) R_WB e3 - mu v + d,  dR/dt = R [w],
     dw/dt = (w_c - w) / tau_w,  ds/dt = (s_c - s) / tau_s.
 
+The simulated plant (:mod:`quad_mpc_ros.simulation.dynamics`) has equations of its own on purpose:
+a mistake in one of them shows in flight.
+
 Over a substep, under one command, the turn is the exact integral of the lagging rate, and the
 thrust is that of the mean throttle along the attitude half way; drag is exact.
 

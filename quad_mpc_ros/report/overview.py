@@ -92,8 +92,9 @@ def _vehicle(run: ReportedRun) -> str:
     recorded = recorded_parameters(run.flight.parameters, SimulatorConfig)
     if not recorded:
         return "no simulator recorded"
-    simulated = SimulatorConfig.build(recorded)
-    return f"simulated, {simulated.plant}, {simulated.dynamics}"
+    # Not built: the plant may be another package's that is not installed here.
+    simulated = {**SimulatorConfig().flattened(), **recorded}
+    return f"simulated, {simulated['plant']}, {simulated['dynamics']}"
 
 
 _IDENTITY: dict[str, Callable[[ReportedRun], str]] = {

@@ -150,36 +150,6 @@ class SplinePath:
         return PathSamples(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=j)
 
 
-class Slowed:
-    """A path that takes ``factor`` times as long: uniform time scaling."""
-
-    def __init__(self, path: Path, factor: float) -> None:
-        self._path = path
-        self._factor = factor
-
-    @property
-    def periodic(self) -> bool:
-        """As the path."""
-        return self._path.periodic
-
-    @property
-    def duration(self) -> float:
-        """The longer duration [s]."""
-        return self._factor * self._path.duration
-
-    def at(self, seconds: Array) -> PathSamples:
-        """Return the path at times (n,) [s]; the n-th derivative shrinks by factor^n."""
-        k, found = self._factor, self._path.at(seconds / self._factor)
-        return PathSamples(
-            p_WB=found.p_WB,
-            v_WB_W=found.v_WB_W / k,
-            a_WB_W=found.a_WB_W / k**2,
-            j_WB_W=found.j_WB_W / k**3,
-            yaw=found.yaw,
-            yaw_rate=np.asarray(found.yaw_rate) / k,
-        )
-
-
 class Moved:
     """A path elsewhere: displaced by ``offset`` (3,) [m]."""
 

@@ -30,7 +30,6 @@ from quad_mpc_ros.trajectories.minimum_snap import (
     leg_within,
 )
 from quad_mpc_ros.trajectories.path import Chain, Path, SplinePath, Turned
-from quad_mpc_ros.trajectories.smoothing import smooth_curve
 
 LEAST_POINTS = 6
 _SLOW = 0.5  # m/s
@@ -159,6 +158,8 @@ def _smoothed(
     table: PointTable, values: Array, *, tolerance: float, rests: tuple[bool, bool]
 ) -> SplinePath:
     """Return the smooth curve near values (n, 3) at the times of the table, from 0."""
+    from quad_mpc_ros.trajectories.smoothing import smooth_curve  # SciPy's splines, for it alone
+
     seconds = table.seconds - table.seconds[0]
     try:
         curve = smooth_curve(seconds, values, tolerance=tolerance, rests=rests)

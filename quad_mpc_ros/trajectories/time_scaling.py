@@ -1,4 +1,4 @@
-"""How much slower a path must be flown for the vehicle to follow it."""
+"""Uniform time scaling: a path flown slower, and as little slower as the vehicle needs."""
 
 from __future__ import annotations
 
@@ -6,13 +6,46 @@ import math
 from collections.abc import Callable
 from typing import TypeVar
 
-from quad_mpc_ros.trajectories.path import Path, Slowed
+import numpy as np
+
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.trajectories.path import Path, PathSamples
 
 _LARGEST_FACTOR = 50.0
 _GROWTH = 1.2
 _PRECISION = 1.005
 
 T = TypeVar("T")
+
+
+class Slowed:
+    """A path that takes ``factor`` times as long: uniform time scaling."""
+
+    def __init__(self, path: Path, factor: float) -> None:
+        self._path = path
+        self._factor = factor
+
+    @property
+    def periodic(self) -> bool:
+        """As the path."""
+        return self._path.periodic
+
+    @property
+    def duration(self) -> float:
+        """The longer duration [s]."""
+        return self._factor * self._path.duration
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s]; the n-th derivative shrinks by factor^n."""
+        k, found = self._factor, self._path.at(seconds / self._factor)
+        return PathSamples(
+            p_WB=found.p_WB,
+            v_WB_W=found.v_WB_W / k,
+            a_WB_W=found.a_WB_W / k**2,
+            j_WB_W=found.j_WB_W / k**3,
+            yaw=found.yaw,
+            yaw_rate=np.asarray(found.yaw_rate) / k,
+        )
 
 
 def quickest(path: Path, flown: Callable[[Path], T | None]) -> T | None:

@@ -18,17 +18,17 @@ def test_a_trajectory_of_another_package_has_its_parameters_on_the_node() -> Non
         "reference",
         automatically_declare_parameters_from_overrides=True,
         parameter_overrides=[
-            Parameter("trajectory", value="helix"),
-            Parameter("helix_radius", value=2),
+            Parameter("trajectory", value="swing"),
+            Parameter("swing_width", value=2),
         ],
     )
     try:
         parameters = ManagedParameters(node, ReferenceConfig, apply=lambda _: None)
-        assert node.get_parameter("helix_radius").value == 2.0
-        assert "helix: its climb" in node.describe_parameter("helix_climb").description
-        node.set_parameters([Parameter("helix_climb", value=1)])
+        assert node.get_parameter("swing_width").value == 2.0
+        assert "swing: angle per time" in node.describe_parameter("swing_rate").description
+        node.set_parameters([Parameter("swing_rate", value=1)])
         config = parameters.settle()
-        assert config.flattened()["helix_climb"] == 1.0
+        assert config.flattened()["swing_rate"] == 1.0
     finally:
         node.destroy_node()
         rclpy.shutdown()

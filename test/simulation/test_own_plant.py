@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fixtures.own_plant import Brick, BrickParameters
+from fixtures.own_package import ROOT, kept
 from numpy.testing import assert_array_equal
 
 from quad_mpc_ros.cli import main
@@ -21,8 +22,18 @@ TWO_SECONDS = SimulatorConfig(duration=2.0)
 HOVER = ReferenceConfig(trajectory="hover", height=1.0)
 
 
-def test_a_plant_is_handed_to_the_loop_and_flown() -> None:
-    brick = Brick(BrickParameters(initial_position=(0.3, 0.0, 1.0), initial_throttle=0.3))
+def test_contributing_enters_it_where_the_others_are() -> None:
+    path = "quad_mpc_ros/simulation/config.py"
+    lines = (ROOT / path).read_text().splitlines()
+    assert len(kept(path)) == 3
+    assert set(kept(path)) <= set(lines)
+
+
+def test_a_plant_is_handed_to_the_loop_and_flown(own_package: SimpleNamespace) -> None:
+    bricks = own_package.bricks
+    brick = bricks.Brick(
+        bricks.BrickParameters(initial_position=(0.3, 0.0, 1.0), initial_throttle=0.3)
+    )
     log = FlightLog(fly(plant=brick, simulator=TWO_SECONDS, reference=HOVER))
     assert_array_equal(log.p_WB[0], [0.3, 0.0, 1.0])
     assert log.position_error[-1] < 0.02
@@ -62,10 +73,11 @@ def test_without_any_configuration_the_square_is_flown_for_ten_seconds() -> None
     assert log.position_rmse < 1.0
 
 
-@pytest.mark.usefixtures("own_package")
-def test_one_that_is_registered_is_made_with_its_own_parameters() -> None:
+def test_one_that_is_registered_is_made_with_its_own_parameters(
+    own_package: SimpleNamespace,
+) -> None:
     config = SimulatorConfig.build({"plant": "brick", "brick_drag": 0.2})
-    assert isinstance(make_plant(config), Brick)
+    assert isinstance(make_plant(config), own_package.bricks.Brick)
     assert config.flattened()["brick_drag"] == 0.2
     with pytest.raises(ConfigurationError, match="given 'stone', expected one of internal, rot"):
         SimulatorConfig.build({"plant": "stone"})

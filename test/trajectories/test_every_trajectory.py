@@ -25,6 +25,8 @@ SECOND = 1_000_000_000
 VECTORS = ("p_WB", "v_WB_W", "a_WB_W", "w_WB_W")
 
 CASES: dict[str, dict[str, object]] = {
+    # What has no case below is flown as it is.
+    **{name: {} for name in TRAJECTORIES if name != "square"},
     "hover": {"yaw": 1.0},
     "waypoints": {"dwell_time": 0.3, "max_acceleration": 6.0},
     "circle": {"circle_speed": 5.0},
