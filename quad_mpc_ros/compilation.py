@@ -2,7 +2,9 @@
 
 A function's machine code contains what it calls, and the constants that it reads, of other files
 too. Numba asks only whether the function's own file has changed; here all files beside it count,
-and those of the rooms from which compiled code is built.
+those of the rooms from which compiled code is built, and this one.
+
+This is the one file that uses what Numba keeps to itself: a dispatcher's cache.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ import numba
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-_ROOMS = ("lie", "model", "ocp", "estimation")
+# Compiled code takes functions and constants from here and from its own folder: a test looks.
+ROOMS = ("lie", "model", "ocp", "estimation")
 
 
 def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
@@ -40,8 +43,15 @@ def _know_all_sources(dispatcher: Any) -> None:
     """Let machine code on disk be good only for the sources that it was made of."""
     folder = Path(dispatcher.py_func.__code__.co_filename).resolve().parent
     index = dispatcher._cache._cache_file
-    package = Path(__file__).resolve().parent
-    index._source_stamp = _digest(folder), *(_digest(package / room) for room in _ROOMS)
+    index._source_stamp = _digest(folder), *_digests_of_all()
+
+
+@functools.cache
+def _digests_of_all() -> tuple[str, ...]:
+    """Return the digests of what goes into every function's machine code, or how it is made."""
+    here = Path(__file__).resolve()
+    own = hashlib.blake2b(here.read_bytes(), digest_size=16).hexdigest()
+    return own, *(_digest(here.parent / room) for room in ROOMS)
 
 
 @functools.cache

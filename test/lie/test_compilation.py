@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import numba
+import pytest
+
 import quad_mpc_ros
+from quad_mpc_ros import compilation
+from quad_mpc_ros.lie import kernels
 
 PACKAGE = Path(quad_mpc_ros.__file__).parent
 
@@ -64,6 +71,86 @@ def test_machine_code_follows_what_it_calls_in_another_file(tmp_path: Path) -> N
         assert _run(module) == constant
 
 
+@pytest.mark.parametrize(
+    "name", ["_cache._cache_file._source_stamp", "_cache.load_overload", "_cache.flush"]
+)
+def test_numba_has_what_is_mended(name: str) -> None:
+    held = kernels.exp
+    for step in name.split("."):
+        assert hasattr(held, step), (
+            f"Numba {numba.__version__} has no {name} of a dispatcher any more, which "
+            "quad_mpc_ros/compilation.py uses"
+        )
+        held = getattr(held, step)
+
+
+def test_machine_code_is_made_of_files_that_its_digest_covers() -> None:
+    """Whatever compiled code takes from elsewhere in the package is of its folder or of a room."""
+    taken = {
+        (path.parent.name, module)
+        for path in PACKAGE.rglob("*.py")
+        for module in taken_by_compiled_code(ast.parse(path.read_text()))
+    }
+    assert ("model", "quad_mpc_ros.lie") in taken
+    for folder, module in taken:
+        assert module.split(".")[1] in (folder, *compilation.ROOMS), (
+            f"compiled code of {folder} takes something from {module}: add its room to "
+            "quad_mpc_ros.compilation.ROOMS"
+        )
+
+
+def taken_by_compiled_code(module: ast.Module) -> Iterator[str]:
+    """Yield the modules of the package from which a file's compiled functions take a name."""
+    used = {
+        node.id
+        for function in ast.walk(module)
+        if is_compiled(function)
+        for node in ast.walk(function)
+        if isinstance(node, ast.Name)
+    }
+    for node in ast.walk(module):
+        if (
+            isinstance(node, ast.ImportFrom)
+            and (node.module or "").startswith("quad_mpc_ros.")
+            and node.module != compilation.__name__
+            and used & {alias.asname or alias.name for alias in node.names}
+        ):
+            yield str(node.module)
+
+
+def is_compiled(node: ast.AST) -> bool:
+    """Whether it is ``@compiled def …`` or ``compiled(…)``."""
+    if isinstance(node, ast.FunctionDef):
+        return any(ast.unparse(decorator) == "compiled" for decorator in node.decorator_list)
+    return isinstance(node, ast.Call) and ast.unparse(node.func) == "compiled"
+
+
+def test_how_code_is_compiled_is_part_of_its_digest(tmp_path: Path) -> None:
+    """With other options of Numba the machine code is another, though no function has changed."""
+    package = tmp_path / "quad_mpc_ros"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (tmp_path / "divided.py").write_text(_DIVIDED)
+    source = (PACKAGE / "compilation.py").read_text()
+    assert source.count('error_model="numpy"') == 2
+    outcomes = []
+    for model in ("numpy", "python"):
+        (package / "compilation.py").write_text(source.replace('="numpy"', f'="{model}"'))
+        outcomes.append(_run(tmp_path / "divided.py", package=package))
+    assert outcomes == ["inf", "ZeroDivisionError"]
+
+
+_DIVIDED = """
+from quad_mpc_ros.compilation import compiled
+@compiled
+def divided(x):
+    return 1.0 / x
+try:
+    print(divided(0.0))
+except ZeroDivisionError as error:
+    print(type(error).__name__)
+"""
+
 _CALLED = """
 from quad_mpc_ros.compilation import compiled
 @compiled
@@ -97,11 +184,11 @@ if __name__ != "__main__":
 """
 
 
-def _run(module: Path) -> str:
+def _run(module: Path, *, package: Path = PACKAGE) -> str:
     """Return what a module prints when it is imported in a process of its own."""
     return subprocess.run(
         [sys.executable, "-c", f"import {module.stem}"],
-        env={**os.environ, "PYTHONPATH": f"{module.parent}:{PACKAGE.parent}"},
+        env={**os.environ, "PYTHONPATH": f"{module.parent}:{package.parent}"},
         capture_output=True,
         text=True,
         timeout=120,
