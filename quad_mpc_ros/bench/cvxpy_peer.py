@@ -18,7 +18,7 @@ from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.horizon_qp import HorizonPattern, HorizonStages
+from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages
 
 
 def cvxpy_module() -> Any:

@@ -21,15 +21,14 @@ stays. The throttle, which nobody measures, is followed through the lag.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.estimation.command_history import Acting
 from quad_mpc_ros.estimation.contact import airborne
+from quad_mpc_ros.estimation.process_model import Prediction, Throttle, predict
 from quad_mpc_ros.lie import Array, kernels
-from quad_mpc_ros.model.actuators import actuators_in, first_order_lag, first_order_lag_slopes
 from quad_mpc_ros.model.parameters import (
     DISTURBANCE,
     RATE_TIME_CONSTANT,
@@ -38,7 +37,7 @@ from quad_mpc_ros.model.parameters import (
     ModelParameters,
     parameters_in,
 )
-from quad_mpc_ros.model.rollout import Body, body_in, propagated
+from quad_mpc_ros.model.rollout import Body, body_in
 
 # The estimate, one vector: first the state of the velocity's filter, whose covariance is (8, 8),
 _V, _D, _K, _TAU, _SIZE = 0, 3, 6, 7, 8
@@ -59,9 +58,6 @@ _RATE_NOISE = 0.1  # rad/s, of a measured rate against the model
 _LAG_SPREAD = 0.5  # of a time constant at the start, relative
 _LAG_WALK = 0.1  # relative, 1 / sqrt(s)
 _LAG_BOUND = 2.0  # of a time constant, as a factor either way
-
-# Longest stretch predicted at once [s].
-_LONGEST = 0.0025
 
 
 class DisturbanceEkf:
@@ -126,17 +122,6 @@ class DisturbanceEkf:
         )
 
 
-class _Slopes(NamedTuple):
-    """How a prediction changes: by the thrust's scale and by the time constants.
-
-    ``v_by_scale`` and ``v_by_lag`` of the velocity, ``w_by_lag`` of the rates.
-    """
-
-    v_by_scale: kernels.Vector
-    v_by_lag: kernels.Vector
-    w_by_lag: kernels.Vector
-
-
 @compiled
 def _update(
     nominal: Array,
@@ -153,8 +138,8 @@ def _update(
     if len(durations) == 0:
         return
     modelled, duration = parameters_in(nominal), durations.sum()
-    predicted, slopes = _predict(modelled, estimate, commands, durations, before, after)
-    thrust = slopes.v_by_scale[2] / duration
+    prediction = _predict(modelled, estimate, commands, durations, before, after)
+    thrust = prediction.v_by_scale[2] / duration
     v_WB_W = kernels.vector(after[3:6])
     square_speed = kernels.dot(v_WB_W, v_WB_W)
     estimate[_AIRBORNE] = airborne(
@@ -165,16 +150,14 @@ def _update(
     if frozen or estimate[_AIRBORNE] < 1.0:
         _believe_velocity(estimate, P, after[3:6])
         return
-    kernels.store_vector(predicted.v, estimate[_V:_D])
-    _predict_covariance(modelled, P, slopes, duration)
+    kernels.store_vector(prediction.body.v, estimate[_V:_D])
+    _predict_covariance(modelled, P, prediction, duration)
     lag_before = estimate[_TAU]
     for axis in range(3):
         _correct_velocity(estimate, P, axis, after[3 + axis])
     _clamp(modelled, estimate)
     estimate[_THROTTLE] += estimate[_THROTTLE_SLOPE] * (estimate[_TAU] - lag_before)
-    _correct_rate_lag(
-        modelled, estimate, predicted.actuators[1:], slopes.w_by_lag, after[16:19], duration
-    )
+    _correct_rate_lag(modelled, estimate, prediction, after[16:19], duration)
 
 
 @compiled
@@ -185,8 +168,8 @@ def _predict(
     durations: Array,
     before: Array,
     after: Array,
-) -> tuple[Body, _Slopes]:
-    """Move a state on through commands (n, 4) by what is believed; return it and its slopes."""
+) -> Prediction:
+    """Predict by what is believed from one odometry to the next, and follow the throttle."""
     believed = ModelParameters(
         modelled.a,
         modelled.b,
@@ -198,53 +181,18 @@ def _predict(
         kernels.vector(estimate[_D:_K]),
         estimate[_K],
     )
-    start, end = body_in(before), body_in(after)
-    axis = _mean_axis(kernels.column(start.R, 2), kernels.column(end.R, 2))
-    throttle, slope = estimate[_THROTTLE], estimate[_THROTTLE_SLOPE]
-    rates = start.actuators[1], start.actuators[2], start.actuators[3]
-    body = Body(
+    throttle = Throttle(estimate[_THROTTLE], estimate[_THROTTLE_SLOPE])
+    start = body_in(before)
+    start = Body(
         (0.0, 0.0, 0.0),
         kernels.vector(estimate[_V:_D]),
         start.R,
-        (throttle, rates[0], rates[1], rates[2]),
+        (throttle.value, start.actuators[1], start.actuators[2], start.actuators[3]),
     )
-    v_by_scale = v_by_lag = w_by_lag = (0.0, 0.0, 0.0)
-    for k in range(len(durations)):
-        dt, command = durations[k], actuators_in(commands[k])
-        decay, share = first_order_lag(believed.rate_time_constant, dt)
-        decay_slope, share_slope = first_order_lag_slopes(believed.rate_time_constant, dt)
-        excess = (
-            body.actuators[1] - command[1],
-            body.actuators[2] - command[2],
-            body.actuators[3] - command[3],
-        )
-        w_by_lag = kernels.plus(
-            kernels.scaled(decay, w_by_lag), kernels.scaled(decay_slope, excess)
-        )
-        decay, share = first_order_lag(believed.thrust_time_constant, dt)
-        decay_slope, share_slope = first_order_lag_slopes(believed.thrust_time_constant, dt)
-        off = throttle - command[0]
-        mean, mean_slope = command[0] + share * off, share * slope + share_slope * off
-        throttle, slope = command[0] + decay * off, decay * slope + decay_slope * off
-        push = dt * ((believed.a * mean + believed.b) * mean + believed.c)
-        push_slope = (
-            dt * believed.thrust_scale * (2.0 * believed.a * mean + believed.b) * mean_slope
-        )
-        v_by_scale = kernels.plus(v_by_scale, kernels.scaled(push, axis))
-        v_by_lag = kernels.plus(v_by_lag, kernels.scaled(push_slope, axis))
-        body = propagated(believed, command, dt, _LONGEST, body)
-    estimate[_THROTTLE], estimate[_THROTTLE_SLOPE] = throttle, slope
-    return body, _Slopes(v_by_scale, v_by_lag, w_by_lag)
-
-
-@compiled
-def _mean_axis(before: kernels.Vector, after: kernels.Vector) -> kernels.Vector:
-    """Return the mean of a direction that turned evenly from one to another (Simpson)."""
-    middle = kernels.plus(before, after)
-    length = math.sqrt(kernels.dot(middle, middle))
-    if length < 1e-6:
-        return after
-    return kernels.scaled(1.0 / 6.0, kernels.plus(middle, kernels.scaled(4.0 / length, middle)))
+    prediction = predict(believed, commands, durations, throttle, start, body_in(after).R)
+    estimate[_THROTTLE] = prediction.throttle.value
+    estimate[_THROTTLE_SLOPE] = prediction.throttle.slope
+    return prediction
 
 
 @compiled
@@ -259,17 +207,17 @@ def _believe_velocity(estimate: Array, P: Array, v_WB_W: Array) -> None:
 
 @compiled
 def _predict_covariance(
-    modelled: ModelParameters, P: Array, slopes: _Slopes, duration: float
+    modelled: ModelParameters, P: Array, prediction: Prediction, duration: float
 ) -> None:
     """Let the uncertainty grow over a duration: F P F' and the random walks."""
     kept = 1.0 - duration * modelled.drag
     for i in range(3):
-        by_scale, by_lag = slopes.v_by_scale[i], slopes.v_by_lag[i]
+        by_scale, by_lag = prediction.v_by_scale[i], prediction.v_by_lag[i]
         for j in range(_SIZE):
             others = duration * P[_D + i, j] + by_scale * P[_K, j] + by_lag * P[_TAU, j]
             P[i, j] = kept * P[i, j] + others
     for i in range(3):
-        by_scale, by_lag = slopes.v_by_scale[i], slopes.v_by_lag[i]
+        by_scale, by_lag = prediction.v_by_scale[i], prediction.v_by_lag[i]
         for j in range(_SIZE):
             others = duration * P[j, _D + i] + by_scale * P[j, _K] + by_lag * P[j, _TAU]
             P[j, i] = kept * P[j, i] + others
@@ -313,12 +261,12 @@ def _clamped_lag(time_constant: float, modelled: float) -> float:
 def _correct_rate_lag(
     modelled: ModelParameters,
     estimate: Array,
-    predicted: kernels.Vector,
-    slopes: kernels.Vector,
+    prediction: Prediction,
     measured: Array,
     duration: float,
 ) -> None:
     """Correct the rates' time constant by the measured rates, axis by axis."""
+    predicted, slopes = prediction.body.actuators[1:], prediction.w_by_lag
     if modelled.rate_time_constant <= 0.0:
         return
     time_constant, variance = estimate[_RATE_TAU], estimate[_RATE_VARIANCE]

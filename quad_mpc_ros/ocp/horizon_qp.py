@@ -12,7 +12,6 @@ wrong by a third of their range.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -21,99 +20,7 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array, kernels
-
-Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class HorizonPattern:
-    """Which entries of a stage can ever be non-zero, and the natural size of each variable.
-
-    ``A`` (nx, nx), ``B`` (nx, nu) and ``H`` (nx, nx, symmetric) are masks; ``state_size`` (nx,)
-    and ``input_size`` (nu,) are positive.
-    """
-
-    steps: int
-    A: Mask
-    B: Mask
-    H: Mask
-    state_size: Array
-    input_size: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class HorizonStages:
-    """The numbers of one horizon in physical units, to be written in place.
-
-    They are kept in a few blocks, for compiled code: ``x0`` (nx,), ``dynamics`` (N, nx, nx+nu+1)
-    with A, B and c side by side, ``state_cost`` (N, nx, nx+1) with H and g of the states 1 to N,
-    ``input_terms`` (N, 4, nu) with the diagonal of R, r, lower and upper one below another.
-    """
-
-    x0: Array
-    dynamics: Array
-    state_cost: Array
-    input_terms: Array
-
-    @staticmethod
-    def zeros(steps: int, nx: int, nu: int) -> HorizonStages:
-        """Return room for a horizon."""
-        return HorizonStages(
-            x0=np.zeros(nx),
-            dynamics=np.zeros((steps, nx, nx + nu + 1)),
-            state_cost=np.zeros((steps, nx, nx + 1)),
-            input_terms=np.zeros((steps, 4, nu)),
-        )
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """The number of steps, of states and of inputs."""
-        return len(self.dynamics), len(self.x0), self.input_terms.shape[2]
-
-    @property
-    def A(self) -> Array:
-        """(N, nx, nx), in place, as are all that follow."""
-        return self.dynamics[:, :, : len(self.x0)]
-
-    @property
-    def B(self) -> Array:
-        """(N, nx, nu)."""
-        return self.dynamics[:, :, len(self.x0) : -1]
-
-    @property
-    def c(self) -> Array:
-        """(N, nx)."""
-        return self.dynamics[:, :, -1]
-
-    @property
-    def H(self) -> Array:
-        """(N, nx, nx), symmetric."""
-        return self.state_cost[:, :, :-1]
-
-    @property
-    def g(self) -> Array:
-        """(N, nx)."""
-        return self.state_cost[:, :, -1]
-
-    @property
-    def R(self) -> Array:
-        """(N, nu), the diagonal."""
-        return self.input_terms[:, 0]
-
-    @property
-    def r(self) -> Array:
-        """(N, nu)."""
-        return self.input_terms[:, 1]
-
-    @property
-    def lower(self) -> Array:
-        """(N, nu)."""
-        return self.input_terms[:, 2]
-
-    @property
-    def upper(self) -> Array:
-        """(N, nu)."""
-        return self.input_terms[:, 3]
+from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages, Mask
 
 
 class HorizonQP:
@@ -161,9 +68,9 @@ class HorizonQP:
         if stages.shape != expected:
             # Compiled code does not look where it writes.
             raise ValueError(f"stages of shape {stages.shape}, expected {expected}")
-        _scatter(stages.dynamics, *self._from_A, self.A.data)
-        _scatter(stages.dynamics, *self._from_B, self.A.data)
-        _scatter(stages.state_cost, *self._from_H, self.P.data)
+        self._from_A.write(stages.dynamics, into=self.A.data)
+        self._from_B.write(stages.dynamics, into=self.A.data)
+        self._from_H.write(stages.state_cost, into=self.P.data)
         _write_vectors(
             x0=stages.x0,
             dynamics=stages.dynamics,
@@ -182,7 +89,7 @@ class HorizonQP:
     def split(self, z: Array) -> tuple[Array, Array]:
         """Return inputs (N, nu) and states 1 to N (N, nx) of a solution, in physical units."""
         inputs, states = np.empty((self._n, self._nu)), np.empty((self._n, self._nx))
-        _split(z, self._sizes, inputs, states)
+        _split(z, self._sizes, inputs=inputs, states=states)
         return inputs, states
 
     def _input_at(self, stage: int) -> int:
@@ -220,6 +127,16 @@ class _Entries(NamedTuple):
     sources: _Places
     factors: Array
     places: _Places
+
+    def write(self, block: Array, *, into: Array) -> None:
+        """Write the entries of a block, times their factors, to their places."""
+        _scatter(
+            block=block,
+            sources=self.sources,
+            factors=self.factors,
+            places=self.places,
+            data=into,
+        )
 
 
 def _entries(

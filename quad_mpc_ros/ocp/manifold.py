@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.jacobians import (
     ATTITUDE,
     POSITION,
@@ -35,15 +35,16 @@ from quad_mpc_ros.model.jacobians import (
     jacobians,
 )
 from quad_mpc_ros.model.parameters import parameters_in
-from quad_mpc_ros.model.rollout import P_WB, R_WB, ROW_SIZE, SUBSTEPS, roll_out
+from quad_mpc_ros.model.rollout import P_WB, R_WB, SUBSTEPS, roll_out
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import INPUT_SIZE
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.ocp.plan import Plan
 from quad_mpc_ros.ocp.problem import PredictedState
-from quad_mpc_ros.ocp.target import Target, TargetSampler, target_in
+from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages
+from quad_mpc_ros.ocp.target import TargetSampler, target_in
 from quad_mpc_ros.ocp.tracking_cost import Weights, quadratic_cost, tracking_cost
+from quad_mpc_ros.ocp.trajectory import apply_bounds, buffer_size, mark_free, shift, trajectory_in
 
 _STATE_SIZES = np.concatenate((np.repeat([1.0, 3.0, 0.5, 5.0], 3), [0.3]))
 _INPUT_SIZES = np.array([0.3, 5.0, 5.0, 5.0])
@@ -54,9 +55,6 @@ _JUMP_ITERATIONS = 3
 _JUMP_FACTOR, _JUMP_FLOOR = 4.0, 0.1
 _STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)
 _CONVERGED = 0.95
-
-# How far a command may pass a bound by rounding.
-_ROUNDING = 1e-9
 
 
 class ManifoldProblem:
@@ -80,7 +78,7 @@ class ManifoldProblem:
         self._size = STATE_SIZE if lagging else ATTITUDE.stop
         self._sampler = TargetSampler(steps=self._steps, step=self._step)
         self._target = self._sampler.buffer
-        self._nominal, self._plan = np.zeros((2, _buffer_size(self._steps)))
+        self._nominal, self._plan = np.zeros((2, buffer_size(self._steps)))
         self._planned = trajectory_in(self._plan)
         self._stages = HorizonStages.zeros(self._steps, self._size, INPUT_SIZE)
         self._no_deviation = np.zeros((self._steps, INPUT_SIZE))
@@ -93,7 +91,7 @@ class ManifoldProblem:
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over weights and bounds; the last plan stays."""
         self._settings = _settings_of(config)
-        self._u_min, self._u_max = self._settings[-8:-4], self._settings[-4:]
+        _, _, self._u_min, self._u_max = settings_in(self._settings)
         self._stages.R[:] = config.R
 
     def pattern(self) -> HorizonPattern:
@@ -203,37 +201,6 @@ class ManifoldProblem:
         )
 
 
-class Trajectory(NamedTuple):
-    """A plan and where it leads: the parts of one buffer, see :func:`trajectory_in`.
-
-    ``deviation`` (N, 4) from the reference's mean inputs, ``inputs`` (N, M, 4) inside the bounds,
-    ``states`` 0 to N (N + 1, 19).
-    """
-
-    deviation: Array
-    inputs: Array
-    states: Array
-
-
-_STAGE_SIZE = INPUT_SIZE + SUBSTEPS * INPUT_SIZE + ROW_SIZE
-
-
-def _buffer_size(steps: int) -> int:
-    return steps * _STAGE_SIZE + ROW_SIZE
-
-
-@compiled
-def trajectory_in(buffer: Array) -> Trajectory:
-    """Return the parts of a buffer, in which they are one after another."""
-    n = len(buffer) // _STAGE_SIZE
-    states = n * (_STAGE_SIZE - ROW_SIZE)
-    return Trajectory(
-        buffer[: n * INPUT_SIZE].reshape((n, INPUT_SIZE)),
-        buffer[n * INPUT_SIZE : states].reshape((n, SUBSTEPS, INPUT_SIZE)),
-        buffer[states:].reshape((n + 1, ROW_SIZE)),
-    )
-
-
 class Settings(NamedTuple):
     """What is configured of the problem: the parts of one vector, see :func:`settings_in`.
 
@@ -278,18 +245,18 @@ def _linearise(
     weights, step, u_min, u_max = settings_in(settings)
     tracked, plan, nx = target_in(target), trajectory_in(nominal), dynamics.shape[1]
     free, errors = np.empty_like(plan.inputs), np.empty((len(dynamics), 9))
-    _shift(deviation, elapsed, plan.deviation)
-    _apply_bounds(tracked, u_min, u_max, plan)
-    _mark_free(tracked, plan, free)
+    shift(deviation, elapsed, plan.deviation)
+    apply_bounds(tracked, plan, u_min=u_min, u_max=u_max)
+    mark_free(tracked, plan, free)
     jacobians(
         parameters_in(parameters),
         step,
-        plan.inputs,
-        free,
-        start,
-        plan.states,
-        dynamics[:, :, :nx],
-        dynamics[:, :, nx:-1],
+        inputs=plan.inputs,
+        free=free,
+        start=start,
+        states=plan.states,
+        A=dynamics[:, :, :nx],
+        B=dynamics[:, :, nx:-1],
     )
     cost = tracking_cost(weights, plan.states, tracked, plan.deviation, errors)
     quadratic_cost(weights, errors, state_cost[:, :, :nx], state_cost[:, :, nx])
@@ -326,50 +293,10 @@ def _line_search(
         for i in range(len(change)):
             for k in range(INPUT_SIZE):
                 tried.deviation[i, k] = before.deviation[i, k] + length * change[i, k]
-        _apply_bounds(tracked, u_min, u_max, tried)
-        roll_out(model, step, tried.inputs, start, tried.states)
+        apply_bounds(tracked, tried, u_min=u_min, u_max=u_max)
+        roll_out(model, step, inputs=tried.inputs, start=start, states=tried.states)
         reached = tracking_cost(weights, tried.states, tracked, tried.deviation, errors)
         if reached < cost:
             return reached
     plan[:] = nominal
     return cost
-
-
-@compiled
-def _apply_bounds(target: Target, u_min: Array, u_max: Array, plan: Trajectory) -> None:
-    """Bring a plan inside the bounds, and write its inputs.
-
-    A stage's mean input is brought there first, so that some of it is always free.
-    """
-    deviation = plan.deviation
-    for i in range(len(deviation)):
-        for k in range(INPUT_SIZE):
-            mean = target.mean_inputs[i, k]
-            deviation[i, k] = kernels.clamp(mean + deviation[i, k], u_min[k], u_max[k]) - mean
-            for j in range(SUBSTEPS):
-                wanted = target.inputs[i, j, k] + deviation[i, k]
-                plan.inputs[i, j, k] = kernels.clamp(wanted, u_min[k], u_max[k])
-
-
-@compiled
-def _mark_free(target: Target, plan: Trajectory, free: Array) -> None:
-    """Write one for inputs (N, M, 4) that no bound holds, zero for others."""
-    for i in range(len(free)):
-        for j in range(SUBSTEPS):
-            for k in range(INPUT_SIZE):
-                wanted = target.inputs[i, j, k] + plan.deviation[i, k]
-                is_free = abs(plan.inputs[i, j, k] - wanted) < _ROUNDING
-                free[i, j, k] = 1.0 if is_free else 0.0
-
-
-@compiled
-def _shift(inputs: Array, elapsed: float, shifted: Array) -> None:
-    """Write inputs (N, 4) as they are ``elapsed`` stages later, the last one held."""
-    last = len(inputs) - 1
-    elapsed = kernels.clamp(elapsed, 0.0, float(len(inputs)))
-    whole = int(elapsed)
-    share = elapsed - whole
-    for i in range(len(inputs)):
-        now, then = min(i + whole, last), min(i + whole + 1, last)
-        for k in range(INPUT_SIZE):
-            shifted[i, k] = (1.0 - share) * inputs[now, k] + share * inputs[then, k]

@@ -26,9 +26,9 @@ from quad_mpc_ros.model.state import (
 )
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.ocp.plan import Plan
 from quad_mpc_ros.ocp.problem import PredictedState
+from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages
 
 # What a position, velocity, attitude, throttle and rate error of this vehicle typically is.
 _STATE_SIZE = np.repeat([1.0, 3.0, 0.5], 3)

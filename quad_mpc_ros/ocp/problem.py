@@ -17,8 +17,8 @@ from quad_mpc_ros.model.rollout import P_WB, R_WB, V_WB_W
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import State
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.horizon_qp import HorizonPattern, HorizonStages
 from quad_mpc_ros.ocp.plan import Plan
+from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages
 
 
 class PredictedState(NamedTuple):

@@ -125,7 +125,7 @@ def _sample(
             kernels.store_vector(kernels.vector(p[k]), target.p_WB[i])
             kernels.store_vector(kernels.vector(v[k]), target.v_WB_W[i])
             kernels.store_matrix(R_held, target.R_WB[i])
-    _lead(model, dt, held, u_min, u_max, target)
+    _lead(model, dt, held, target, u_min=u_min, u_max=u_max)
 
 
 @compiled
@@ -139,7 +139,7 @@ def _is_same(points: Array, k: int) -> bool:
 
 @compiled
 def _lead(
-    model: ModelParameters, dt: float, held: Array, u_min: Array, u_max: Array, target: Target
+    model: ModelParameters, dt: float, held: Array, target: Target, u_min: Array, u_max: Array
 ) -> None:
     """Write the commands that make actuators follow inputs (N M + 1, 4), and their means."""
     for n in range(INPUT_SIZE):

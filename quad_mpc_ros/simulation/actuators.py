@@ -55,7 +55,8 @@ class ActuatorLag:
     """Body rates and throttle that follow the command c as d y/dt = (c - y) / tau.
 
     The time constants are in seconds; with 0 the command is followed at once. It is the throttle
-    signal that lags, the thrust follows by the curve.
+    signal that lags, the thrust follows by the curve. The controller's model has a lag of its own
+    (``model/actuators.py``), on purpose: a mistake that both shared would not show.
     """
 
     def __init__(

@@ -13,8 +13,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from quad_mpc_ros.control.mpc import Mpc
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.mpc_config import MpcConfig, SolverParameters
-from quad_mpc_ros.ocp.horizon_qp import HorizonPattern, HorizonQP, HorizonStages
+from quad_mpc_ros.ocp.horizon_qp import HorizonQP
 from quad_mpc_ros.ocp.qp_solver import QpSolver
+from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages
 
 EXACT = SolverParameters(tolerance=1e-10, max_iterations=20000)
 

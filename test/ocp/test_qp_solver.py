@@ -9,8 +9,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.mpc_config import SolverParameters
-from quad_mpc_ros.ocp.horizon_qp import HorizonPattern, HorizonQP, HorizonStages
+from quad_mpc_ros.ocp.horizon_qp import HorizonQP
 from quad_mpc_ros.ocp.qp_solver import QpSolver
+from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages
 
 
 @pytest.fixture(scope="module")
