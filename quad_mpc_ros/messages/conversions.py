@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 
 NewMessage = Callable[[str], Any]
@@ -213,6 +212,8 @@ def fill_plan(
     new: NewMessage,
 ) -> None:
     """Write the poses of a plan, (n, 3) and (n, 3, 3), a step apart into a ``nav_msgs/Path``."""
+    from quad_mpc_ros.lie import so3  # compiled: the recorder does without
+
     fill_path(
         message,
         stamp_ns=stamp_ns,

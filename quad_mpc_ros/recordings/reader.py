@@ -8,17 +8,18 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
-import zstandard
 from mcap.records import Metadata
 
 from quad_mpc_ros.configuration.errors import BagError, os_reason
-from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.messages.schemas import IDL_ENCODING, MSG_ENCODING, MessageSchema
 from quad_mpc_ros.recordings.bag_metadata import METADATA_FILE, METADATA_ROOT, TimeSpan, united
 from quad_mpc_ros.recordings.mcap_file import McapFile, McapMessage
+
+if TYPE_CHECKING:
+    from quad_mpc_ros.messages.codec import RosbagsMessages
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,6 +190,8 @@ class _Decoder:
 
     def decode(self, type_name: str, data: bytes) -> Any:
         if self._codec is None:
+            from quad_mpc_ros.messages.codec import RosbagsMessages  # who copies needs no rosbags
+
             self._codec = RosbagsMessages()
         schema = self._unregistered.get(type_name)
         if schema is not None:
@@ -250,6 +253,8 @@ def _message_unpacker(information: Mapping[str, Any]) -> Callable[[McapMessage],
     """Return what makes the message of an MCAP message, which rosbag2 may have compressed."""
     if str(information.get("compression_mode")).upper() != "MESSAGE":
         return lambda item: item.message.data
+    import zstandard
+
     decompressor = zstandard.ZstdDecompressor()
 
     def unpack(item: McapMessage) -> bytes:

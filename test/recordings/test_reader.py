@@ -236,6 +236,24 @@ def test_a_recording_cut_anywhere_is_read_up_to_its_last_whole_chunk(
     assert counts == {0, 18, 30}
 
 
+def test_an_unfinished_file_is_in_order_though_its_chunks_overlap(tmp_path: Path) -> None:
+    """Messages of a time keep their order in the file, whichever chunk is opened first."""
+    times = [5, 3, 9, 1, 5, 4, 2, 5, 8, 0, 7, 5]
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/clock", CLOCK)
+        for number, time in enumerate(times):
+            data = b"\x00\x01\x00\x00" + number.to_bytes(4, "little") + bytes(4)
+            writer.write("/clock", data, log_time_ns=time, publish_time_ns=0)
+            if number % 3 == 2:
+                writer.flush()
+    path = tmp_path / "bag" / "bag_0.mcap"
+    whole = path.read_bytes()
+    expected = sorted(range(len(times)), key=lambda number: times[number])
+    for data in (whole, whole[:-30]):
+        path.write_bytes(data)
+        assert [m.message.clock.sec for m in BagReader(path).messages()] == expected
+
+
 def test_a_tail_of_zeros_is_a_cut(tmp_path: Path, recorded: bytes) -> None:
     half = recorded[: len(recorded) // 2]
     (tmp_path / "cut.mcap").write_bytes(half)

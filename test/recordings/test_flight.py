@@ -15,7 +15,7 @@ from quad_mpc_ros.configuration import BagError, UserError
 from quad_mpc_ros.evaluation.metrics import summarise
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings.flight import Flight
+from quad_mpc_ros.recordings.flight import Flight, ReferenceSampler
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
@@ -105,6 +105,23 @@ class TestReference:
         assert reference is not None
         # Odometries at 0, 10, 20, 30, 40; before the first window it is the first one.
         assert reference.p_WB[:, 0].tolist() == [1.0, 1.0, 2.0, 2.0, 3.0]
+
+    def test_windows_may_come_in_any_order(self, build: SimpleNamespace) -> None:
+        """Against the definition: the last one stamped no later, of equal ones the last."""
+        random = np.random.default_rng(3)
+        for _ in range(50):
+            stamps = np.unique(random.integers(0, 60, 25))
+            starts = random.integers(5, 55, 12).tolist()
+            windows = [build.window(s, [float(i), 0.0, 0.0]) for i, s in enumerate(starts)]
+            sampler = ReferenceSampler(stamps, MpcConfig().vehicle())
+            for window in windows:
+                sampler.take(window)
+            track = sampler.track()
+            assert track is not None
+            ordered = sorted(range(len(starts)), key=lambda i: starts[i])
+            for stamp, x in zip(stamps.tolist(), track.p_WB[:, 0].tolist(), strict=True):
+                begun = [i for i in ordered if starts[i] <= stamp]
+                assert x == (begun[-1] if begun else ordered[0])
 
     def test_it_is_sampled_at_the_odometry(
         self, make_bag: BagStarter, build: SimpleNamespace
@@ -220,6 +237,38 @@ def test_of_messages_sent_again_the_first_counts(
     summary = summarise(read(bag), wall_seconds=None)
     assert (summary["odometries"], summary["commands"], summary["fallbacks"]) == (1, 1, 1)
     assert summary["odom_to_command_ms"]["max"] == pytest.approx(201.0)
+
+
+class TestPlans:
+    @staticmethod
+    def read(bag: Any, most: int) -> list[tuple[int, float]]:
+        """Return stamp and first coordinate of the plans of a flight."""
+        flight = Recording(bag.writer.directory).flight(most_plans=most)
+        return [(plan.stamp_ns, float(plan.p_WB[0, 0])) for plan in flight.plans]
+
+    def test_they_are_evenly_chosen(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
+        bag, start = make_bag(), build.start_ns
+        bag.odometry(build.odometry(start))
+        bag.odometry(build.odometry(start + 8))
+        for n in (0, 1, 3, 2, 4, 5, 6, 7, 8, 9):
+            bag.plan(start + n, np.full((3, 3), float(n)))
+        bag.writer.close()
+        # Nine are stamped no later than the last odometry.
+        assert self.read(bag, 0) == []
+        assert self.read(bag, 3) == [(start + n, n) for n in (0, 3, 6)]
+        assert self.read(bag, 4) == [(start + n, n) for n in (0, 3, 6)]
+        assert self.read(bag, 5) == [(start + n, n) for n in (0, 2, 4, 6, 8)]
+        assert self.read(bag, 100) == [(start + n, n) for n in range(9)]
+
+    def test_what_is_not_finite_is_left_out(
+        self, make_bag: BagStarter, build: SimpleNamespace
+    ) -> None:
+        bag, start = make_bag(), build.start_ns
+        bag.odometry(build.odometry(start + 1))
+        bag.plan(start, np.full((3, 3), np.nan))
+        bag.plan(start + 1, np.ones((3, 3)))
+        bag.writer.close()
+        assert self.read(bag, 10) == [(start + 1, 1.0)]
 
 
 class TestRefusals:
