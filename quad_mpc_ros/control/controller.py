@@ -198,7 +198,7 @@ class Controller:
 
     def _step(self, odometry: OdometrySample, *, now_ns: int) -> tuple[MpcStep | None, str]:
         """Run the MPC; return its outcome, and if it gives no plan to fly, why."""
-        window, fault = self._supervisor.reference_at(odometry.stamp_ns, now_ns=now_ns)
+        window, fault = self._supervisor.inputs.reference_at(odometry.stamp_ns, now_ns=now_ns)
         if window is None:
             return None, fault
         try:
@@ -221,7 +221,7 @@ class Controller:
         step: MpcStep | None = None,
         plan: Plan | None = None,
     ) -> Tick:
-        """Return the tick with the command, within every limit, of who was decided for."""
+        """Have the command of who commands, record that it is sent, and return the tick."""
         u = self._supervisor.command(decision.source, duration=duration, now_ns=now_ns)
         command = None
         if u is not None:

@@ -6,6 +6,7 @@ from quad_mpc_ros.estimation.twist_frame import TwistFrameCheck
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import with_body_twist
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.safety.ladder import timeouts_of
 from quad_mpc_ros.safety.odometry_gate import OdometryGate
 from quad_mpc_ros.safety.validation import coverage_fault, reference_fault
 
@@ -25,10 +26,12 @@ class InputMonitor:
         self.odometry_ns: int | None = None
         self.reference: ReferenceWindow | None = None
         self.reference_ns: int | None = None
+        self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
-        """Take over a changed timeout."""
+        """Take over changed timeouts."""
         self._gate.reconfigure(config)
+        self._reference_timeout_ns = timeouts_of(config).reference
 
     def take_odometry(self, odometry: OdometrySample, *, now_ns: int) -> str | None:
         """Take an odometry that arrives now, or return why it cannot be used."""
@@ -48,10 +51,9 @@ class InputMonitor:
             self.reference, self.reference_ns = window, now_ns
         return fault
 
-    def reference_at(
-        self, stamp_ns: int, *, timeout_ns: int, now_ns: int
-    ) -> tuple[ReferenceWindow | None, str]:
+    def reference_at(self, stamp_ns: int, *, now_ns: int) -> tuple[ReferenceWindow | None, str]:
         """Return the reference to follow at a stamp, or None and why there is none."""
+        timeout_ns = self._reference_timeout_ns
         if self.reference is None or now_ns - (self.reference_ns or 0) > timeout_ns:
             return None, "no usable reference"
         fault = coverage_fault(self.reference, stamp_ns, tolerance_ns=timeout_ns)

@@ -97,12 +97,6 @@ class Supervisor:
         self._warnings.append(fault)
         return False
 
-    def reference_at(self, stamp_ns: int, *, now_ns: int) -> tuple[ReferenceWindow | None, str]:
-        """Return the reference to follow at a stamp, or None and why there is none."""
-        return self.inputs.reference_at(
-            stamp_ns, timeout_ns=self._timeouts.reference, now_ns=now_ns
-        )
-
     # --- what the MPC made of it
 
     def plan_fault(self, plan: Plan | None, *, status: str, step_time: float) -> str:

@@ -190,11 +190,11 @@ def test_a_reference_is_followed_while_it_is_fresh_and_covers_the_stamp(
     make_flight: MakeFlight,
 ) -> None:
     flight = make_flight(MpcConfig(reference_timeout=0.5))
-    supervisor = flight.supervisor
-    assert supervisor.reference_at(START, now_ns=START) == (None, "no usable reference")
+    inputs = flight.supervisor.inputs
+    assert inputs.reference_at(START, now_ns=START) == (None, "no usable reference")
     flight.tick(planned(0.3))
-    assert supervisor.reference_at(START, now_ns=START + 500 * MS)[1] == ""
-    assert supervisor.reference_at(START, now_ns=START + 501 * MS)[0] is None
-    window, fault = supervisor.reference_at(START - 600 * MS, now_ns=START)
+    assert inputs.reference_at(START, now_ns=START + 500 * MS)[1] == ""
+    assert inputs.reference_at(START, now_ns=START + 501 * MS)[0] is None
+    window, fault = inputs.reference_at(START - 600 * MS, now_ns=START)
     assert window is None
     assert fault == "reference begins 0.60 s after the odometry's stamp"
