@@ -75,6 +75,7 @@ setup(
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
+        "quad_mpc_ros": ["py.typed"],
         "quad_mpc_ros.report": ["page.html", "page.css", "page.js"],
         "quad_mpc_ros.messages": ["schemas/*.msg", "schemas/*.json"],
     },
@@ -84,6 +85,7 @@ setup(
         (f"share/{PACKAGE}/config", files("config/*.yaml")),
         (f"share/{PACKAGE}/config/viewers", files("config/viewers/*")),
         (f"share/{PACKAGE}/launch", files("launch/*.launch.py")),
+        (f"share/{PACKAGE}/examples", files("examples/*")),
     ],
     zip_safe=False,
     distclass=DataInEditable,
@@ -118,6 +120,7 @@ setup(
             "hypothesis",
             "catkin-pkg",
             "mcap-ros2-support",
+            "mypy",
             "piqp",
             "plotly>=6.0",
         ],

@@ -28,6 +28,7 @@ include_patterns = [
     "README.md",
     "CONTRIBUTING.md",
     "CHANGELOG.rst",
+    "examples/README.md",
     "docs/**.md",
     "build/api/quad_mpc_ros*.rst",
 ]

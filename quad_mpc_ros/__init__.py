@@ -1,21 +1,97 @@
-"""Model predictive control of a quadrotor on SO(3) for ROS 2.
+"""Model predictive control of a quadrotor on SO(3), for ROS 2 and without it.
 
-Rooms, lowest first; imports point downwards only (see ``docs/architecture.md``):
+These names are the library. None of them needs ROS; each is imported when it is first used.
 
-``configuration``
-    Declaration, validation and loading of parameters.
-``core``
-    The mathematics: SO(3), state, vehicle, dynamics, linearisation. NumPy only, no I/O.
-``references``, ``control``
-    What to fly, and the controller that flies it.
-``simulation``
-    The plant, and the closed loop without ROS.
-``ros``
-    Everything that knows a ROS message field, a QoS profile or an rclpy parameter.
-``bags``, ``analysis``
-    Recorded runs: writing, reading, metrics and figures.
-``nodes``, ``bridges``, ``commands``
-    Wiring: the ROS nodes, the flight-stack bridges and the ``quad_mpc`` command line.
+- to control: :class:`.Controller`, :class:`.MpcConfig`, :class:`.Vehicle`;
+- what goes in and out: :class:`.OdometrySample`, :class:`.ReferenceWindow`,
+  :class:`.CommandSample`;
+- to simulate: :func:`.simulate`, :class:`.SimulatorConfig`, :class:`.ReferenceConfig`, with
+  :func:`.load_config` for presets and parameter files;
+- to read and judge a flight: :class:`.Recording`, :class:`.Flight`, :func:`.summarise`;
+- to identify a vehicle: :func:`.identify`;
+- rotations: :mod:`so3 <quad_mpc_ros.lie.so3>`.
+
+World frame ENU, body frame FLU, SI units, radians; stamps are integer nanoseconds. ``p_WB`` is the
+position of the body in the world, ``v_WB_B`` its velocity in body axes, ``w_WB_B`` its rates,
+``R_WB`` its attitude, with the body's axes as columns.
+
+Example:
+    >>> from quad_mpc_ros import Controller, MpcConfig, OdometrySample, ReferenceWindow
+    >>> controller = Controller(MpcConfig())
+    >>> odometry = OdometrySample.at_rest([0.0, 0.0, 1.0])
+    >>> tick = controller.step(odometry, ReferenceWindow.hover([0.0, 0.0, 2.0]))
+    >>> tick.command.throttle > MpcConfig().vehicle().hover_throttle
+    True
 """
 
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from quad_mpc_ros.control.controller import Controller
+    from quad_mpc_ros.evaluation.metrics import summarise
+    from quad_mpc_ros.evaluation.simulated import load_config, simulate
+    from quad_mpc_ros.identification.fit import identify
+    from quad_mpc_ros.lie import so3
+    from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+    from quad_mpc_ros.model.vehicle import Vehicle
+    from quad_mpc_ros.mpc_config import MpcConfig
+    from quad_mpc_ros.recordings.flight import Flight
+    from quad_mpc_ros.recordings.recording import Recording
+    from quad_mpc_ros.simulation.config import SimulatorConfig
+    from quad_mpc_ros.trajectories.config import ReferenceConfig
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "CommandSample",
+    "Controller",
+    "Flight",
+    "MpcConfig",
+    "OdometrySample",
+    "Recording",
+    "ReferenceConfig",
+    "ReferenceWindow",
+    "SimulatorConfig",
+    "Vehicle",
+    "identify",
+    "load_config",
+    "simulate",
+    "so3",
+    "summarise",
+]
+
+# Where each name comes from; the imports above say the same to type checkers.
+_MODULES = {
+    "CommandSample": "model.samples",
+    "Controller": "control.controller",
+    "Flight": "recordings.flight",
+    "MpcConfig": "mpc_config",
+    "OdometrySample": "model.samples",
+    "Recording": "recordings.recording",
+    "ReferenceConfig": "trajectories.config",
+    "ReferenceWindow": "model.samples",
+    "SimulatorConfig": "simulation.config",
+    "Vehicle": "model.vehicle",
+    "identify": "identification.fit",
+    "load_config": "evaluation.simulated",
+    "simulate": "evaluation.simulated",
+    "so3": "lie",
+    "summarise": "evaluation.metrics",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of the library when it is first used (PEP 562)."""
+    module = _MODULES.get(name)
+    if module is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

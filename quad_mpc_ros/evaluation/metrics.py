@@ -23,10 +23,24 @@ _FORGIVEN = 0.4  # of a control period: as much as the controller itself forgive
 Summary = dict[str, Any]
 
 
-def summarise(flight: Flight, *, wall_seconds: float | None) -> Summary:
-    """Return the summary of a flight that took ``wall_seconds``, None when that is not known.
+def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
+    """Return the figures of merit of a flight, those of ``summary.json``.
 
-    Every value can be written as strict JSON: what there is no data for is None, never NaN.
+    Among them ``position_rmse_m``, the root of the mean of |p_r - p|^2 over all odometries;
+    ``waypoint_error_m``, just before each switch of a reference that jumps; ``attitude_rmse_rad``,
+    of the angle |Log(R' R_r)|; ``step_time_us`` and ``iterations`` as percentiles; ``fallbacks``,
+    the commands that were not the MPC's.
+
+    Args:
+        flight: A recorded or simulated flight.
+        wall_seconds: How long it took by the clock on the wall [s], where that is known.
+
+    Returns:
+        Every value can be written as strict JSON: what there is no data for is None, never NaN.
+
+    Example:
+        >>> summarise(simulate(duration=1.0))["fallbacks"]
+        0
     """
     position_error = position_errors(flight)
     ran = flight.stats["solver_status"] != "not run"

@@ -1,0 +1,74 @@
+"""A bridge to a flight stack of one's own, flown against a stand-in of the stack. No ROS needed.
+
+A bridge gets the stack's messages and the time, and fills the stack's messages; it refuses what is
+not fit. Entered in setup.py (CONTRIBUTING.md, "Add a bridge"), the same class runs as a node.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros import CommandSample, Controller, MpcConfig, OdometrySample, ReferenceWindow
+from quad_mpc_ros.bridges.bridge import OutgoingMessage, Response, Subscription, SwitchedBridge
+from quad_mpc_ros.bridges.config import BridgeConfig
+from quad_mpc_ros.messages.topics import Topic
+
+STATE = Topic(name="toy/state", type_name="toy_msgs/msg/State", reliable=False)
+RATES = Topic(name="toy/rates", type_name="toy_msgs/msg/Rates", reliable=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToyConfig(BridgeConfig):
+    """Parameters of the bridge; those of every bridge are enough."""
+
+    owner = "toy_bridge"
+
+
+class ToyBridge(SwitchedBridge):
+    """To a stack that takes degrees per second and newtons."""
+
+    name, speaks, packages, Config = "toy_bridge", "toy_msgs", ("toy_msgs",), ToyConfig
+    how_to_get = "it is a toy"
+    publications = (RATES,)
+
+    @property
+    def subscriptions(self) -> Sequence[Subscription]:
+        """The stack's state."""
+        return [Subscription(topic=STATE, receive=self._on_state)]
+
+    def arm(self, wanted: bool, *, now_ns: int) -> Response:
+        """Refuse: this stack knows no arming."""
+        return Response(accepted=False, text="there is nothing to arm")
+
+    def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
+        odometry = OdometrySample.at_rest(message.position_enu, stamp_ns=message.time_ns)
+        return self._passed_on(odometry, now_ns=now_ns)
+
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
+        message = self._new(RATES.type_name)
+        message.rates_flu_deg = np.degrees(command.w_WB_B).tolist()
+        message.thrust_newton = self.thrust.thrust_newton(command.throttle)
+        return [OutgoingMessage(topic=RATES, message=message)]
+
+
+bridge = ToyBridge(ToyConfig(), lambda type_name: SimpleNamespace())
+controller = Controller(MpcConfig())
+(state,) = bridge.subscriptions
+sent = []
+for now_ns in range(0, 100_000_000, 20_000_000):
+    if now_ns == 40_000_000:
+        print(bridge.engage(True, now_ns=now_ns).text)
+    odometry = state.receive(SimpleNamespace(position_enu=[0, 0, 1], time_ns=now_ns), now_ns)
+    assert odometry is not None
+    tick = controller.step(odometry, ReferenceWindow.hover([0, 0, 2], stamp_ns=now_ns))
+    assert tick is not None and tick.command is not None
+    messages = bridge.receive_command(tick.command, now_ns=now_ns)
+    sent += [each.message for each in messages]
+    print(messages[0].message if messages else f"silent: {bridge.silence}")
+
+broken = SimpleNamespace(position_enu=[0, 0, float("nan")], time_ns=100_000_000)
+refused = state.receive(broken, 100_000_000) is None
+print(*bridge.take_warnings())

@@ -1,0 +1,152 @@
+"""The face of the library: its names, what they import, their types and their examples."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import importlib
+import re
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import quad_mpc_ros
+from quad_mpc_ros import Flight, ReferenceConfig, load_config, simulate, summarise
+from quad_mpc_ros.cli import main
+from quad_mpc_ros.recordings.recording import Recording
+
+ROOT = Path(__file__).parents[2]
+INIT = Path(quad_mpc_ros.__file__)
+
+# What none who only controls should have to load.
+# PyYAML is not among it: Numba itself imports that where it is installed.
+HEAVY = {"matplotlib", "mcap", "mpl_toolkits", "pandas", "plotly", "rclpy", "rosbags", "zstandard"}
+CONTROL = "Controller, CommandSample, MpcConfig, OdometrySample, ReferenceWindow, Vehicle, so3"
+
+
+def imported_by(statement: str) -> set[str]:
+    """Return the top-level packages that a new Python has loaded after a statement."""
+    program = f"{statement}\nimport sys\nprint(*{{name.split('.')[0] for name in sys.modules}})"
+    ended = subprocess.run(
+        [sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True
+    )
+    return set(ended.stdout.split())
+
+
+def test_names_stand_twice_and_agree() -> None:
+    """Once for type checkers, once for who runs it."""
+    (guarded,) = [node for node in ast.parse(INIT.read_text()).body if isinstance(node, ast.If)]
+    told = {
+        alias.name: node.module
+        for node in guarded.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    run = {
+        name: f"quad_mpc_ros.{module}" for name, module in vars(quad_mpc_ros)["_MODULES"].items()
+    }
+    assert told == run
+    assert sorted(told) == sorted(quad_mpc_ros.__all__)
+    assert set(quad_mpc_ros.__all__) <= set(dir(quad_mpc_ros))
+
+
+@pytest.mark.parametrize("name", quad_mpc_ros.__all__)
+def test_every_name_is_there_and_says_what_it_is(name: str) -> None:
+    value = getattr(quad_mpc_ros, name)
+    text = value.__doc__ or ""
+    assert text
+    if isinstance(value, types.FunctionType):
+        assert "Args:" in text and "Returns:" in text
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="has no attribute 'Kontroller'"):
+        _ = quad_mpc_ros.Kontroller  # type: ignore[attr-defined]
+
+
+def test_the_package_alone_imports_nothing_else() -> None:
+    assert not imported_by("import quad_mpc_ros") & (HEAVY | {"numba", "numpy", "osqp", "scipy"})
+
+
+def test_control_imports_no_reader_of_bags_and_no_figures() -> None:
+    loaded = imported_by(f"from quad_mpc_ros import {CONTROL}")
+    assert {"numba", "osqp"} <= loaded
+    assert not loaded & HEAVY
+
+
+def test_simulation_imports_no_reader_of_bags_and_no_figures() -> None:
+    loaded = imported_by("from quad_mpc_ros import simulate, summarise; simulate(duration=0.02)")
+    assert not loaded & HEAVY
+
+
+def test_what_is_shipped_is_typed() -> None:
+    assert (INIT.parent / "py.typed").exists()
+    assert '"quad_mpc_ros": ["py.typed"]' in (ROOT / "setup.py").read_text()
+
+
+def test_a_program_of_a_user_is_type_checked(tmp_path: Path) -> None:
+    """A face of ``Any`` would let the mistakes in it pass."""
+    pytest.importorskip("mypy")
+    program = tmp_path / "program.py"
+    program.write_text(
+        "from quad_mpc_ros import Controller, MpcConfig, OdometrySample, ReferenceWindow\n"
+        "controller = Controller(MpcConfig(horizon_steps=20))\n"
+        "odometry = OdometrySample.at_rest([0.0, 0.0, 1.0])\n"
+        "tick = controller.step(odometry, ReferenceWindow.hover([0.0, 0.0, 2.0]))\n"
+        "if tick is not None and tick.command is not None:\n"
+        "    throttle: float = tick.command.throttle\n"
+        "    mistaken: str = tick.command.throttle\n"
+        "Controller(odometry)\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", "--config-file=", program],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=tmp_path,
+    )
+    found = re.findall(r"program\.py:(\d+): error: .*\[([a-z-]+)\]", ended.stdout)
+    assert found == [("7", "assignment"), ("8", "arg-type")], ended.stdout
+
+
+@pytest.mark.parametrize(
+    "module", ["", *sorted({f".{name}" for name in vars(quad_mpc_ros)["_MODULES"].values()})]
+)
+def test_examples_in_docstrings_come_true(module: str) -> None:
+    found = importlib.import_module(f"quad_mpc_ros{module}")
+    names = {name: getattr(quad_mpc_ros, name) for name in quad_mpc_ros.__all__}
+    failed, _ = doctest.testmod(found, extraglobs=names, optionflags=doctest.ELLIPSIS)
+    assert failed == 0
+
+
+def test_simulate_flies_what_the_command_line_flies(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    given = ["--config", "paper_rigid_body", "--set", "simulator.position_noise=0.01"]
+    assert main(["simulate", *given, "--duration", "1.5", "--out", str(out)]) == 0
+    config = load_config("paper_rigid_body", assignments=["simulator.position_noise=0.01"])
+    flight, recorded = simulate(*config, duration=1.5), Recording(out).flight()
+    for name in ("stamp_ns", "p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B"):
+        assert_array_equal(getattr(flight, name), getattr(recorded, name))
+    assert_array_equal(flight.commands.throttle, recorded.commands.throttle)
+    assert_array_equal(flight.commands.w_WB_B, recorded.commands.w_WB_B)
+    assert flight.reference is not None and recorded.reference is not None
+    assert_array_equal(flight.reference.throttle, recorded.reference.throttle)
+    mine, told = summarise(flight), summarise(recorded)
+    for name in ("position_rmse_m", "iterations", "commands", "fallbacks", "waypoint_error_m"):
+        assert mine[name] == told[name], name
+
+
+def test_simulate_with_a_law_of_ones_own_has_no_figures_of_ticks() -> None:
+    flight: Flight = simulate(
+        reference=ReferenceConfig(trajectory="hover"),
+        controller=lambda odometry, reference: None,
+        duration=0.1,
+    )
+    assert len(flight.time) == 5 and len(flight.commands.throttle) == 0
+    assert np.all(flight.p_WB == 0.0)
+    assert summarise(flight)["commands"] == 0
