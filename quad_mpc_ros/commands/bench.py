@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, write_json
+from quad_mpc_ros.commands.run_options import add_config, add_set
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 
 if TYPE_CHECKING:
@@ -60,22 +61,8 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         help=f"lengths of the horizon to fly {' and '.join(SWEPT)} with as well; without a "
         f"number that table is left out (default: {' '.join(map(str, _STEPS))})",
     )
-    parser.add_argument(
-        "--config",
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="ROS parameter file or preset; may be repeated, later ones win",
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NODE.PARAM=VALUE",
-        dest="assignments",
-        help="set one parameter for all peers, for example mpc.terminal_weight=10; may be "
-        "repeated",
-    )
+    add_config(parser)
+    add_set(parser, "set one parameter for all peers, for example mpc.terminal_weight=10")
     parser.add_argument(
         "--out",
         type=Path,

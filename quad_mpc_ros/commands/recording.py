@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from quad_mpc_ros.commands.run_options import add_config, add_set
+
 if TYPE_CHECKING:
     from quad_mpc_ros.configuration import Configuration
     from quad_mpc_ros.recordings.run import RecordedRun, TopicNames
@@ -19,22 +21,8 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         metavar="BAG",
         help="bag directory, .mcap file, or folder of a run with bag/ in it",
     )
-    parser.add_argument(
-        "--config",
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="ROS parameter file or preset over the recorded parameters; may be repeated, later "
-        "ones win",
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NODE.PARAM=VALUE",
-        dest="assignments",
-        help="set one parameter, for example mpc.mass=0.5; may be repeated",
-    )
+    add_config(parser, "over the recorded parameters")
+    add_set(parser, "set one parameter, for example mpc.mass=0.5")
     for option, meaning in (
         ("--odom-topic", "nav_msgs/Odometry (default: the topic that ends in /odom)"),
         ("--pose-topic", "geometry_msgs/PoseStamped, with --twist-topic in place of odometry"),

@@ -14,26 +14,35 @@ def add_configuration_options(
     """Add the options that say what is configured to a command."""
     from quad_mpc_ros.trajectories.config import TRAJECTORIES
 
-    parser.add_argument(
-        "--config",
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="ROS parameter file or preset (default, paper, paper_rigid_body, rotorpy); may be "
-        "repeated, later ones win",
-    )
+    add_config(parser, "(default, paper, paper_rigid_body, rotorpy)")
     parser.add_argument(
         "--reference",
         metavar="NAME",
         help=f"trajectory to fly: {', '.join(TRAJECTORIES)} (default: {reference})",
     )
+    add_set(parser, "set one parameter, for example mpc.horizon_steps=20")
+
+
+def add_config(parser: argparse.ArgumentParser, which: str = "") -> None:
+    """Add ``--config``; ``which`` is said of the files."""
+    parser.add_argument(
+        "--config",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help=f"{f'ROS parameter file or preset {which}'.strip()}; may be repeated, later ones win",
+    )
+
+
+def add_set(parser: argparse.ArgumentParser, meaning: str) -> None:
+    """Add ``--set``, whose values are ``assignments``."""
     parser.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="NODE.PARAM=VALUE",
         dest="assignments",
-        help="set one parameter, for example mpc.horizon_steps=20; may be repeated",
+        help=f"{meaning}; may be repeated",
     )
 
 
