@@ -69,6 +69,8 @@ def _extended(kind: type[ExtensibleConfiguration], name: str) -> type[Extensible
     found = registered(kind.group, name)
     if found is None:
         return kind
+    if not hasattr(found, "parameters"):
+        raise UserError(f"{kind.group}: {name} leads to {found!r}, expected an entry")
     added: type[Configuration] | None = found.parameters
     for field in dataclasses.fields(added) if added else ():
         known = kind.__dataclass_fields__.get(field.name)

@@ -83,6 +83,8 @@ def test_names_that_lead_nowhere_are_refused() -> None:
         ReferenceConfig.build({"trajectory": "spiral"})
     with pytest.raises(UserError, match=r"ghost = not_there:GHOST cannot be loaded"):
         ReferenceConfig.build({"trajectory": "ghost"})
+    with pytest.raises(UserError, match=r"quad_mpc_ros.trajectories: bare leads to <class"):
+        ReferenceConfig.build({"trajectory": "bare"})
     with pytest.raises(ConfigurationError, match=r"circle_radius: .* another name in thief"):
         ReferenceConfig.build({"trajectory": "thief"})
 
