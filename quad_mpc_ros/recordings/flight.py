@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.lie import Array
+from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.model.reference_window import sample
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.paper import reference_input
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
+from quad_mpc_ros.recordings.reader import RecordedMessage
 from quad_mpc_ros.safety.validation import reference_fault
 
 _NO_STAMP = np.iinfo(np.int64).min
@@ -209,3 +211,29 @@ class ReferenceSampler:
         row[0:3], row[3:12] = point.p_WB, point.R_WB.ravel()
         row[12:15], row[15:18] = point.v_WB_B, point.w_WB_B
         row[18] = reference_input(point, self._vehicle).throttle
+
+
+class ChosenPlans:
+    """Of plans that come again, keeps those evenly chosen by their stamps."""
+
+    def __init__(self, stamps_ns: list[int], *, end_ns: int, most: int) -> None:
+        stamps = np.array(stamps_ns, dtype=np.int64)
+        order = np.argsort(stamps, kind="stable")
+        order = order[: np.searchsorted(stamps[order], end_ns, side="right")]
+        step = -(-len(order) // most) if most else 1
+        self._chosen = set(order[:: max(step, 1)].tolist()) if most else set()
+        self._seen = 0
+        self._plans: list[RecordedPlan] = []
+
+    def take(self, message: RecordedMessage) -> None:
+        """Keep the plan in a message, if it is a chosen one and finite."""
+        if self._seen in self._chosen:
+            p_WB = conversions.positions_from_path(message.message)
+            if np.all(np.isfinite(p_WB)):
+                stamp_ns = conversions.nanoseconds(message.message.header.stamp)
+                self._plans.append(RecordedPlan(stamp_ns=stamp_ns, p_WB=p_WB))
+        self._seen += 1
+
+    def in_order(self) -> list[RecordedPlan]:
+        """Return the plans by their stamps."""
+        return sorted(self._plans, key=lambda plan: plan.stamp_ns)

@@ -7,8 +7,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from quad_mpc_ros.configuration import BagError, Configuration
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.codec import header_stamp_ns
@@ -26,8 +24,8 @@ from quad_mpc_ros.model.state import with_body_twist
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.bag_metadata import bag_of
 from quad_mpc_ros.recordings.flight import (
+    ChosenPlans,
     Flight,
-    RecordedPlan,
     ReferenceSampler,
     command_track,
     odometry_arrays,
@@ -118,7 +116,7 @@ class Recording:
         end_ns = int(stamp_ns[-1])
         # In a second pass, now that it is known for which stamps they count.
         sampler = ReferenceSampler(stamp_ns, mpc.vehicle())
-        plans = _ChosenPlans(plan_stamps, end_ns=end_ns, most=most_plans)
+        plans = ChosenPlans(plan_stamps, end_ns=end_ns, most=most_plans)
         again: dict[Topic, Taker] = {REFERENCE: _windows(sampler.take)}
         if most_plans:
             again[PREDICTED_PATH] = plans.take
@@ -262,32 +260,6 @@ def flown_points(bag: Path) -> PointTable:
     """
     flight = Recording(bag).flight()
     return PointTable(source=str(bag), seconds=flight.time, p_WB=flight.p_WB)
-
-
-class _ChosenPlans:
-    """Of plans that come again, keeps those evenly chosen by their stamps."""
-
-    def __init__(self, stamps_ns: list[int], *, end_ns: int, most: int) -> None:
-        stamps = np.array(stamps_ns, dtype=np.int64)
-        order = np.argsort(stamps, kind="stable")
-        order = order[: np.searchsorted(stamps[order], end_ns, side="right")]
-        step = -(-len(order) // most) if most else 1
-        self._chosen = set(order[:: max(step, 1)].tolist()) if most else set()
-        self._seen = 0
-        self._plans: list[RecordedPlan] = []
-
-    def take(self, message: RecordedMessage) -> None:
-        """Keep the plan in a message, if it is a chosen one and finite."""
-        if self._seen in self._chosen:
-            p_WB = conversions.positions_from_path(message.message)
-            if np.all(np.isfinite(p_WB)):
-                stamp_ns = header_stamp_ns(message.data)
-                self._plans.append(RecordedPlan(stamp_ns=stamp_ns, p_WB=p_WB))
-        self._seen += 1
-
-    def in_order(self) -> list[RecordedPlan]:
-        """Return the plans by their stamps."""
-        return sorted(self._plans, key=lambda plan: plan.stamp_ns)
 
 
 def _usable_odometry(log: OdometryLog, *, twist_frame: str) -> Taker:
