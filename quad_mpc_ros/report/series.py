@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from quad_mpc_ros.report.run import ReportedRun
 
 TABLE_NAMES = ("odometry", "commands", "ticks")
 
-_BLOCK = 10_000  # rows
+_BLOCK = 10_000  # rows; numbers of Python and a StringIO take several times their text
 
 Columns = dict[str, NDArray[Any]]
 
@@ -78,11 +78,15 @@ def _vector(name: str, values: Array, unit: str = "") -> Columns:
 
 
 def _csv(columns: Mapping[str, NDArray[Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
+    parts = [_lines([list(columns)])]
     count = len(next(iter(columns.values())))
-    for begin in range(0, count, _BLOCK):  # as Python's numbers they take much memory
+    for begin in range(0, count, _BLOCK):
         block = [values[begin : begin + _BLOCK].tolist() for values in columns.values()]
-        writer.writerows(zip(*block, strict=True))
+        parts.append(_lines(zip(*block, strict=True)))
+    return "".join(parts)
+
+
+def _lines(rows: Iterable[Sequence[Any]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
