@@ -71,6 +71,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 napoleon_numpy_docstring = False
+napoleon_use_ivar = True  # fields of dataclasses are listed once, by autodoc
 
 toc_object_entries = False  # hundreds of names, copied into the navigation of every page
 

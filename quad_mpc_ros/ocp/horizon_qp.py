@@ -1,4 +1,4 @@
-"""The horizon as a sparse quadratic program with a fixed pattern.
+"""The horizon as a sparse quadratic program with a fixed pattern::
 
     minimise    sum_{i=1..N}   1/2 x_i' H_i x_i + g_i' x_i
               + sum_{i=0..N-1} 1/2 u_i' R_i u_i + r_i' u_i

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,8 +17,10 @@ from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.paper import reference_input
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
-from quad_mpc_ros.recordings.reader import RecordedMessage
 from quad_mpc_ros.safety.validation import reference_fault
+
+if TYPE_CHECKING:  # a simulated flight needs no reader of bags
+    from quad_mpc_ros.recordings.reader import RecordedMessage
 
 _NO_STAMP = np.iinfo(np.int64).min
 
