@@ -5,7 +5,9 @@ from __future__ import annotations
 import enum
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
+
+import numpy as np
 
 from quad_mpc_ros.faults import courses, distortions
 from quad_mpc_ros.faults.courses import Course
@@ -35,7 +37,7 @@ def _when_believed(config: MpcConfig) -> float:
     return config.odom_timeout + 2.0 / config.control_rate
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Fault:
     """One fault: something is done to the odometry, the reference, the solver, the clock or a
     process for ``duration`` seconds.
@@ -48,8 +50,9 @@ class Fault:
 
     name: str
     injected: str
-    duration: float
-    course: Callable[[MpcConfig], Course]
+    course: Callable[[MpcConfig], Course] = courses.unimpressed
+    _: KW_ONLY
+    duration: float = 1.0
     recovery: Callable[[MpcConfig], float] = _at_once
     home: float = 4.0
     counter: str = ""
@@ -72,283 +75,222 @@ class Fault:
 _BRIEF = 0.6  # s: until blind, or hovering after a failed solver
 _LONG = 1.5  # s: until silent
 
+_unusable_odometry = functools.partial(
+    Fault, course=courses.odometry_lost, duration=_BRIEF, counter="rejected_inputs"
+)
+_odometry_of_another_time = functools.partial(
+    Fault, course=courses.clocks_apart, recovery=_when_believed, counter="rejected_inputs"
+)
+_unusable_reference = functools.partial(
+    Fault, course=courses.reference_lost, counter="rejected_inputs"
+)
+_solver_failure = functools.partial(
+    Fault, course=courses.solver_lost, duration=_BRIEF, counter="solver_failures"
+)
+_clock_set = functools.partial(
+    Fault, course=courses.accepted_after_timeout, recovery=_when_believed
+)
+_on_the_ground = functools.partial(Fault, grounded=True)
+
 _ODOMETRY = (
     Fault(
-        name="odometry_stops",
-        injected="no odometry",
+        "odometry_stops",
+        "no odometry",
+        courses.odometry_lost,
         duration=_LONG,
-        course=courses.odometry_lost,
         odometry=distortions.lost,
     ),
     Fault(
-        name="odometry_freezes",
-        injected="the last pose and twist for ever, under new stamps, though they tell of motion",
+        "odometry_freezes",
+        "the last pose and twist for ever, under new stamps, though they tell of motion",
+        courses.odometry_frozen,
         duration=_BRIEF,
-        course=courses.odometry_frozen,
         odometry=distortions.frozen,
     ),
     Fault(
-        name="odometry_repeats",
-        injected="the last odometry for ever, stamp and all",
+        "odometry_repeats",
+        "the last odometry for ever, stamp and all",
+        courses.odometry_lost,
         duration=_BRIEF,
-        course=courses.odometry_lost,
         odometry=distortions.repeated,
     ),
     Fault(
-        name="odometry_jumps",
-        injected="position 2.4 m aside, and back",
-        duration=1.0,
-        course=courses.unimpressed,
-        odometry=distortions.changed(distortions.aside),
+        "odometry_jumps",
+        "position 2.4 m aside, and back",
+        odometry=distortions.changed(p_WB=distortions.moved(2.0, -1.0, 1.0)),
     ),
-    Fault(
-        name="odometry_nan",
-        injected="positions that are not a number",
-        duration=_BRIEF,
-        course=courses.odometry_lost,
-        counter="rejected_inputs",
-        odometry=distortions.changed(distortions.not_a_number),
+    _unusable_odometry(
+        "odometry_nan",
+        "positions that are not a number",
+        odometry=distortions.changed(p_WB=distortions.not_a_number),
     ),
-    Fault(
-        name="odometry_wrong_frame",
-        injected="another world frame in the header",
-        duration=_BRIEF,
-        course=courses.odometry_lost,
-        counter="rejected_inputs",
-        odometry=distortions.changed(distortions.in_another_frame),
+    _unusable_odometry(
+        "odometry_wrong_frame",
+        "another world frame in the header",
+        odometry=distortions.changed(frame_id=distortions.elsewhere),
     ),
-    Fault(
-        name="odometry_not_unit",
-        injected="quaternions 10 % too long",
-        duration=_BRIEF,
-        course=courses.odometry_lost,
-        counter="rejected_inputs",
-        odometry=distortions.changed(distortions.not_of_unit_length),
+    _unusable_odometry(
+        "odometry_not_unit",
+        "quaternions 10 % too long",
+        odometry=distortions.changed(q_WB_xyzw=lambda q_WB_xyzw: 1.1 * q_WB_xyzw),
     ),
-    Fault(
-        name="odometry_backwards",
-        injected="stamps that run backwards",
-        duration=_BRIEF,
-        course=courses.odometry_lost,
-        counter="rejected_inputs",
+    _unusable_odometry(
+        "odometry_backwards",
+        "stamps that run backwards",
         odometry=distortions.running_backwards,
     ),
-    Fault(
-        name="odometry_from_past",
-        injected="stamps 5 s early, and right again",
-        duration=1.0,
-        course=courses.clocks_apart,
-        recovery=_when_believed,
-        counter="rejected_inputs",
+    _odometry_of_another_time(
+        "odometry_from_past",
+        "stamps 5 s early, and right again",
         odometry=distortions.shifted_in_time(-5.0),
     ),
-    Fault(
-        name="odometry_from_future",
-        injected="stamps 5 s late, and right again",
-        duration=1.0,
-        course=courses.clocks_apart,
-        recovery=_when_believed,
-        counter="rejected_inputs",
+    _odometry_of_another_time(
+        "odometry_from_future",
+        "stamps 5 s late, and right again",
         odometry=distortions.shifted_in_time(5.0),
     ),
     Fault(
-        name="odometry_stamp_outliers",
-        injected="one stamp in ten from 10 s in the future",
-        duration=1.0,
-        course=courses.unimpressed,
+        "odometry_stamp_outliers",
+        "one stamp in ten from 10 s in the future",
         counter="rejected_inputs",
         odometry=distortions.sometimes_from_the_future,
     ),
     Fault(
-        name="odometry_dropouts",
-        injected="30 % of the odometries lost at random",
+        "odometry_dropouts",
+        "30 % of the odometries lost at random",
+        courses.throughout("mpc", "plan"),  # the plan where a message is missing
         duration=2.0,
-        course=courses.held_at_most,
         odometry=distortions.dropping(0.3),
     ),
     Fault(
-        name="odometry_bursts",
-        injected="nothing for 200 ms, then all at once, again and again",
-        duration=1.0,
-        course=courses.blind_at_most,
+        "odometry_bursts",
+        "nothing for 200 ms, then all at once, again and again",
+        # Blind for the moment between the end of the plan and the next message.
+        courses.throughout("mpc", "plan", "blind"),
         odometry=distortions.in_bursts(0.2),
     ),
     Fault(
-        name="two_odometries",
-        injected="a second publisher of odometry, 0.5 m aside",
-        duration=1.0,
-        course=courses.unimpressed,
-        odometry=distortions.doubled(distortions.of_another_estimator),
+        "two_odometries",
+        "a second publisher of odometry, 0.5 m aside",
+        odometry=distortions.doubled(
+            p_WB=distortions.moved(0.5, 0.0, 0.0), stamp_ns=lambda ns: ns + 1_000_000
+        ),
         intruder=True,
     ),
 )
 
 _REFERENCE = (
-    Fault(
-        name="reference_stops",
-        injected="no reference",
-        duration=1.0,
-        course=courses.reference_lost,
-        reference=distortions.lost,
+    Fault("reference_stops", "no reference", courses.reference_lost, reference=distortions.lost),
+    _unusable_reference(
+        "reference_nan",
+        "velocities that are not a number",
+        reference=distortions.changed(v_WB_W=distortions.not_a_number),
+    ),
+    _unusable_reference(
+        "reference_empty",
+        "windows without a sample",
+        reference=distortions.changed(
+            **dict.fromkeys(
+                ("offset_ns", "p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W"),
+                lambda samples: samples[:0],
+            )
+        ),
+    ),
+    _unusable_reference(
+        "reference_wrong_frame",
+        "another world frame in the header",
+        reference=distortions.changed(frame_id=distortions.elsewhere),
+    ),
+    _unusable_reference(
+        "reference_not_unit",
+        "quaternions that are zero",
+        reference=distortions.changed(q_WB_xyzw=np.zeros_like),
     ),
     Fault(
-        name="reference_nan",
-        injected="velocities that are not a number",
-        duration=1.0,
-        course=courses.reference_lost,
-        counter="rejected_inputs",
-        reference=distortions.changed(distortions.reference_not_a_number),
-    ),
-    Fault(
-        name="reference_empty",
-        injected="windows without a sample",
-        duration=1.0,
-        course=courses.reference_lost,
-        counter="rejected_inputs",
-        reference=distortions.changed(distortions.reference_empty),
-    ),
-    Fault(
-        name="reference_wrong_frame",
-        injected="another world frame in the header",
-        duration=1.0,
-        course=courses.reference_lost,
-        counter="rejected_inputs",
-        reference=distortions.changed(distortions.reference_in_another_frame),
-    ),
-    Fault(
-        name="reference_not_unit",
-        injected="quaternions that are zero",
-        duration=1.0,
-        course=courses.reference_lost,
-        counter="rejected_inputs",
-        reference=distortions.changed(distortions.reference_not_of_unit_length),
-    ),
-    Fault(
-        name="reference_far_away",
-        injected="a reference 1.4 km away, and back",
-        duration=1.0,
-        course=courses.unimpressed,
+        "reference_far_away",
+        "a reference 1.4 km away, and back",
         home=10.0,
-        reference=distortions.changed(distortions.reference_far_away),
+        reference=distortions.changed(p_WB=distortions.moved(1000.0, 1000.0, 0.0)),
     ),
     Fault(
-        name="two_references",
-        injected="a second publisher of the reference, 0.5 m aside",
-        duration=1.0,
-        course=courses.unimpressed,
-        reference=distortions.doubled(distortions.reference_of_another_server),
+        "two_references",
+        "a second publisher of the reference, 0.5 m aside",
+        reference=distortions.doubled(p_WB=distortions.moved(0.5, 0.0, 0.0)),
         intruder=True,
     ),
 )
 
 _SOLVER = (
-    Fault(
-        name="solver_fails",
-        injected="every solve ends at the limit of iterations",
-        duration=_BRIEF,
-        course=courses.solver_lost,
-        counter="solver_failures",
-        solver=SolverFault.FAIL,
+    _solver_failure(
+        "solver_fails", "every solve ends at the limit of iterations", solver=SolverFault.FAIL
     ),
-    Fault(
-        name="solver_lies",
-        injected="every solve is called solved, and is NaN",
-        duration=_BRIEF,
-        course=courses.solver_lost,
-        counter="solver_failures",
-        solver=SolverFault.LIE,
+    _solver_failure(
+        "solver_lies", "every solve is called solved, and is NaN", solver=SolverFault.LIE
     ),
-    Fault(
-        name="solver_runs_long",
-        injected="every solve takes a period and a half",
-        duration=_BRIEF,
-        course=courses.solver_lost,
+    _solver_failure(
+        "solver_runs_long",
+        "every solve takes a period and a half",
         counter="deadline_misses",
         solver=SolverFault.RUN_LONG,
     ),
 )
 
 _MACHINE = (
+    _clock_set("clock_forward", "every clock is set a day on, and back", clock=86400.0),
+    _clock_set("clock_backward", "every clock is set a day back, and on", clock=-86400.0),
     Fault(
-        name="clock_forward",
-        injected="every clock is set a day on, and back",
-        duration=1.0,
-        course=courses.accepted_after_timeout,
-        recovery=_when_believed,
-        clock=86400.0,
-    ),
-    Fault(
-        name="clock_backward",
-        injected="every clock is set a day back, and on",
-        duration=1.0,
-        course=courses.accepted_after_timeout,
-        recovery=_when_believed,
-        clock=-86400.0,
-    ),
-    Fault(
-        name="mpc_pauses",
-        injected="the MPC's process stands still",
-        duration=1.0,
-        course=courses.anything,
+        "mpc_pauses",
+        "the MPC's process stands still",
+        courses.throughout(*courses.ANY),  # it does not run, and what comes first is chance
         process=ProcessFault.PAUSE_MPC,
     ),
     Fault(
-        name="simulator_restarts",
-        injected="the simulator ends, and another starts where the first one did",
+        "simulator_restarts",
+        "the simulator ends, and another starts where the first one did",
+        courses.odometry_lost,
         duration=_LONG,
-        course=courses.odometry_lost,
         home=10.0,
         process=ProcessFault.RESTART_SIMULATOR,
     ),
     Fault(
-        name="parameters_hammered",
-        injected="50 changes of parameters a second, every other one wrong",
-        duration=1.0,
-        course=courses.unimpressed,
+        "parameters_hammered",
+        "50 changes of parameters a second, every other one wrong",
         process=ProcessFault.SET_PARAMETERS,
     ),
     Fault(
-        name="start_orders",
-        injected="simulator, reference and MPC started one after another, in every order",
+        "start_orders",
+        "simulator, reference and MPC started one after another, in every order",
         duration=0.0,
-        course=courses.unimpressed,
         process=ProcessFault.START_NODES,
     ),
 )
 
 _GROUND = (
-    Fault(
-        name="ground_odometry_stops",
-        injected="on the ground: no odometry",
+    _on_the_ground(
+        "ground_odometry_stops",
+        "on the ground: no odometry",
+        functools.partial(courses.odometry_lost, standing=True),
         duration=_LONG,
-        course=functools.partial(courses.odometry_lost, standing=True),
         odometry=distortions.lost,
-        grounded=True,
     ),
-    Fault(
-        name="ground_odometry_freezes",
-        injected="on the ground: the same pose and twist for ever, which tell of rest",
-        duration=1.0,
-        course=courses.unimpressed,
+    _on_the_ground(
+        "ground_odometry_freezes",
+        "on the ground: the same pose and twist for ever, which tell of rest",
         odometry=distortions.frozen,
-        grounded=True,
     ),
-    Fault(
-        name="ground_reference_stops",
-        injected="on the ground: no reference",
-        duration=1.0,
-        course=functools.partial(courses.reference_lost, standing=True),
+    _on_the_ground(
+        "ground_reference_stops",
+        "on the ground: no reference",
+        functools.partial(courses.reference_lost, standing=True),
         reference=distortions.lost,
-        grounded=True,
     ),
-    Fault(
-        name="ground_solver_fails",
-        injected="on the ground: every solve ends at the limit of iterations",
+    _on_the_ground(
+        "ground_solver_fails",
+        "on the ground: every solve ends at the limit of iterations",
+        functools.partial(courses.solver_lost, standing=True),
         duration=_BRIEF,
-        course=functools.partial(courses.solver_lost, standing=True),
         counter="solver_failures",
         solver=SolverFault.FAIL,
-        grounded=True,
     ),
 )
 

@@ -6,114 +6,97 @@ is not one of messages. A rung is reached within one control period of its timeo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from quad_mpc_ros.mpc_config import MpcConfig
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class CoursePhase:
     """Sources one of which commands from ``begins`` at the earliest, ``reached`` at the latest."""
 
     sources: tuple[str, ...]
-    begins: float
-    reached: float
+    begins: float = 0.0
+    reached: float = 0.0
 
 
 Course = tuple[CoursePhase, ...]
+Spans = Sequence[tuple[CoursePhase, float, float]]
+"""Phases, and from when to when."""
 
-_ANY = ("mpc", "plan", "hover", "blind", "silent", "idle")
-
-
-def unimpressed(config: MpcConfig) -> Course:
-    """The MPC commands throughout."""
-    return _course(("mpc", 0.0))
+ANY = ("mpc", "plan", "hover", "blind", "silent", "idle")
+_MPC, _MPC_OR_PLAN = CoursePhase(("mpc",)), CoursePhase(("mpc", "plan"))
 
 
-def held_at_most(config: MpcConfig) -> Course:
-    """The MPC commands or, where a message is missing, its last plan."""
-    return (CoursePhase(sources=("mpc", "plan"), begins=0.0, reached=0.0),)
+def throughout(*sources: str) -> Callable[[MpcConfig], Course]:
+    """One of the sources commands at any time."""
+    return lambda config: (CoursePhase(sources),)
 
 
-def blind_at_most(config: MpcConfig) -> Course:
-    """As before, or blind for the moment between the end of the plan and the next message."""
-    return (CoursePhase(sources=("mpc", "plan", "blind"), begins=0.0, reached=0.0),)
+unimpressed = throughout("mpc")
 
 
 def accepted_after_timeout(config: MpcConfig) -> Course:
     """The plan is held until what is new has persisted for the timeout of the odometry."""
     reached = config.odom_timeout + 2.0 / config.control_rate
+    return (_MPC_OR_PLAN, CoursePhase(("mpc",), reached=reached))
+
+
+def clocks_apart(config: MpcConfig) -> Course:
+    """The new stamps are believed after the timeout, but the reference is of another time."""
+    end = config.plan_hold_time
     return (
-        CoursePhase(sources=("mpc", "plan"), begins=0.0, reached=0.0),
-        CoursePhase(sources=("mpc",), begins=0.0, reached=reached),
+        _MPC_OR_PLAN,
+        CoursePhase(("hover",), begins=end, reached=end + 1.0 / config.control_rate),
     )
 
 
 def odometry_lost(config: MpcConfig, *, standing: bool = False) -> Course:
     """Plan, then blind (standing on the ground: idle at once), then silence."""
     late = 1.0 / config.control_rate
-    plan, hold = _while_lost("blind", standing=standing)
     blind = max(config.odom_timeout, config.plan_hold_time)
     silent = blind + config.blind_time
     return (
-        CoursePhase(sources=("mpc",), begins=0.0, reached=0.0),
-        *_lasting(plan, config.odom_timeout, blind, late),
-        CoursePhase(sources=(hold,), begins=blind, reached=blind + late),
+        _MPC,
+        *_plan(config.odom_timeout, blind, late=late, standing=standing),
+        CoursePhase(("idle" if standing else "blind",), begins=blind, reached=blind + late),
         # The time of blindness counts from its first tick, which may be late by a period itself.
-        CoursePhase(sources=("silent",), begins=silent, reached=silent + 2.0 * late),
-    )
-
-
-def clocks_apart(config: MpcConfig) -> Course:
-    """The new stamps are believed after the timeout, but the reference is of another time."""
-    late = 1.0 / config.control_rate
-    end = config.plan_hold_time
-    return (
-        CoursePhase(sources=("mpc", "plan"), begins=0.0, reached=0.0),
-        CoursePhase(sources=("hover",), begins=end, reached=end + late),
+        CoursePhase(("silent",), begins=silent, reached=silent + 2.0 * late),
     )
 
 
 def odometry_frozen(config: MpcConfig) -> Course:
     """As when it is lost, but plans are made of it until the timeout."""
-    late = 1.0 / config.control_rate
-    blind = config.odom_timeout + config.plan_hold_time
-    return (
-        CoursePhase(sources=("mpc",), begins=0.0, reached=0.0),
-        *_lasting("plan", config.odom_timeout, blind, late),
-        CoursePhase(sources=("blind",), begins=blind - late, reached=blind + late),
-    )
+    return _no_new_plan(config, since=config.odom_timeout, then="blind")
 
 
 def reference_lost(config: MpcConfig, *, standing: bool = False) -> Course:
     """Plan, then hover (standing on the ground: idle at once)."""
-    late = 1.0 / config.control_rate
-    plan, hold = _while_lost("hover", standing=standing)
     # The last plan is made just before the reference is too old.
-    end = config.reference_timeout + config.plan_hold_time
-    return (
-        CoursePhase(sources=("mpc",), begins=0.0, reached=0.0),
-        *_lasting(plan, config.reference_timeout, end, late),
-        CoursePhase(sources=(hold,), begins=end - late, reached=end + late),
-    )
+    return _no_new_plan(config, since=config.reference_timeout, then="hover", standing=standing)
 
 
 def solver_lost(config: MpcConfig, *, standing: bool = False) -> Course:
     """Plan at once, then hover (standing on the ground: idle at once)."""
+    return _no_new_plan(config, since=0.0, then="hover", standing=standing)
+
+
+def _no_new_plan(config: MpcConfig, *, since: float, then: str, standing: bool = False) -> Course:
     late = 1.0 / config.control_rate
-    plan, hold = _while_lost("hover", standing=standing)
-    end = config.plan_hold_time
+    end = since + config.plan_hold_time
     return (
-        CoursePhase(sources=("mpc",), begins=0.0, reached=0.0),
-        *_lasting(plan, 0.0, end, late),
-        CoursePhase(sources=(hold,), begins=end - late, reached=end + late),
+        _MPC,
+        *_plan(since, end, late=late, standing=standing),
+        CoursePhase(("idle" if standing else then,), begins=end - late, reached=end + late),
     )
 
 
-def anything(config: MpcConfig) -> Course:
-    """Whatever is sound: the controller does not run, and what comes first is chance."""
-    return (CoursePhase(sources=_ANY, begins=0.0, reached=0.0),)
+def _plan(begins: float, ends: float, *, late: float, standing: bool) -> Course:
+    """Return the phase of the last plan, unless it ends before it begins."""
+    if begins >= ends:
+        return ()
+    return (CoursePhase(("idle" if standing else "plan",), begins=begins, reached=begins + late),)
 
 
 def allowed(course: Course, time: float, *, slack: float) -> tuple[str, ...]:
@@ -127,9 +110,7 @@ def allowed(course: Course, time: float, *, slack: float) -> tuple[str, ...]:
     )
 
 
-def certain(
-    course: Course, end: float, *, slack: float, least: float
-) -> Sequence[tuple[CoursePhase, float, float]]:
+def certain(course: Course, end: float, *, slack: float, least: float) -> Spans:
     """Return the phases that must be seen before ``end``, and from when to when they are alone.
 
     Those are left out that are alone for less than ``least`` seconds.
@@ -149,24 +130,8 @@ def described(course: Course, end: float) -> str:
     for phase in course:
         if phase.begins > end:
             break
-        sources = " or ".join(phase.sources) if phase.sources != _ANY else "any"
+        sources = " or ".join(phase.sources) if phase.sources != ANY else "any"
         if phase.reached > 0.0:
             sources += f" by {phase.reached:.2f} s"
         words.append(sources)
     return ", ".join(words)
-
-
-def _while_lost(hold: str, *, standing: bool) -> tuple[str, str]:
-    """Return who commands at first and after the plan."""
-    return ("idle", "idle") if standing else ("plan", hold)
-
-
-def _lasting(source: str, begins: float, ends: float, late: float) -> Course:
-    """Return a phase, unless it ends before it begins."""
-    if begins >= ends:
-        return ()
-    return (CoursePhase(sources=(source,), begins=begins, reached=begins + late),)
-
-
-def _course(*phases: tuple[str, float]) -> Course:
-    return tuple(CoursePhase(sources=(s,), begins=begins, reached=begins) for s, begins in phases)

@@ -104,7 +104,6 @@ class FaultFlight:
     def _fly_until(self, end_ns: int) -> None:
         while self._time_ns < end_ns:
             self._step()
-            self._time_ns += _STEP_NS
 
     def _fly_home(self) -> None:
         """Fly until the vehicle has been back for a while, or should have been."""
@@ -112,10 +111,9 @@ class FaultFlight:
         deadline_ns = self._end_ns + round(patience * _SECOND)
         while self._time_ns < (self._home_ns or deadline_ns) + _AFTER_HOME_NS:
             self._step()
-            self._time_ns += _STEP_NS
 
     def _step(self) -> None:
-        """Let happen what is due now."""
+        """Let happen what is due now, and let time go on."""
         process = self._fault.process if self._active else None
         if process is ProcessFault.SET_PARAMETERS and self._time_ns % self._period_ns == 0:
             self._set_parameters()
@@ -128,6 +126,7 @@ class FaultFlight:
             self._odometries.deliver(self._time_ns)
             if self._time_ns % self._period_ns == self._period_ns // 2:
                 self._finish(self._controller.watch(now_ns=self._now_ns))
+        self._time_ns += _STEP_NS
 
     def _send_window(self) -> None:
         window = self._server.window(_START_NS + self._time_ns)

@@ -16,6 +16,17 @@ class Change(NamedTuple):
     good: bool
 
 
+_BAD: Sequence[Mapping[str, Any]] = (
+    {"Q": [1.0, 2.0]},
+    {"R": [0.0, 0.001, 0.001, -0.001]},
+    {"Q": [float("nan")] * 9},
+    {"omega_max": [0.0, 1.0, 1.0]},
+    {"throttle_min": 0.9},  # leaves no throttle to hover
+    # A good one does not come through beside a bad one.
+    {"omega_max": [1.0, 1.0, 1.0], "throttle_max": 2.0},
+)
+
+
 def good_changes(config: MpcConfig) -> Iterator[Change]:
     """Yield for ever what a person tunes in flight: weights and bounds, and back."""
     given = {"Q": list(config.Q), "omega_max": list(config.omega_max)}
@@ -25,25 +36,7 @@ def good_changes(config: MpcConfig) -> Iterator[Change]:
 
 def good_and_bad_changes(config: MpcConfig) -> Iterator[Change]:
     """Yield for ever good changes and, between them, all that must be refused."""
-    return _alternating(good_changes(config), _bad_changes(config))
-
-
-def _bad_changes(config: MpcConfig) -> Sequence[Change]:
-    return [
-        Change(values, good=False)
-        for values in (
-            {"Q": [1.0, 2.0]},
-            {"R": [0.0, 0.001, 0.001, -0.001]},
-            {"Q": [float("nan")] * 9},
-            {"omega_max": [0.0, 1.0, 1.0]},
-            {"throttle_min": 0.9},  # leaves no throttle to hover
-            # A good one does not come through beside a bad one.
-            {"omega_max": [1.0, 1.0, 1.0], "throttle_max": 2.0},
-        )
-    ]
-
-
-def _alternating(good: Iterator[Change], bad: Sequence[Change]) -> Iterator[Change]:
-    for refused in itertools.cycle(bad):
+    good = good_changes(config)
+    for bad in itertools.cycle(_BAD):
         yield next(good)
-        yield refused
+        yield Change(bad, good=False)

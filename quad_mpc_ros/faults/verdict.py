@@ -10,7 +10,6 @@ import numpy as np
 
 from quad_mpc_ros.faults import courses
 from quad_mpc_ros.faults.cases import Fault
-from quad_mpc_ros.faults.courses import CoursePhase
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
 
@@ -67,17 +66,21 @@ def command_fault(command: CommandSample, config: MpcConfig) -> str | None:
 
 def complaints(fault: Fault, record: Record, config: MpcConfig, *, slack: float) -> list[str]:
     """Return all that is wrong; ``slack`` [s] is what the measuring of times may be off by."""
+    course = fault.course(config)
+    # The phases long enough for a tick to fall into them.
+    certain = courses.certain(course, record.end, slack=slack, least=2.0 / config.control_rate)
     return [
         *record.unsound[:1],
-        *_off_course(fault, record, config, slack),
-        *_not_silent(fault, record, config, slack),
+        *_off_course(course, certain, record, slack),
+        *_not_silent(certain, record),
         *_not_recovered(fault, record, config, slack),
         *_not_counted(fault, record),
     ]
 
 
-def _off_course(fault: Fault, record: Record, config: MpcConfig, slack: float) -> list[str]:
-    course = fault.course(config)
+def _off_course(
+    course: courses.Course, certain: courses.Spans, record: Record, slack: float
+) -> list[str]:
     during = [sighting for sighting in record.sightings if 0.0 < sighting.time < record.end]
     wrong = [
         f"{seen.source} at {seen.time:.3f} s, expected {_either(allowed)}"
@@ -86,24 +89,15 @@ def _off_course(fault: Fault, record: Record, config: MpcConfig, slack: float) -
     ]
     missing = [
         f"{_either(phase.sources)} never seen between {start:.3f} s and {until:.3f} s"
-        for phase, start, until in _certain(fault, record, config, slack)
+        for phase, start, until in certain
         if not any(start <= s.time <= until and s.source in phase.sources for s in during)
     ]
     return [*wrong[:1], *missing]
 
 
-def _certain(
-    fault: Fault, record: Record, config: MpcConfig, slack: float
-) -> Sequence[tuple[CoursePhase, float, float]]:
-    """Return the phases long enough for a tick to fall into them."""
-    return courses.certain(
-        fault.course(config), record.end, slack=slack, least=2.0 / config.control_rate
-    )
-
-
-def _not_silent(fault: Fault, record: Record, config: MpcConfig, slack: float) -> list[str]:
+def _not_silent(certain: courses.Spans, record: Record) -> list[str]:
     """Where the ladder says stop, nothing is sent."""
-    for phase, start, until in _certain(fault, record, config, slack):
+    for phase, start, until in certain:
         if phase.sources == ("silent",):
             sent = sum(start < time < until for time in record.commands)
             return [f"{sent} commands while silent"] if sent else []

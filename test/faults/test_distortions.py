@@ -74,7 +74,7 @@ def test_dropouts_lose_their_share_and_the_same_ones_again() -> None:
 
 
 def test_second_publisher_is_told_from_the_first() -> None:
-    moved = distortions.doubled(lambda o: dataclasses.replace(o, p_WB=o.p_WB + 1.0))
+    moved = distortions.doubled(p_WB=lambda p_WB: p_WB + 1.0)
     first, second = moved(odometry(START + PERIOD), BEFORE, 0)
     assert (first.intruder, second.intruder) == (False, True)
     assert np.array_equal(second.message.p_WB, first.message.p_WB + 1.0)
