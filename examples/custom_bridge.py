@@ -4,7 +4,6 @@ A bridge gets the stack's messages and the time, and fills the stack's messages;
 not fit. Entered in setup.py (CONTRIBUTING.md, "Add a bridge"), the same class runs as a node.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -14,9 +13,10 @@ import numpy as np
 from quad_mpc_ros import CommandSample, Controller, MpcConfig, OdometrySample, ReferenceWindow
 from quad_mpc_ros.bridges.bridge import OutgoingMessage, Response, Subscription, SwitchedBridge
 from quad_mpc_ros.bridges.config import BridgeConfig
+from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
 
-STATE = Topic(name="toy/state", type_name="toy_msgs/msg/State", reliable=False)
+STATE = Topic(name="toy/state", type_name="toy_msgs/msg/State")
 RATES = Topic(name="toy/rates", type_name="toy_msgs/msg/Rates", reliable=True)
 
 
@@ -34,10 +34,9 @@ class ToyBridge(SwitchedBridge):
     how_to_get = "it is a toy"
     publications = (RATES,)
 
-    @property
-    def subscriptions(self) -> Sequence[Subscription]:
-        """The stack's state."""
-        return [Subscription(topic=STATE, receive=self._on_state)]
+    def __init__(self, config: ToyConfig, new: NewMessage) -> None:
+        super().__init__(config, new)
+        self.subscriptions = [Subscription(topic=STATE, receive=self._on_state)]
 
     def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Refuse: this stack knows no arming."""

@@ -8,27 +8,15 @@ Fields and constants after https://github.com/aerostack2/aerostack2 (as2_msgs).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from quad_mpc_ros.bridges.autopilot import LatestStatus
-from quad_mpc_ros.bridges.bridge import (
-    Bridge,
-    OutgoingMessage,
-    Response,
-    ServiceCall,
-    Subscription,
-)
+from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.messages.conversions import (
-    NewMessage,
-    fill_time,
-    nanoseconds,
-    odometry_from_pose_and_twist,
-)
-from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.model.state import with_body_twist
 
@@ -40,7 +28,7 @@ _WORLD_FRAMES = ("earth", "map", "odom")
 
 _INFO_TIMEOUT = 1.0  # s: the platform publishes it ten times a second
 _PAIR_TOLERANCE_NS = 5_000_000
-_SET_BOOL, _SET_CONTROL_MODE = "std_srvs/srv/SetBool", "as2_msgs/srv/SetControlMode"
+_SET_BOOL = "std_srvs/srv/SetBool"
 
 
 def odometry_from_self_localization(pose: Any, twist: Any) -> OdometrySample:
@@ -49,7 +37,7 @@ def odometry_from_self_localization(pose: Any, twist: Any) -> OdometrySample:
     Frames may have the vehicle's namespace in front. Raises ``ValueError`` for a twist in neither
     the body nor a world frame.
     """
-    odometry = odometry_from_pose_and_twist(pose, twist, child_frame_id=BODY_FRAME)
+    odometry = conversions.odometry_from_pose_and_twist(pose, twist, child_frame_id=BODY_FRAME)
     frame = str(twist.header.frame_id).rsplit("/", 1)[-1]
     if frame == BODY_FRAME:
         return odometry
@@ -65,8 +53,7 @@ def fill_thrust(
     message: Any, *, thrust_newton: float, throttle: float, frame_id: str, now_ns: int
 ) -> None:
     """Write a thrust [N] into an ``as2_msgs/Thrust``, and the throttle where it has a field."""
-    fill_time(message.header.stamp, now_ns)
-    message.header.frame_id = frame_id
+    conversions.fill_header(message.header, now_ns, frame_id)
     message.thrust = thrust_newton
     if hasattr(message, "thrust_normalized"):
         message.thrust_normalized = throttle
@@ -74,16 +61,8 @@ def fill_thrust(
 
 def fill_body_rates(message: Any, command: CommandSample, *, frame_id: str, now_ns: int) -> None:
     """Write body rates [rad/s, FLU] into a ``TwistStamped``."""
-    fill_time(message.header.stamp, now_ns)
-    message.header.frame_id = frame_id
-    angular = message.twist.angular
-    angular.x, angular.y, angular.z = command.w_WB_B.tolist()
-
-
-def fill_control_mode(request: Any) -> None:
-    """Write the mode of body rates into a request of ``SetControlMode``."""
-    request.control_mode.control_mode = CONTROL_MODE_BODY_RATES
-    request.control_mode.yaw_mode = YAW_MODE_YAW_SPEED
+    conversions.fill_header(message.header, now_ns, frame_id)
+    conversions.fill_vector(message.twist.angular, command.w_WB_B.tolist())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,76 +87,51 @@ class Aerostack2Bridge(Bridge):
     Config = Aerostack2Config
 
     def __init__(self, config: Aerostack2Config, new: NewMessage) -> None:
-        super().__init__(config, new)
+        super().__init__(config, new, namespace=config.drone)
         self._frame_id = f"{config.drone.strip('/')}/{BODY_FRAME}".lstrip("/")
         self._thrust = self._topic("actuator_command/thrust", "as2_msgs/msg/Thrust")
         self._rates = self._topic("actuator_command/twist", "geometry_msgs/msg/TwistStamped")
-        self._info_topic = Topic(
-            name=f"{config.drone}/platform/info",
-            type_name="as2_msgs/msg/PlatformInfo",
-            reliable=True,
-            depth=10,
-        )
-        self._info: LatestStatus[Any] = LatestStatus(timeout=_INFO_TIMEOUT)
-        self._pose: Any = None
-        self._twist: Any = None
-
-    @property
-    def subscriptions(self) -> Sequence[Subscription]:
-        """Pose, twist, platform info, battery."""
+        self.publications = self._thrust, self._rates
         pose = self._topic("self_localization/pose", "geometry_msgs/msg/PoseStamped")
         twist = self._topic("self_localization/twist", "geometry_msgs/msg/TwistStamped")
+        info = self._topic("platform/info", "as2_msgs/msg/PlatformInfo", reliable=True, depth=10)
         battery = self._topic("sensor_measurements/battery", "sensor_msgs/msg/BatteryState")
-        return [
+        self._info_name = info.name
+        self._info = LatestStatus(timeout=_INFO_TIMEOUT)
+        self._pose: Any = None
+        self._twist: Any = None
+        self.subscriptions = [
             Subscription(topic=pose, receive=self._on_pose),
             Subscription(topic=twist, receive=self._on_twist),
-            Subscription(topic=self._info_topic, receive=self._info.receive),
+            Subscription(topic=info, receive=self._info.receive),
             *self._battery_subscription(battery),
         ]
-
-    @property
-    def publications(self) -> Sequence[Topic]:
-        """Thrust and body rates."""
-        return self._thrust, self._rates
-
-    @property
-    def services(self) -> Sequence[tuple[str, str]]:
-        """Arming, offboard mode, control mode."""
-        return (
-            (self._service("set_arming_state"), _SET_BOOL),
-            (self._service("set_offboard_mode"), _SET_BOOL),
-            (self._service("set_platform_control_mode"), _SET_CONTROL_MODE),
-        )
+        self._arming = self._service("set_arming_state", _SET_BOOL)
+        self._offboard = self._service("set_offboard_mode", _SET_BOOL)
+        self._mode = self._service("set_platform_control_mode", "as2_msgs/srv/SetControlMode")
+        self.services = self._arming, self._offboard, self._mode
 
     def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Ask the platform to arm or disarm."""
         what = "arming" if wanted else "disarming"
-        return Response(
-            accepted=True,
-            text=f"asked for {what}",
-            calls=[self._set_bool("set_arming_state", wanted)],
-        )
+        call = self._call(self._arming, data=wanted)
+        return Response(accepted=True, text=f"asked for {what}", calls=[call])
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Ask the platform for body rates and offboard mode, or to leave offboard mode."""
-        offboard = self._set_bool("set_offboard_mode", wanted)
+        offboard = self._call(self._offboard, data=wanted)
         if not wanted:
             return Response(accepted=True, text="asked to leave offboard mode", calls=[offboard])
-        request = self._new(_SET_CONTROL_MODE)
-        fill_control_mode(request)
-        mode = ServiceCall(
-            service=self._service("set_platform_control_mode"),
-            type_name=_SET_CONTROL_MODE,
-            request=request,
-        )
-        return Response(
-            accepted=True, text="asked for body rates in offboard mode", calls=[mode, offboard]
-        )
+        mode = self._call(self._mode)
+        mode.request.control_mode.control_mode = CONTROL_MODE_BODY_RATES
+        mode.request.control_mode.yaw_mode = YAW_MODE_YAW_SPEED
+        text = "asked for body rates in offboard mode"
+        return Response(accepted=True, text=text, calls=[mode, offboard])
 
     def _reason_for_silence(self, now_ns: int) -> str | None:
         info = self._info.value(now_ns=now_ns)
         if info is None:
-            return f"no platform info within {_INFO_TIMEOUT:g} s on {self._info_topic.name}"
+            return f"no platform info within {_INFO_TIMEOUT:g} s on {self._info_name}"
         if not info.connected:
             return "the platform is not connected"
         if not info.offboard:
@@ -223,20 +177,7 @@ class Aerostack2Bridge(Bridge):
         if abs(apart_ns) > _PAIR_TOLERANCE_NS:
             return None
         self._pose = self._twist = None
-        try:
-            odometry = odometry_from_self_localization(pose, twist)
-        except ValueError as error:
-            self._refuse(f"self_localization: {error}")
-            return None
+        odometry = self._converted(
+            "self_localization", lambda: odometry_from_self_localization(pose, twist)
+        )
         return self._passed_on(odometry, now_ns=now_ns)
-
-    def _set_bool(self, service: str, wanted: bool) -> ServiceCall:
-        request = self._new(_SET_BOOL)
-        request.data = wanted
-        return ServiceCall(service=self._service(service), type_name=_SET_BOOL, request=request)
-
-    def _service(self, name: str) -> str:
-        return f"{self._config.drone}/{name}"
-
-    def _topic(self, path: str, type_name: str) -> Topic:
-        return Topic(name=f"{self._config.drone}/{path}", type_name=type_name, reliable=False)

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Generic, TypeVar
-
-T = TypeVar("T")
+from typing import Any
 
 _LONGEST_GAP_NS = 500_000_000  # PX4 wants 2 Hz
 _NEEDED_NS = 1_100_000_000  # for more than a second
 
 
-class LatestStatus(Generic[T]):
+class LatestStatus:
     """Holds the newest status, which is valid for ``timeout`` seconds."""
 
     def __init__(self, *, timeout: float) -> None:
         self._timeout_ns = round(timeout * 1e9)
-        self._value: T | None = None
+        self._value: Any = None
         self._received_ns = 0
 
-    def receive(self, value: T, now_ns: int) -> None:
+    def receive(self, value: Any, now_ns: int) -> None:
         """Take a status that arrives now."""
         self._value, self._received_ns = value, now_ns
 
-    def value(self, *, now_ns: int) -> T | None:
+    def value(self, *, now_ns: int) -> Any:
         """Return the newest status, or None if it is too old or there is none.
 
         After the clock was set back its age is unknown, so it counts as too old.

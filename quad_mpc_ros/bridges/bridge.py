@@ -101,30 +101,30 @@ class Bridge(ABC):
 
         return run_bridge(cls, args)
 
-    def __init__(self, config: Any, new: NewMessage) -> None:
+    subscriptions: Sequence[Subscription]
+    """What the bridge listens to."""
+    publications: Sequence[Topic]
+    """What the bridge may publish."""
+    services: Sequence[tuple[str, str]] = ()
+    """The services that the bridge may call: name and type."""
+
+    def __init__(self, config: Any, new: NewMessage, *, namespace: str = "") -> None:
+        """A bridge of one's own also sets ``subscriptions`` and ``publications``.
+
+        Args:
+            config: An instance of ``Config``.
+            new: Makes empty messages, and empty requests of services.
+            namespace: Of the stack's topics and services.
+        """
         self.thrust = ThrustMap(config)
         self.silence = "waiting for a command"
         self.commands = self.passed = self.refused = 0
         self._new = new
         self._config = config
+        self._namespace = namespace
         self._stamps = OdometryStamps(tolerance=config.clock_tolerance)
         self._jumps = PositionJumps()
         self._warnings: list[str] = []
-
-    @property
-    @abstractmethod
-    def subscriptions(self) -> Sequence[Subscription]:
-        """What the bridge listens to."""
-
-    @property
-    @abstractmethod
-    def publications(self) -> Sequence[Topic]:
-        """What the bridge may publish."""
-
-    @property
-    def services(self) -> Sequence[tuple[str, str]]:
-        """The services that the bridge may call: name and type."""
-        return ()
 
     @abstractmethod
     def arm(self, wanted: bool, *, now_ns: int) -> Response:
@@ -174,13 +174,45 @@ class Bridge(ABC):
         warnings, self._warnings = self._warnings, []
         return warnings
 
+    def _topic(
+        self, path: str, type_name: str, *, reliable: bool = False, depth: int = 1
+    ) -> Topic:
+        """Return a topic in the stack's namespace."""
+        name = f"{self._namespace}/{path}"
+        return Topic(name=name, type_name=type_name, reliable=reliable, depth=depth)
+
+    def _service(self, path: str, type_name: str) -> tuple[str, str]:
+        """Return name and type of a service in the stack's namespace."""
+        return f"{self._namespace}/{path}", type_name
+
+    def _call(self, service: tuple[str, str], **fields: object) -> ServiceCall:
+        """Return a call with these fields in its request."""
+        name, type_name = service
+        request = self._new(type_name)
+        for field, value in fields.items():
+            setattr(request, field, value)
+        return ServiceCall(service=name, type_name=type_name, request=request)
+
+    def _converted(
+        self, source: str, convert: Callable[[], OdometrySample | None]
+    ) -> OdometrySample | None:
+        """Return an odometry, or None when the conversion raises ``ValueError``."""
+        try:
+            return convert()
+        except ValueError as error:
+            self._refuse(f"{source}: {error}")
+            return None
+
     def _passed_on(
-        self, odometry: OdometrySample, *, now_ns: int, cause: str | None = None
+        self, odometry: OdometrySample | None, *, now_ns: int, cause: str | None = None
     ) -> OdometrySample | None:
         """Return an odometry with the stamp and the frames that the MPC wants.
 
-        Returns None, and notes why, if it is not valid or not newer than the last.
+        Returns None if there is none, and, noting why, if it is not valid or not newer than the
+        last.
         """
+        if odometry is None:
+            return None
         odometry = dataclasses.replace(
             odometry,
             frame_id=self._config.frame_id,

@@ -14,25 +14,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from quad_mpc_ros.bridges.autopilot import LatestStatus
-from quad_mpc_ros.bridges.bridge import (
-    OutgoingMessage,
-    Response,
-    ServiceCall,
-    Subscription,
-    SwitchedBridge,
-)
+from quad_mpc_ros.bridges.bridge import OutgoingMessage, Response, Subscription, SwitchedBridge
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.odometry import PoseDifferentiator
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds, odometry_from_message
-from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.model.state import with_body_twist
 
@@ -46,7 +38,6 @@ _LOCKS_AFTER_NS = 2_000_000_000
 # The radio may lose one; on the ground they cost nothing.
 _UNLOCKING_SETPOINTS = 3
 _STATUS_TIMEOUT = 10.0  # s: the server logs it once a second or less
-_ARM = "crazyflie_interfaces/srv/Arm"
 
 
 def odometry_from_odom(message: Any) -> OdometrySample:
@@ -83,6 +74,12 @@ def fill_unlock(message: Any) -> None:
     message.linear.x = message.linear.y = message.linear.z = message.angular.z = 0.0
 
 
+_STATES = {
+    "odom": ("nav_msgs/msg/Odometry", odometry_from_odom),
+    "pose": ("geometry_msgs/msg/PoseStamped", odometry_from_pose),
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Crazyswarm2Config(BridgeConfig):
     """Parameters of the Crazyswarm2 bridge."""
@@ -93,7 +90,7 @@ class Crazyswarm2Config(BridgeConfig):
     state: str = parameter(
         "odom",
         doc="Where the state comes from: odom, without body rates, or pose, without any.",
-        choices=("odom", "pose"),
+        choices=tuple(_STATES),
     )
 
 
@@ -110,43 +107,28 @@ class Crazyswarm2Bridge(SwitchedBridge):
     Config = Crazyswarm2Config
 
     def __init__(self, config: Crazyswarm2Config, new: NewMessage) -> None:
-        super().__init__(config, new)
+        super().__init__(config, new, namespace=config.crazyflie)
         self._setpoint = self._topic("cmd_vel_legacy", "geometry_msgs/msg/Twist", reliable=True)
-        self._differentiator = PoseDifferentiator(velocity_too=config.state == "pose")
-        self._status: LatestStatus[Any] = LatestStatus(timeout=_STATUS_TIMEOUT)
-        self._unlocking = 0
-        self._sent_ns: int | None = None
-
-    @property
-    def subscriptions(self) -> Sequence[Subscription]:
-        """State, status with the battery."""
-        pose = self._config.state == "pose"
-        kind = "geometry_msgs/msg/PoseStamped" if pose else "nav_msgs/msg/Odometry"
-        state = self._topic(self._config.state, kind)
+        self.publications = (self._setpoint,)
+        self._arming = self._service("arm", "crazyflie_interfaces/srv/Arm")
+        self.services = (self._arming,)
+        # What is heard unreliably matches whatever the server publishes.
+        type_name, self._odometry_of = _STATES[config.state]
+        state = self._topic(config.state, type_name)
         status = self._topic("status", "crazyflie_interfaces/msg/Status")
-        return (
+        self.subscriptions = (
             Subscription(topic=state, receive=self._on_state),
             Subscription(topic=status, receive=self._on_status),
         )
-
-    @property
-    def publications(self) -> Sequence[Topic]:
-        """The setpoint."""
-        return (self._setpoint,)
-
-    @property
-    def services(self) -> Sequence[tuple[str, str]]:
-        """Arming."""
-        return ((f"{self._config.crazyflie}/arm", _ARM),)
+        self._differentiator = PoseDifferentiator(velocity_too=config.state == "pose")
+        self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
+        self._unlocking = 0
+        self._sent_ns: int | None = None
 
     def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Ask the server to arm or disarm, which vehicles with brushless motors need."""
-        request = self._new(_ARM)
-        request.arm = wanted
-        call = ServiceCall(
-            service=f"{self._config.crazyflie}/arm", type_name=_ARM, request=request
-        )
         what = "arming" if wanted else "disarming"
+        call = self._call(self._arming, arm=wanted)
         return Response(accepted=True, text=f"asked for {what}", calls=[call])
 
     def _reason_for_silence(self, now_ns: int) -> str | None:
@@ -178,24 +160,12 @@ class Crazyswarm2Bridge(SwitchedBridge):
         return [OutgoingMessage(topic=self._setpoint, message=message)]
 
     def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
-        pose = self._config.state == "pose"
-        try:
-            odometry = odometry_from_pose(message) if pose else odometry_from_odom(message)
-            completed = self._differentiator.completed(odometry)
-        except ValueError as error:
-            self._refuse(f"{self._config.state}: {error}")
-            return None
-        return None if completed is None else self._passed_on(completed, now_ns=now_ns)
+        odometry = self._converted(
+            self._config.state,
+            lambda: self._differentiator.completed(self._odometry_of(message)),
+        )
+        return self._passed_on(odometry, now_ns=now_ns)
 
     def _on_status(self, message: Any, now_ns: int) -> None:
         self._status.receive(message, now_ns)
         self.thrust.receive_voltage(float(message.battery_voltage), now_ns=now_ns)
-
-    def _topic(self, path: str, type_name: str, *, reliable: bool = False) -> Topic:
-        """Return a topic: what is heard unreliably matches whatever the server publishes."""
-        return Topic(
-            name=f"{self._config.crazyflie}/{path}",
-            type_name=type_name,
-            reliable=reliable,
-            depth=1,
-        )

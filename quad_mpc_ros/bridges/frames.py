@@ -19,13 +19,13 @@ _SQRT_HALF = math.sqrt(0.5)
 
 def enu_from_ned(p_ned: Any) -> Array:
     """Return a world vector (3,) in east-north-up of one in north-east-down, or back."""
-    north, east, down = _three(p_ned)
+    north, east, down = map(float, p_ned)
     return np.array((east, north, -down))
 
 
 def flu_from_frd(v_frd: Any) -> Array:
     """Return a body vector (3,) in forward-left-up of one in forward-right-down, or back."""
-    forward, right, down = _three(v_frd)
+    forward, right, down = map(float, v_frd)
     return np.array((forward, -right, -down))
 
 
@@ -41,7 +41,3 @@ def q_enu_flu_xyzw_from_ned_frd_wxyz(q_ned_frd_wxyz: Any) -> Array:
         raise ValueError(f"no rotation in the quaternion {[w, x, y, z]}")
     s = _SQRT_HALF / length
     return np.array((s * (x + y), s * (x - y), s * (w - z), s * (w + z)))
-
-
-def _three(values: Any) -> tuple[float, float, float]:
-    return float(values[0]), float(values[1]), float(values[2])

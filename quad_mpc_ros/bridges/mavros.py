@@ -9,23 +9,15 @@ Fields and constants after https://github.com/mavlink/mavros (mavros_msgs/msg/At
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from quad_mpc_ros.bridges.autopilot import LatestStatus, SetpointStream
-from quad_mpc_ros.bridges.bridge import (
-    Bridge,
-    OutgoingMessage,
-    Response,
-    ServiceCall,
-    Subscription,
-)
+from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.conversions import NewMessage, fill_time
-from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 
 IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
@@ -33,18 +25,15 @@ IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
 _STATE_TIMEOUT = 3.0  # s: MAVROS publishes it with each heartbeat of the autopilot, once a second
 _ENGAGED = {"px4": ("OFFBOARD",), "ardupilot": ("GUIDED", "GUIDED_NOGPS")}
 _RELEASED = {"px4": "AUTO.LOITER", "ardupilot": "LOITER"}
-_SET_MODE, _ARMING = "mavros_msgs/srv/SetMode", "mavros_msgs/srv/CommandBool"
 
 
 def fill_attitude_target(
     message: Any, command: CommandSample, *, throttle: float, now_ns: int
 ) -> None:
     """Write body rates [rad/s, FLU] and throttle [0, 1] into an ``AttitudeTarget``."""
-    fill_time(message.header.stamp, now_ns)
-    message.header.frame_id = command.frame_id
+    conversions.fill_header(message.header, now_ns, command.frame_id)
     message.type_mask = IGNORE_ATTITUDE
-    p, q, r = command.w_WB_B.tolist()
-    message.body_rate.x, message.body_rate.y, message.body_rate.z = p, q, r
+    conversions.fill_vector(message.body_rate, command.w_WB_B.tolist())
     message.thrust = throttle
 
 
@@ -70,71 +59,48 @@ class MavrosBridge(Bridge):
     Config = MavrosConfig
 
     def __init__(self, config: MavrosConfig, new: NewMessage) -> None:
-        super().__init__(config, new)
+        super().__init__(config, new, namespace=config.mavros)
         self._modes = _ENGAGED[config.autopilot]
-        self._odometry = self._topic("local_position/odom", "nav_msgs/msg/Odometry")
-        self._state_topic = Topic(
-            name=f"{config.mavros}/state",
-            type_name="mavros_msgs/msg/State",
-            reliable=True,
-            depth=10,
-        )
-        self._battery = self._topic("battery", "sensor_msgs/msg/BatteryState")
-        self._target = Topic(
-            name=f"{config.mavros}/setpoint_raw/attitude",
-            type_name="mavros_msgs/msg/AttitudeTarget",
+        self._state = LatestStatus(timeout=_STATE_TIMEOUT)
+        self._stream = SetpointStream()
+        odometry = self._topic("local_position/odom", "nav_msgs/msg/Odometry")
+        state = self._topic("state", "mavros_msgs/msg/State", reliable=True, depth=10)
+        battery = self._topic("battery", "sensor_msgs/msg/BatteryState")
+        self.subscriptions = [
+            Subscription(topic=odometry, receive=self._on_odometry),
+            Subscription(topic=state, receive=self._state.receive),
+            *self._battery_subscription(battery),
+        ]
+        self._target = self._topic(
+            "setpoint_raw/attitude",
+            "mavros_msgs/msg/AttitudeTarget",
             reliable=True,  # which matches whatever MAVROS asks for
         )
-        self._state: LatestStatus[Any] = LatestStatus(timeout=_STATE_TIMEOUT)
-        self._stream = SetpointStream()
-
-    @property
-    def subscriptions(self) -> Sequence[Subscription]:
-        """Odometry, state, battery."""
-        return [
-            Subscription(topic=self._odometry, receive=self._on_odometry),
-            Subscription(topic=self._state_topic, receive=self._state.receive),
-            *self._battery_subscription(self._battery),
-        ]
-
-    @property
-    def publications(self) -> Sequence[Topic]:
-        """The attitude target."""
-        return (self._target,)
-
-    @property
-    def services(self) -> Sequence[tuple[str, str]]:
-        """Mode and arming."""
-        return (
-            (f"{self._config.mavros}/set_mode", _SET_MODE),
-            (f"{self._config.mavros}/cmd/arming", _ARMING),
-        )
+        self.publications = (self._target,)
+        self._set_mode = self._service("set_mode", "mavros_msgs/srv/SetMode")
+        self._arming = self._service("cmd/arming", "mavros_msgs/srv/CommandBool")
+        self.services = self._set_mode, self._arming
 
     def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Arm or disarm through MAVROS."""
-        request = self._new(_ARMING)
-        request.value = wanted
-        call = ServiceCall(
-            service=f"{self._config.mavros}/cmd/arming", type_name=_ARMING, request=request
-        )
         what = "arming" if wanted else "disarming"
+        call = self._call(self._arming, value=wanted)
         return Response(accepted=True, text=f"asked for {what}", calls=[call])
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Switch to OFFBOARD or GUIDED, or from it to a mode that holds the position."""
-        if wanted and self._config.autopilot == "px4" and (refusal := self._not_ready(now_ns)):
-            return Response(accepted=False, text=refusal)
-        request = self._new(_SET_MODE)
-        request.custom_mode = self._modes[0] if wanted else _RELEASED[self._config.autopilot]
-        call = ServiceCall(
-            service=f"{self._config.mavros}/set_mode", type_name=_SET_MODE, request=request
-        )
-        return Response(accepted=True, text=f"asked for mode {request.custom_mode}", calls=[call])
+        if wanted and self._config.autopilot == "px4":
+            refusal = self._stream.refusal(now_ns=now_ns, silence=self.silence)
+            if refusal:
+                return Response(accepted=False, text=refusal)
+        mode = self._modes[0] if wanted else _RELEASED[self._config.autopilot]
+        call = self._call(self._set_mode, custom_mode=mode)
+        return Response(accepted=True, text=f"asked for mode {mode}", calls=[call])
 
     def _reason_for_silence(self, now_ns: int) -> str | None:
         state = self._state.value(now_ns=now_ns)
         if state is None:
-            return f"no state within {_STATE_TIMEOUT:g} s on {self._state_topic.name}"
+            return f"no state within {_STATE_TIMEOUT:g} s on {self._config.mavros}/state"
         if not state.connected:
             return "MAVROS is not connected to the autopilot"
         if self._config.autopilot == "ardupilot" and state.mode not in self._modes:
@@ -158,9 +124,3 @@ class MavrosBridge(Bridge):
 
     def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
         return self._passed_on(conversions.odometry_from_message(message), now_ns=now_ns)
-
-    def _not_ready(self, now_ns: int) -> str | None:
-        return self._stream.refusal(now_ns=now_ns, silence=self.silence)
-
-    def _topic(self, path: str, type_name: str) -> Topic:
-        return Topic(name=f"{self._config.mavros}/{path}", type_name=type_name, reliable=False)

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import functools
 import importlib.util
+from collections.abc import Callable
 from typing import Any
 
 from std_srvs.srv import SetBool
 
-from quad_mpc_ros.bridges.bridge import (
-    Bridge,
-    OutgoingMessage,
-    Response,
-    ServiceCall,
-    Subscription,
-)
+from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.messages import conversions
@@ -56,8 +51,8 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             self.health.subscription(
                 subscription.topic, functools.partial(self._on_stack, subscription)
             )
-        self.create_service(SetBool, "~/arm", self._on_arm)
-        self.create_service(SetBool, "~/engage", self._on_engage)
+        for name, ask in (("arm", self._bridge.arm), ("engage", self._bridge.engage)):
+            self.create_service(SetBool, f"~/{name}", functools.partial(self._serve, ask))
 
     def _on_command(self, message: Any) -> None:
         self._command_ns = now_ns = self._now_ns()
@@ -96,18 +91,9 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._engaged_message.data = engaged
         self._engaged.publish(self._engaged_message)
 
-    def _on_arm(self, request: Any, response: Any) -> Any:
-        return self._carry_out(
-            self._bridge.arm(bool(request.data), now_ns=self._now_ns()), response
-        )
-
-    def _on_engage(self, request: Any, response: Any) -> Any:
-        return self._carry_out(
-            self._bridge.engage(bool(request.data), now_ns=self._now_ns()), response
-        )
-
-    def _carry_out(self, decided: Response, response: Any) -> Any:
+    def _serve(self, ask: Callable[..., Response], request: Any, response: Any) -> Any:
         """Send what was asked for; the stack's own response is logged when it comes."""
+        decided = ask(bool(request.data), now_ns=self._now_ns())
         missing = [
             call.service
             for call in decided.calls
@@ -119,13 +105,10 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             for outgoing in decided.messages:
                 self._send(outgoing)
             for call in decided.calls:
-                self._call(call)
+                future = self._clients_by_name[call.service].call_async(call.request)
+                future.add_done_callback(functools.partial(self._on_answered, call.service))
         self.get_logger().info(response.message)
         return response
-
-    def _call(self, call: ServiceCall) -> None:
-        future = self._clients_by_name[call.service].call_async(call.request)
-        future.add_done_callback(functools.partial(self._on_answered, call.service))
 
     def _on_answered(self, service: str, future: Any) -> None:
         self.get_logger().info(f"{service} answers {future.result()}")

@@ -9,7 +9,6 @@ Fields and constants after the definitions in https://github.com/PX4/px4_msgs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -132,6 +131,10 @@ def _fill_command(
     message.from_external = True
 
 
+def _version(kind: str) -> Any:
+    return parameter(_FROM_MESSAGE, doc=f"The same of {kind}.", minimum=_FROM_MESSAGE)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Px4Config(BridgeConfig):
     """Parameters of the PX4 bridge."""
@@ -150,21 +153,11 @@ class Px4Config(BridgeConfig):
         "suffix and -1 that of the installed px4_msgs.",
         minimum=_FROM_MESSAGE,
     )
-    status_version: int = parameter(
-        _FROM_MESSAGE, doc="The same of VehicleStatus.", minimum=_FROM_MESSAGE
-    )
-    rates_version: int = parameter(
-        _FROM_MESSAGE, doc="The same of VehicleRatesSetpoint.", minimum=_FROM_MESSAGE
-    )
-    command_version: int = parameter(
-        _FROM_MESSAGE, doc="The same of VehicleCommand.", minimum=_FROM_MESSAGE
-    )
-    ack_version: int = parameter(
-        _FROM_MESSAGE, doc="The same of VehicleCommandAck.", minimum=_FROM_MESSAGE
-    )
-    battery_version: int = parameter(
-        _FROM_MESSAGE, doc="The same of BatteryStatus.", minimum=_FROM_MESSAGE
-    )
+    status_version: int = _version("VehicleStatus")
+    rates_version: int = _version("VehicleRatesSetpoint")
+    command_version: int = _version("VehicleCommand")
+    ack_version: int = _version("VehicleCommandAck")
+    battery_version: int = _version("BatteryStatus")
 
 
 class Px4Bridge(Bridge):
@@ -182,31 +175,24 @@ class Px4Bridge(Bridge):
     def __init__(self, config: Px4Config, new: NewMessage) -> None:
         super().__init__(config, new)
         self._target = config.target_system
-        self._odometry = self._topic("out/vehicle_odometry", "VehicleOdometry", "odometry")
-        self._status_topic = self._topic("out/vehicle_status", "VehicleStatus", "status")
-        self._ack = self._topic("out/vehicle_command_ack", "VehicleCommandAck", "ack")
-        self._battery = self._topic("out/battery_status", "BatteryStatus", "battery")
-        self._heartbeat = self._topic("in/offboard_control_mode", "OffboardControlMode", None)
-        self._rates = self._topic("in/vehicle_rates_setpoint", "VehicleRatesSetpoint", "rates")
-        self._command = self._topic("in/vehicle_command", "VehicleCommand", "command")
-        self._status: LatestStatus[Any] = LatestStatus(timeout=_STATUS_TIMEOUT)
+        self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
         self._stream = SetpointStream()
         self._resets: tuple[int, int] | None = None
-
-    @property
-    def subscriptions(self) -> Sequence[Subscription]:
-        """Odometry, status, answers to commands, battery."""
-        return [
-            Subscription(topic=self._odometry, receive=self._on_odometry),
-            Subscription(topic=self._status_topic, receive=self._status.receive),
-            Subscription(topic=self._ack, receive=self._on_ack),
-            *self._battery_subscription(self._battery, field="voltage_v"),
+        odometry = self._versioned("out/vehicle_odometry", "VehicleOdometry", "odometry")
+        status = self._versioned("out/vehicle_status", "VehicleStatus", "status")
+        self._status_name = status.name
+        ack = self._versioned("out/vehicle_command_ack", "VehicleCommandAck", "ack")
+        battery = self._versioned("out/battery_status", "BatteryStatus", "battery")
+        self.subscriptions = [
+            Subscription(topic=odometry, receive=self._on_odometry),
+            Subscription(topic=status, receive=self._status.receive),
+            Subscription(topic=ack, receive=self._on_ack),
+            *self._battery_subscription(battery, field="voltage_v"),
         ]
-
-    @property
-    def publications(self) -> Sequence[Topic]:
-        """Heartbeat, rate setpoint, vehicle command."""
-        return self._heartbeat, self._rates, self._command
+        self._heartbeat = self._versioned("in/offboard_control_mode", "OffboardControlMode")
+        self._rates = self._versioned("in/vehicle_rates_setpoint", "VehicleRatesSetpoint", "rates")
+        self._command = self._versioned("in/vehicle_command", "VehicleCommand", "command")
+        self.publications = self._heartbeat, self._rates, self._command
 
     def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Arm once the heartbeat has run long enough; disarm at any time."""
@@ -229,7 +215,7 @@ class Px4Bridge(Bridge):
 
     def _reason_for_silence(self, now_ns: int) -> str | None:
         if self._status.value(now_ns=now_ns) is None:
-            return f"no vehicle_status within {_STATUS_TIMEOUT:g} s on {self._status_topic.name}"
+            return f"no vehicle_status within {_STATUS_TIMEOUT:g} s on {self._status_name}"
         return None
 
     def _acts(self, now_ns: int) -> bool:
@@ -257,10 +243,10 @@ class Px4Bridge(Bridge):
         return messages
 
     def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
-        try:
-            odometry = odometry_from_vehicle_odometry(message)
-        except ValueError as error:
-            self._refuse(f"vehicle_odometry: {error}")
+        odometry = self._converted(
+            "vehicle_odometry", lambda: odometry_from_vehicle_odometry(message)
+        )
+        if odometry is None:
             return None
         resets = (int(message.reset_counter), int(message.pose_frame))
         cause = None
@@ -285,7 +271,7 @@ class Px4Bridge(Bridge):
         outgoing = OutgoingMessage(topic=self._command, message=message)
         return Response(accepted=True, text=f"asked for {what}", messages=[outgoing])
 
-    def _topic(self, path: str, kind: str, version_parameter: str | None) -> Topic:
+    def _versioned(self, path: str, kind: str, version_parameter: str | None = None) -> Topic:
         type_name = f"px4_msgs/msg/{kind}"
         version = 0
         if version_parameter is not None:
@@ -296,7 +282,6 @@ class Px4Bridge(Bridge):
         return Topic(
             name=f"{self._config.fmu}/{path}{suffix}",
             type_name=type_name,
-            reliable=False,
             # PX4 listens without history, but some agents ask for it.
             latched=path.startswith("in/"),
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,7 @@ from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.frames import flu_from_frd
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.conversions import NewMessage, fill_time
+from quad_mpc_ros.messages.conversions import NewMessage, odometry_from_message
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.model.state import with_body_twist
@@ -36,10 +35,8 @@ def fill_rates(
     frd = body_frame == "frd"
     rates = flu_from_frd(command.w_WB_B) if frd else command.w_WB_B
     scale = math.degrees(1.0) if angle_unit == "deg" else 1.0
-    fill_time(message.header.stamp, now_ns)
-    message.header.frame_id = frame_id
-    angular = message.twist.angular
-    angular.x, angular.y, angular.z = (scale * rates).tolist()
+    conversions.fill_header(message.header, now_ns, frame_id)
+    conversions.fill_vector(message.twist.angular, (scale * rates).tolist())
     message.twist.linear.z = -thrust if frd else thrust
 
 
@@ -90,21 +87,13 @@ class RatesBridge(SwitchedBridge):
         self._setpoint = Topic(
             name=config.setpoint_topic, type_name="geometry_msgs/msg/TwistStamped", reliable=True
         )
-
-    @property
-    def subscriptions(self) -> Sequence[Subscription]:
-        """Odometry, battery."""
-        odometry = _topic(self._config.odometry_topic, "nav_msgs/msg/Odometry")
-        battery = _topic(self._config.battery_topic, "sensor_msgs/msg/BatteryState")
-        return [
+        self.publications = (self._setpoint,)
+        odometry = Topic(name=config.odometry_topic, type_name="nav_msgs/msg/Odometry")
+        battery = Topic(name=config.battery_topic, type_name="sensor_msgs/msg/BatteryState")
+        self.subscriptions = [
             Subscription(topic=odometry, receive=self._on_odometry),
             *self._battery_subscription(battery),
         ]
-
-    @property
-    def publications(self) -> Sequence[Topic]:
-        """The setpoint."""
-        return (self._setpoint,)
 
     def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Refuse: a topic of rates knows no arming."""
@@ -133,15 +122,10 @@ class RatesBridge(SwitchedBridge):
                 return self.thrust.stack_throttle(throttle)
 
     def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
-        odometry = conversions.odometry_from_message(message)
+        odometry: OdometrySample | None = odometry_from_message(message)
         if self._config.twist_frame == "world":
-            try:
-                odometry = with_body_twist(odometry)
-            except ValueError as error:
-                self._refuse(f"{self._config.odometry_topic}: {error}")
-                return None
+            odometry = self._converted(
+                self._config.odometry_topic,
+                lambda: with_body_twist(odometry_from_message(message)),
+            )
         return self._passed_on(odometry, now_ns=now_ns)
-
-
-def _topic(name: str, type_name: str) -> Topic:
-    return Topic(name=name, type_name=type_name, reliable=False)

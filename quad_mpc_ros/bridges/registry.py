@@ -23,9 +23,9 @@ class RegisteredBridge:
     """A bridge as it is listed; ``fault`` says why its entry point is of no use, or is empty."""
 
     name: str
-    speaks: str
-    missing: tuple[str, ...]
-    how_to_get: str
+    speaks: str = ""
+    missing: tuple[str, ...] = ()
+    how_to_get: str = ""
     fault: str = ""
 
 
@@ -70,6 +70,4 @@ def _looked_at(entry: EntryPoint) -> RegisteredBridge:
             how_to_get=str(bridge.how_to_get),
         )
     except (ImportError, AttributeError) as error:  # somebody else's package
-        return RegisteredBridge(
-            name=entry.name, speaks="", missing=(), how_to_get="", fault=f"{entry.value}: {error}"
-        )
+        return RegisteredBridge(name=entry.name, fault=f"{entry.value}: {error}")

@@ -10,7 +10,6 @@ https://github.com/rosflight/roscopter (roscopter_msgs/msg/State).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -124,27 +123,20 @@ class RosflightBridge(Bridge):
         super().__init__(config, new)
         type_name, self._odometry_of = _STATES[config.state]
         truth = config.state == "truth"
-        self._state = _topic(config.truth_topic if truth else config.estimator_topic, type_name)
-        self._command = Topic(
-            name=config.command_topic, type_name="rosflight_msgs/msg/Command", reliable=True
-        )
-        self._status: LatestStatus[Any] = LatestStatus(timeout=_STATUS_TIMEOUT)
-
-    @property
-    def subscriptions(self) -> Sequence[Subscription]:
-        """State, status, battery."""
-        status = _topic(self._config.status_topic, "rosflight_msgs/msg/Status")
-        battery = _topic(self._config.battery_topic, "rosflight_msgs/msg/BatteryStatus")
-        return [
-            Subscription(topic=self._state, receive=self._on_state),
+        self._state_topic = config.truth_topic if truth else config.estimator_topic
+        self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
+        state = Topic(name=self._state_topic, type_name=type_name)
+        status = Topic(name=config.status_topic, type_name="rosflight_msgs/msg/Status")
+        battery = Topic(name=config.battery_topic, type_name="rosflight_msgs/msg/BatteryStatus")
+        self.subscriptions = [
+            Subscription(topic=state, receive=self._on_state),
             Subscription(topic=status, receive=self._status.receive),
             *self._battery_subscription(battery),
         ]
-
-    @property
-    def publications(self) -> Sequence[Topic]:
-        """The offboard command."""
-        return (self._command,)
+        self._command = Topic(
+            name=config.command_topic, type_name="rosflight_msgs/msg/Command", reliable=True
+        )
+        self.publications = (self._command,)
 
     def arm(self, wanted: bool, *, now_ns: int) -> Response:
         """Refuse: only the safety pilot arms."""
@@ -179,13 +171,5 @@ class RosflightBridge(Bridge):
         return [OutgoingMessage(topic=self._command, message=message)]
 
     def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
-        try:
-            odometry = self._odometry_of(message)
-        except ValueError as error:
-            self._refuse(f"{self._state.name}: {error}")
-            return None
+        odometry = self._converted(self._state_topic, lambda: self._odometry_of(message))
         return self._passed_on(odometry, now_ns=now_ns)
-
-
-def _topic(name: str, type_name: str) -> Topic:
-    return Topic(name=name, type_name=type_name, reliable=False)

@@ -12,24 +12,20 @@ from dataclasses import dataclass
 class Topic:
     """A topic and how it is offered. ``latched`` keeps the last message for late joiners.
 
+    Where it is not ``reliable``, the newest value counts and a lost one is not worth waiting for.
     Two publishers of a topic with a ``single_source`` contradict each other.
     """
 
     name: str
     type_name: str
-    reliable: bool
+    reliable: bool = False
     depth: int = 1
     latched: bool = False
     single_source: bool = False
 
 
-# Sensor-data style: the newest value counts, a lost one is not worth waiting for.
-ODOMETRY = Topic(
-    name="odom", type_name="nav_msgs/msg/Odometry", reliable=False, single_source=True
-)
-COMMAND = Topic(
-    name="command", type_name="geometry_msgs/msg/TwistStamped", reliable=False, single_source=True
-)
+ODOMETRY = Topic(name="odom", type_name="nav_msgs/msg/Odometry", single_source=True)
+COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", single_source=True)
 # Whether the vehicle acts on commands. Where nobody says so, it does.
 ENGAGED = Topic(name="engaged", type_name="std_msgs/msg/Bool", reliable=True, latched=True)
 
@@ -44,20 +40,13 @@ REFERENCE_PATH = Topic(
 )
 # Requests to the reference node, which refuses what it cannot fly.
 GOAL_POSE = Topic(name="goal_pose", type_name="geometry_msgs/msg/PoseStamped", reliable=True)
-TRAJECTORY = Topic(
-    name="trajectory", type_name="trajectory_msgs/msg/MultiDOFJointTrajectory", reliable=True
-)
-PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path", reliable=False)
+TRAJECTORY = Topic(name="trajectory", type_name=REFERENCE.type_name, reliable=True)
+PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path")
 STATS = Topic(
     name="mpc/stats", type_name="diagnostic_msgs/msg/DiagnosticArray", reliable=True, depth=10
 )
-DIAGNOSTICS = Topic(
-    name="/diagnostics",
-    type_name="diagnostic_msgs/msg/DiagnosticArray",
-    reliable=True,
-    depth=10,
-)
-CLOCK = Topic(name="/clock", type_name="rosgraph_msgs/msg/Clock", reliable=False)
+DIAGNOSTICS = Topic(name="/diagnostics", type_name=STATS.type_name, reliable=True, depth=10)
+CLOCK = Topic(name="/clock", type_name="rosgraph_msgs/msg/Clock")
 
 # For viewers; tf2 broadcasters and listeners all use this name and depth.
 MARKERS = Topic(
@@ -66,7 +55,7 @@ MARKERS = Topic(
 TF = Topic(name="/tf", type_name="tf2_msgs/msg/TFMessage", reliable=True, depth=100)
 
 # In the bag of a flight that was fed to another controller: what was flown, beside its commands.
-RECORDED_COMMAND = Topic(name="recorded_command", type_name=COMMAND.type_name, reliable=False)
+RECORDED_COMMAND = Topic(name="recorded_command", type_name=COMMAND.type_name)
 
 RECORDED = (
     ODOMETRY,

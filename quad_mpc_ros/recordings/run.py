@@ -21,8 +21,8 @@ from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, Topic
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received
 
-POSE = Topic(name="pose", type_name="geometry_msgs/msg/PoseStamped", reliable=False)
-TWIST = Topic(name="twist", type_name="geometry_msgs/msg/TwistStamped", reliable=False)
+POSE = Topic(name="pose", type_name="geometry_msgs/msg/PoseStamped")
+TWIST = Topic(name="twist", type_name="geometry_msgs/msg/TwistStamped")
 
 _BODY_FRAME = "base_link"
 _ZERO = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)

@@ -188,7 +188,7 @@ def test_every_node_is_silent_when_commands_stop_and_the_state_goes_on(
     node = node_module.BridgeNode(kind)
     peer.executor.add_node(node)
     try:
-        node._on_engage(SetBool.Request(data=True), SetBool.Response())
+        node._serve(node._bridge.engage, SetBool.Request(data=True), SetBool.Response())
 
         def state_comes() -> None:
             for type_name, receive in receivers.values():
