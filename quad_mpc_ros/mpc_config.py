@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from dataclasses import dataclass
 
@@ -43,7 +44,9 @@ class SolverParameters(Configuration):
     )
 
 
+_live = functools.partial(parameter, live=True)
 _FAR = 1e6  # m: a fence that stands nowhere
+_corner = functools.partial(_live, unit="m", length=3, minimum=-_FAR, maximum=_FAR)
 _ACTIONS = ("warn", "hover", "stop")
 
 
@@ -53,30 +56,13 @@ class FenceParameters(Configuration):
 
     owner = "mpc.fence"
 
-    minimum: tuple[float, ...] = parameter(
-        (-_FAR, -_FAR, -_FAR),
-        doc="Lowest position inside the fence.",
-        unit="m",
-        length=3,
-        minimum=-_FAR,
-        maximum=_FAR,
-        live=True,
-    )
-    maximum: tuple[float, ...] = parameter(
-        (_FAR, _FAR, _FAR),
-        doc="Highest position inside the fence.",
-        unit="m",
-        length=3,
-        minimum=-_FAR,
-        maximum=_FAR,
-        live=True,
-    )
-    action: str = parameter(
+    minimum: tuple[float, ...] = _corner((-_FAR,) * 3, doc="Lowest position inside the fence.")
+    maximum: tuple[float, ...] = _corner((_FAR,) * 3, doc="Highest position inside the fence.")
+    action: str = _live(
         "hover",
         doc="Outside of it: warn and fly on; hover inside of it without the solver, as soon as "
         "there is just room to stop; or stop publishing until the node is activated again.",
         choices=_ACTIONS,
-        live=True,
     )
 
     def check(self) -> None:
@@ -95,21 +81,16 @@ class EnvelopeParameters(Configuration):
 
     owner = "mpc.envelope"
 
-    tilt_max: float = parameter(
+    tilt_max: float = _live(
         math.pi,
         doc="Largest angle between the thrust axis and up.",
         unit="rad",
         above=0.0,
         maximum=math.pi,
-        live=True,
     )
-    rate_max: float = parameter(
-        100.0, doc="Largest body rate, its norm.", unit="rad/s", above=0.0, live=True
-    )
-    speed_max: float = parameter(100.0, doc="Largest speed.", unit="m/s", above=0.0, live=True)
-    action: str = parameter(
-        "warn", doc="Beyond it: as for fence.action.", choices=_ACTIONS, live=True
-    )
+    rate_max: float = _live(100.0, doc="Largest body rate, its norm.", unit="rad/s", above=0.0)
+    speed_max: float = _live(100.0, doc="Largest speed.", unit="m/s", above=0.0)
+    action: str = _live("warn", doc="Beyond it: as for fence.action.", choices=_ACTIONS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,15 +99,11 @@ class SlewParameters(Configuration):
 
     owner = "mpc.slew"
 
-    throttle_max: float = parameter(
-        0.0, doc="Largest change of the throttle; 0 is any.", unit="1/s", minimum=0.0, live=True
+    throttle_max: float = _live(
+        0.0, doc="Largest change of the throttle; 0 is any.", unit="1/s", minimum=0.0
     )
-    rate_max: float = parameter(
-        0.0,
-        doc="Largest change of each body rate; 0 is any.",
-        unit="rad/s^2",
-        minimum=0.0,
-        live=True,
+    rate_max: float = _live(
+        0.0, doc="Largest change of each body rate; 0 is any.", unit="rad/s^2", minimum=0.0
     )
 
 
@@ -137,10 +114,7 @@ class RealtimeParameters(Configuration):
     owner = "mpc.realtime"
 
     scheduler_priority: int = parameter(
-        0,
-        doc="Priority under SCHED_FIFO; 0 is the normal scheduler.",
-        minimum=0,
-        maximum=99,
+        0, doc="Priority under SCHED_FIFO; 0 is the normal scheduler.", minimum=0, maximum=99
     )
     cpus: tuple[int, ...] = parameter(
         (), doc="Processors to run on, by number; none given is any.", minimum=0
@@ -174,37 +148,28 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     horizon_step: float = parameter(
         0.05, doc="Time between two stages of the horizon.", unit="s", above=0.0
     )
-    Q: tuple[float, ...] = parameter(
+    Q: tuple[float, ...] = _live(
         (10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.01, 0.01, 0.01),
         doc="Diagonal weight on the error of position, velocity, attitude.",
         length=9,
         minimum=0.0,
-        live=True,
     )
-    R: tuple[float, ...] = parameter(
+    R: tuple[float, ...] = _live(
         (0.0, 0.001, 0.001, 0.001),
         doc="Diagonal weight on the error of throttle and body rates.",
         length=4,
         minimum=0.0,
-        live=True,
     )
-    terminal_weight: float = parameter(
-        30.0, doc="Factor on Q at the last stage.", minimum=0.0, live=True
-    )
-    omega_max: tuple[float, ...] = parameter(
+    terminal_weight: float = _live(30.0, doc="Factor on Q at the last stage.", minimum=0.0)
+    omega_max: tuple[float, ...] = _live(
         (6.0 * math.pi, 6.0 * math.pi, 3.0 * math.pi),
         doc="Bound on the body rates (roll, pitch, yaw).",
         unit="rad/s",
         length=3,
         above=0.0,
-        live=True,
     )
-    throttle_min: float = parameter(
-        0.0, doc="Lower bound on the throttle.", minimum=0.0, maximum=1.0, live=True
-    )
-    throttle_max: float = parameter(
-        1.0, doc="Upper bound on the throttle.", minimum=0.0, maximum=1.0, live=True
-    )
+    throttle_min: float = _live(0.0, doc="Lower bound on the throttle.", minimum=0.0, maximum=1.0)
+    throttle_max: float = _live(1.0, doc="Upper bound on the throttle.", minimum=0.0, maximum=1.0)
     rate_time_constant: float = parameter(
         0.0,
         doc="manifold: first-order lag of the body rates behind their command.",
@@ -235,11 +200,11 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     lockstep: bool = parameter(
         False, doc="Answer each odometry with the reference of the same stamp, in simulated time."
     )
-    odom_timeout: float = parameter(
-        0.1, doc="Odometry older than this is unusable.", unit="s", above=0.0, live=True
+    odom_timeout: float = _live(
+        0.1, doc="Odometry older than this is unusable.", unit="s", above=0.0
     )
-    reference_timeout: float = parameter(
-        0.5, doc="A reference older than this is unusable.", unit="s", above=0.0, live=True
+    reference_timeout: float = _live(
+        0.5, doc="A reference older than this is unusable.", unit="s", above=0.0
     )
     deadline: float = parameter(
         0.8,
@@ -248,19 +213,14 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         above=0.0,
         maximum=1.0,
     )
-    plan_hold_time: float = parameter(
-        0.2,
-        doc="How long the last plan is flown on when no new one comes.",
-        unit="s",
-        minimum=0.0,
-        live=True,
+    plan_hold_time: float = _live(
+        0.2, doc="How long the last plan is flown on when no new one comes.", unit="s", minimum=0.0
     )
-    blind_time: float = parameter(
+    blind_time: float = _live(
         1.0,
         doc="How long to level and descend without odometry before falling silent.",
         unit="s",
         minimum=0.0,
-        live=True,
     )
     odometry: OdometryParameters = dataclasses.field(default_factory=OdometryParameters)
     solver: SolverParameters = dataclasses.field(default_factory=SolverParameters)

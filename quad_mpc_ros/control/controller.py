@@ -227,7 +227,7 @@ class Controller:
         if u is not None:
             self._mpc.sent(u, stamp_ns=stamp_ns)
             command = CommandSample(stamp_ns=stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
-        inputs = self._supervisor.inputs
+        odom_age_ns, reference_age_ns = self._supervisor.inputs.ages_ns(now_ns)
         self._last_tick = Tick(
             command=command,
             decision=decision,
@@ -238,8 +238,8 @@ class Controller:
                 step,
                 self._supervisor.counts,
                 stamp_ns=stamp_ns,
-                odom_age_ns=inputs.odometry_age_ns(now_ns),
-                reference_age_ns=inputs.reference_age_ns(now_ns),
+                odom_age_ns=odom_age_ns,
+                reference_age_ns=reference_age_ns,
             ),
             plan=plan,
         )

@@ -37,7 +37,8 @@ class FlightLimits:
         """Take over changed limits; what they find is looked at anew."""
         self._fence, self._envelope = config.fence, config.envelope
         self._low, self._high = config.fence.minimum, config.fence.maximum
-        self._fenced = config.fence != FenceParameters(action=config.fence.action)
+        # Whether there are walls that it is to stop in front of.
+        self._foresees = config.fence.action == "hover" and config.fence != FenceParameters()
 
     def check(
         self, odometry: OdometrySample, *, p_reference: Array | None, now_ns: int
@@ -69,18 +70,23 @@ class FlightLimits:
 
     def _found(self, odometry: OdometrySample, *, share: float, distance: float) -> Breach | None:
         """Return the gravest breach of limits scaled by a share, of walls moved by a distance."""
-        outside = self._outside(odometry, distance)
-        beyond = self._excess(odometry, share)
-        fence = _breach(self._fence.action, outside)
-        envelope = _breach(self._envelope.action, beyond)
-        return max(filter(None, (fence, envelope)), key=_severity, default=None)
+        gravest: Breach | None = None
+        for action, reason in (
+            (self._fence.action, self._outside(odometry, distance)),
+            (self._envelope.action, self._excess(odometry, share)),
+        ):
+            if reason is not None:
+                breach = Breach(Action[action.upper()], reason)
+                if gravest is None or breach.action > gravest.action:
+                    gravest = breach
+        return gravest
 
     def _outside(self, odometry: OdometrySample, distance: float) -> str | None:
         outside = self._wall(odometry.p_WB, distance)
-        if outside is None and self._fenced and self._fence.action == "hover":
-            stop = self._wall(_stopping_point(odometry), distance)
-            return f"{stop}, where it would come to a stop" if stop is not None else None
-        return outside
+        if outside is not None or not self._foresees:
+            return outside
+        stop = self._wall(_stopping_point(odometry), distance)
+        return f"{stop}, where it would come to a stop" if stop is not None else None
 
     def _wall(self, p_WB: Array, distance: float) -> str | None:
         for axis, p, low, high in zip("xyz", p_WB.tolist(), self._low, self._high, strict=True):
@@ -91,9 +97,10 @@ class FlightLimits:
     def _excess(self, odometry: OdometrySample, share: float) -> str | None:
         """Return which limit of the envelope is exceeded."""
         limits = self._envelope
-        tilt = math.acos(min(max(odometry.up, -1.0), 1.0))
-        if tilt > share * limits.tilt_max and limits.tilt_max < math.pi:
-            return f"tilt is {tilt:.2f} rad, limit {limits.tilt_max:g}"
+        if limits.tilt_max < math.pi:
+            tilt = math.acos(min(max(odometry.up, -1.0), 1.0))
+            if tilt > share * limits.tilt_max:
+                return f"tilt is {tilt:.2f} rad, limit {limits.tilt_max:g}"
         rate = math.hypot(*odometry.w_WB_B.tolist())
         if rate > share * limits.rate_max:
             return f"body rate is {rate:.1f} rad/s, limit {limits.rate_max:g}"
@@ -108,11 +115,3 @@ def _stopping_point(odometry: OdometrySample) -> Array:
     v_WB_W = R_WB @ odometry.v_WB_B
     duration = _TURN_TIME + np.abs(v_WB_W) / (2.0 * np.array(_BRAKING))
     return np.asarray(odometry.p_WB + duration * v_WB_W)
-
-
-def _breach(action: str, reason: str | None) -> Breach | None:
-    return Breach(Action[action.upper()], reason) if reason is not None else None
-
-
-def _severity(breach: Breach) -> Action:
-    return breach.action

@@ -59,13 +59,13 @@ class InputMonitor:
         fault = coverage_fault(self.reference, stamp_ns, tolerance_ns=timeout_ns)
         return (self.reference, "") if fault is None else (None, fault)
 
-    def odometry_age_ns(self, now_ns: int) -> int:
-        """Return the age of the odometry by its stamp; zero without one."""
-        return now_ns - self.odometry.stamp_ns if self.odometry is not None else 0
+    def ages_ns(self, now_ns: int) -> tuple[int, int]:
+        """Return the age of the odometry by its stamp and of the reference since its arrival.
 
-    def reference_age_ns(self, now_ns: int) -> int:
-        """Return the time since the reference arrived; since the beginning of time without one."""
-        return now_ns - (self.reference_ns or 0)
+        Without an odometry that is zero, without a reference the time since the clock began.
+        """
+        odometry_ns = self.odometry.stamp_ns if self.odometry is not None else now_ns
+        return now_ns - odometry_ns, now_ns - (self.reference_ns or 0)
 
     def twist_warning(self) -> str | None:
         """Return a warning when the odometry's twist seems to be in the other frame, once."""

@@ -23,14 +23,17 @@ _MOVING = 1e-3
 
 
 class OdometryGate:
-    """Refuses odometry that does not fit what came before it."""
+    """Refuses odometry that does not fit what came before it.
+
+    ``changed_ns`` is when the last odometry arrived that did not repeat the one before.
+    """
 
     def __init__(self, config: MpcConfig) -> None:
         self._frame_id = config.odometry.frame_id
         self._lockstep = config.lockstep
         self._newest: OdometrySample | None = None
         self._arrived_ns = 0
-        self._changed_ns = 0
+        self.changed_ns = 0
         self._offset_ns = 0  # of stamps before arrivals, as of the fastest arrival
         self._odd_since_ns: int | None = None
         self._odd_offset_ns = 0
@@ -39,11 +42,6 @@ class OdometryGate:
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over a changed timeout."""
         self._timeout_ns = round(config.odom_timeout * _SECOND)
-
-    @property
-    def changed_ns(self) -> int:
-        """When the last odometry arrived that did not repeat the one before."""
-        return self._changed_ns
 
     def refusal(self, odometry: OdometrySample, *, now_ns: int) -> str | None:
         """Return why an odometry that arrives now is not to be used; None when it is taken."""
@@ -60,7 +58,7 @@ class OdometryGate:
         if self._newest is None:
             self._offset_ns = offset_ns
         if self._newest is None or not _repeats(odometry, self._newest):
-            self._changed_ns = now_ns
+            self.changed_ns = now_ns
         forgotten_ns = round(_DRIFT * (now_ns - self._arrived_ns))
         self._offset_ns = max(offset_ns, self._offset_ns - forgotten_ns)
         self._newest, self._arrived_ns, self._odd_since_ns = odometry, now_ns, None
@@ -75,7 +73,7 @@ class OdometryGate:
     def _misfit(self, odometry: OdometrySample, newest: OdometrySample, now_ns: int) -> str | None:
         if odometry.stamp_ns == newest.stamp_ns:
             return "odometry repeats its stamp"
-        if now_ns - self._changed_ns > self._timeout_ns and _repeats(odometry, newest):
+        if now_ns - self.changed_ns > self._timeout_ns and _repeats(odometry, newest):
             return "odometry tells of motion and yet stays the same"
         offset_ns = odometry.stamp_ns - now_ns
         ahead_ns = offset_ns - self._offset_ns

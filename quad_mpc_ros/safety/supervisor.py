@@ -52,6 +52,7 @@ class Supervisor:
         self._config = config
         self._deadline = deadline
         self._vehicle = config.vehicle()
+        self._weight = self._vehicle.mass * self._vehicle.gravity
         self.inputs = InputMonitor(config)
         self._flight_limits = FlightLimits(config)
         self._ground = GroundContact()
@@ -84,18 +85,21 @@ class Supervisor:
     def accept_odometry(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample | None:
         """Take an odometry and return it, the twist in the body frame; None if it is unfit."""
         fault = self.inputs.take_odometry(odometry, now_ns=now_ns)
-        return self.inputs.odometry if self._accepted(fault) else None
+        if fault is None:
+            return self.inputs.odometry
+        self._reject(fault)
+        return None
 
     def accept_reference(self, window: ReferenceWindow, *, now_ns: int) -> bool:
         """Take a reference window if it is fit to be used."""
-        return self._accepted(self.inputs.take_reference(window, now_ns=now_ns))
+        fault = self.inputs.take_reference(window, now_ns=now_ns)
+        if fault is not None:
+            self._reject(fault)
+        return fault is None
 
-    def _accepted(self, fault: str | None) -> bool:
-        if fault is None:
-            return True
+    def _reject(self, fault: str) -> None:
         self._count("rejected_inputs")
         self._warnings.append(fault)
-        return False
 
     # --- what the MPC made of it
 
@@ -129,8 +133,7 @@ class Supervisor:
         if plan is not None:
             self._plan = _HeldPlan(plan, now_ns)
         if self._sent is not None:  # before that others may keep it in the air
-            thrust = self._vehicle.thrust(self._sent.command.throttle)
-            lift = thrust * odometry.up / (self._vehicle.mass * self._vehicle.gravity)
+            lift = self._vehicle.thrust(self._sent.command.throttle) * odometry.up / self._weight
             self._ground.update(speed=odometry.speed, lift=lift, now_ns=now_ns)
         reference = self.inputs.reference
         breach = self._flight_limits.check(
@@ -183,9 +186,10 @@ class Supervisor:
             elapsed = max(now_ns - self._sent.sent_ns, 0) * 1e-9
             wanted = rate_limited(wanted, self._sent.command, self._config.slew, duration=elapsed)
         u = clamped(wanted, self._config)
-        self.note_sent(u, now_ns=now_ns)
-        commands, fallbacks, *others = self.counts
-        self.counts = Counts(commands + 1, fallbacks + (source is not Source.MPC), *others)
+        self._sent = _Sent(u, now_ns)
+        commands, fallbacks, failures, misses, rejected = self.counts
+        fallbacks += source is not Source.MPC
+        self.counts = Counts(commands + 1, fallbacks, failures, misses, rejected)
         return u
 
     def note_sent(self, u: Input, *, now_ns: int) -> None:
