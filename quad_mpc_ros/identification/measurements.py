@@ -105,11 +105,11 @@ def measurements_of(run: RecordedRun, *, vehicle: Vehicle, twist_frame: str) -> 
             "geometry_msgs/msg/TwistStamped with the throttle in linear.z, on a topic that ends "
             "in /command or on --command-topic"
         )
-    rows = run.odometries.rows.all[places]
     stamp_ns = run.odometries.stamp_ns[places]
     time = (stamp_ns - stamp_ns[0]) * 1e-9
     p_WB, q_WB_xyzw, v, w = (
-        np.ascontiguousarray(columns) for columns in np.split(rows, (3, 7, 10), axis=1)
+        run.odometries.values.column(name)[places]
+        for name in ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")
     )
     R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw)
     if twist_frame == "child":
@@ -151,7 +151,8 @@ def _usable_places(odometries: OdometryLog) -> NDArray[np.intp]:
 
 def _usable_commands(commands: CommandLog) -> tuple[Stamps, Array]:
     """Return stamps (m,), ascending, and throttle and rates (m, 4) of what can be used."""
-    rows = commands.rows.all
+    values = commands.values
+    rows = np.column_stack((values.column("throttle"), values.column("w_WB_B")))
     # NaN compares with nothing, and so is not within the limit.
     places = np.flatnonzero(np.all(np.abs(rows) <= _FASTEST, axis=1))
     stamp_ns, first = first_by_stamp(commands.stamp_ns[places])

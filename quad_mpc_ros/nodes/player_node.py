@@ -68,7 +68,6 @@ class PlayerNode(Node):
             in_laps(
                 lambda: reader.messages(topics.playable, from_ns=self._section.start_ns),
                 self._section,
-                loop=config.loop,
             ),
             depth=_READ_AHEAD,
         )
@@ -202,7 +201,7 @@ def _section(reader: BagReader, config: PlayerConfig) -> Section:
         raise ConfigurationError(
             "player.start", config.start, f"at most the {span.duration_ns / _S:.3f} s of the bag"
         )
-    return Section(start_ns=start_ns, end_ns=span.end_ns)
+    return Section(start_ns=start_ns, end_ns=span.end_ns, loop=config.loop)
 
 
 def _recorded_qos(info: TopicInfo) -> Sequence[QosProfile]:

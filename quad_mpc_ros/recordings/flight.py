@@ -111,26 +111,19 @@ class Flight:
 def odometry_arrays(log: OdometryLog) -> dict[str, NDArray[Any]]:
     """Return the arrays of :class:`Flight` that come from usable odometry."""
     stamp_ns, first = first_by_stamp(log.stamp_ns)
-    rows = log.rows.all[first]
-    return {
-        "stamp_ns": stamp_ns,
-        "publish_time_ns": log.publish_time_ns[first],
-        "p_WB": rows[:, 0:3].copy(),
-        "q_WB_xyzw": rows[:, 3:7].copy(),
-        "v_WB_B": rows[:, 7:10].copy(),
-        "w_WB_B": rows[:, 10:13].copy(),
-    }
+    names = ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")
+    arrays = {name: log.values.column(name)[first] for name in names}
+    return {"stamp_ns": stamp_ns, "publish_time_ns": log.publish_time_ns[first], **arrays}
 
 
 def command_track(log: CommandLog, *, end_ns: int) -> CommandTrack:
     """Return the commands stamped up to the end of a flight."""
     stamp_ns, first = first_by_stamp(log.stamp_ns, end_ns=end_ns)
-    rows = log.rows.all[first]
     return CommandTrack(
         stamp_ns=stamp_ns,
         publish_time_ns=log.publish_time_ns[first],
-        throttle=rows[:, 0].copy(),
-        w_WB_B=rows[:, 1:4].copy(),
+        throttle=log.values.column("throttle")[first],
+        w_WB_B=log.values.column("w_WB_B")[first],
     )
 
 

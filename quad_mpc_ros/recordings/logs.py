@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 from abc import abstractmethod
 from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Self, TypeVar, get_type_hints, overload
+from typing import Any, ClassVar, Generic, Self, TypeVar, get_type_hints, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceW
 T = TypeVar("T")
 Stamps = NDArray[np.int64]
 
+_TYPE_CODES: dict[Any, str] = {int: "q", float: "d", Stamps: "q", Array: "d"}
+_WIDTHS = {"q_WB_xyzw": 4, "offset_ns": 1}  # of the rows of arrays; those of others are vectors
 _FIGURES = get_type_hints(TickStats)
 
 
@@ -37,33 +40,55 @@ class Received(Generic[T]):
     publish_time_ns: int
 
 
-class Rows:
-    """Rows of ``width`` numbers that grow."""
+class _MadeOnDemand(Sequence[T]):
+    @abstractmethod
+    def _made(self, place: int) -> T:
+        """Return the item at a place, 0 or more."""
 
-    def __init__(self, width: int) -> None:
-        self._width = width
-        self._numbers = array("d")
+    @overload
+    def __getitem__(self, index: int) -> T: ...
 
-    def append(self, numbers: Iterable[float]) -> None:
-        """Add a row."""
-        self._numbers.extend(numbers)
+    @overload
+    def __getitem__(self, index: slice) -> list[T]: ...
 
-    def some(self, start: int, stop: int) -> Array:
-        """Return the rows from ``start`` up to ``stop`` (n, width)."""
-        chosen = self._numbers[start * self._width : stop * self._width]
-        return np.array(chosen, dtype=np.float64).reshape(-1, self._width)
-
-    @property
-    def all(self) -> Array:
-        """Return all rows (n, width)."""
-        return np.array(self._numbers, dtype=np.float64).reshape(-1, self._width)
+    def __getitem__(self, index: int | slice) -> T | list[T]:
+        places = range(len(self))[index]
+        return self._made(places) if isinstance(places, int) else [*map(self._made, places)]
 
 
-class Log(Sequence[Received[T]]):
+class Columns(_MadeOnDemand[T]):
+    """Values of one dataclass, which has a stamp, kept field by field."""
+
+    def __init__(self, kind: Callable[..., T]) -> None:
+        self._kind = kind
+        self._columns = {name: _column(name, of) for name, of in get_type_hints(kind).items()}
+
+    def add(self, value: T) -> None:
+        """Add a value at the end."""
+        for name, column in self._columns.items():
+            column.append(getattr(value, name))
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return a field of all values, numbers and texts (n,), arrays row after row (m, k)."""
+        column = self._columns[name]
+        if isinstance(column, _Arrays):
+            return column.rows
+        return np.array(column, dtype=np.str_) if isinstance(column, _Texts) else _numpy(column)
+
+    def __len__(self) -> int:
+        return len(self._columns["stamp_ns"])
+
+    def _made(self, place: int) -> T:
+        return self._kind(**{name: column[place] for name, column in self._columns.items()})
+
+
+class Log(_MadeOnDemand[Received[T]]):
     """Values with the times of their messages, in the order in which they were recorded."""
 
+    kind: ClassVar[Callable[..., Any]]
+
     def __init__(self) -> None:
-        self._stamps = array("q")
+        self.values: Columns[T] = Columns(self.kind)
         self._log_times = array("q")
         self._publish_times = array("q")
 
@@ -77,189 +102,73 @@ class Log(Sequence[Received[T]]):
 
     def add(self, value: T, *, log_time_ns: int, publish_time_ns: int) -> None:
         """Add a value at the end."""
-        self._stamps.append(self._keep(value))
+        self.values.add(value)
         self._log_times.append(log_time_ns)
         self._publish_times.append(publish_time_ns)
 
     @property
     def stamp_ns(self) -> Stamps:
         """Return the stamps (n,)."""
-        return np.array(self._stamps, dtype=np.int64)
+        return self.values.column("stamp_ns")
 
     @property
     def log_time_ns(self) -> Stamps:
         """Return when each was recorded (n,)."""
-        return np.array(self._log_times, dtype=np.int64)
+        return _numpy(self._log_times)
 
     @property
     def publish_time_ns(self) -> Stamps:
         """Return when each was published (n,)."""
-        return np.array(self._publish_times, dtype=np.int64)
+        return _numpy(self._publish_times)
 
     def __len__(self) -> int:
-        return len(self._stamps)
+        return len(self._log_times)
 
-    @overload
-    def __getitem__(self, index: int) -> Received[T]: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[Received[T]]: ...
-
-    def __getitem__(self, index: int | slice) -> Received[T] | list[Received[T]]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        place = range(len(self))[index]
+    def _made(self, place: int) -> Received[T]:
         return Received(
-            value=self._value(place, self._stamps[place]),
+            value=self.values[place],
             log_time_ns=self._log_times[place],
             publish_time_ns=self._publish_times[place],
         )
 
-    @abstractmethod
-    def _keep(self, value: T) -> int:
-        """Store all of a value but its stamp, which is returned."""
-
-    @abstractmethod
-    def _value(self, place: int, stamp_ns: int) -> T:
-        """Return a value again."""
-
 
 class OdometryLog(Log[OdometrySample]):
-    """Odometries; ``rows`` are p_WB, q_WB_xyzw, v_WB_B, w_WB_B, (n, 13) together."""
+    """Odometries."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.rows = Rows(13)
-        self._frames = _Words()
-
-    def _keep(self, value: OdometrySample) -> int:
-        self.rows.append(value.p_WB.tolist())
-        self.rows.append(value.q_WB_xyzw.tolist())
-        self.rows.append(value.v_WB_B.tolist())
-        self.rows.append(value.w_WB_B.tolist())
-        self._frames.append(value.frame_id)
-        self._frames.append(value.child_frame_id)
-        return value.stamp_ns
-
-    def _value(self, place: int, stamp_ns: int) -> OdometrySample:
-        (row,) = self.rows.some(place, place + 1)
-        return OdometrySample(
-            stamp_ns=stamp_ns,
-            p_WB=row[0:3],
-            q_WB_xyzw=row[3:7],
-            v_WB_B=row[7:10],
-            w_WB_B=row[10:13],
-            frame_id=self._frames.words[2 * place],
-            child_frame_id=self._frames.words[2 * place + 1],
-        )
+    kind = OdometrySample
 
 
 class CommandLog(Log[CommandSample]):
-    """Commands; ``rows`` are throttle and body rates (n, 4)."""
+    """Commands."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.rows = Rows(4)
-        self._frames = _Words()
-
-    def _keep(self, value: CommandSample) -> int:
-        self.rows.append((value.throttle, *value.w_WB_B.tolist()))
-        self._frames.append(value.frame_id)
-        return value.stamp_ns
-
-    def _value(self, place: int, stamp_ns: int) -> CommandSample:
-        (row,) = self.rows.some(place, place + 1)
-        return CommandSample(
-            stamp_ns=stamp_ns,
-            throttle=float(row[0]),
-            w_WB_B=row[1:4],
-            frame_id=self._frames.words[place],
-        )
+    kind = CommandSample
 
 
 class WindowLog(Log[ReferenceWindow]):
     """Windows of the reference, of any number of points each."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._points = Rows(16)
-        self._offsets = array("q")
-        self._ends = array("q")
-        self._frames = _Words()
-
-    def _keep(self, value: ReferenceWindow) -> int:
-        fields = (value.p_WB, value.q_WB_xyzw, value.v_WB_W, value.a_WB_W, value.w_WB_W)
-        self._points.append(np.hstack(fields).ravel().tolist())
-        self._offsets.extend(value.offset_ns.tolist())
-        self._ends.append(len(self._offsets))
-        self._frames.append(value.frame_id)
-        return value.stamp_ns
-
-    def _value(self, place: int, stamp_ns: int) -> ReferenceWindow:
-        start, end = self._ends[place - 1] if place else 0, self._ends[place]
-        points = self._points.some(start, end)
-        p, q, v, a, w = (
-            np.ascontiguousarray(columns)
-            for columns in np.split(points, np.cumsum((3, 4, 3, 3)), axis=1)
-        )
-        return ReferenceWindow(
-            stamp_ns=stamp_ns,
-            offset_ns=np.array(self._offsets[start:end], dtype=np.int64),
-            p_WB=p,
-            q_WB_xyzw=q,
-            v_WB_W=v,
-            a_WB_W=a,
-            w_WB_W=w,
-            frame_id=self._frames.words[place],
-        )
+    kind = ReferenceWindow
 
 
-class StatsLog(Sequence[TickStats]):
+class StatsLog(Columns[TickStats]):
     """The figures of ticks in the order in which they were recorded."""
 
     def __init__(self) -> None:
-        self._columns: dict[str, array[int] | array[float] | _Words] = {
-            name: _Words() if kind is str else array("q" if kind is int else "d")
-            for name, kind in _FIGURES.items()
-        }
+        super().__init__(TickStats)
 
-    def add(self, tick: TickStats) -> None:
+    def add(self, value: TickStats) -> None:
         """Add the figures of a tick. Raises ``ValueError`` for those that cannot be used."""
-        if not (math.isfinite(tick.odom_age_ms) and math.isfinite(tick.reference_age_ms)):
+        if not (math.isfinite(value.odom_age_ms) and math.isfinite(value.reference_age_ms)):
             raise ValueError("an age is not finite")
         try:
-            for name, column in self._columns.items():
-                column.append(getattr(tick, name))
+            super().add(value)
         except OverflowError as error:
             raise ValueError(str(error)) from error
 
     @property
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return every figure as an array (n,) of its type, by its name."""
-        return {
-            name: np.array(column.words, dtype=np.str_)
-            if isinstance(column, _Words)
-            else np.array(column, dtype=_FIGURES[name])
-            for name, column in self._columns.items()
-        }
-
-    def __len__(self) -> int:
-        return len(self._column("stamp_ns"))
-
-    @overload
-    def __getitem__(self, index: int) -> TickStats: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> list[TickStats]: ...
-
-    def __getitem__(self, index: int | slice) -> TickStats | list[TickStats]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        return TickStats(**{name: self._column(name)[index] for name in self._columns})
-
-    def _column(self, name: str) -> Sequence[Any]:
-        column = self._columns[name]
-        return column.words if isinstance(column, _Words) else column
+        return {name: self.column(name) for name in self._columns}
 
 
 def tick_stats(message: Any) -> TickStats:
@@ -277,12 +186,45 @@ def tick_stats(message: Any) -> TickStats:
     return TickStats(**values)
 
 
-class _Words:
-    """Words that repeat, each kept once."""
+class _Texts(list[str]):
+    """Texts that repeat, each kept once."""
 
-    def __init__(self) -> None:
-        self.words: list[str] = []
-        self._known: dict[str, str] = {}
+    def append(self, text: str) -> None:
+        super().append(sys.intern(text))
 
-    def append(self, word: str) -> None:
-        self.words.append(self._known.setdefault(word, word))
+
+class _Arrays:
+    """Arrays whose rows are of one ``width``."""
+
+    def __init__(self, type_code: str, *, width: int) -> None:
+        self._numbers = array(type_code)
+        self._ends = array("q")
+        self._width = width
+        self._row_shape: tuple[int, ...] = ()
+
+    def append(self, values: NDArray[Any]) -> None:
+        self._row_shape = values.shape[1:]
+        self._numbers.extend(values.ravel().tolist())
+        self._ends.append(len(self._numbers))
+
+    def __len__(self) -> int:
+        return len(self._ends)
+
+    def __getitem__(self, place: int) -> NDArray[Any]:
+        start = self._ends[place - 1] if place else 0
+        return _numpy(self._numbers[start : self._ends[place]]).reshape(-1, *self._row_shape)
+
+    @property
+    def rows(self) -> NDArray[Any]:
+        return _numpy(self._numbers).reshape(-1, self._width)
+
+
+def _numpy(numbers: array[Any]) -> NDArray[Any]:
+    return np.array(numbers, dtype=np.int64 if numbers.typecode == "q" else np.float64)
+
+
+def _column(name: str, kind: Any) -> array[Any] | _Texts | _Arrays:
+    if kind is str:
+        return _Texts()
+    code = _TYPE_CODES[kind]
+    return array(code) if kind in (int, float) else _Arrays(code, width=_WIDTHS.get(name, 3))

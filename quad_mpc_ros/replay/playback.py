@@ -65,6 +65,7 @@ class Section:
 
     start_ns: int
     end_ns: int
+    loop: bool = False
 
     @property
     def lap_ns(self) -> int:
@@ -72,20 +73,20 @@ class Section:
         return max(self.end_ns - self.start_ns, _SHORTEST_LAP_NS)
 
     def log_time_ns(self, recorded_ns: int) -> int:
-        """Return the log time that a recorded time is in its lap."""
+        """Return the log time of a recorded time: in its lap, or no later than the end."""
+        if not self.loop:
+            return min(recorded_ns, self.end_ns)
         return self.start_ns + (recorded_ns - self.start_ns) % self.lap_ns
 
 
-def in_laps(
-    read: Callable[[], Iterator[RecordedMessage]], section: Section, *, loop: bool
-) -> Iterator[Due]:
+def in_laps(read: Callable[[], Iterator[RecordedMessage]], section: Section) -> Iterator[Due]:
     """Yield the messages that ``read`` gives, over and over when looped, with their times."""
     offset_ns = 0
     while True:
         message = None
         for message in read():
             yield Due(at_ns=message.log_time_ns + offset_ns, message=message)
-        if message is None or not loop:
+        if message is None or not section.loop:
             return
         offset_ns += section.lap_ns
 

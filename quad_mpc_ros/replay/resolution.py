@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.tick import Tick, TickStats
+from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.logs import Received
@@ -40,10 +40,14 @@ class Resolved:
     """
 
     now_ns: int
-    log_time_ns: int
     odometry: Received[OdometrySample] | None
     window: ReferenceWindow | None
     tick: Tick | None
+
+    @property
+    def log_time_ns(self) -> int:
+        """When the odometry was recorded [ns]; the controller's time where there is none."""
+        return self.now_ns if self.odometry is None else self.odometry.log_time_ns
 
 
 def resolve(
@@ -77,13 +81,7 @@ def resolve(
             warn(warning)
         if tick is not None and tick.stats.stamp_ns in sent:
             controller.replace_last_command(sent[tick.stats.stamp_ns], now_ns=event.now_ns)
-        yield Resolved(
-            now_ns=event.now_ns,
-            log_time_ns=event.log_time_ns,
-            odometry=event.odometry,
-            window=window,
-            tick=tick,
-        )
+        yield Resolved(now_ns=event.now_ns, odometry=event.odometry, window=window, tick=tick)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,10 +89,9 @@ class _Event:
     """An odometry, or the watchdog, with the window in force and when that was received."""
 
     now_ns: int
-    log_time_ns: int
-    odometry: Received[OdometrySample] | None
-    window: ReferenceWindow | None
-    window_ns: int
+    odometry: Received[OdometrySample] | None = None
+    window: ReferenceWindow | None = None
+    window_ns: int = 0
 
 
 def _events(run: RecordedRun, config: MpcConfig, windows: WindowSource | None) -> Iterator[_Event]:
@@ -108,7 +105,8 @@ def _events(run: RecordedRun, config: MpcConfig, windows: WindowSource | None) -
 def _with_made_windows(run: RecordedRun, windows: WindowSource) -> Iterator[_Event]:
     for odometry in run.odometries:
         stamp_ns = odometry.value.stamp_ns
-        yield _event(odometry, now_ns=stamp_ns, window=windows(stamp_ns), window_ns=stamp_ns)
+        window = windows(stamp_ns)
+        yield _Event(now_ns=stamp_ns, odometry=odometry, window=window, window_ns=stamp_ns)
 
 
 def _in_lockstep(run: RecordedRun) -> Iterator[_Event]:
@@ -120,7 +118,7 @@ def _in_lockstep(run: RecordedRun) -> Iterator[_Event]:
         if stamp_ns not in answered:
             answered.add(stamp_ns)
             window = window_of.get(stamp_ns)
-            yield _event(odometry, now_ns=stamp_ns, window=window, window_ns=stamp_ns)
+            yield _Event(now_ns=stamp_ns, odometry=odometry, window=window, window_ns=stamp_ns)
 
 
 def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
@@ -131,25 +129,26 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
     recorded control rate the odometries are therefore those that were answered. Where no tick
     tells, the time is the odometry's stamp and the window the last one recorded before it.
     """
-    ticks = {stats.stamp_ns: _TickTimes.of(stats) for stats in run.stats}
+    ticks = {stats.stamp_ns: stats for stats in run.stats}
     stamps = {odometry.value.stamp_ns for odometry in run.odometries}
     watched = sorted(ticks.keys() - stamps, reverse=True)
     windows = _Windows(run.windows)
     answered_only = bool(ticks) and _recorded_rate(run) == config.control_rate
     for odometry in run.odometries:
         stamp_ns = odometry.value.stamp_ns
-        times = ticks.get(stamp_ns)
-        if times is None and answered_only:
+        tick = ticks.get(stamp_ns)
+        if tick is None and answered_only:
             continue
-        now_ns = stamp_ns if times is None else times.now_ns(stamp_ns)
+        # Ages were whole nanoseconds before they were told in ms.
+        now_ns = window_ns = stamp_ns + (round(1e6 * tick.odom_age_ms) if tick else 0)
         while watched and watched[-1] < now_ns:
-            yield _watch(watched.pop())
-        window, window_ns = (
-            windows.before(odometry.log_time_ns, now_ns=now_ns)
-            if times is None
-            else windows.received_at(times.window_ns(now_ns), log_time_ns=odometry.log_time_ns)
-        )
-        yield _event(odometry, now_ns=now_ns, window=window, window_ns=window_ns)
+            yield _Event(now_ns=watched.pop())
+        if tick is None:
+            window = windows.before(odometry.log_time_ns)
+        else:
+            window_ns -= round(1e6 * tick.reference_age_ms)
+            window = windows.received_at(window_ns, log_time_ns=odometry.log_time_ns)
+        yield _Event(now_ns=now_ns, odometry=odometry, window=window, window_ns=window_ns)
 
 
 def _recorded_rate(run: RecordedRun) -> float:
@@ -167,62 +166,19 @@ class _Windows:
         self._order = np.argsort(published_ns, kind="stable")
         self._published_ns = published_ns[self._order]
 
-    def before(self, log_time_ns: int, *, now_ns: int) -> tuple[ReferenceWindow | None, int]:
-        """Return the last window recorded by a time, as if received now."""
+    def before(self, log_time_ns: int) -> ReferenceWindow | None:
+        """Return the last window recorded by a time."""
         number = int(np.searchsorted(self._recorded_ns, log_time_ns, side="right")) - 1
-        return (self._windows[number].value if number >= 0 else None), now_ns
+        return self._windows[number].value if number >= 0 else None
 
-    def received_at(
-        self, received_ns: int, *, log_time_ns: int
-    ) -> tuple[ReferenceWindow | None, int]:
+    def received_at(self, received_ns: int, *, log_time_ns: int) -> ReferenceWindow | None:
         """Return the last window published when one was received."""
         if received_ns < _LONGEST_WAY_NS:
-            return None, received_ns  # the controller had none yet
+            return None  # the controller had none yet
         place = int(np.searchsorted(self._published_ns, received_ns, side="right")) - 1
         if place < 0 or received_ns - self._published_ns[place] > _LONGEST_WAY_NS:
-            return self.before(log_time_ns, now_ns=received_ns)
-        return self._windows[int(self._order[place])].value, received_ns
-
-
-@dataclass(frozen=True, kw_only=True)
-class _TickTimes:
-    """Ages that a tick told [ns], which were whole nanoseconds before they were told in ms."""
-
-    odometry_age_ns: int
-    window_age_ns: int
-
-    @staticmethod
-    def of(stats: TickStats) -> _TickTimes:
-        return _TickTimes(
-            odometry_age_ns=round(1e6 * stats.odom_age_ms),
-            window_age_ns=round(1e6 * stats.reference_age_ms),
-        )
-
-    def now_ns(self, stamp_ns: int) -> int:
-        return stamp_ns + self.odometry_age_ns
-
-    def window_ns(self, now_ns: int) -> int:
-        return now_ns - self.window_age_ns
-
-
-def _watch(now_ns: int) -> _Event:
-    return _Event(now_ns=now_ns, log_time_ns=now_ns, odometry=None, window=None, window_ns=0)
-
-
-def _event(
-    odometry: Received[OdometrySample],
-    *,
-    now_ns: int,
-    window: ReferenceWindow | None,
-    window_ns: int,
-) -> _Event:
-    return _Event(
-        now_ns=now_ns,
-        log_time_ns=odometry.log_time_ns,
-        odometry=odometry,
-        window=window,
-        window_ns=window_ns,
-    )
+            return self.before(log_time_ns)
+        return self._windows[int(self._order[place])].value
 
 
 def _first_by_stamp(recorded: Sequence[Received[S]]) -> dict[int, S]:
