@@ -3,46 +3,32 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 from collections.abc import Sequence
 
 from quad_mpc_ros import __version__
-from quad_mpc_ros.commands import (
-    bag,
-    bench,
-    bridges,
-    check_reference,
-    fly,
-    identify,
-    params,
-    replay,
-    report,
-    resolve,
-    save_vehicle,
-    simulate,
-)
-from quad_mpc_ros.commands.command import EXIT_BAD_INPUT, EXIT_INTERRUPTED
-from quad_mpc_ros.commands.soak import command as soak
+from quad_mpc_ros.commands import EXIT_BAD_INPUT, EXIT_INTERRUPTED
 from quad_mpc_ros.configuration import UserError
 
-COMMANDS = tuple(
-    module.COMMAND
-    for module in (
-        fly,
-        simulate,
-        check_reference,
-        report,
-        identify,
-        save_vehicle,
-        resolve,
-        replay,
-        bag,
-        params,
-        bridges,
-        soak,
-        bench,
-    )
-)
+COMMANDS = {
+    "fly": "fly over DDS: simulator, reference, mpc and recorder as processes of their own",
+    "simulate": "fly the same in one process without ROS, faster than real time",
+    "check-reference": "judge a reference before it is flown: throttle and body rates against the "
+    "limits",
+    "report": "show recorded runs on one page: path, errors, inputs, solver, fallbacks",
+    "identify": "fit lags, delay, thrust and drag of the vehicle to a recorded flight",
+    "save-vehicle": "save what a flying controller has learned of thrust and lags to a parameter "
+    "file",
+    "resolve": "feed a recorded flight to the controller: what would it have commanded?",
+    "replay": "publish a recorded bag again",
+    "bag": "look into a bag, or repair one",
+    "params": "print every parameter: type, default, unit, range, whether live, meaning",
+    "bridges": "list the bridges to flight stacks and what is installed for them",
+    "soak": "does it hold: fly for half an hour, or inject faults one after another",
+    "bench": "measure this controller beside acados, cvxpy and OSQP's own time",
+}
+"""What each command does; the module of that name does it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,10 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_INTERRUPTED
 
 
-def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser, with the options of the command that is asked for.
+def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser, with the options of the command that is given only.
 
-    Those of the others are left out: they name trajectories and plants, whose import takes time.
+    Those of the others would take time: they name trajectories and plants.
     """
     parser = argparse.ArgumentParser(
         prog="quad_mpc",
@@ -71,13 +57,12 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"quad_mpc {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in COMMANDS:
-        subparser = commands.add_parser(
-            command.name, help=command.help, description=command.description
-        )
-        if command.name in arguments:
-            command.add_options(subparser)
-        subparser.set_defaults(run=command.run)
+    for name, meaning in COMMANDS.items():
+        subparser = commands.add_parser(name, help=meaning)
+        if name in given:
+            module = importlib.import_module(f"quad_mpc_ros.commands.{name.replace('-', '_')}")
+            module.add_options(subparser)
+            subparser.set_defaults(run=module.run)
     return parser
 
 

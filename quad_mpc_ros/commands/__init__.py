@@ -1,0 +1,11 @@
+"""The commands of ``quad_mpc``, a module or a package each, and the exit codes they end with.
+
+``add_options(parser)`` says what a command can be given and what it does, ``run(options)`` does it
+and returns the exit code. A module is imported when its command is asked for; what takes long to
+import, ``run`` imports, so that ``--help`` is quick.
+"""
+
+EXIT_FAILED = 1
+"""A flight with failsafe, a reference that cannot be flown, a soak that does not hold."""
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130

@@ -5,34 +5,32 @@ from __future__ import annotations
 import argparse
 import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from quad_mpc_ros.commands.command import Command
+from quad_mpc_ros.recordings.bag_metadata import TimeSpan
+from quad_mpc_ros.recordings.reader import BagReader
+from quad_mpc_ros.recordings.repair import RepairedFile, repair
 from quad_mpc_ros.text_tables import text_table
-
-if TYPE_CHECKING:
-    from quad_mpc_ros.recordings.bag_metadata import TimeSpan
-    from quad_mpc_ros.recordings.repair import RepairedFile
 
 _MIB = 2**20
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what can be done with a bag directory."""
+    parser.description = "Look into a bag, or repair one."
     commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="command")
     info = commands.add_parser("info", help="what is in a bag: topics, counts, duration")
     info.add_argument("bag", type=Path, metavar="BAG", help="bag directory, or one .mcap file")
-    repair = commands.add_parser(
+    mending = commands.add_parser(
         "repair",
         help="complete a recording that was cut short",
         description="Restore the index and metadata.yaml of a bag whose recorder was killed or "
         "lost its power. Damaged files stay beside the repaired ones as <name>.broken. A complete "
         "bag is left alone.",
     )
-    repair.add_argument("bag", type=Path, metavar="DIR", help="bag directory")
+    mending.add_argument("bag", type=Path, metavar="DIR", help="bag directory")
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Do what was asked for; return the exit code."""
     if options.command == "repair":
         _repair(options.bag)
@@ -41,8 +39,6 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _repair(directory: Path) -> None:
-    from quad_mpc_ros.recordings.repair import repair
-
     done = repair(directory)
     if not done.needed:
         print("nothing to repair")
@@ -64,8 +60,6 @@ def _repaired(file: RepairedFile) -> str:
 
 
 def _info(path: Path) -> str:
-    from quad_mpc_ros.recordings.reader import BagReader
-
     reader = BagReader(path)
     count = sum(info.message_count for info in reader.topics.values())
     size = sum(file.stat().st_size for file in reader.files)
@@ -90,12 +84,3 @@ def _start(span: TimeSpan | None) -> str:
         return ""
     start = datetime.datetime.fromtimestamp(span.start_ns * 1e-9, datetime.UTC)
     return f" from {start:%Y-%m-%d %H:%M:%S} UTC"
-
-
-COMMAND = Command(
-    name="bag",
-    help="look into a bag, or repair one",
-    description="Look into a bag, or repair one.",
-    add_options=_add_options,
-    run=_run,
-)

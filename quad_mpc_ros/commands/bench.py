@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import math
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from quad_mpc_ros.commands.command import Command
+from quad_mpc_ros.bench import page as pages
+from quad_mpc_ros.bench.peers import PEERS, SWEPT
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, write_json
-from quad_mpc_ros.commands.run_options import add_config, add_set
+from quad_mpc_ros.commands.run_options import add_config, add_out, add_set, check_duration
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 
 if TYPE_CHECKING:
@@ -26,10 +26,15 @@ RESULT, PAGE, PICTURE = "performance.json", "performance.md", "performance.png"
 _STEPS = (5, 10, 20, 40)
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what to compare, and for how long."""
-    from quad_mpc_ros.bench.peers import PEERS, SWEPT
-
+    parser.description = (
+        "Fly the square on the true rigid body with each peer in turn, in one process, and "
+        "tell what a step costs: this controller, acados (SQP_RTI, HPIPM), the same QP "
+        "through cvxpy rebuilt at every step, and the solvers' own times; then the cost "
+        "against the length of the horizon. The peers are optional: pip install "
+        "'quad_mpc_ros[bench]'. Exit code 2 for bad input."
+    )
     parser.add_argument(
         "--peers",
         nargs="+",
@@ -63,18 +68,12 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_config(parser)
     add_set(parser, "set one parameter for all peers, for example mpc.terminal_weight=10")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help=f"folder for {RESULT}, {PAGE} and {PICTURE}; must not hold any "
-        "(default: runs/<date-time>_bench)",
-    )
+    add_out(parser, f"{RESULT}, {PAGE} and {PICTURE}; must not hold any", "bench")
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Fly the peers, write and show what was measured; return the exit code."""
-    from quad_mpc_ros.bench.run import run
+    from quad_mpc_ros.bench.run import run as fly_peers
     from quad_mpc_ros.simulation.config import make_plant
 
     config = _configuration(options)
@@ -82,7 +81,7 @@ def _run(options: argparse.Namespace) -> int:
     out = prepared_out(options.out or default_out("bench"), holds=(RESULT, PAGE, PICTURE))
     print(f"measuring into {out}", file=sys.stderr)
     with tempfile.TemporaryDirectory(prefix="quad_mpc_bench_") as scratch:
-        measured = run(config, scratch=Path(scratch), tell=_tell)
+        measured = fly_peers(config, scratch=Path(scratch), tell=_tell)
     result = {"command": _command_again(options), **measured}
     _write(result, out)
     _show(result, out)
@@ -94,29 +93,20 @@ def _tell(line: str) -> None:
 
 
 def _write(result: dict[str, Any], out: Path) -> None:
-    from quad_mpc_ros.bench.page import page
     from quad_mpc_ros.bench.picture import write_picture
 
     with results_in(out):
         write_json(out / RESULT, result)
-        (out / PAGE).write_text(page(result, picture=PICTURE), encoding="utf-8")
+        (out / PAGE).write_text(pages.page(result, picture=PICTURE), encoding="utf-8")
         write_picture(result, out / PICTURE)
 
 
 def _show(result: dict[str, Any], out: Path) -> None:
-    from quad_mpc_ros.bench.page import (
-        as_text,
-        comparison_lines,
-        horizon_rows,
-        peer_rows,
-        swept,
-    )
-
-    print(as_text(peer_rows(result)))
-    for line in comparison_lines(result):
+    print(pages.as_text(pages.peer_rows(result)))
+    for line in pages.comparison_lines(result):
         print(f"\n{line}")
-    if swept(result):
-        print(f"\n{as_text(horizon_rows(result))}")
+    if pages.swept(result):
+        print(f"\n{pages.as_text(pages.horizon_rows(result))}")
     print()
     for name in (RESULT, PAGE, PICTURE):
         print(out / name)
@@ -154,8 +144,6 @@ def _configuration(options: argparse.Namespace) -> BenchConfig:
 
 def _command_again(options: argparse.Namespace) -> str:
     """Return the command that measures the same again; where results go is left out."""
-    from quad_mpc_ros.bench.peers import PEERS
-
     words = ["quad_mpc bench"]
     if options.peers != list(PEERS):
         words += ["--peers", *options.peers]
@@ -167,13 +155,10 @@ def _command_again(options: argparse.Namespace) -> str:
 
 
 def _check_options(options: argparse.Namespace) -> None:
-    from quad_mpc_ros.bench.peers import PEERS
-
     for name in options.peers:
         if name not in PEERS:
             raise UserError(f"--peers: given {name!r}, expected some of {', '.join(PEERS)}")
-    if not (math.isfinite(options.duration) and options.duration > 0.0):
-        raise UserError(f"--duration: given {options.duration}, expected a number > 0")
+    check_duration(options.duration)
     if options.repeats < 1:
         raise UserError(f"--repeats: given {options.repeats}, expected an integer >= 1")
 
@@ -184,16 +169,3 @@ def _check_steps(mpc: MpcConfig, lengths: Sequence[int]) -> None:
             dataclasses.replace(mpc, horizon_steps=steps)
         except ConfigurationError as error:
             raise UserError(f"--steps: given {steps}, expected {error.expected}") from error
-
-
-COMMAND = Command(
-    name="bench",
-    help="measure this controller beside acados, cvxpy and OSQP's own time",
-    description="Fly the square on the true rigid body with each peer in turn, in one "
-    "process, and tell what a step costs: this controller, acados (SQP_RTI, HPIPM), the same "
-    "QP through cvxpy rebuilt at every step, and the solvers' own times; then the cost "
-    "against the length of the horizon. The peers are optional: pip install "
-    "'quad_mpc_ros[bench]'. Exit code 2 for bad input.",
-    add_options=_add_options,
-    run=_run,
-)

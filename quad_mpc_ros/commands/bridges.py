@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
-from quad_mpc_ros.commands.command import Command
+from quad_mpc_ros.bridges.registry import GROUP, RegisteredBridge, registered_bridges
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.text_tables import text_table
 
-if TYPE_CHECKING:
-    from quad_mpc_ros.bridges.registry import RegisteredBridge
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add nothing."""
+    parser.description = (
+        "List every registered bridge, and for those whose message package is missing how to "
+        "get it. Start one with: ros2 run quad_mpc_ros NAME."
+    )
 
 
-def _run(_: argparse.Namespace) -> int:
+def run(_: argparse.Namespace) -> int:
     """Print every registered bridge. Raises :class:`UserError` when there is none."""
-    from quad_mpc_ros.bridges.registry import GROUP, registered_bridges
-
     found = registered_bridges()
     if not found:
         raise UserError(
@@ -34,12 +36,3 @@ def _state(bridge: RegisteredBridge) -> str:
     if bridge.missing:
         return f"{bridge.speaks} - missing {', '.join(bridge.missing)}: {bridge.how_to_get}"
     return f"{bridge.speaks} - installed"
-
-
-COMMAND = Command(
-    name="bridges",
-    help="list the bridges to flight stacks and what is installed for them",
-    description="List every registered bridge, and for those whose message package is "
-    "missing how to get it. Start one with: ros2 run quad_mpc_ros NAME.",
-    run=_run,
-)

@@ -3,45 +3,41 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
-from quad_mpc_ros.commands.command import EXIT_FAILED, Command
+from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
-from quad_mpc_ros.commands.run_options import add_configuration_options
-
-if TYPE_CHECKING:
-    from quad_mpc_ros.mpc_config import MpcConfig
-    from quad_mpc_ros.trajectories.config import ReferenceConfig
-    from quad_mpc_ros.trajectories.feasibility import Verdict
+from quad_mpc_ros.commands.run_configuration import SCHEMA
+from quad_mpc_ros.commands.run_options import add_configuration_options, add_out
+from quad_mpc_ros.configuration import files
+from quad_mpc_ros.figures.reference_figure import write_reference
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings.recording import flown_points
+from quad_mpc_ros.text_tables import text_table
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import judged_trajectory
+from quad_mpc_ros.trajectories.feasibility import Verdict
 
 _FIGURE = "reference.png"
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what to judge, and where to draw it."""
-    add_configuration_options(parser)
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help=f"folder for {_FIGURE}; must not hold one (default: runs/<date-time>_<reference>)",
+    parser.description = (
+        "Print and draw what a reference needs along its whole way against the vehicle's "
+        "limits. Exit code 0 when it is feasible, 1 when it is not, 2 for bad input."
     )
+    add_configuration_options(parser)
+    add_out(parser, f"{_FIGURE}; must not hold one", "<reference>")
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Judge, show and draw; return the exit code."""
-    from quad_mpc_ros.commands.run_configuration import SCHEMA
-    from quad_mpc_ros.configuration import files
-    from quad_mpc_ros.figures.reference_figure import write_reference
-    from quad_mpc_ros.recordings.recording import flown_points
-    from quad_mpc_ros.trajectories.configured import judged_trajectory
-
     assignments = list(options.assignments)
     if options.reference is not None:
         assignments.insert(0, f"reference.trajectory={options.reference}")
     loaded = files.load(options.config or ["default"], assignments, schema=SCHEMA)
-    config = cast("ReferenceConfig", loaded["reference"])
+    config = cast(ReferenceConfig, loaded["reference"])
     trajectory, verdict = judged_trajectory(config, read_bag=flown_points)
     out = prepared_out(options.out or default_out(config.trajectory), holds=(_FIGURE,))
     figure = out / _FIGURE
@@ -49,7 +45,7 @@ def _run(options: argparse.Namespace) -> int:
     with results_in(out):
         write_reference(config.trajectory, trajectory.at(times), verdict, figure)
     print(f"{config.trajectory}\n\n{_verdict_table(verdict)}")
-    for remark in _beyond_the_controller(verdict, cast("MpcConfig", loaded["mpc"])):
+    for remark in _beyond_the_controller(verdict, cast(MpcConfig, loaded["mpc"])):
         print(remark)
     print(f"\nfigure  {figure}")
     return 0 if verdict.feasible else EXIT_FAILED
@@ -71,8 +67,6 @@ def _beyond_the_controller(verdict: Verdict, mpc: MpcConfig) -> list[str]:
 
 def _verdict_table(verdict: Verdict) -> str:
     """Return the verdict as lines of plain ASCII text, at most 80 columns wide."""
-    from quad_mpc_ros.text_tables import text_table
-
     over_time = verdict.over_time
     facts = [
         ("duration", f"{over_time.seconds[-1]:.2f} s"),
@@ -100,13 +94,3 @@ def _verdict_table(verdict: Verdict) -> str:
             "feasible" if verdict.feasible else f"not feasible: {verdict.reason()}",
         )
     )
-
-
-COMMAND = Command(
-    name="check-reference",
-    help="judge a reference before it is flown: throttle and body rates against the limits",
-    description="Print and draw what a reference needs along its whole way against the "
-    "vehicle's limits. Exit code 0 when it is feasible, 1 when it is not, 2 for bad input.",
-    add_options=_add_options,
-    run=_run,
-)

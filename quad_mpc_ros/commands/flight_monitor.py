@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Self
 
 import numpy as np
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.commands.observer import Observer
+from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import (
     CLOCK,
@@ -19,10 +18,9 @@ from quad_mpc_ros.messages.topics import (
     REFERENCE,
     REFERENCE_PATH,
     STATS,
-    Topic,
 )
 from quad_mpc_ros.ros.health import PEERS_KEY
-from quad_mpc_ros.ros.messages import decoded, message_class, qos_of
+from quad_mpc_ros.ros.messages import decoded
 
 # Who must hear whom before the clock starts, by node and topic: the number of peers of the
 # node's endpoint. Publishers count subscribers: the odometry's are mpc, reference, recorder and
@@ -67,10 +65,10 @@ class FlightMonitor(Observer):
 
     def __enter__(self) -> Self:
         super().__enter__()
-        self._subscribe(DIAGNOSTICS, self._on_diagnostics)
+        subscribe(self.node, DIAGNOSTICS, self._on_diagnostics)
         # Raw: they are decoded only when somebody looks, not fifty times a second.
-        self._subscribe(ODOMETRY, self._on_odometry, raw=True)
-        self._subscribe(REFERENCE, self._on_reference, raw=True)
+        subscribe(self.node, ODOMETRY, self._on_odometry, raw=True)
+        subscribe(self.node, REFERENCE, self._on_reference, raw=True)
         self._start = self.node.create_client(Trigger, "simulator/start")
         return self
 
@@ -134,10 +132,3 @@ class FlightMonitor(Observer):
 
     def _on_odometry(self, data: bytes) -> None:
         self._odometry = data
-
-    def _subscribe(
-        self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
-    ) -> None:
-        self.node.create_subscription(
-            message_class(topic.type_name), topic.name, callback, qos_of(topic), raw=raw
-        )

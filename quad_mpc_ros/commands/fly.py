@@ -6,15 +6,14 @@ import argparse
 import os
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from quad_mpc_ros.commands.command import EXIT_FAILED, Command
+from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.processes import NodeProcess, require_ros, start_all, stop_all
 from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.commands.results import finish
+from quad_mpc_ros.commands.run_configuration import RunConfig, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
-
-if TYPE_CHECKING:
-    from quad_mpc_ros.commands.run_configuration import RunConfig
 
 # The first start after an installation compiles, on a small computer for minutes.
 _READY_TIMEOUT = 240.0
@@ -25,8 +24,13 @@ class FlightError(Exception):
     """The flight could not start or came to an early end; the message says why."""
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run over DDS."""
+    parser.description = (
+        "Start simulator, reference, mpc and recorder as separate ROS 2 processes, fly, stop "
+        "them, and write DIR/bag (rosbag2, MCAP), DIR/summary.json, DIR/figures/*.png and "
+        "DIR/log. Exit code 0 only for a flight without failsafe, 2 for bad input."
+    )
     add_run_options(parser)
     parser.add_argument(
         "--lockstep",
@@ -35,11 +39,8 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Fly, record and evaluate; return the exit code."""
-    from quad_mpc_ros.commands.results import finish
-    from quad_mpc_ros.commands.run_configuration import run_configuration
-
     require_ros("fly", instead=", or fly without ROS: quad_mpc simulate")
     config = run_configuration(options, lockstep=options.lockstep)
     # Other machines on the network fly their own; who wants them to hear this sets the variable.
@@ -129,14 +130,3 @@ def _check_end(simulator: NodeProcess) -> None:
         raise FlightError(
             f"the simulator failed (exit code {simulator.exit_code})\n{simulator.last_words()}"
         )
-
-
-COMMAND = Command(
-    name="fly",
-    help="fly over DDS: simulator, reference, mpc and recorder as processes of their own",
-    description="Start simulator, reference, mpc and recorder as separate ROS 2 processes, "
-    "fly, stop them, and write DIR/bag (rosbag2, MCAP), DIR/summary.json, DIR/figures/*.png "
-    "and DIR/log. Exit code 0 only for a flight without failsafe, 2 for bad input.",
-    add_options=_add_options,
-    run=_run,
-)

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import cast
 
-from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.output import check_writable, write_new
 from quad_mpc_ros.commands.recording import (
     add_recording_options,
@@ -18,8 +17,14 @@ from quad_mpc_ros.commands.save_vehicle import add_vehicle_file_options
 from quad_mpc_ros.configuration import UserError
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the bag, and where to write what was found."""
+    parser.description = (
+        "Fit the lags of body rates and thrust, the input delay, the thrust per mass and the "
+        "drag to the commands and the odometry of a flight. Prints a ROS parameter file for "
+        "--config on standard output, and what was found with its 95 %% intervals on standard "
+        "error."
+    )
     add_recording_options(parser)
     add_vehicle_file_options(parser)
     parser.add_argument(
@@ -30,7 +35,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Fit, tell (the table on standard error), write; return the exit code."""
     from quad_mpc_ros.identification import (
         fit,
@@ -69,15 +74,3 @@ def _run(options: argparse.Namespace) -> int:
                 f"--plot: {options.plot} cannot be written: {error.strerror}"
             ) from error
     return 0
-
-
-COMMAND = Command(
-    name="identify",
-    help="fit lags, delay, thrust and drag of the vehicle to a recorded flight",
-    description="Fit the lags of body rates and thrust, the input delay, the thrust per mass "
-    "and the drag to the commands and the odometry of a flight. Prints a ROS parameter file "
-    "for --config on standard output, and what was found with its 95 %% intervals on standard "
-    "error.",
-    add_options=_add_options,
-    run=_run,
-)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from types import TracebackType
+from collections.abc import Callable
 from typing import Self
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.ros.messages import message_class, qos_of
 
 
 class Observer:
@@ -26,11 +30,15 @@ class Observer:
         self.executor.add_node(self.node)
         return self
 
-    def __exit__(
-        self,
-        _: type[BaseException] | None,
-        __: BaseException | None,
-        ___: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.node.destroy_node()
         rclpy.try_shutdown()
+
+
+def subscribe(
+    node: Node, topic: Topic, callback: Callable[..., None], *, raw: bool = False
+) -> None:
+    """Hear a topic; ``raw`` messages come as bytes."""
+    node.create_subscription(
+        message_class(topic.type_name), topic.name, callback, qos_of(topic), raw=raw
+    )

@@ -6,12 +6,16 @@ import argparse
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 
-from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.configuration import Configuration, ParameterSpec, UserError
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add which parameters to print, and how."""
+    parser.description = (
+        "Print what can be set on the nodes, or on some of them. Live parameters may change "
+        "in flight (ros2 param set); the others are taken when a node is configured. Exit "
+        "code 2 for an unknown name."
+    )
     parser.add_argument(
         "names",
         nargs="*",
@@ -33,7 +37,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Print the parameters that are asked for. Raises :class:`UserError` for an unknown name."""
     from quad_mpc_ros.bridges.registry import bridge_configurations
     from quad_mpc_ros.commands.parameter_tables import FORMATS, NODES
@@ -71,14 +75,3 @@ def _found(
 def _suggestion(name: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(name, list(known), n=1)
     return f", did you mean {close[0]!r}?" if close else ""
-
-
-COMMAND = Command(
-    name="params",
-    help="print every parameter: type, default, unit, range, whether live, meaning",
-    description="Print what can be set on the nodes, or on some of them. Live parameters may "
-    "change in flight (ros2 param set); the others are taken when a node is configured. "
-    "Exit code 2 for an unknown name.",
-    add_options=_add_options,
-    run=_run,
-)

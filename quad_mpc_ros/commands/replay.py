@@ -6,15 +6,20 @@ import argparse
 import tempfile
 from pathlib import Path
 
-from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.processes import require_ros, run_in_foreground
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.recordings.config import PlayerConfig
 
 _CLOCK_RATE = 40.0  # as ros2 bag play
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options; those left out are the defaults of the player node."""
+    parser.description = (
+        "Publish the messages of a bag on their topics again, in the time in which they were "
+        "recorded. Pause and go on by the services /player/pause and /player/resume. Exit "
+        "code 2 for a bag that cannot be played."
+    )
     parser.add_argument("bag", metavar="BAG", help="bag directory, or one .mcap file")
     parser.add_argument("--rate", type=float, metavar="X", help="speed (default: 1)")
     parser.add_argument(
@@ -57,11 +62,8 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Play a bag until its end or Ctrl-C; return the exit code of the player."""
-    from quad_mpc_ros.configuration import files
-    from quad_mpc_ros.recordings.config import PlayerConfig
-
     remaps = [argument for rule in options.remap for argument in ("-r", _remap(rule))]
     given = {
         spec.name: value
@@ -82,14 +84,3 @@ def _remap(rule: str) -> str:
     if not (source and separator and target):
         raise UserError(f"--remap: given {rule!r}, expected FROM:=TO")
     return rule
-
-
-COMMAND = Command(
-    name="replay",
-    help="publish a recorded bag again",
-    description="Publish the messages of a bag on their topics again, in the time in which "
-    "they were recorded. Pause and go on by the services /player/pause and /player/resume. "
-    "Exit code 2 for a bag that cannot be played.",
-    add_options=_add_options,
-    run=_run,
-)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.output import check_writable, results_in, write_new
 
 if TYPE_CHECKING:
@@ -16,8 +15,13 @@ if TYPE_CHECKING:
 _COMPARISON = "comparison.png"
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the runs and where to write what is made of them."""
+    parser.description = (
+        "Make a self-contained HTML page of one recorded run, or of several beside each "
+        "other, with figures to zoom in and a table of the figures of merit. Needs Plotly: "
+        "pip install 'quad_mpc_ros[report]'. Exit code 2 for a bag that cannot be used."
+    )
     parser.add_argument(
         "runs",
         type=Path,
@@ -52,7 +56,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Read, draw, write, tell; return the exit code."""
     from quad_mpc_ros.report import csv_tables, page, read_runs
 
@@ -114,14 +118,3 @@ def _write_figures(runs: Sequence[ReportedRun], folder: Path) -> None:
         write_figures(run.flight, folder / run.name)
     if len(runs) > 1:
         write_comparison({run.name: run.flight for run in runs}, folder / _COMPARISON)
-
-
-COMMAND = Command(
-    name="report",
-    help="show recorded runs on one page: path, errors, inputs, solver, fallbacks",
-    description="Make a self-contained HTML page of one recorded run, or of several beside "
-    "each other, with figures to zoom in and a table of the figures of merit. Needs Plotly: "
-    "pip install 'quad_mpc_ros[report]'. Exit code 2 for a bag that cannot be used.",
-    add_options=_add_options,
-    run=_run,
-)

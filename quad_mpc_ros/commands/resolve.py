@@ -8,13 +8,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, write_json
 from quad_mpc_ros.commands.recording import (
     add_recording_options,
     recorded_configuration,
     topic_names,
 )
+from quad_mpc_ros.commands.run_options import add_out
 from quad_mpc_ros.configuration import BagError
 
 if TYPE_CHECKING:
@@ -27,8 +27,14 @@ if TYPE_CHECKING:
 _MOST_WARNINGS = 5
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the bag, another reference, and where to write."""
+    parser.description = (
+        "Feed the recorded odometry and reference to the controller, without ROS, and compare "
+        "its commands with the recorded ones. With the recorded parameters, which are the "
+        "default, they are the same; --config and --set ask what others would have commanded. "
+        "Writes DIR/bag, DIR/summary.json and DIR/figures/commands.png."
+    )
     add_recording_options(parser)
     parser.add_argument(
         "--reference-topic",
@@ -43,16 +49,10 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         help="trajectory to follow from the first odometry on, instead of the recorded reference: "
         "square, hover, lemniscate",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="folder for bag, summary.json and figures; must not hold any "
-        "(default: runs/<date-time>_resolved)",
-    )
+    add_out(parser, "bag, summary.json and figures; must not hold any", "resolved")
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Feed, record, compare, tell; return the exit code."""
     from quad_mpc_ros.messages.topics import REFERENCE
     from quad_mpc_ros.recordings.recording import Recording
@@ -196,15 +196,3 @@ def _write_results(
         figure = write_command_comparison(comparison, out / "figures" / "commands.png")
     print(comparison_table(comparison))
     print(f"\nbag      {out / 'bag'}\nsummary  {out / 'summary.json'}\nfigure   {figure}")
-
-
-COMMAND = Command(
-    name="resolve",
-    help="feed a recorded flight to the controller: what would it have commanded?",
-    description="Feed the recorded odometry and reference to the controller, without ROS, and "
-    "compare its commands with the recorded ones. With the recorded parameters, which are the "
-    "default, they are the same; --config and --set ask what others would have commanded. "
-    "Writes DIR/bag, DIR/summary.json and DIR/figures/commands.png.",
-    add_options=_add_options,
-    run=_run,
-)

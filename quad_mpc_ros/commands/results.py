@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from quad_mpc_ros.commands.command import EXIT_FAILED
+from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import results_in, write_json
 from quad_mpc_ros.evaluation.metrics import summarise
 from quad_mpc_ros.evaluation.table import summary_table

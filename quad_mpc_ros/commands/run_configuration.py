@@ -12,7 +12,7 @@ from typing import cast
 import yaml
 
 from quad_mpc_ros.commands.output import default_out, prepared_out
-from quad_mpc_ros.commands.run_options import DEFAULT_DURATION
+from quad_mpc_ros.commands.run_options import DEFAULT_DURATION, check_duration
 from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
@@ -96,8 +96,7 @@ def _starts_on_reference(
 def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
     """Return the options as assignments, to come before the explicit ones, which win."""
     duration = DEFAULT_DURATION if options.duration is None else options.duration
-    if not (math.isfinite(duration) and duration > 0.0):
-        raise UserError(f"--duration: given {duration}, expected a number > 0")
+    check_duration(duration)
     made = [f"simulator.duration={duration}"]
     made += [
         f"{node}.lockstep={str(lockstep).lower()}" for node in ("mpc", "simulator", "reference")

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
+
+from quad_mpc_ros.configuration import UserError
 
 DEFAULT_DURATION = 10.0  # s
 
@@ -46,6 +49,22 @@ def add_set(parser: argparse.ArgumentParser, meaning: str) -> None:
     )
 
 
+def add_out(parser: argparse.ArgumentParser, content: str, label: str) -> None:
+    """Add ``--out``, the folder of ``content``; ``label`` ends the name that it has by default."""
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help=f"folder for {content} (default: runs/<date-time>_{label})",
+    )
+
+
+def check_duration(seconds: float) -> None:
+    """Raise :class:`UserError` unless ``--duration`` is a length of time."""
+    if not (math.isfinite(seconds) and seconds > 0.0):
+        raise UserError(f"--duration: given {seconds}, expected a number > 0")
+
+
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run to a command."""
     add_configuration_options(parser)
@@ -62,11 +81,5 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help=f"length of the flight in seconds (default: {DEFAULT_DURATION:g})",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="folder for bag, summary.json and figures; must not hold any "
-        "(default: runs/<date-time>_<reference>)",
-    )
+    add_out(parser, "bag, summary.json and figures; must not hold any", "<reference>")
     parser.set_defaults(plant=None)

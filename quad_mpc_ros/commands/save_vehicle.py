@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from quad_mpc_ros.commands.command import Command
 from quad_mpc_ros.commands.output import check_writable, write_new
 from quad_mpc_ros.commands.processes import require_ros
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.commands.run_options import check_duration
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add whom to watch and for how long."""
+    parser.description = (
+        "Watch the estimates of a running MPC node for a few seconds of flight, and print its "
+        "vehicle with them as a ROS parameter file for --config. The vehicle flies on as it "
+        "was: the file is for the next start. Exit code 2 when the MPC does not fly or the "
+        "estimates have not settled."
+    )
     parser.add_argument(
         "--node",
         default="/mpc",
@@ -49,11 +53,10 @@ def add_vehicle_file_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Watch, tell, write; return the exit code."""
     check_writable("--out", options.out, overwrite=options.overwrite)
-    if not (math.isfinite(options.duration) and options.duration > 0.0):
-        raise UserError(f"--duration: given {options.duration}, expected a number > 0")
+    check_duration(options.duration)
     require_ros("save-vehicle", instead="; 'identify' finds the vehicle in a recorded flight")
     from quad_mpc_ros.commands.running_mpc import RunningMpc
     from quad_mpc_ros.identification import learned, learned_file
@@ -79,15 +82,3 @@ def _run(options: argparse.Namespace) -> int:
         file=sys.stderr,
     )
     return 0
-
-
-COMMAND = Command(
-    name="save-vehicle",
-    help="save what a flying controller has learned of thrust and lags to a parameter file",
-    description="Watch the estimates of a running MPC node for a few seconds of flight, and "
-    "print its vehicle with them as a ROS parameter file for --config. The vehicle flies on "
-    "as it was: the file is for the next start. Exit code 2 when the MPC does not fly or the "
-    "estimates have not settled.",
-    add_options=_add_options,
-    run=_run,
-)

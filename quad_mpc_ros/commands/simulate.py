@@ -5,23 +5,27 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from typing import TYPE_CHECKING
 
-from quad_mpc_ros.commands.command import Command
+import numpy as np
+
 from quad_mpc_ros.commands.progress import Progress
+from quad_mpc_ros.commands.results import finish
+from quad_mpc_ros.commands.run_configuration import SCHEMA, RunConfig, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
+from quad_mpc_ros.commands.run_recorder import RunRecorder
 from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.messages import topics
+from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
+from quad_mpc_ros.simulation.config import PLANTS
+from quad_mpc_ros.trajectories.server import ReferenceServer
 
-if TYPE_CHECKING:
-    from quad_mpc_ros.commands.run_configuration import RunConfig
-    from quad_mpc_ros.commands.run_recorder import RunRecorder
-    from quad_mpc_ros.simulation.closed_loop import LoopStep
 
-
-def add_simulate_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of a run that need not keep up with a wall clock: what flies, too."""
-    from quad_mpc_ros.simulation.config import PLANTS
-
+    parser.description = (
+        "Fly the closed loop in one process, without ROS. Writes the same files as 'fly'; the "
+        "commands are those of 'fly --lockstep', bit for bit."
+    )
     add_run_options(parser)
     parser.add_argument(
         "--plant",
@@ -31,15 +35,8 @@ def add_simulate_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Fly, record and evaluate; return the exit code."""
-    import numpy as np
-
-    from quad_mpc_ros.commands.results import finish
-    from quad_mpc_ros.commands.run_configuration import run_configuration
-    from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly
-    from quad_mpc_ros.trajectories.server import ReferenceServer
-
     config = run_configuration(options, lockstep=True)
     if config.reference.mode != "at_once":
         raise ConfigurationError(
@@ -69,10 +66,6 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _recorder(config: RunConfig) -> RunRecorder:
-    from quad_mpc_ros.commands.run_configuration import SCHEMA
-    from quad_mpc_ros.commands.run_recorder import RunRecorder
-    from quad_mpc_ros.messages import topics
-
     return RunRecorder(
         config.bag,
         topics=(
@@ -97,13 +90,3 @@ def _record(recorder: RunRecorder, step: LoopStep) -> None:
     if step.tick is not None:
         recorder.tick(step.tick, time_ns=stamp_ns)
     recorder.flush_if_due()
-
-
-COMMAND = Command(
-    name="simulate",
-    help="fly the same in one process without ROS, faster than real time",
-    description="Fly the closed loop in one process, without ROS. Writes the same files as "
-    "'fly'; the commands are those of 'fly --lockstep', bit for bit.",
-    add_options=add_simulate_options,
-    run=_run,
-)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Mapping
-from importlib.metadata import entry_points
 from typing import Any, ClassVar, Self, cast
 
 from quad_mpc_ros.configuration.errors import ConfigurationError, UserError
@@ -22,6 +21,8 @@ def registered(group: str, name: str) -> Any:
 
     Raises :class:`UserError` when it cannot be loaded.
     """
+    from importlib.metadata import entry_points  # which takes long to import
+
     for entry in entry_points(group=group, name=name):
         try:
             return entry.load()

@@ -16,8 +16,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.cli import main
+from quad_mpc_ros.commands import simulate
 from quad_mpc_ros.commands.run_configuration import SCHEMA, run_configuration
-from quad_mpc_ros.commands.simulate import add_simulate_options
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -192,7 +192,7 @@ def test_files_and_assignments_win_over_the_preset_of_the_plant(tmp_path: Path) 
     heavier = tmp_path / "heavier.yaml"
     heavier.write_text("mpc:\n  ros__parameters:\n    mass: 0.6\n    drag: 0.3\n")
     parser = argparse.ArgumentParser()
-    add_simulate_options(parser)
+    simulate.add_options(parser)
     arguments = ["--plant", "rotorpy", "--config", str(heavier), "--set", "mpc.drag=0.4"]
     arguments += ["--out", str(tmp_path / "run")]
     run = run_configuration(parser.parse_args(arguments), lockstep=True)

@@ -1,1 +1,213 @@
-"""``quad_mpc soak``: does the controller hold, for long and whatever fails?"""
+"""``quad_mpc soak``: an endurance, or a campaign of faults."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from quad_mpc_ros.commands import EXIT_FAILED
+from quad_mpc_ros.commands.output import default_out, prepared_out
+from quad_mpc_ros.commands.processes import require_ros
+from quad_mpc_ros.commands.run_options import add_configuration_options, add_out, check_duration
+from quad_mpc_ros.configuration import ConfigurationError, UserError
+
+if TYPE_CHECKING:
+    from quad_mpc_ros.commands.run_configuration import RunConfig
+    from quad_mpc_ros.faults.cases import Fault
+
+RESULT, PICTURE = "soak.json", "soak.png"
+_ENDURANCE = 1800.0  # s
+_DROPOUT = 0.01
+# High enough to be blind for a while, and in motion, so that a frozen odometry can be told.
+_REFERENCE, _HEIGHT = "lemniscate", 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoakConfig:
+    """What is flown, and the faults to inject; without any it flies on for ``duration`` [s]."""
+
+    run: RunConfig
+    faults: tuple[Fault, ...]
+    duration: float
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add how to fly and which faults to inject."""
+    parser.description = (
+        "Fly over DDS with 1 % of the odometries lost and parameters changed every second, "
+        "and tell whether a tick was late, a rung below the last plan was needed or memory "
+        "grew; or, with --faults, let odometry, reference, solver, clocks and processes fail "
+        "and tell whether each fault led to the rung of the safety ladder that it must, in "
+        "time, and back. Every command is checked: finite, and within its bounds. Exit code 0 "
+        "only when all holds, 1 otherwise, 2 for bad input."
+    )
+    parser.add_argument(
+        "--faults",
+        metavar="NAME,...",
+        help="inject these faults one after another instead of flying on and on; 'all' for all "
+        "of them, --list tells their names",
+    )
+    parser.add_argument(
+        "--list",
+        action="store_true",
+        help="print the table of the faults and of what each must lead to, and end",
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help=f"length of the flight without faults in seconds (default: {_ENDURANCE:g})",
+    )
+    parser.add_argument(
+        "--dropout",
+        type=float,
+        metavar="SHARE",
+        help=f"share of the odometries lost in that flight (default: {_DROPOUT:g})",
+    )
+    add_configuration_options(parser, reference=f"{_REFERENCE}, {_HEIGHT:g} m high")
+    add_out(parser, f"{RESULT}, {PICTURE} and the nodes' logs; must not hold any", "soak")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Fly, judge and tell; return the exit code, 0 only when all holds."""
+    if options.list:
+        from quad_mpc_ros.faults.cases import fault_table
+
+        print(fault_table())
+        return 0
+    require_ros("soak")
+    config = _configuration(options)
+    # Other machines on the network fly their own; who wants them to hear this sets the variable.
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    holds = _faults_hold(config) if config.faults else _endures(config)
+    print(f"\nresult   {config.run.out / RESULT}\npicture  {config.run.out / PICTURE}")
+    print("All holds." if holds else "It does not hold.")
+    return 0 if holds else EXIT_FAILED
+
+
+def _faults_hold(config: SoakConfig) -> bool:
+    """Inject the faults and tell of each as soon as it is judged."""
+    from quad_mpc_ros.commands.soak.campaign import Outcome, campaign
+    from quad_mpc_ros.commands.soak.results import outcome_figures, outcome_lines, write_results
+    from quad_mpc_ros.commands.soak.rig import Rig, SoakError
+
+    print(f"injecting {len(config.faults)} faults into {config.run.out}", file=sys.stderr)
+    outcomes: list[Outcome] = []
+    wrong: list[str] = []
+    with Rig(config.run, relays=True) as rig:
+        try:
+            for outcome in campaign(config.faults, rig, config.run.mpc):
+                outcomes.append(outcome)
+                print("\n".join(outcome_lines(outcome)), flush=True)
+        except SoakError as error:
+            wrong.append(str(error))
+        # Also between the faults.
+        wrong += rig.watch.unsound[:1]
+        holding = sum(not outcome.complaints for outcome in outcomes)
+        holds = not wrong and holding == len(config.faults)
+        result = {
+            "holds": holds,
+            "complaints": wrong,
+            "commands": len(rig.watch.commands_ns),
+            "unsound_commands": len(rig.watch.unsound),
+            "faults": outcome_figures(outcomes),
+            "config": _parameters(config),
+        }
+        write_results(config.run.out, result, rig, config=config.run.mpc, outcomes=outcomes)
+    print(f"\n{holding} of {len(config.faults)} faults hold, {result['commands']} commands")
+    for complaint in wrong:
+        print(f"error: {complaint}", file=sys.stderr)
+    return holds
+
+
+def _endures(config: SoakConfig) -> bool:
+    """Fly on and on."""
+    from quad_mpc_ros.commands.soak.endurance import endurance_complaints, endure, figures
+    from quad_mpc_ros.commands.soak.results import endurance_table, write_results
+    from quad_mpc_ros.commands.soak.rig import Rig, SoakError
+
+    mpc = config.run.mpc
+    print(f"flying for {config.duration:g} s into {config.run.out}", file=sys.stderr)
+    found: dict[str, Any] = {}
+    with Rig(config.run, relays=False) as rig:
+        try:
+            seen = endure(rig, mpc, duration=config.duration)
+            found = figures(rig, seen, mpc)
+            wrong = endurance_complaints(found, rig.watch.unsound)
+        except SoakError as error:
+            wrong = [str(error)]
+        result = {
+            "holds": not wrong,
+            "complaints": wrong,
+            **found,
+            "config": _parameters(config),
+        }
+        write_results(config.run.out, result, rig, config=mpc)
+    if found:
+        print(endurance_table(found))
+    for complaint in wrong:
+        print(f"error: {complaint}", file=sys.stderr)
+    return not wrong
+
+
+def _parameters(config: SoakConfig) -> dict[str, Any]:
+    run = config.run
+    return {node: getattr(run, node).flattened() for node in ("mpc", "simulator", "reference")}
+
+
+def _configuration(options: argparse.Namespace) -> SoakConfig:
+    """Return what the options ask for, its folder made; raises :class:`UserError`."""
+    from quad_mpc_ros.commands.run_configuration import run_configuration
+
+    faults = _faults(options.faults)
+    duration, dropout = _endurance(options, faults)
+    options.reference = options.reference or _REFERENCE
+    options.assignments = [
+        # It is ended from outside.
+        "simulator.duration=0",
+        f"simulator.odom_dropout={dropout}",
+        f"reference.height={_HEIGHT}",
+        *options.assignments,
+    ]
+    options.out = prepared_out(options.out or default_out("soak"), holds=(RESULT, PICTURE, "log"))
+    options.start = options.plant = None
+    options.duration = duration
+    run = run_configuration(options, lockstep=False)
+    if run.reference.mode != "at_once":
+        raise ConfigurationError(
+            "reference.mode", run.reference.mode, "at_once: soak makes no requests"
+        )
+    return SoakConfig(run=run, faults=faults, duration=duration)
+
+
+def _endurance(options: argparse.Namespace, faults: tuple[Fault, ...]) -> tuple[float, float]:
+    """Return duration and drop-outs of a flight without faults; with faults there are none."""
+    for name, given in (("duration", options.duration), ("dropout", options.dropout)):
+        if faults and given is not None:
+            raise UserError(f"--{name}: goes with a flight without --faults, which say their own")
+    dropout = _DROPOUT if options.dropout is None else options.dropout
+    duration = _ENDURANCE if options.duration is None else options.duration
+    if not 0.0 <= dropout < 1.0:
+        raise UserError(f"--dropout: given {dropout}, expected a number >= 0 and < 1")
+    check_duration(duration)
+    return duration, 0.0 if faults else dropout
+
+
+def _faults(names: str | None) -> tuple[Fault, ...]:
+    """Return the faults by their names, of those that can be injected between processes."""
+    from quad_mpc_ros.faults.cases import FAULTS
+
+    if names is None:
+        return ()
+    known = {name: fault for name, fault in FAULTS.items() if not fault.grounded}
+    if names == "all":
+        return tuple(known.values())
+    for name in names.split(","):
+        if name not in known:
+            raise UserError(
+                f"--faults: given {name!r}, expected all or some of {', '.join(known)}"
+            )
+    return tuple(known[name] for name in dict.fromkeys(names.split(",")))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import dataclasses
+import functools
 import heapq
 import itertools
 import time
@@ -13,6 +14,7 @@ from typing import Any, Generic, NamedTuple
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
+from quad_mpc_ros.commands.observer import subscribe
 from quad_mpc_ros.faults.distortions import Distortion, M
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE, Topic
@@ -41,13 +43,12 @@ class Relay(Generic[M]):
         node: Node,
         topic: Topic,
         *,
-        decode: Callable[[bytes], M],
-        encode: Callable[[M], bytes],
+        read: Callable[[Any], M],
+        fill: Callable[[Any, M], None],
     ) -> None:
         self._node, self._topic = node, topic
-        self._decode: Callable[[bytes], M] = decode
-        self._encode: Callable[[M], bytes] = encode
-        self._type = message_class(topic.type_name)
+        self._read: Callable[[Any], M] = read
+        self._fill: Callable[[Any, M], None] = fill
         self._publisher = self._publisher_again()
         self._intruder: Any = None
         self._last = b""
@@ -61,7 +62,7 @@ class Relay(Generic[M]):
         self._shift_ns = 0
         self._waiting: list[tuple[int, int, Any, bytes]] = []
         self._order = itertools.count()
-        node.create_subscription(self._type, topic.name, self._on_message, qos_of(topic), raw=True)
+        subscribe(node, topic, self._on_message, raw=True)
 
     @property
     def last(self) -> M | None:
@@ -113,7 +114,9 @@ class Relay(Generic[M]):
             self._distort(self._fault, self._before, self._decode(data), now_ns)
             return
         if self._shift_ns:
-            data = self._encode(self._shifted(self._decode(data)))
+            message = self._decode(data)
+            shifted_ns = message.stamp_ns + self._shift_ns
+            data = self._encode(dataclasses.replace(message, stamp_ns=shifted_ns))
         self._publisher.publish(data)
         self.passed.append(Passed(now_ns, conversions.stamp_of_serialized(data)))
 
@@ -127,42 +130,32 @@ class Relay(Generic[M]):
                 due_ns = now_ns + delivery.delay_ns
                 heapq.heappush(self._waiting, (due_ns, next(self._order), publisher, data))
 
-    def _shifted(self, message: M) -> M:
-        return dataclasses.replace(message, stamp_ns=message.stamp_ns + self._shift_ns)
+    def _decode(self, data: bytes) -> M:
+        return self._read(decoded(self._topic, data))
+
+    def _encode(self, sample: M) -> bytes:
+        message = new_message(self._topic.type_name)
+        self._fill(message, sample)
+        return bytes(serialize_message(message))
 
     def _publisher_again(self) -> Any:
         return self._node.create_publisher(
-            self._type, PREFIX + self._topic.name, qos_of(self._topic)
+            message_class(self._topic.type_name),
+            PREFIX + self._topic.name,
+            qos_of(self._topic),
         )
 
 
 def odometry_relay(node: Node) -> Relay[OdometrySample]:
     """Return the relay of the odometry."""
-
-    def encode(odometry: OdometrySample) -> bytes:
-        message = new_message(ODOMETRY.type_name)
-        conversions.fill_odometry(message, odometry)
-        return bytes(serialize_message(message))
-
     return Relay(
-        node,
-        ODOMETRY,
-        decode=lambda data: conversions.odometry_from_message(decoded(ODOMETRY, data)),
-        encode=encode,
+        node, ODOMETRY, read=conversions.odometry_from_message, fill=conversions.fill_odometry
     )
 
 
 def reference_relay(node: Node) -> Relay[ReferenceWindow]:
     """Return the relay of the reference."""
-
-    def encode(window: ReferenceWindow) -> bytes:
-        message = new_message(REFERENCE.type_name)
-        conversions.fill_reference(message, window, child_frame_id=_BODY_FRAME, new=new_message)
-        return bytes(serialize_message(message))
-
-    return Relay(
-        node,
-        REFERENCE,
-        decode=lambda data: conversions.reference_from_message(decoded(REFERENCE, data)),
-        encode=encode,
+    fill = functools.partial(
+        conversions.fill_reference, child_frame_id=_BODY_FRAME, new=new_message
     )
+    return Relay(node, REFERENCE, read=conversions.reference_from_message, fill=fill)

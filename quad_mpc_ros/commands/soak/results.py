@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.commands.output import results_in, write_json
+from quad_mpc_ros.commands.soak import PICTURE, RESULT
 from quad_mpc_ros.commands.soak.campaign import Outcome
-from quad_mpc_ros.commands.soak.command import PICTURE, RESULT
 from quad_mpc_ros.commands.soak.endurance import PERIODS_TO_CATCH_UP
 from quad_mpc_ros.commands.soak.rig import Rig
 from quad_mpc_ros.figures import style

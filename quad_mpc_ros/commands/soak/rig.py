@@ -7,7 +7,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -67,16 +66,11 @@ class Rig(Observer):
         self._simulator = self.node.create_client(Trigger, "simulator/start")
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         for process in self.processes.values():
             process.send(signal.SIGCONT)
             process.stop()
-        super().__exit__(kind, error, trace)
+        super().__exit__(*error)
 
     def start(self, node: str, **overrides: Any) -> None:
         """Start a node, with parameters that win over those of the run."""

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 
+from quad_mpc_ros.commands.observer import subscribe
 from quad_mpc_ros.faults.verdict import command_fault
 from quad_mpc_ros.messages import conversions, diagnostics
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, STATS
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ros.messages import message_class, qos_of
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,19 +44,9 @@ class Watch:
     """The figures of the last tick."""
 
     def __post_init__(self) -> None:
-        self._subscriptions = [
-            self.node.create_subscription(
-                message_class(topic.type_name), topic.name, callback, qos_of(topic)
-            )
-            for topic, callback in ((COMMAND, self._on_command), (STATS, self._on_stats))
-        ]
-        self._odometry = self.node.create_subscription(
-            message_class(ODOMETRY.type_name),
-            ODOMETRY.name,
-            self._on_odometry,
-            qos_of(ODOMETRY),
-            raw=True,
-        )
+        subscribe(self.node, COMMAND, self._on_command)
+        subscribe(self.node, STATS, self._on_stats)
+        subscribe(self.node, ODOMETRY, self._on_odometry, raw=True)
 
     @property
     def connected(self) -> bool:
