@@ -99,14 +99,8 @@ def figures_of(
 
 def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
     if step is None:
-        return {
-            "solver_status": "not run",
-            "iterations": 0,
-            "primal_residual": 0.0,
-            "dual_residual": 0.0,
-            "solve_time_us": 0.0,
-            "step_time_us": 0.0,
-        }
+        none = ("primal_residual", "dual_residual", "solve_time_us", "step_time_us")
+        return {"solver_status": "not run", "iterations": 0, **dict.fromkeys(none, 0.0)}
     model = step.state.model
     return {
         "solver_status": step.solution.status,

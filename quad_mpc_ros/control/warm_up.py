@@ -54,11 +54,7 @@ def _compile(config: MpcConfig) -> None:
 
 def _moving_at(stamp_ns: int, config: MpcConfig) -> OdometrySample:
     """Return an odometry in flight, slow enough for a throttle within its bounds: one learns."""
-    return OdometrySample(
-        stamp_ns=stamp_ns,
-        p_WB=np.array([0.3e-9 * stamp_ns, 0.0, 0.0]),
-        q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
-        v_WB_B=np.array([0.3, 0.0, 0.0]),
-        w_WB_B=np.zeros(3),
-        frame_id=config.odometry.frame_id,
+    resting = OdometrySample.at_rest(
+        [0.3e-9 * stamp_ns, 0.0, 0.0], stamp_ns=stamp_ns, frame_id=config.odometry.frame_id
     )
+    return dataclasses.replace(resting, v_WB_B=np.array([0.3, 0.0, 0.0]))

@@ -92,7 +92,7 @@ _clock_set = functools.partial(
 )
 _on_the_ground = functools.partial(Fault, grounded=True)
 
-_ODOMETRY = (
+_TABLE = (
     Fault(
         "odometry_stops",
         "no odometry",
@@ -177,9 +177,6 @@ _ODOMETRY = (
         ),
         intruder=True,
     ),
-)
-
-_REFERENCE = (
     Fault("reference_stops", "no reference", courses.reference_lost, reference=distortions.lost),
     _unusable_reference(
         "reference_nan",
@@ -218,9 +215,6 @@ _REFERENCE = (
         reference=distortions.doubled(p_WB=distortions.moved(0.5, 0.0, 0.0)),
         intruder=True,
     ),
-)
-
-_SOLVER = (
     _solver_failure(
         "solver_fails", "every solve ends at the limit of iterations", solver=SolverFault.FAIL
     ),
@@ -233,9 +227,6 @@ _SOLVER = (
         counter="deadline_misses",
         solver=SolverFault.RUN_LONG,
     ),
-)
-
-_MACHINE = (
     _clock_set("clock_forward", "every clock is set a day on, and back", clock=86400.0),
     _clock_set("clock_backward", "every clock is set a day back, and on", clock=-86400.0),
     Fault(
@@ -263,9 +254,6 @@ _MACHINE = (
         duration=0.0,
         process=ProcessFault.START_NODES,
     ),
-)
-
-_GROUND = (
     _on_the_ground(
         "ground_odometry_stops",
         "on the ground: no odometry",
@@ -294,9 +282,7 @@ _GROUND = (
     ),
 )
 
-FAULTS: dict[str, Fault] = {
-    fault.name: fault for fault in (*_ODOMETRY, *_REFERENCE, *_SOLVER, *_MACHINE, *_GROUND)
-}
+FAULTS: dict[str, Fault] = {fault.name: fault for fault in _TABLE}
 """Every fault by its name."""
 
 

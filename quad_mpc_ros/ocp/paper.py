@@ -52,7 +52,8 @@ class PaperProblem:
         """Take over weights and bounds."""
         self._u_min = np.array([config.throttle_min, *(-w for w in config.omega_max)])
         self._u_max = np.array([config.throttle_max, *config.omega_max])
-        self._stages.H[:] = _stage_weights(config)
+        self._stages.H[:] = np.diag(config.Q)
+        self._stages.H[-1] *= config.terminal_weight
         self._stages.R[:] = config.R
 
     def pattern(self) -> HorizonPattern:
@@ -72,8 +73,9 @@ class PaperProblem:
         """Take the reference of now, held over the horizon: no warm start is needed."""
         self._stamp_ns = state.stamp_ns
         self._x, self._throttle = state.x, state.throttle_sent
-        self._reference = sample(window, state.stamp_ns)
-        self._u_reference = reference_input(self._reference, self._vehicle).vector()
+        points = sample(window, state.stamp_ns)
+        self._x_reference = State(p_WB=points.p_WB, v_WB_B=points.v_WB_B, R_WB=points.R_WB)
+        self._u_reference = reference_input(points, self._vehicle).vector()
 
     def linearise(self) -> HorizonStages:
         """Return the paper's problem, with A and B at the present state and input."""
@@ -82,7 +84,7 @@ class PaperProblem:
             x, self._vehicle, throttle=throttle, throttle_error=u_reference[0] - throttle
         )
         dt, stages = self._step, self._stages
-        stages.x0[:] = boxminus(_state_of(self._reference), x)
+        stages.x0[:] = boxminus(self._x_reference, x)
         stages.A[:] = _EYE + dt * A
         stages.B[:] = dt * B
         # The bounds hold on u = u_r - ũ; the paper prints them on ũ, which cannot climb.
@@ -97,7 +99,7 @@ class PaperProblem:
 
     def plan(self) -> Plan:
         """Return the reference less the errors."""
-        reference, errors = self._reference, self._errors
+        reference, errors = self._x_reference, self._errors
         inputs = self._u_reference - self._input_errors
         return Plan(
             stamp_ns=self._stamp_ns,
@@ -141,14 +143,3 @@ def reference_input(reference: ReferencePoints, vehicle: Vehicle) -> Input:
     specific_force[2] += vehicle.gravity
     thrust = vehicle.mass * float(reference.R_WB[:, 2] @ specific_force)
     return Input(throttle=vehicle.nearest_throttle(thrust), w_WB_B=reference.w_WB_B)
-
-
-def _state_of(reference: ReferencePoints) -> State:
-    return State(p_WB=reference.p_WB, v_WB_B=reference.v_WB_B, R_WB=reference.R_WB)
-
-
-def _stage_weights(config: MpcConfig) -> Array:
-    """Return Q for the states 1 to N, (N, 9, 9), the last one times the terminal weight."""
-    weights = np.repeat(np.diag(config.Q)[None], config.horizon_steps, axis=0)
-    weights[-1] *= config.terminal_weight
-    return weights

@@ -29,7 +29,7 @@ class QpSolution(NamedTuple):
     solve_time: float
 
 
-_LARGEST = 1e15
+_LARGEST = 1e15  # larger numbers OSQP takes for infinite
 _REFUSED = QpSolution(
     solved=False,
     status="not finite or too large",
@@ -59,7 +59,9 @@ class QpSolver:
 
         ``from_zero`` starts the primal at zero, for problems in deviations from a known plan.
         """
-        if not self._is_solvable():
+        # Given NaN, OSQP keeps its old data or says "solved"; it must not come to that. Written so
+        # that NaN, which compares with nothing, is refused.
+        if not self._qp.magnitude() < _LARGEST:
             self.forget()
             return _REFUSED
         result = self._updated().solve(self._zero if from_zero else self._z, self._y)
@@ -85,14 +87,6 @@ class QpSolver:
         """Start the next solve from zero: after a failure the old iterate is no help."""
         self._z = np.zeros_like(self._z)
         self._y = np.zeros_like(self._y)
-
-    def _is_solvable(self) -> bool:
-        """Whether every number is finite and of a size that OSQP does not take for infinite.
-
-        Given NaN, OSQP keeps its old data or says "solved"; it must not come to that.
-        """
-        # Written so that NaN, which compares with nothing, is refused.
-        return self._qp.magnitude() < _LARGEST
 
     def _updated(self) -> osqp_adapter.OsqpAdapter:
         """Return OSQP with the problem as it stands."""

@@ -54,13 +54,9 @@ class HoverFallback:
         wanted[2] += self._vehicle.gravity
 
         thrust = self._vehicle.mass * float(x.R_WB[:, 2] @ wanted)
-        return clamped(
-            Input(
-                throttle=self._vehicle.nearest_throttle(thrust),
-                w_WB_B=_TILT_GAIN * tilt_to(wanted, x.R_WB),
-            ),
-            self._config,
-        )
+        throttle = self._vehicle.nearest_throttle(thrust)
+        u = Input(throttle=throttle, w_WB_B=_TILT_GAIN * tilt_to(wanted, x.R_WB))
+        return clamped(u, self._config)
 
 
 class BlindFallback:
@@ -95,13 +91,9 @@ class BlindFallback:
         if self._R_WB is not None:
             R_WB = self._R_WB
         share = min(elapsed / max(self._config.blind_time, 1e-9), 1.0)
-        return clamped(
-            Input(
-                throttle=self._hover_throttle * (1.0 - _BLIND_DESCENT * share),
-                w_WB_B=_TILT_GAIN * tilt_to(np.array([0.0, 0.0, 1.0]), R_WB),
-            ),
-            self._config,
-        )
+        throttle = self._hover_throttle * (1.0 - _BLIND_DESCENT * share)
+        u = Input(throttle=throttle, w_WB_B=_TILT_GAIN * tilt_to(np.array([0.0, 0.0, 1.0]), R_WB))
+        return clamped(u, self._config)
 
 
 def tilt_to(direction_W: Array, R_WB: Array) -> Array:
