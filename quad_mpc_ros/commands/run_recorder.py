@@ -66,7 +66,6 @@ class RunRecorder:
                 message,
                 stamp_ns=stamp_ns,
                 frame_id=self._frame_id,
-                pose_stamps_ns=[stamp_ns] * len(whole.p_WB),
                 p_WB=whole.p_WB,
                 q_WB_xyzw=whole.q_WB_xyzw,
                 new=self._messages.new,
@@ -111,15 +110,7 @@ class RunRecorder:
             self._write(
                 PREDICTED_PATH,
                 time_ns,
-                lambda m: conversions.fill_plan(
-                    m,
-                    stamp_ns=plan.stamp_ns,
-                    frame_id=self._frame_id,
-                    step_ns=round(plan.step * 1e9),
-                    p_WB=plan.p_WB,
-                    R_WB=plan.R_WB,
-                    new=new,
-                ),
+                lambda m: conversions.fill_plan(m, plan, frame_id=self._frame_id, new=new),
             )
 
     def flush_if_due(self) -> None:

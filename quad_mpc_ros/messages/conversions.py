@@ -11,12 +11,15 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+
+if TYPE_CHECKING:
+    from quad_mpc_ros.ocp.plan import Plan
 
 NewMessage = Callable[[str], Any]
 """Makes an empty message of a type named like ``geometry_msgs/msg/Pose``."""
@@ -45,15 +48,9 @@ def stamp_of_serialized(data: bytes) -> int:
 
 def odometry_from_message(message: Any) -> OdometrySample:
     """Return the values of a ``nav_msgs/Odometry``; whether they are fit for use is not asked."""
-    pose, twist = message.pose.pose, message.twist.twist
-    return OdometrySample(
-        stamp_ns=nanoseconds(message.header.stamp),
-        frame_id=message.header.frame_id,
-        child_frame_id=message.child_frame_id,
-        p_WB=_vector(pose.position),
-        q_WB_xyzw=_quaternion(pose.orientation),
-        v_WB_B=_vector(twist.linear),
-        w_WB_B=_vector(twist.angular),
+    placed = SimpleNamespace(header=message.header, pose=message.pose.pose)
+    return odometry_from_pose_and_twist(
+        placed, message.twist, child_frame_id=message.child_frame_id
     )
 
 
@@ -140,13 +137,8 @@ def fill_reference(
     """Write a window into a ``trajectory_msgs/MultiDOFJointTrajectory``."""
     fill_header(message.header, window.stamp_ns, window.frame_id)
     message.joint_names = [child_frame_id]
-    points = elements(
-        message,
-        "points",
-        len(window.p_WB),
-        "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
-        new,
-    )
+    point_type = "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"
+    points = elements(message, "points", len(window.p_WB), point_type, new)
     for point, offset_ns, p, q, v, w, a in zip(
         points,
         window.offset_ns.tolist(),
@@ -178,19 +170,21 @@ def fill_path(
     message: Any,
     *,
     stamp_ns: int,
+    step_ns: int = 0,
     frame_id: str,
-    pose_stamps_ns: Sequence[int],
     p_WB: NDArray[np.float64],
     q_WB_xyzw: NDArray[np.float64],
     new: NewMessage,
 ) -> None:
-    """Write n poses, positions (n, 3) and quaternions (n, 4), into a ``nav_msgs/Path``."""
+    """Write n poses, positions (n, 3) and quaternions (n, 4), into a ``nav_msgs/Path``.
+
+    Their stamps are a step apart.
+    """
     fill_header(message.header, stamp_ns, frame_id)
     poses = elements(message, "poses", len(p_WB), "geometry_msgs/msg/PoseStamped", new)
-    for pose, pose_stamp_ns, p, q in zip(
-        poses, pose_stamps_ns, p_WB.tolist(), q_WB_xyzw.tolist(), strict=True
-    ):
-        fill_header(pose.header, pose_stamp_ns, frame_id)
+    values = zip(poses, p_WB.tolist(), q_WB_xyzw.tolist(), strict=True)
+    for i, (pose, p, q) in enumerate(values):
+        fill_header(pose.header, stamp_ns + i * step_ns, frame_id)
         fill_vector(pose.pose.position, p)
         fill_quaternion(pose.pose.orientation, q)
 
@@ -201,26 +195,17 @@ def positions_from_path(message: Any) -> NDArray[np.float64]:
     return np.array(places, dtype=np.float64).reshape(-1, 3)
 
 
-def fill_plan(
-    message: Any,
-    *,
-    stamp_ns: int,
-    frame_id: str,
-    step_ns: int,
-    p_WB: NDArray[np.float64],
-    R_WB: NDArray[np.float64],
-    new: NewMessage,
-) -> None:
-    """Write the poses of a plan, (n, 3) and (n, 3, 3), a step apart into a ``nav_msgs/Path``."""
+def fill_plan(message: Any, plan: Plan, *, frame_id: str, new: NewMessage) -> None:
+    """Write the poses of a plan into a ``nav_msgs/Path``."""
     from quad_mpc_ros.lie import so3  # compiled: the recorder does without
 
     fill_path(
         message,
-        stamp_ns=stamp_ns,
+        stamp_ns=plan.stamp_ns,
+        step_ns=round(plan.step * 1e9),
         frame_id=frame_id,
-        pose_stamps_ns=[stamp_ns + i * step_ns for i in range(len(p_WB))],
-        p_WB=p_WB,
-        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+        p_WB=plan.p_WB,
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(plan.R_WB),
         new=new,
     )
 

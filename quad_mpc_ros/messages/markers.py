@@ -13,13 +13,8 @@ import numpy as np
 
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.messages.conversions import (
-    NewMessage,
-    fill_header,
-    fill_quaternion,
-    fill_time,
-    fill_vector,
-)
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.vehicle import ARM, Vehicle, VehicleParameters, outline
 
@@ -142,17 +137,17 @@ def _marker(
     look: _Look, odometry: OdometrySample, points: Array, *, new: NewMessage, in_body: bool = False
 ) -> Any:
     marker = new("visualization_msgs/msg/Marker")
-    fill_header(marker.header, odometry.stamp_ns, odometry.frame_id)
+    conversions.fill_header(marker.header, odometry.stamp_ns, odometry.frame_id)
     marker.ns, marker.type = look.name, look.kind
     if in_body:
-        fill_vector(marker.pose.position, odometry.p_WB.tolist())
-        fill_quaternion(marker.pose.orientation, odometry.q_WB_xyzw.tolist())
+        conversions.fill_vector(marker.pose.position, odometry.p_WB.tolist())
+        conversions.fill_quaternion(marker.pose.orientation, odometry.q_WB_xyzw.tolist())
     else:
-        fill_quaternion(marker.pose.orientation, _NO_ROTATION)
-    fill_vector(marker.scale, look.scale)
+        conversions.fill_quaternion(marker.pose.orientation, _NO_ROTATION)
+    conversions.fill_vector(marker.scale, look.scale)
     marker.color.r, marker.color.g, marker.color.b = look.rgb
     marker.color.a = 1.0
-    fill_time(marker.lifetime, look.lifetime_ns)
+    conversions.fill_time(marker.lifetime, look.lifetime_ns)
     # An empty line is an error to RViz.
     marker.points = [_point(point, new) for point in points.tolist()] if len(points) > 1 else []
     marker.action = 0 if marker.points else 2  # add, or delete
@@ -161,5 +156,5 @@ def _marker(
 
 def _point(values: list[float], new: NewMessage) -> Any:
     point = new("geometry_msgs/msg/Point")
-    fill_vector(point, values)
+    conversions.fill_vector(point, values)
     return point

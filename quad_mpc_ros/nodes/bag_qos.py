@@ -6,15 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    LivelinessPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-)
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 from quad_mpc_ros.recordings.qos_profile import INFINITE_NS, QosProfile
+from quad_mpc_ros.ros.messages import qos_profile
 
 _RECORDING_DEPTH = 1000  # room for a stall of several seconds
 _LEAST_DEPTH = 10
@@ -39,12 +34,7 @@ def adapted(publishers: Sequence[QoSProfile]) -> QoSProfile:
     """Return the strictest profile that every publisher of a topic can serve, as rosbag2 does."""
     reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in publishers)
     latched = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in publishers)
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=_RECORDING_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+    return qos_profile(depth=_RECORDING_DEPTH, reliable=reliable, latched=latched)
 
 
 def offered_again(recorded: Sequence[QosProfile]) -> QoSProfile:
@@ -65,14 +55,9 @@ def offered_again(recorded: Sequence[QosProfile]) -> QoSProfile:
     }
     if all(profile.liveliness == "manual_by_topic" for profile in recorded):
         alike["liveliness"] = LivelinessPolicy.MANUAL_BY_TOPIC
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        # Over DDS the depth of a publisher is often not told, and recorded as 0.
-        depth=max(_LEAST_DEPTH, *(profile.depth for profile in recorded)),
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        **alike,
-    )
+    # Over DDS the depth of a publisher is often not told, and recorded as 0.
+    depth = max(_LEAST_DEPTH, *(profile.depth for profile in recorded))
+    return qos_profile(depth=depth, reliable=reliable, latched=latched, **alike)
 
 
 def _duration(nanoseconds: int) -> Duration:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from typing import Any
 
@@ -10,16 +11,8 @@ from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.messages import conversions, diagnostics
+from quad_mpc_ros.messages import conversions, diagnostics, topics
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
-from quad_mpc_ros.messages.topics import (
-    COMMAND,
-    ENGAGED,
-    ODOMETRY,
-    PREDICTED_PATH,
-    REFERENCE,
-    STATS,
-)
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.clocks import SteadyTime
@@ -58,23 +51,23 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._controller = warmed_up(config, deadline=config.deadline_seconds)
         self._standby = Standby()
         self._engaged: bool | None = None  # where no bridge says it, commands act
-        self._command = self.health.publisher(COMMAND)
-        self._stats = self.health.publisher(STATS)
-        self._predicted_path = self.health.publisher(PREDICTED_PATH)
+        self._command = self.health.publisher(topics.COMMAND)
+        self._stats = self.health.publisher(topics.STATS)
+        self._predicted_path = self.health.publisher(topics.PREDICTED_PATH)
         # Filled again at every tick: making new ones takes longer than the control step.
-        self._command_message = new_message(COMMAND.type_name)
-        self._stats_message = new_message(STATS.type_name)
-        self._path_message = new_message(PREDICTED_PATH.type_name)
+        self._command_message = new_message(topics.COMMAND.type_name)
+        self._stats_message = new_message(topics.STATS.type_name)
+        self._path_message = new_message(topics.PREDICTED_PATH.type_name)
         self._path_shown_ns = -_PATH_PERIOD_NS
 
-        self.managed_subscription(ODOMETRY, self._on_odometry)
-        self.managed_subscription(REFERENCE, self._on_reference)
-        self.managed_subscription(ENGAGED, self._on_engaged, expected=False)
+        self.managed_subscription(topics.ODOMETRY, self._on_odometry)
+        self.managed_subscription(topics.REFERENCE, self._on_reference)
+        self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_timer(1.0 / config.control_rate, self._on_watch, steady=True)
 
     def obstacle(self) -> str | None:
         """Return what is missing of odometry and reference."""
-        return self._standby.obstacle(self._controller.config, now_ns=self._now_ns())
+        return self._standby.obstacle(self._controller.config, now_ns=self._time.now_ns())
 
     def activate(self) -> None:
         """Answer the odometry that came last."""
@@ -95,7 +88,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._controller.reconfigure(config)
 
     def _on_odometry(self, message: Any) -> None:
-        odometry, now_ns = conversions.odometry_from_message(message), self._now_ns()
+        odometry, now_ns = conversions.odometry_from_message(message), self._time.now_ns()
         self._standby.receive_odometry(odometry, now_ns=now_ns)
         if self.active:
             self._finish(self._controller.receive_odometry(odometry, now_ns=now_ns))
@@ -108,7 +101,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         except ValueError as error:
             self._warn(str(error))
             return
-        now_ns = self._now_ns()
+        now_ns = self._time.now_ns()
         self._standby.receive_reference(window, now_ns=now_ns)
         if self.active:
             self._finish(self._controller.receive_reference(window, now_ns=now_ns))
@@ -127,7 +120,7 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def _on_watch(self) -> None:
         if self.active:
-            self._finish(self._controller.watch(now_ns=self._now_ns()))
+            self._finish(self._controller.watch(now_ns=self._time.now_ns()))
 
     def _finish(self, tick: Tick | None) -> None:
         """Publish the command first, then what is only to be looked at."""
@@ -146,14 +139,9 @@ class MpcNode(ManagedNode[MpcConfig]):
         diagnostics.fill_stats(self._stats_message, tick.stats, new=new_message)
         self._stats.publish(self._stats_message)
         if tick.plan is not None and self._path_is_due(tick.plan.stamp_ns):
+            frame_id = self._controller.config.odometry.frame_id
             conversions.fill_plan(
-                self._path_message,
-                stamp_ns=tick.plan.stamp_ns,
-                frame_id=self._controller.config.odometry.frame_id,
-                step_ns=round(tick.plan.step * 1e9),
-                p_WB=tick.plan.p_WB,
-                R_WB=tick.plan.R_WB,
-                new=new_message,
+                self._path_message, tick.plan, frame_id=frame_id, new=new_message
             )
             self._predicted_path.publish(self._path_message)
 
@@ -194,14 +182,8 @@ class MpcNode(ManagedNode[MpcConfig]):
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
 
-    def _now_ns(self) -> int:
-        return self._time.now_ns()
 
-
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros mpc_node``."""
-    sys.exit(run(MpcNode, args))
-
+main = functools.partial(run, MpcNode)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -10,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_srvs.srv import Trigger
 
@@ -25,9 +25,8 @@ from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage, TopicInfo
 from quad_mpc_ros.replay.playback import Playback, Section, Timeline, in_laps
 from quad_mpc_ros.replay.playback_threads import PlaybackThread, ReadAhead
-from quad_mpc_ros.ros.health import Health, HealthReporter
+from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
-from quad_mpc_ros.ros.parameters import declare
 from quad_mpc_ros.ros.rclpy_internals import RCLError
 from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run, stop
 
@@ -40,14 +39,13 @@ _SWITCH_INTERVAL_S = 0.0005
 _S = 1_000_000_000
 
 
-class PlayerNode(Node):
+class PlayerNode(ReportingNode[PlayerConfig]):
     """Publishes the serialized messages of a bag with the quality of service they had."""
 
     def __init__(self) -> None:
-        super().__init__("player", automatically_declare_parameters_from_overrides=True)
-        self.exit_code = 0
         self._thread: PlaybackThread | None = None
         self._read_ahead: ReadAhead | None = None
+        super().__init__("player", PlayerConfig)
         try:
             self._prepare()
         except BaseException:  # a signal as well: nobody else would end the threads
@@ -55,7 +53,7 @@ class PlayerNode(Node):
             raise
 
     def _prepare(self) -> None:
-        self._config = config = declare(self, PlayerConfig)
+        config = self.config
         if not config.bag:
             raise ConfigurationError("player.bag", config.bag, "a bag directory or .mcap file")
         reader = BagReader(Path(config.bag))
@@ -87,9 +85,9 @@ class PlayerNode(Node):
         if self._playback.finished:
             raise BagError(f"{config.bag}: no message after {config.start:g} s on these topics")
         self._thread = PlaybackThread(self._playback, timeline, at_end=self._at_end)
-        self._health = HealthReporter(self, self._probe)
-        self.create_service(Trigger, "~/pause", self._on_pause)
-        self.create_service(Trigger, "~/resume", self._on_resume)
+        for name, paused in (("pause", True), ("resume", False)):
+            serve = functools.partial(self._set_paused, paused)
+            self.create_service(Trigger, f"~/{name}", serve)
         if config.progress:
             self.create_timer(_PROGRESS_PERIOD, self._show_progress)
         sys.setswitchinterval(_SWITCH_INTERVAL_S)
@@ -118,7 +116,7 @@ class PlayerNode(Node):
         }
 
     def _clock_publisher(self) -> Publisher | None:
-        if not self._config.clock_rate:
+        if not self.config.clock_rate:
             return None
         return self.create_publisher(message_class(CLOCK.type_name), CLOCK.name, qos_of(CLOCK))
 
@@ -161,13 +159,7 @@ class PlayerNode(Node):
             self.get_logger().info(f"played {self._playback.count} messages")
         stop()
 
-    def _on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._set_paused(True, response)
-
-    def _on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._set_paused(False, response)
-
-    def _set_paused(self, paused: bool, response: Trigger.Response) -> Trigger.Response:
+    def _set_paused(self, paused: bool, _: Any, response: Any) -> Any:
         assert self._thread is not None
         response.success = self._thread.set_paused(paused)
         response.message = "" if response.success else "already paused" if paused else "playing"
@@ -176,13 +168,14 @@ class PlayerNode(Node):
     def _position(self) -> float:
         assert self._thread is not None
         log_time_ns = self._section.log_time_ns(self._thread.recorded_ns())
-        return self._config.start + (log_time_ns - self._section.start_ns) / _S
+        return self.config.start + (log_time_ns - self._section.start_ns) / _S
 
     def _show_progress(self) -> None:
-        end = self._config.start + (self._section.end_ns - self._section.start_ns) / _S
+        end = self.config.start + (self._section.end_ns - self._section.start_ns) / _S
         print(f"  {self._position():8.1f} s of {end:.1f} s", file=sys.stderr, flush=True)
 
-    def _probe(self) -> Health:
+    def report(self) -> Health:
+        """Return how far the playback has come."""
         return Health(
             level=OK,
             text="playing",
@@ -211,10 +204,7 @@ def _recorded_qos(info: TopicInfo) -> Sequence[QosProfile]:
         return ()
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros player_node``."""
-    sys.exit(run(PlayerNode, args))
-
+main = functools.partial(run, PlayerNode)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

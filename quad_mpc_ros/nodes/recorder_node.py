@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
@@ -76,10 +77,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
         stop()
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros recorder_node``."""
-    sys.exit(run(RecorderNode, args, message_info=True))
-
+main = functools.partial(run, RecorderNode, message_info=True)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -172,7 +172,6 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             message,
             stamp_ns=stamp_ns,
             frame_id=self._config.frame_id,
-            pose_stamps_ns=[stamp_ns] * len(samples.p_WB),
             p_WB=samples.p_WB,
             q_WB_xyzw=samples.q_WB_xyzw,
             new=new_message,
@@ -208,10 +207,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         )
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros reference_node``."""
-    sys.exit(run(ReferenceNode, args))
-
+main = functools.partial(run, ReferenceNode)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

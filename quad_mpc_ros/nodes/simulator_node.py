@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from std_srvs.srv import Trigger
 
@@ -26,18 +27,6 @@ from quad_mpc_ros.simulation.plant import Plant
 _RESEND_PERIOD = 1.0
 # s: how often real time is polled when odometries are delayed and leave at irregular times
 _POLL_PERIOD = 1e-3
-
-
-class Pacing(Protocol):
-    """How the time of the simulation runs."""
-
-    def start(self) -> None:
-        """Let the time run."""
-        ...
-
-    def receive_command(self, command: CommandSample) -> None:
-        """Take a command that has arrived."""
-        ...
 
 
 class RealTime:
@@ -145,7 +134,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         self._running = False
 
         pacing = Lockstep if self.config.lockstep else RealTime
-        self._pacing: Pacing = pacing(self, make_plant(self.config))
+        self._pacing = pacing(self, make_plant(self.config))
         self.health.subscription(COMMAND, self._on_command)
         self.create_service(Trigger, "~/start", self._on_start)
         if self.config.autostart:
@@ -199,10 +188,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         )
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros simulator_node``."""
-    sys.exit(run(SimulatorNode, args))
-
+main = functools.partial(run, SimulatorNode)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

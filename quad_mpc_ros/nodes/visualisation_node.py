@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from typing import Any
 
@@ -100,10 +101,7 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         return Health(level=OK, text="showing")
 
 
-def main(args: list[str] | None = None) -> None:
-    """Run the node: ``ros2 run quad_mpc_ros visualisation_node``."""
-    sys.exit(run(VisualisationNode, args))
-
+main = functools.partial(run, VisualisationNode)
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

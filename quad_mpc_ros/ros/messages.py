@@ -9,7 +9,7 @@ import functools
 import importlib
 from typing import Any
 
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from quad_mpc_ros.messages.topics import Topic
@@ -38,13 +38,14 @@ def decoded(topic: Topic, data: bytes) -> Any:
 
 def qos_of(topic: Topic) -> QoSProfile:
     """Return the profile that publishers and subscribers of a topic use."""
+    return qos_profile(depth=topic.depth, reliable=topic.reliable, latched=topic.latched)
+
+
+def qos_profile(*, depth: int, reliable: bool, latched: bool, **policies: Any) -> QoSProfile:
+    """Return a profile that keeps the last ``depth`` messages, with other policies as given."""
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=topic.depth,
-        reliability=(
-            ReliabilityPolicy.RELIABLE if topic.reliable else ReliabilityPolicy.BEST_EFFORT
-        ),
-        durability=(
-            DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
-        ),
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        **policies,
     )

@@ -24,16 +24,6 @@ from quad_mpc_ros.configuration.errors import shown
 
 C = TypeVar("C", bound=Configuration)
 
-_TYPES = {
-    "double": Parameter.Type.DOUBLE,
-    "integer": Parameter.Type.INTEGER,
-    "bool": Parameter.Type.BOOL,
-    "string": Parameter.Type.STRING,
-    "double_array": Parameter.Type.DOUBLE_ARRAY,
-    "integer_array": Parameter.Type.INTEGER_ARRAY,
-    "string_array": Parameter.Type.STRING_ARRAY,
-}
-
 # rclpy's own, which a parameter file may set as well.
 _FOREIGN_NAMES = ("use_sim_time", "start_type_description_service")
 _FOREIGN_PREFIXES = ("qos_overrides.",)
@@ -57,11 +47,10 @@ def declare(node: Node, configuration: type[C], *, managed: bool = False) -> C:
     config = configuration.build(given)
     values = config.flattened()
     for spec in config.specs():
-        value = values[spec.name]
         node.declare_parameter(
             spec.name,
             # An empty array has no type of its own, so the type is given apart.
-            Parameter(spec.name, _TYPES[spec.kind], _listed(value)).value,
+            Parameter(spec.name, _type_of(spec), _plain(values[spec.name])).value,
             _descriptor(spec, managed=managed),
             ignore_override=True,
         )
@@ -111,7 +100,7 @@ class ManagedParameters(Generic[C]):
         return [self._real(p) if p.name in self._specs else p for p in parameters]
 
     def _real(self, given: Parameter) -> Parameter:
-        declared = _TYPES[self._specs[given.name].kind]
+        declared = _type_of(self._specs[given.name])
         if declared is Parameter.Type.DOUBLE and given.type_ is Parameter.Type.INTEGER:
             return Parameter(given.name, declared, float(given.value))
         whole = given.type_ is Parameter.Type.INTEGER_ARRAY
@@ -120,7 +109,7 @@ class ManagedParameters(Generic[C]):
         return given
 
     def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
-        changes = self._ours(parameters)
+        changes = {p.name: _plain(p.value) for p in parameters if p.name in self._specs}
         try:
             if self._settled is not None:
                 self._accepted = self._changed(self._settled, changes)
@@ -155,16 +144,14 @@ class ManagedParameters(Generic[C]):
                 )
         return settled.updated(changes) if changes else settled
 
-    def _ours(self, parameters: list[Parameter]) -> dict[str, object]:
-        return {p.name: _plain(p.value) for p in parameters if p.name in self._specs}
-
 
 def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
     unit = f" [{spec.unit}]" if spec.unit else ""
+    when = "at any time" if spec.live else "while the node is unconfigured"
     descriptor = ParameterDescriptor(
         name=spec.name,
         description=f"{spec.doc}{unit}",
-        additional_constraints=_constraints(spec) if managed else spec.allowed(),
+        additional_constraints=spec.allowed() + (f"; may be set {when}" if managed else ""),
         read_only=not (managed or spec.live),
     )
     if spec.minimum is not None and spec.maximum is not None:
@@ -179,15 +166,10 @@ def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
     return descriptor
 
 
-def _constraints(spec: ParameterSpec) -> str:
-    when = "at any time" if spec.live else "while the node is unconfigured"
-    return f"{spec.allowed()}; may be set {when}"
+def _type_of(spec: ParameterSpec) -> Parameter.Type:
+    return Parameter.Type[spec.kind.upper()]
 
 
 def _plain(value: Any) -> Any:
-    """Return rclpy's value as plain Python: arrays arrive as ``array.array``."""
+    """Return a value with arrays as lists: from rclpy they come as ``array.array``."""
     return list(value) if isinstance(value, array.array | tuple | list) else value
-
-
-def _listed(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value

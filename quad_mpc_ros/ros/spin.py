@@ -44,24 +44,23 @@ def run(
         settle_memory()
         # Never the multi-threaded executor: a single thread owns the controller.
         _spin(node, fastest_executor(message_info=message_info))
-        return int(getattr(node, "exit_code", 0))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except (KeyboardInterrupt, ExternalShutdownException):
-        return int(getattr(node, "exit_code", 0))
+        pass
     except Exception as error:
         if node is None and _EMPTY_LIST in str(error):
             print(f"error: {_NO_EMPTY_LIST}", file=sys.stderr)
             return EXIT_BAD_INPUT
         if rclpy.ok():
             raise
-        # Told to end while still starting: rclpy then fails at whatever comes next.
-        return int(getattr(node, "exit_code", 0))
+        # else told to end while still starting: rclpy then fails at whatever comes next
     finally:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+    return int(getattr(node, "exit_code", 0))
 
 
 def stop() -> None:

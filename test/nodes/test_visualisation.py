@@ -58,13 +58,13 @@ class Flight:
         odometry.pose.pose.position.x = position.get("x", 0.02 * self._ticks)
         odometry.pose.pose.orientation.w = 1.0
         command.twist.linear.z = 0.3
-        conversions.fill_plan(
+        conversions.fill_path(
             plan,
             stamp_ns=stamp_ns,
-            frame_id="odom",
             step_ns=50_000_000,
+            frame_id="odom",
             p_WB=np.outer(np.arange(11.0), [0.05, 0.0, 0.0]),
-            R_WB=np.tile(np.eye(3), (11, 1, 1)),
+            q_WB_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (11, 1)),
             new=new_message,
         )
         self._command.publish(command)
