@@ -94,19 +94,19 @@ class Bridge(ABC):
     """How to install them when they are missing."""
     Config: ClassVar[type[BridgeConfig]]
 
-    @classmethod
-    def main(cls, args: list[str] | None = None) -> int:
-        """Run the node around this bridge and return its exit code: what the executable calls."""
-        from quad_mpc_ros.bridges.node import run_bridge  # a bridge itself needs no ROS
-
-        return run_bridge(cls, args)
-
     subscriptions: Sequence[Subscription]
     """What the bridge listens to."""
     publications: Sequence[Topic]
     """What the bridge may publish."""
     services: Sequence[tuple[str, str]] = ()
     """The services that the bridge may call: name and type."""
+
+    @classmethod
+    def main(cls, args: list[str] | None = None) -> int:
+        """Run the node around this bridge and return its exit code: what the executable calls."""
+        from quad_mpc_ros.bridges.node import run_bridge  # a bridge itself needs no ROS
+
+        return run_bridge(cls, args)
 
     def __init__(self, config: Any, new: NewMessage, *, namespace: str = "") -> None:
         """A bridge of one's own also sets ``subscriptions`` and ``publications``.
@@ -174,12 +174,9 @@ class Bridge(ABC):
         warnings, self._warnings = self._warnings, []
         return warnings
 
-    def _topic(
-        self, path: str, type_name: str, *, reliable: bool = False, depth: int = 1
-    ) -> Topic:
-        """Return a topic in the stack's namespace."""
-        name = f"{self._namespace}/{path}"
-        return Topic(name=name, type_name=type_name, reliable=reliable, depth=depth)
+    def _topic(self, path: str, type_name: str, **quality: Any) -> Topic:
+        """Return a topic in the stack's namespace; ``quality`` is what else a topic takes."""
+        return Topic(name=f"{self._namespace}/{path}", type_name=type_name, **quality)
 
     def _service(self, path: str, type_name: str) -> tuple[str, str]:
         """Return name and type of a service in the stack's namespace."""
@@ -196,7 +193,7 @@ class Bridge(ABC):
     def _converted(
         self, source: str, convert: Callable[[], OdometrySample | None]
     ) -> OdometrySample | None:
-        """Return an odometry, or None when the conversion raises ``ValueError``."""
+        """Return an odometry, or note why there is none: the conversion raises ``ValueError``."""
         try:
             return convert()
         except ValueError as error:
@@ -206,10 +203,9 @@ class Bridge(ABC):
     def _passed_on(
         self, odometry: OdometrySample | None, *, now_ns: int, cause: str | None = None
     ) -> OdometrySample | None:
-        """Return an odometry with the stamp and the frames that the MPC wants.
+        """Return an odometry, if there is one, with the stamp and the frames that the MPC wants.
 
-        Returns None if there is none, and, noting why, if it is not valid or not newer than the
-        last.
+        Returns None, and notes why, if it is not valid or not newer than the last.
         """
         if odometry is None:
             return None

@@ -173,7 +173,7 @@ class Px4Bridge(Bridge):
     Config = Px4Config
 
     def __init__(self, config: Px4Config, new: NewMessage) -> None:
-        super().__init__(config, new)
+        super().__init__(config, new, namespace=config.fmu)
         self._target = config.target_system
         self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
         self._stream = SetpointStream()
@@ -279,9 +279,5 @@ class Px4Bridge(Bridge):
         if version == _FROM_MESSAGE:
             version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
         suffix = f"_v{version}" if version > 0 else ""
-        return Topic(
-            name=f"{self._config.fmu}/{path}{suffix}",
-            type_name=type_name,
-            # PX4 listens without history, but some agents ask for it.
-            latched=path.startswith("in/"),
-        )
+        # PX4 listens without history, but some agents ask for it.
+        return self._topic(f"{path}{suffix}", type_name, latched=path.startswith("in/"))

@@ -129,7 +129,7 @@ class Recorder:
         try:
             if len(type_names) > 1:
                 raise BagError("its publishers do not agree on the type")
-            message_type = message_class(type_names[0])
+            message_class(type_names[0])  # raises when it is not installed
             self._announce(topic, type_names[0], profiles)
         except (ImportError, AttributeError, ValueError, BagError) as error:
             self._refused.add(topic)
@@ -141,7 +141,6 @@ class Recorder:
             self._node,
             topic=topic,
             type_name=type_names[0],
-            message_type=message_type,
             publishers=profiles,
             receive=partial(self._on_message, topic),
         )

@@ -6,6 +6,7 @@ import functools
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from std_srvs.srv import Trigger
@@ -13,7 +14,6 @@ from std_srvs.srv import Trigger
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import GOAL_POSE, ODOMETRY, REFERENCE, REFERENCE_PATH, TRAJECTORY
-from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import decoded, new_message
@@ -23,6 +23,7 @@ from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory, joined_trajectory
 from quad_mpc_ros.trajectories.director import Reply
 from quad_mpc_ros.trajectories.live import LiveReference
+from quad_mpc_ros.trajectories.point_table import PointTable
 from quad_mpc_ros.trajectories.timeline import FlightTime
 from quad_mpc_ros.trajectories.trajectory import TrajectorySamples
 
@@ -84,11 +85,11 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def _prepared(self) -> LiveReference:
         joined = functools.cache(
-            functools.partial(joined_trajectory, self._config, read_bag=flown_points)
+            functools.partial(joined_trajectory, self._config, read_bag=_flown_points)
         )
         if self._config.mode == "on_request":
             return LiveReference(self._config, joined(), joined=joined)
-        trajectory = configured_trajectory(self._config, read_bag=flown_points)
+        trajectory = configured_trajectory(self._config, read_bag=_flown_points)
         return LiveReference(
             self._config, trajectory, joined=(lambda: trajectory) if trajectory.smooth else joined
         )
@@ -205,6 +206,12 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
                 ("request", self._request),
             ],
         )
+
+
+def _flown_points(bag: Path) -> PointTable:
+    from quad_mpc_ros.recordings.recording import flown_points  # slow, and for bags only
+
+    return flown_points(bag)
 
 
 main = functools.partial(run, ReferenceNode)

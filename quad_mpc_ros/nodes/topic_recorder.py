@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -11,6 +10,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from quad_mpc_ros.nodes.bag_qos import adapted
+from quad_mpc_ros.ros.messages import message_class
 
 _HANDOVER_S = 1.0  # in which a new subscription and the publishers find each other
 
@@ -31,14 +31,12 @@ class TopicRecorder:
         *,
         topic: str,
         type_name: str,
-        message_type: type[Any],
         publishers: Sequence[QoSProfile],
         receive: Receiver,
     ) -> None:
         self._node = node
         self._topic = topic
         self._type_name = type_name
-        self._message_type = message_type
         self._receive = receive
         self._leaving: Subscription | None = None
         self._leaves_at_s = 0.0
@@ -96,7 +94,7 @@ class TopicRecorder:
 
     def _subscribe(self) -> Subscription:
         return self._node.create_subscription(
-            self._message_type,
+            message_class(self._type_name),
             self._topic,
             self._on_message,
             self._profile,

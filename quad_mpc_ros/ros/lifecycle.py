@@ -145,20 +145,15 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._made.callback(self.destroy_service, service)
 
     def managed_subscription(
-        self,
-        topic: Topic,
-        callback: Callable[[Any], None],
-        *,
-        raw: bool = False,
-        expected: bool = True,
+        self, topic: Topic, callback: Callable[[Any], None], **options: bool
     ) -> None:
-        """Create a subscription until the cleanup; ``expected`` says that somebody publishes."""
+        """Create a subscription until the cleanup, as :meth:`HealthReporter.subscription` does."""
 
         def guarded(message: Any) -> None:
             if self._configured:  # the executor may hold one that came before the cleanup
                 callback(message)
 
-        self.health.subscription(topic, guarded, raw=raw, expected=expected)
+        self.health.subscription(topic, guarded, **options)
 
     def on_configure(self, _: Any) -> TransitionCallbackReturn:
         """Validate the parameters as a whole and make what the node needs."""
