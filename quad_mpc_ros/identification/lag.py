@@ -33,24 +33,20 @@ class LaggedCommands:
 
     def at(self, time: Array) -> Array:
         """Return the response (n, k) at times (n,)."""
-        command, excess = self._parts(time)
+        command, excess = self._parts(time, self._index(time))
         return np.asarray(command + excess)
 
     def means(self, time: Array, duration: Array) -> tuple[Array, Array]:
         """Return the means (n, k) of y and of y^2 over stretches that no command divides."""
         # By a time inside the stretch, so that rounding at its edge picks no other command.
-        index = self._index(time + 0.5 * duration)
-        command = self._command[index]
-        since = np.maximum(time - self._time[index], 0.0)
-        excess = (self._start[index] - command) * np.exp(-since / self._tau)[:, None]
+        command, excess = self._parts(time, self._index(time + 0.5 * duration))
         share = self._mean_decay(duration)[:, None]
         share_squared = self._mean_decay(2.0 * duration)[:, None]
         mean = command + excess * share
         mean_square = command**2 + 2.0 * command * excess * share + excess**2 * share_squared
         return mean, mean_square
 
-    def _parts(self, time: Array) -> tuple[Array, Array]:
-        index = self._index(time)
+    def _parts(self, time: Array, index: np.ndarray) -> tuple[Array, Array]:
         command = self._command[index]
         since = np.maximum(time - self._time[index], 0.0)
         return command, (self._start[index] - command) * np.exp(-since / self._tau)[:, None]

@@ -26,6 +26,8 @@ _STALE_COMMAND = 0.5  # s
 _FASTEST = 1e3  # rad/s; nothing turns at more, and no throttle is larger
 _FEWEST = 50
 _BLOCK = 5.0  # s of a long flight that are kept together
+_PER_ODOMETRY = ("time", "p_WB", "v_WB_W", "R_WB", "w_WB_B")
+_PER_COMMAND = ("command_time", "throttle", "w_command")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,15 +80,9 @@ class Measurements:
         commanded = np.isin(command_block, kept) | np.isin(command_block + 1, kept)
         return dataclasses.replace(
             self,
-            time=self.time[chosen],
-            p_WB=self.p_WB[chosen],
-            v_WB_W=self.v_WB_W[chosen],
-            R_WB=self.R_WB[chosen],
-            w_WB_B=self.w_WB_B[chosen],
             usable=usable[chosen],
-            command_time=self.command_time[commanded],
-            throttle=self.throttle[commanded],
-            w_command=self.w_command[commanded],
+            **{name: getattr(self, name)[chosen] for name in _PER_ODOMETRY},
+            **{name: getattr(self, name)[commanded] for name in _PER_COMMAND},
         )
 
 

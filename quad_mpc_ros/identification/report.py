@@ -52,15 +52,7 @@ def identification_table(found: Identification, given: MpcConfig, *, command_age
         f"flown under commands {found.flown:.1f} s; left over: body rates "
         f"{found.rate_residual:.3g} rad/s, velocity {found.velocity_residual:.3g} m/s RMS",
     ]
-    notes = [
-        *_part_note(found),
-        *_scale_note(found, given),
-        f"wind and the like push by {_signed(found.wind_acceleration_W[0])} m/s^2 east and "
-        f"{_signed(found.wind_acceleration_W[1])} m/s^2 north",
-        *_age_note(found, command_age),
-        *(f"warning: {text}" for text in warnings(found)),
-    ]
-    for note in notes:
+    for note in _notes(found, given, command_age):
         rows += textwrap.wrap(note, _WIDTH, subsequent_indent="  ")
     return "\n".join(rows)
 
@@ -123,30 +115,20 @@ def _row(name: str, unit: str, given: float, estimate: Estimate) -> tuple[str, .
     return label, before, f"{factor * estimate.value:.{digits}f}", f"{width:.{digits}f}"
 
 
-def _part_note(found: Identification) -> list[str]:
-    if found.fitted == found.flown:
-        return []
-    return [f"fitted to {found.fitted:.1f} s of that, spread evenly over the flight"]
-
-
-def _scale_note(found: Identification, given: MpcConfig) -> list[str]:
-    if not found.thrust_scale.observable:
-        return []
-    scale = found.thrust_scale.value
-    return [
-        f"thrust per mass {scale:.3f}: the given curve lifting {given.mass / scale:.3f} kg, or "
-        f"{scale:.3f} of the given curve lifting the given {given.mass:.3f} kg"
-    ]
-
-
-def _age_note(found: Identification, command_age: float) -> list[str]:
-    if math.isnan(command_age) or not found.input_delay.observable:
-        return []
-    return [
-        f"input_delay counts from the stamp of the odometry to the effect of the command; "
-        f"{1e3 * command_age:.1f} ms of it (median) pass until the command is published"
-    ]
-
-
-def _signed(value: float) -> str:
-    return f"{value + 0.0:.2f}"
+def _notes(found: Identification, given: MpcConfig, command_age: float) -> Iterator[str]:
+    if found.fitted != found.flown:
+        yield f"fitted to {found.fitted:.1f} s of that, spread evenly over the flight"
+    if found.thrust_scale.observable:
+        scale = found.thrust_scale.value
+        yield (
+            f"thrust per mass {scale:.3f}: the given curve lifting {given.mass / scale:.3f} kg, "
+            f"or {scale:.3f} of the given curve lifting the given {given.mass:.3f} kg"
+        )
+    east, north = (f"{push + 0.0:.2f}" for push in found.wind_acceleration_W)
+    yield f"wind and the like push by {east} m/s^2 east and {north} m/s^2 north"
+    if not math.isnan(command_age) and found.input_delay.observable:
+        yield (
+            "input_delay counts from the stamp of the odometry to the effect of the command; "
+            f"{1e3 * command_age:.1f} ms of it (median) pass until the command is published"
+        )
+    yield from (f"warning: {text}" for text in warnings(found))

@@ -71,7 +71,7 @@ class RosbagsMessages:
         """
         self._check_known(type_name)
         try:
-            packed = self._fields.packed(type_name, message)
+            packed = self._fields.converted(type_name, message, _packing)
             return bytes(self._store.serialize_cdr(packed, type_name, little_endian=True))
         except _MISFITS as error:
             raise BagError(f"cannot encode a {type_name}: {error}") from error
@@ -88,7 +88,7 @@ class RosbagsMessages:
             message = self._store.deserialize_cdr(memoryview(bytearray(data)), type_name)
         except _MISFITS as error:
             raise BagError(f"cannot decode a {type_name}: {error}") from error
-        return self._fields.unpacked(type_name, message)
+        return self._fields.converted(type_name, message, _unpacking)
 
     def register(self, schema: MessageSchema) -> None:
         """Make the type of ``schema``, and those it uses, known.
@@ -172,17 +172,13 @@ class _MessageFields:
         """Return a message as rclpy would construct it."""
         return self._maker(type_name)()
 
-    def packed(self, type_name: str, message: Any) -> Any:
-        """Return ``message`` with every value as rosbags' encoder wants it.
+    def converted(self, type_name: str, message: Any, rule: _LeafRule) -> Any:
+        """Return ``message`` with every value converted by a rule, a copy where any changes.
 
-        Copies what has to change; ``message`` itself is left alone.
+        ``_packing`` makes it as rosbags' encoder wants it, ``_unpacking`` what rosbags' decoder
+        gave as in rclpy.
         """
-        convert = self._converter(type_name, _packing)
-        return message if convert is None else convert(message)
-
-    def unpacked(self, type_name: str, message: Any) -> Any:
-        """Return ``message``, fresh from rosbags' decoder, with every value as in rclpy."""
-        convert = self._converter(type_name, _unpacking)
+        convert = self._converter(type_name, rule)
         return message if convert is None else convert(message)
 
     def _maker(self, type_name: str) -> _Maker:

@@ -33,8 +33,7 @@ class _Piece:
 
     start: int
     size: int
-    first_ns: int
-    last_ns: int
+    span: TimeSpan
     channels: Collection[int]
     """Of its messages; empty when nobody knows."""
 
@@ -111,7 +110,7 @@ class McapFile:
         pieces = [
             piece
             for piece in contents.pieces
-            if piece.last_ns >= from_ns
+            if piece.span.end_ns >= from_ns
             and (not piece.channels or any(wanted.get(number) for number in piece.channels))
         ]
         with _opened(self.path) as stream:
@@ -222,8 +221,7 @@ def _indexed_contents(stream: BinaryIO) -> McapContents | None:
             _Piece(
                 start=chunk.chunk_start_offset,
                 size=chunk.chunk_length,
-                first_ns=chunk.message_start_time,
-                last_ns=chunk.message_end_time,
+                span=TimeSpan(start_ns=chunk.message_start_time, end_ns=chunk.message_end_time),
                 channels=chunk.message_index_offsets.keys(),
             )
             for chunk in summary.chunk_indexes
@@ -249,15 +247,7 @@ def _scanned_contents(stream: BinaryIO) -> McapContents:
                 span = extended(span, record.log_time)
         if span is not None:
             contents.span = united((contents.span, span))
-            contents.pieces.append(
-                _Piece(
-                    start=start,
-                    size=size,
-                    first_ns=span.start_ns,
-                    last_ns=span.end_ns,
-                    channels=channels,
-                )
-            )
+            contents.pieces.append(_Piece(start=start, size=size, span=span, channels=channels))
     return contents
 
 
@@ -296,8 +286,8 @@ def _in_order(
     of the ones that it overlaps in time.
     """
     ahead: list[tuple[int, int, int, Message]] = []
-    for piece in sorted(pieces, key=lambda piece: (piece.first_ns, piece.start)):
-        while ahead and ahead[0][0] < piece.first_ns:
+    for piece in sorted(pieces, key=lambda piece: (piece.span.start_ns, piece.start)):
+        while ahead and ahead[0][0] < piece.span.start_ns:
             yield heapq.heappop(ahead)[-1]
         for number, record in enumerate(_records(stream, piece.start, piece.size)):
             if isinstance(record, Message) and wanted[record.channel_id]:
@@ -309,12 +299,15 @@ def _in_order(
 def _records(stream: BinaryIO, start: int, size: int) -> Iterator[McapRecord]:
     """Yield the records in a part of a file, those in a chunk one by one."""
     stream.seek(start)
-    part = stream.read(min(size, _size_of(stream) - start))
+    return records_in(stream.read(min(size, _size_of(stream) - start)))
+
+
+def records_in(content: bytes) -> Iterator[McapRecord]:
+    """Yield the records in a content that ends after a whole one, those in a chunk one by one."""
     reader = StreamReader(
-        io.BytesIO(part), skip_magic=True, validate_crcs=True, record_size_limit=len(part)
+        io.BytesIO(content), skip_magic=True, validate_crcs=True, record_size_limit=len(content)
     )
-    # Cut after a whole record, the input cannot end anywhere else.
-    with suppress(EndOfFile):
+    with suppress(EndOfFile):  # where the next record would begin
         yield from reader.records
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
@@ -47,7 +48,7 @@ class QosProfile:
                     f"QoS {name}: given {getattr(self, name)!r}, expected one of "
                     + ", ".join(words)
                 )
-        for name in _COUNTS:
+        for name in ("depth", *_DURATIONS):
             if not 0 <= getattr(self, name) <= INFINITE_NS:
                 raise BagError(
                     f"QoS {name}: given {getattr(self, name)}, expected 0 to {INFINITE_NS}"
@@ -56,15 +57,8 @@ class QosProfile:
     def as_mapping(self) -> dict[str, object]:
         """Return the profile as metadata version 9 spells it, keys in rosbag2's order."""
         return {
-            "history": self.history,
-            "depth": self.depth,
-            "reliability": self.reliability,
-            "durability": self.durability,
-            "deadline": _rmw_time(self.deadline),
-            "lifespan": _rmw_time(self.lifespan),
-            "liveliness": self.liveliness,
-            "liveliness_lease_duration": _rmw_time(self.liveliness_lease_duration),
-            "avoid_ros_namespace_conventions": self.avoid_ros_namespace_conventions,
+            name: _rmw_time(value) if name in _DURATIONS else value
+            for name, value in dataclasses.asdict(self).items()
         }
 
 
@@ -94,27 +88,17 @@ def _parsed(entry: Mapping[str, Any]) -> QosProfile:
     return QosProfile(**fields)
 
 
-# The enumerations of rmw/types.h.
-_NUMBERS: dict[str, dict[int, str]] = {
-    "history": dict(enumerate(get_args(History))),
-    "reliability": dict(enumerate(get_args(Reliability))),
-    "durability": dict(enumerate(get_args(Durability))),
-    "liveliness": {
-        0: "system_default",
-        1: "automatic",
-        3: "manual_by_topic",
-        4: "unknown",
-        5: "best_available",
-    },
-}
-
 _WORDS: dict[str, tuple[str, ...]] = {
     "history": get_args(History),
     "reliability": get_args(Reliability),
     "durability": get_args(Durability),
     "liveliness": get_args(Liveliness),
 }
-_COUNTS = ("depth", "deadline", "lifespan", "liveliness_lease_duration")
+# The enumerations of rmw/types.h; the liveliness 2, by node, is gone.
+_NUMBERS = {name: dict(enumerate(words)) for name, words in _WORDS.items()}
+_NUMBERS["liveliness"] = dict(zip((0, 1, 3, 4, 5), get_args(Liveliness), strict=True))
+
+_DURATIONS = ("deadline", "lifespan", "liveliness_lease_duration")
 
 
 def _rmw_time(duration_ns: int) -> dict[str, int]:

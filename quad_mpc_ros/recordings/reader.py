@@ -84,21 +84,7 @@ class BagReader:
     @cached_property
     def topics(self) -> Mapping[str, TopicInfo]:
         """Return every topic of the bag by name, those without messages included."""
-        found: dict[str, TopicInfo] = {}
-        for file in self._files:
-            contents = file.contents
-            for channel_id, channel in contents.channels.items():
-                schema = contents.schemas.get(channel.schema_id)
-                count = contents.message_counts[channel_id]
-                known = found.get(channel.topic)
-                found[channel.topic] = TopicInfo(
-                    type_name=schema.name if schema else "",
-                    encoding=channel.message_encoding,
-                    message_count=count + (known.message_count if known else 0),
-                    qos_profiles=channel.metadata.get("offered_qos_profiles", ""),
-                    type_hash=channel.metadata.get("topic_type_hash", ""),
-                )
-        return found
+        return topics_in(self._files)
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
@@ -147,6 +133,24 @@ class BagReader:
                 data=self._unpack(item),
                 _decoder=self._decoder,
             )
+
+
+def topics_in(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
+    """Return every topic of some files by name, those without messages included."""
+    found: dict[str, TopicInfo] = {}
+    for contents in (file.contents for file in files):
+        for channel_id, channel in contents.channels.items():
+            schema = contents.schemas.get(channel.schema_id)
+            count = contents.message_counts[channel_id]
+            known = found.get(channel.topic)
+            found[channel.topic] = TopicInfo(
+                type_name=schema.name if schema else "",
+                encoding=channel.message_encoding,
+                message_count=count + (known.message_count if known else 0),
+                qos_profiles=channel.metadata.get("offered_qos_profiles", ""),
+                type_hash=channel.metadata.get("topic_type_hash", ""),
+            )
+    return found
 
 
 def recorded_information(records: Iterable[Metadata]) -> Mapping[str, Any]:

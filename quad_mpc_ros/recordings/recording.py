@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from quad_mpc_ros.messages.topics import (
     STATS,
     Topic,
 )
+from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import with_body_twist
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.bag_metadata import bag_of
@@ -99,7 +100,7 @@ class Recording:
         odometry, commands, stats = OdometryLog(), CommandLog(), StatsLog()
         plan_stamps: list[int] = []
         takers: dict[Topic, Taker] = {
-            ODOMETRY: _usable_odometry(odometry, twist_frame=mpc.odometry.twist_frame),
+            ODOMETRY: _into(odometry, partial(_usable, twist_frame=mpc.odometry.twist_frame)),
             COMMAND: _into(commands, conversions.command_from_message),
             STATS: self._figures(stats),
         }
@@ -117,7 +118,11 @@ class Recording:
         # In a second pass, now that it is known for which stamps they count.
         sampler = ReferenceSampler(stamp_ns, mpc.vehicle())
         plans = ChosenPlans(plan_stamps, end_ns=end_ns, most=most_plans)
-        again: dict[Topic, Taker] = {REFERENCE: _windows(sampler.take)}
+        again: dict[Topic, Taker] = {
+            REFERENCE: _values(
+                conversions.reference_from_message, lambda _, window: sampler.take(window)
+            )
+        }
         if most_plans:
             again[PREDICTED_PATH] = plans.take
         self._stream(again)
@@ -150,7 +155,13 @@ class Recording:
         takers: dict[Topic, Taker] = {
             REFERENCE: _into(windows, conversions.reference_from_message),
             COMMAND: _into(commands, conversions.command_from_message),
-            ENGAGED: lambda m: engagements.append(_received(m, bool(m.message.data))),
+            ENGAGED: lambda m: engagements.append(
+                Received(
+                    value=bool(m.message.data),
+                    log_time_ns=m.log_time_ns,
+                    publish_time_ns=m.publish_time_ns,
+                )
+            ),
             STATS: self._figures(stats),
         }
         takers = {topic: takers[topic] for topic in topics}
@@ -262,49 +273,31 @@ def flown_points(bag: Path) -> PointTable:
     return PointTable(source=str(bag), seconds=flight.time, p_WB=flight.p_WB)
 
 
-def _usable_odometry(log: OdometryLog, *, twist_frame: str) -> Taker:
-    """Return what adds odometry that is fit for use, with its twist in body axes."""
-
-    def take(message: RecordedMessage) -> None:
-        odometry = conversions.odometry_from_message(message.message)
-        if odometry_fault(odometry, frame_id=odometry.frame_id) is None:
-            turned = with_body_twist(odometry) if twist_frame == "world" else odometry
-            _add(log, message, turned)
-
-    return take
+def _usable(message: Any, *, twist_frame: str) -> OdometrySample:
+    """Return an odometry with its twist in body axes; ``ValueError`` for one not fit for use."""
+    odometry = conversions.odometry_from_message(message)
+    if fault := odometry_fault(odometry, frame_id=odometry.frame_id):
+        raise ValueError(fault)
+    return with_body_twist(odometry) if twist_frame == "world" else odometry
 
 
-def _windows(use: Callable[[Any], None]) -> Taker:
-    def take(message: RecordedMessage) -> None:
-        try:
-            window = conversions.reference_from_message(message.message)
-        except ValueError:
-            return
-        use(window)
-
-    return take
-
-
-def _into(log: Log[T], convert: Callable[[Any], T]) -> Taker:
-    """Return what adds the values of messages; what has no value (``ValueError``) is left out."""
+def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], None]) -> Taker:
+    """Return what uses the values of messages; what has no value (``ValueError``) is left out."""
 
     def take(message: RecordedMessage) -> None:
         try:
             value = convert(message.message)
         except ValueError:
             return
-        _add(log, message, value)
+        use(message, value)
 
     return take
 
 
-def _add(log: Log[T], message: RecordedMessage, value: T) -> None:
-    log.add(value, log_time_ns=message.log_time_ns, publish_time_ns=message.publish_time_ns)
+def _into(log: Log[T], convert: Callable[[Any], T]) -> Taker:
+    """Return what adds the values of messages."""
 
+    def add(message: RecordedMessage, value: T) -> None:
+        log.add(value, log_time_ns=message.log_time_ns, publish_time_ns=message.publish_time_ns)
 
-def _received(message: RecordedMessage, value: T) -> Received[T]:
-    return Received(
-        value=value,
-        log_time_ns=message.log_time_ns,
-        publish_time_ns=message.publish_time_ns,
-    )
+    return _values(convert, add)

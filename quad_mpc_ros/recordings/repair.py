@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mcap.records import (
-    Attachment,
-    Channel,
-    Header,
-    McapRecord,
-    Message,
-    Metadata,
-    Schema,
-)
+from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, Writer
 
 from quad_mpc_ros.atomic_file import write_atomically
@@ -32,7 +23,12 @@ from quad_mpc_ros.recordings.bag_metadata import (
 from quad_mpc_ros.recordings.mcap_file import McapFile
 from quad_mpc_ros.recordings.mcap_output import LIBRARY, sync_directory
 from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
-from quad_mpc_ros.recordings.reader import BagReader, mcap_files_in, recorded_information
+from quad_mpc_ros.recordings.reader import (
+    BagReader,
+    mcap_files_in,
+    recorded_information,
+    topics_in,
+)
 from quad_mpc_ros.recordings.salvage import Salvage
 
 _BROKEN = ".broken"
@@ -233,7 +229,16 @@ def _write_metadata(directory: Path, paths: Sequence[Path]) -> None:
             )
             for file in files
         ],
-        topics=_topics(files),
+        topics=[
+            TopicSummary(
+                name=name,
+                type_name=topic.type_name,
+                type_hash=topic.type_hash,
+                qos_profiles=_profiles(topic.qos_profiles),
+                message_count=topic.message_count,
+            )
+            for name, topic in topics_in(files).items()
+        ],
         **_message_compression(files),
     )
     path = directory / METADATA_FILE
@@ -241,27 +246,6 @@ def _write_metadata(directory: Path, paths: Sequence[Path]) -> None:
         path.rename(_place_for_original(path))
     write_atomically(path, dump_yaml({METADATA_ROOT: information}))
     sync_directory(directory)
-
-
-def _topics(files: Sequence[McapFile]) -> list[TopicSummary]:
-    counts: Counter[str] = Counter()
-    found: dict[str, tuple[str, Channel]] = {}
-    for file in files:
-        contents = file.contents
-        for channel_id, channel in contents.channels.items():
-            counts[channel.topic] += contents.message_counts[channel_id]
-            schema = contents.schemas.get(channel.schema_id)
-            found.setdefault(channel.topic, (schema.name if schema else "", channel))
-    return [
-        TopicSummary(
-            name=topic,
-            type_name=type_name,
-            type_hash=channel.metadata.get("topic_type_hash", ""),
-            qos_profiles=_profiles(channel),
-            message_count=counts[topic],
-        )
-        for topic, (type_name, channel) in found.items()
-    ]
 
 
 def _message_compression(files: Sequence[McapFile]) -> dict[str, str]:
@@ -274,8 +258,8 @@ def _message_compression(files: Sequence[McapFile]) -> dict[str, str]:
     return {}
 
 
-def _profiles(channel: Channel) -> tuple[QosProfile, ...]:
+def _profiles(text: str) -> tuple[QosProfile, ...]:
     try:
-        return parse_qos_profiles(channel.metadata.get("offered_qos_profiles", ""))
+        return parse_qos_profiles(text)
     except BagError:  # of another writer: the messages matter more
         return ()

@@ -5,15 +5,14 @@ from __future__ import annotations
 import io
 import struct
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import BinaryIO
 
 import zstandard
-from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import McapRecord
-from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
+
+from quad_mpc_ros.recordings.mcap_file import records_in
 
 _HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")  # start and end time, size, checksum, length of a name
@@ -51,7 +50,7 @@ class Salvage:
             body = self._stream.read(length)
             self.read_up_to += _HEAD.size + length
             try:
-                yield from _parsed(head + body)
+                yield from list(records_in(head + body))
             except Exception:  # whatever mcap, zstd and lz4 raise on damaged bytes
                 self.damaged_chunks += 1
 
@@ -67,16 +66,6 @@ class Salvage:
 _ENDINGS = (0, Opcode.DATA_END, Opcode.FOOTER)
 
 
-def _parsed(record: bytes) -> list[McapRecord]:
-    reader = StreamReader(
-        io.BytesIO(record), skip_magic=True, validate_crcs=True, record_size_limit=len(record)
-    )
-    found: list[McapRecord] = []
-    with suppress(EndOfFile):  # where the next record would begin
-        found.extend(reader.records)
-    return found
-
-
 def _records_of_cut_chunk(stream: BinaryIO, size: int) -> Iterator[McapRecord]:
     """Yield what is whole of a chunk of which a file holds the first ``size`` bytes."""
     # Zeros may be data or what was never written: better to lose one record than to make one up.
@@ -87,7 +76,7 @@ def _records_of_cut_chunk(stream: BinaryIO, size: int) -> Iterator[McapRecord]:
             waiting += part
             position = 0
             while (following := _end_of_record(waiting, position)) is not None:
-                yield from _parsed(waiting[position:following])
+                yield from records_in(waiting[position:following])
                 position = following
             waiting = waiting[position:]
     except Exception:  # whatever mcap and zstd raise on damaged bytes
