@@ -36,7 +36,10 @@ def page(result: Mapping[str, Any], *, picture: str) -> str:
         _paragraph(_how(result)),
         as_markdown(peer_rows(result)),
         *map(_paragraph, comparison_lines(result)),
-        *(_paragraph(f"Skipped: {_skipped(*each)}") for each in result["skipped"].items()),
+        *(
+            _paragraph(f"Skipped: {PEERS[peer].title}: {reason}.")
+            for peer, reason in result["skipped"].items()
+        ),
         _paragraph(_LEGEND),
     ]
     if swept(result):
@@ -47,9 +50,9 @@ def page(result: Mapping[str, Any], *, picture: str) -> str:
         ]
     parts += [
         "## What is compared",
-        "\n".join(map(_item, _PEERS_EXPLAINED)),
+        "\n".join(_paragraph(f"- {each}", indent="  ") for each in _PEERS_EXPLAINED),
         "## Machine",
-        _machine(result),
+        markdown_table(("", "measured on"), list(result["machine"].items())),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -200,28 +203,15 @@ def _how(result: Mapping[str, Any]) -> str:
     )
 
 
-def _machine(result: Mapping[str, Any]) -> str:
-    return markdown_table(("", "measured on"), list(result["machine"].items()))
-
-
-def _skipped(peer: str, reason: str) -> str:
-    return f"{PEERS[peer].title}: {reason}."
-
-
 def _numbers(values: list[float]) -> str:
     return ", ".join(f"{value:g}" for value in values)
 
 
-def _paragraph(text: str) -> str:
-    return textwrap.fill(text, _WIDTH, break_long_words=False, break_on_hyphens=False)
-
-
-def _item(text: str) -> str:
+def _paragraph(text: str, *, indent: str = "") -> str:
     return textwrap.fill(
         text,
         _WIDTH,
-        initial_indent="- ",
-        subsequent_indent="  ",
+        subsequent_indent=indent,
         break_long_words=False,
         break_on_hyphens=False,
     )

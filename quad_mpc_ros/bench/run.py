@@ -9,6 +9,7 @@ import os
 import platform
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,8 @@ def _prepared(
             continue
         mpc = dataclasses.replace(config.mpc, horizon_steps=entry.steps)
         try:
-            ready[entry] = prepare(entry.peer, mpc, scratch / f"{entry.peer}_{entry.steps}")
+            folder = scratch / f"{entry.peer}_{entry.steps}"
+            ready[entry] = _PREPARATIONS[entry.peer](mpc, folder)
         except PeerUnavailableError as error:
             skipped[entry.peer] = str(error)
             tell(f"skipped: {PEERS[entry.peer].title}: {error}")
@@ -127,40 +129,15 @@ def _settings(config: BenchConfig) -> dict[str, Any]:
 NewPeer = Callable[[], Peer]
 """Makes a peer for one flight."""
 
-
-def prepare(peer: str, config: MpcConfig, folder: Path) -> NewPeer:
-    """Return how to make a peer by name; ``folder`` is for what has to be compiled once.
-
-    Raises :class:`~quad_mpc_ros.bench.peers.PeerUnavailableError` when it cannot fly here.
-    """
-    return _PREPARATIONS[peer](config, folder)
-
-
-def _controller(config: MpcConfig, _: Path) -> NewPeer:
-    return lambda: ControllerPeer(config)
-
-
-def _paper(config: MpcConfig, _: Path) -> NewPeer:
-    return lambda: ControllerPeer(dataclasses.replace(config, formulation="paper"))
-
-
-def _acados(config: MpcConfig, folder: Path) -> NewPeer:
-    solver = build_solver(config, folder)
-    return lambda: AcadosPeer(config, solver)
-
-
-def _cvxpy(config: MpcConfig, _: Path) -> NewPeer:
-    cvxpy = cvxpy_module()
-    return lambda: CvxpyPeer(config, cvxpy)
-
-
+# How to make each peer; the folder is for what has to be compiled once.
 _PREPARATIONS: dict[str, Callable[[MpcConfig, Path], NewPeer]] = {
-    "controller": _controller,
-    "paper": _paper,
-    "acados": _acados,
-    "cvxpy": _cvxpy,
+    "controller": lambda config, _: partial(ControllerPeer, config),
+    "paper": lambda config, _: partial(
+        ControllerPeer, dataclasses.replace(config, formulation="paper")
+    ),
+    "acados": lambda config, folder: partial(AcadosPeer, config, build_solver(config, folder)),
+    "cvxpy": lambda config, _: partial(CvxpyPeer, config, cvxpy_module()),
 }
-
 
 _DISTRIBUTIONS = ("numpy", "scipy", "osqp", "cvxpy", "comma-deps-acados")
 

@@ -8,7 +8,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from quad_mpc_ros.bench import page as pages
 from quad_mpc_ros.bench.peers import PEERS, SWEPT
@@ -19,8 +19,6 @@ from quad_mpc_ros.configuration import ConfigurationError, UserError
 if TYPE_CHECKING:
     from quad_mpc_ros.bench.run import BenchConfig
     from quad_mpc_ros.mpc_config import MpcConfig
-    from quad_mpc_ros.simulation.config import SimulatorConfig
-    from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 RESULT, PAGE, PICTURE = "performance.json", "performance.md", "performance.png"
 _STEPS = (5, 10, 20, 40)
@@ -115,27 +113,25 @@ def _show(result: dict[str, Any], out: Path) -> None:
 def _configuration(options: argparse.Namespace) -> BenchConfig:
     """Return what the options ask for; raises :class:`UserError` for what cannot be used."""
     from quad_mpc_ros.bench.run import BenchConfig
-    from quad_mpc_ros.commands.run_configuration import SCHEMA
-    from quad_mpc_ros.configuration import files
+    from quad_mpc_ros.evaluation.simulated import load_config
 
     _check_options(options)
     # The peers know the model only, and so does the controller then.
     made = [f"simulator.duration={options.duration}", "mpc.formulation=manifold"]
     made += ["mpc.estimate_disturbance=false"]
     made += [f"{node}.lockstep=true" for node in ("mpc", "simulator", "reference")]
-    sources = options.config or ["default"]
-    loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
-    mpc = cast("MpcConfig", loaded["mpc"])
-    if mpc.formulation != "manifold":
+    assignments = [*made, *options.assignments]
+    config = load_config(*(options.config or ["default"]), assignments=assignments)
+    if config.mpc.formulation != "manifold":
         raise UserError(
-            f"--set: mpc.formulation: given {mpc.formulation!r}, expected manifold, on which the "
-            "peers are compared; --peers paper flies the paper's"
+            f"--set: mpc.formulation: given {config.mpc.formulation!r}, expected manifold, on "
+            "which the peers are compared; --peers paper flies the paper's"
         )
-    _check_steps(mpc, options.steps)
+    _check_steps(config.mpc, options.steps)
     return BenchConfig(
-        mpc=mpc,
-        simulator=cast("SimulatorConfig", loaded["simulator"]),
-        reference=cast("ReferenceConfig", loaded["reference"]),
+        mpc=config.mpc,
+        simulator=config.simulator,
+        reference=config.reference,
         peers=list(dict.fromkeys(options.peers)),
         steps=sorted(set(options.steps)),
         repeats=options.repeats,

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from typing import cast
 
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
-from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.commands.run_options import add_configuration_options, add_out
-from quad_mpc_ros.configuration import files
+from quad_mpc_ros.evaluation.simulated import load_config
 from quad_mpc_ros.figures.reference_figure import write_reference
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.text_tables import text_table
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import judged_trajectory
 from quad_mpc_ros.trajectories.feasibility import Verdict
 
@@ -36,8 +33,8 @@ def run(options: argparse.Namespace) -> int:
     assignments = list(options.assignments)
     if options.reference is not None:
         assignments.insert(0, f"reference.trajectory={options.reference}")
-    loaded = files.load(options.config or ["default"], assignments, schema=SCHEMA)
-    config = cast(ReferenceConfig, loaded["reference"])
+    loaded = load_config(*(options.config or ["default"]), assignments=assignments)
+    config = loaded.reference
     trajectory, verdict = judged_trajectory(config, read_bag=flown_points)
     out = prepared_out(options.out or default_out(config.trajectory), holds=(_FIGURE,))
     figure = out / _FIGURE
@@ -45,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
     with results_in(out):
         write_reference(config.trajectory, trajectory.at(times), verdict, figure)
     print(f"{config.trajectory}\n\n{_verdict_table(verdict)}")
-    for remark in _beyond_the_controller(verdict, cast(MpcConfig, loaded["mpc"])):
+    for remark in _beyond_the_controller(verdict, loaded.mpc):
         print(remark)
     print(f"\nfigure  {figure}")
     return 0 if verdict.feasible else EXIT_FAILED

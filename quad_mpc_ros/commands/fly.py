@@ -78,7 +78,11 @@ def _flight(config: RunConfig, processes: dict[str, NodeProcess], *, lockstep: b
             _let_recorder_go(flying)
             _check_alive(flying)
         progress.close()
-        _check_end(processes["simulator"])
+        simulator = processes["simulator"]
+        if simulator.exit_code != 0:
+            raise FlightError(
+                f"the simulator failed (exit code {simulator.exit_code})\n{simulator.last_words()}"
+            )
         return time.monotonic() - started
 
 
@@ -123,10 +127,3 @@ def _ended(process: NodeProcess) -> str:
     return (
         f"{process.node} ended by itself (exit code {process.exit_code})\n{process.last_words()}"
     )
-
-
-def _check_end(simulator: NodeProcess) -> None:
-    if simulator.exit_code != 0:
-        raise FlightError(
-            f"the simulator failed (exit code {simulator.exit_code})\n{simulator.last_words()}"
-        )

@@ -37,30 +37,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fit, tell (the table on standard error), write; return the exit code."""
-    from quad_mpc_ros.identification import (
-        fit,
-        identification_table,
-        measurements_of,
-        parameter_file,
-        write_fit_figure,
-    )
-    from quad_mpc_ros.messages.topics import COMMAND as COMMAND_TOPIC
-    from quad_mpc_ros.messages.topics import ENGAGED
+    from quad_mpc_ros import identification
+    from quad_mpc_ros.messages import topics
     from quad_mpc_ros.mpc_config import MpcConfig
     from quad_mpc_ros.recordings.recording import Recording
 
     for name, path in (("--out", options.out), ("--plot", options.plot)):
         check_writable(name, path, overwrite=options.overwrite)
     recording = Recording(options.bag)
-    run = recording.run(topic_names(options), topics=(COMMAND_TOPIC, ENGAGED))
+    run = recording.run(topic_names(options), topics=(topics.COMMAND, topics.ENGAGED))
     mpc = cast("MpcConfig", recorded_configuration(options, run)["mpc"])
-    data = measurements_of(run, vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame)
-    found = fit(data)
+    data = identification.measurements_of(
+        run, vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame
+    )
+    found = identification.fit(data)
     # In lockstep a command takes no time of its own.
     lockstep = recording.parameters_of(MpcConfig).get("lockstep", False)
     age = float("nan") if lockstep else data.command_age
-    print(identification_table(found, mpc, command_age=age), file=sys.stderr)
-    text = parameter_file(found, mpc, bag=run.bag, keep=options.keep)
+    print(identification.identification_table(found, mpc, command_age=age), file=sys.stderr)
+    text = identification.parameter_file(found, mpc, bag=run.bag, keep=options.keep)
     if options.out is None:
         print(text, end="")
     else:
@@ -68,7 +63,8 @@ def run(options: argparse.Namespace) -> int:
         print(f"\nparameters  {options.out}", file=sys.stderr)
     if options.plot is not None:
         try:
-            print(f"plot        {write_fit_figure(found, options.plot)}", file=sys.stderr)
+            figure = identification.write_fit_figure(found, options.plot)
+            print(f"plot        {figure}", file=sys.stderr)
         except OSError as error:
             raise UserError(
                 f"--plot: {options.plot} cannot be written: {error.strerror}"

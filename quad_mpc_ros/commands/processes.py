@@ -51,7 +51,9 @@ class NodeProcess:
         parameters = self._log.with_suffix(".yaml")
         values = {
             **getattr(run, node).flattened(),
-            **_overrides(node, use_sim_time=use_sim_time),
+            "use_sim_time": use_sim_time,
+            # The flight begins when all is ready: then the simulator is started, and not before.
+            "autostart": node != "simulator",
             **overrides,
         }
         parameters.write_text(files.dump(node, values), encoding="utf-8")
@@ -141,14 +143,6 @@ def stop_all(processes: dict[str, NodeProcess]) -> None:
     """End the nodes, the recorder last, so that it records the end of the others."""
     for node in sorted(processes, key=lambda name: name == "recorder"):
         processes[node].stop()
-
-
-def _overrides(node: str, *, use_sim_time: bool) -> dict[str, bool]:
-    """Return the parameters that the flight sets, not the user."""
-    overrides = {"use_sim_time": use_sim_time}
-    # The flight begins when all is ready: then the simulator is started, and not before.
-    overrides["autostart"] = node != "simulator"
-    return overrides
 
 
 def _command_line(module: str, parameters: Path, remaps: Mapping[str, str]) -> Sequence[str]:

@@ -122,7 +122,7 @@ def _recorded(
     steps = []
     with RunRecorder(
         bag,
-        topics=(
+        offered=(
             topics.ODOMETRY,
             topics.REFERENCE,
             topics.COMMAND,

@@ -8,17 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.control.tick import Tick
-from quad_mpc_ros.messages import conversions, diagnostics
+from quad_mpc_ros.messages import conversions, diagnostics, topics
 from quad_mpc_ros.messages.codec import RosbagsMessages
-from quad_mpc_ros.messages.topics import (
-    COMMAND,
-    ODOMETRY,
-    PREDICTED_PATH,
-    REFERENCE,
-    REFERENCE_PATH,
-    STATS,
-    Topic,
-)
+from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.recordings.parameters import write_parameters
 from quad_mpc_ros.recordings.qos_profile import QosProfile
@@ -33,21 +25,21 @@ class RunRecorder:
         self,
         bag: Path,
         *,
-        topics: tuple[Topic, ...],
+        offered: tuple[Topic, ...],
         parameters: Mapping[str, Mapping[str, Any]],
         frame_id: str,
         compression: str = "zstd",
     ) -> None:
-        """Begin a bag of ``topics`` and the parameters of nodes; ``frame_id`` is the world's.
+        """Begin a bag of the topics ``offered`` and the parameters of nodes.
 
-        Raises :class:`BagError` when it cannot be begun, or exists.
+        ``frame_id`` is the world's. Raises :class:`BagError` when it cannot be begun, or exists.
         """
         self._frame_id = frame_id
         self._messages = RosbagsMessages()
         self._writer = BagWriter(bag, compression=compression)  # type: ignore[arg-type]
-        for topic in topics:
+        for topic in offered:
             self._writer.add_topic(
-                f"/{topic.name}", topic.type_name, qos_profiles=[_offered(topic)]
+                f"/{topic.name}", topic.type_name, qos_profiles=[_profile(topic)]
             )
         for node, values in parameters.items():
             write_parameters(self._writer, node, values)
@@ -60,27 +52,27 @@ class RunRecorder:
 
     def reference_path(self, whole: TrajectorySamples, *, stamp_ns: int) -> None:
         """Write the whole reference, as the reference node latches it."""
-
-        def fill(message: Any) -> None:
-            conversions.fill_path(
-                message,
+        self._write(
+            topics.REFERENCE_PATH,
+            stamp_ns,
+            lambda m: conversions.fill_path(
+                m,
                 stamp_ns=stamp_ns,
                 frame_id=self._frame_id,
                 p_WB=whole.p_WB,
                 q_WB_xyzw=whole.q_WB_xyzw,
                 new=self._messages.new,
-            )
-
-        self._write(REFERENCE_PATH, stamp_ns, fill)
+            ),
+        )
 
     def odometry(self, odometry: OdometrySample, *, time_ns: int) -> None:
         """Write an odometry."""
-        self._write(ODOMETRY, time_ns, lambda m: conversions.fill_odometry(m, odometry))
+        self._write(topics.ODOMETRY, time_ns, lambda m: conversions.fill_odometry(m, odometry))
 
     def reference(self, window: ReferenceWindow, *, child_frame_id: str, time_ns: int) -> None:
         """Write a window of the reference."""
         self._write(
-            REFERENCE,
+            topics.REFERENCE,
             time_ns,
             lambda m: conversions.fill_reference(
                 m, window, child_frame_id=child_frame_id, new=self._messages.new
@@ -104,11 +96,13 @@ class RunRecorder:
         if command is not None:
             # Answered at once in the time of the loop; what it took is on the wall clock.
             answered_ns = time_ns + round(1e3 * tick.stats.step_time_us)
-            self.command(command, topic=COMMAND, time_ns=time_ns, answered_ns=answered_ns)
-        self._write(STATS, time_ns, lambda m: diagnostics.fill_stats(m, tick.stats, new=new))
+            self.command(command, topic=topics.COMMAND, time_ns=time_ns, answered_ns=answered_ns)
+        self._write(
+            topics.STATS, time_ns, lambda m: diagnostics.fill_stats(m, tick.stats, new=new)
+        )
         if plan is not None:
             self._write(
-                PREDICTED_PATH,
+                topics.PREDICTED_PATH,
                 time_ns,
                 lambda m: conversions.fill_plan(m, plan, frame_id=self._frame_id, new=new),
             )
@@ -135,7 +129,7 @@ class RunRecorder:
         )
 
 
-def _offered(topic: Topic) -> QosProfile:
+def _profile(topic: Topic) -> QosProfile:
     return QosProfile(
         depth=topic.depth,
         reliability="reliable" if topic.reliable else "best_effort",

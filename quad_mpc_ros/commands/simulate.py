@@ -68,7 +68,7 @@ def run(options: argparse.Namespace) -> int:
 def _recorder(config: RunConfig) -> RunRecorder:
     return RunRecorder(
         config.bag,
-        topics=(
+        offered=(
             topics.ODOMETRY,
             topics.REFERENCE,
             topics.COMMAND,

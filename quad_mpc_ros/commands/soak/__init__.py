@@ -89,73 +89,61 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _faults_hold(config: SoakConfig) -> bool:
-    """Inject the faults and tell of each as soon as it is judged."""
+    """Inject the faults and tell of each as soon as it is judged; return whether all hold."""
+    from quad_mpc_ros.commands.soak import results
     from quad_mpc_ros.commands.soak.campaign import Outcome, campaign
-    from quad_mpc_ros.commands.soak.results import outcome_figures, outcome_lines, write_results
     from quad_mpc_ros.commands.soak.rig import Rig, SoakError
 
-    print(f"injecting {len(config.faults)} faults into {config.run.out}", file=sys.stderr)
+    run = config.run
+    print(f"injecting {len(config.faults)} faults into {run.out}", file=sys.stderr)
     outcomes: list[Outcome] = []
     wrong: list[str] = []
-    with Rig(config.run, relays=True) as rig:
+    with Rig(run, relays=True) as rig:
         try:
-            for outcome in campaign(config.faults, rig, config.run.mpc):
+            for outcome in campaign(config.faults, rig, run.mpc):
                 outcomes.append(outcome)
-                print("\n".join(outcome_lines(outcome)), flush=True)
+                print("\n".join(results.outcome_lines(outcome)), flush=True)
         except SoakError as error:
             wrong.append(str(error))
         # Also between the faults.
         wrong += rig.watch.unsound[:1]
-        holding = sum(not outcome.complaints for outcome in outcomes)
-        holds = not wrong and holding == len(config.faults)
-        result = {
-            "holds": holds,
-            "complaints": wrong,
+        found = {
             "commands": len(rig.watch.commands_ns),
             "unsound_commands": len(rig.watch.unsound),
-            "faults": outcome_figures(outcomes),
-            "config": _parameters(config),
+            "faults": results.outcome_figures(outcomes),
         }
-        write_results(config.run.out, result, rig, config=config.run.mpc, outcomes=outcomes)
-    print(f"\n{holding} of {len(config.faults)} faults hold, {result['commands']} commands")
-    for complaint in wrong:
-        print(f"error: {complaint}", file=sys.stderr)
-    return holds
+        results.write_results(run, found, rig, wrong=wrong, outcomes=outcomes)
+    holding = sum(not outcome.complaints for outcome in outcomes)
+    print(f"\n{holding} of {len(config.faults)} faults hold, {found['commands']} commands")
+    return _holds(wrong) and holding == len(config.faults)
 
 
 def _endures(config: SoakConfig) -> bool:
-    """Fly on and on."""
-    from quad_mpc_ros.commands.soak.endurance import endurance_complaints, endure, figures
-    from quad_mpc_ros.commands.soak.results import endurance_table, write_results
+    """Fly on and on; return whether all held."""
+    from quad_mpc_ros.commands.soak import endurance, results
     from quad_mpc_ros.commands.soak.rig import Rig, SoakError
 
-    mpc = config.run.mpc
-    print(f"flying for {config.duration:g} s into {config.run.out}", file=sys.stderr)
+    run = config.run
+    print(f"flying for {config.duration:g} s into {run.out}", file=sys.stderr)
     found: dict[str, Any] = {}
-    with Rig(config.run, relays=False) as rig:
+    with Rig(run, relays=False) as rig:
         try:
-            seen = endure(rig, mpc, duration=config.duration)
-            found = figures(rig, seen, mpc)
-            wrong = endurance_complaints(found, rig.watch.unsound)
+            seen = endurance.endure(rig, run.mpc, duration=config.duration)
+            found = endurance.figures(rig, seen, run.mpc)
+            wrong = endurance.endurance_complaints(found, rig.watch.unsound)
         except SoakError as error:
             wrong = [str(error)]
-        result = {
-            "holds": not wrong,
-            "complaints": wrong,
-            **found,
-            "config": _parameters(config),
-        }
-        write_results(config.run.out, result, rig, config=mpc)
+        results.write_results(run, found, rig, wrong=wrong)
     if found:
-        print(endurance_table(found))
+        print(results.endurance_table(found))
+    return _holds(wrong)
+
+
+def _holds(wrong: list[str]) -> bool:
+    """Tell what is wrong; return whether nothing is."""
     for complaint in wrong:
         print(f"error: {complaint}", file=sys.stderr)
     return not wrong
-
-
-def _parameters(config: SoakConfig) -> dict[str, Any]:
-    run = config.run
-    return {node: getattr(run, node).flattened() for node in ("mpc", "simulator", "reference")}
 
 
 def _configuration(options: argparse.Namespace) -> SoakConfig:

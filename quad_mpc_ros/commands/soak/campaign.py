@@ -76,23 +76,24 @@ def _flown(fault: Fault, rig: Rig, config: MpcConfig) -> Outcome:
     origin_ns, end_ns, wrong = _inject(fault, rig, config)
     ended_ns = time.time_ns()
     home_ns = _come_home(fault, rig, config)
+
+    def since(when_ns: int) -> float:
+        return (when_ns - origin_ns) * 1e-9
+
     record = Record(
         sightings=[
-            Sighting(
-                time=(tick.sent_ns - origin_ns) * 1e-9, source=tick.source, reason=tick.reason
-            )
+            Sighting(time=since(tick.sent_ns), source=tick.source, reason=tick.reason)
             for tick in rig.watch.ticks
             if tick.sent_ns >= origin_ns
         ],
-        commands=[(sent_ns - origin_ns) * 1e-9 for sent_ns in rig.watch.commands_ns],
-        end=(end_ns - origin_ns) * 1e-9,
-        over=(ended_ns - origin_ns) * 1e-9,
-        home=None if home_ns is None else (home_ns - origin_ns) * 1e-9,
+        commands=[since(sent_ns) for sent_ns in rig.watch.commands_ns],
+        end=since(end_ns),
+        over=since(ended_ns),
+        home=None if home_ns is None else since(home_ns),
         unsound=[*wrong, *rig.watch.unsound[unsound:]],
         counted=_count(fault, rig) - counted,
         starved=[
-            ((start - origin_ns) * 1e-9, (until - origin_ns) * 1e-9)
-            for start, until in rig.odometry.starved_since(ended_ns)
+            (since(start), since(until)) for start, until in rig.odometry.starved_since(ended_ns)
         ],
     )
     return Outcome(

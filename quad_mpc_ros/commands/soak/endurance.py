@@ -97,7 +97,8 @@ def endurance_complaints(figures: dict[str, Any], unsound: list[str]) -> list[st
     wrong = list(unsound[:1])
     beyond = {s: n for s, n in figures["sources"].items() if s not in ("mpc", "plan")}
     if beyond:
-        wrong.append("ticks beyond the last plan: " + _listed(beyond))
+        counts = ", ".join(f"{name} {count}" for name, count in beyond.items())
+        wrong.append(f"ticks beyond the last plan: {counts}")
     if not figures["sources"].get("mpc"):
         wrong.append("the MPC never commanded")
     late = figures["late_ticks"] + figures["unanswered_odometries"]
@@ -156,7 +157,3 @@ def _percentiles(values: np.ndarray) -> dict[str, float]:
         return {}
     p50, p99 = np.percentile(values, (50, 99))
     return {"p50": float(p50), "p99": float(p99), "max": float(values.max())}
-
-
-def _listed(counts: dict[str, int]) -> str:
-    return ", ".join(f"{name} {count}" for name, count in counts.items())

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.commands.output import results_in, write_json
+from quad_mpc_ros.commands.run_configuration import RunConfig
 from quad_mpc_ros.commands.soak import PICTURE, RESULT
 from quad_mpc_ros.commands.soak.campaign import Outcome
 from quad_mpc_ros.commands.soak.endurance import PERIODS_TO_CATCH_UP
@@ -26,18 +27,29 @@ GOOD, BAD = "holds", "FAILS"
 
 
 def write_results(
-    out: Path,
-    result: dict[str, Any],
+    run: RunConfig,
+    found: dict[str, Any],
     rig: Rig,
     *,
-    config: MpcConfig,
+    wrong: list[str],
     outcomes: Sequence[Outcome] = (),
 ) -> None:
-    """Write figures and picture of a soak into its folder; raises :class:`UserError`."""
-    with results_in(out):
-        write_json(out / RESULT, result)
+    """Write what was found and a picture of it into the folder of the run.
+
+    Raises :class:`UserError` when that fails.
+    """
+    result = {
+        "holds": not wrong and not any(outcome.complaints for outcome in outcomes),
+        "complaints": wrong,
+        **found,
+        "config": {
+            node: getattr(run, node).flattened() for node in ("mpc", "simulator", "reference")
+        },
+    }
+    with results_in(run.out):
+        write_json(run.out / RESULT, result)
         if rig.watch.ticks:
-            _write_picture(rig, config, outcomes, out / PICTURE)
+            _write_picture(rig, run.mpc, outcomes, run.out / PICTURE)
 
 
 def outcome_lines(outcome: Outcome) -> list[str]:
