@@ -50,6 +50,12 @@ def waypoints(flight: Flight) -> list[Waypoint]:
     ]
 
 
+def waypoint_positions(flight: Flight) -> Array:
+    """Return the positions (n, 3) [m] of the waypoints, each once."""
+    places = dict.fromkeys(tuple(waypoint.p_WB.tolist()) for waypoint in waypoints(flight))
+    return np.reshape(list(places), (-1, 3))
+
+
 def _holds(flight: Flight, steps: Array) -> list[tuple[int, float]]:
     """Return the last odometry and the duration [s] of each hold, from the steps between."""
     lasts = [*np.flatnonzero(steps > _SAME_POSITION).tolist(), len(steps)]

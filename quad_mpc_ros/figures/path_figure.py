@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.evaluation.waypoints import waypoints
+from quad_mpc_ros.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.figures import space, style
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -64,11 +64,11 @@ def _draw_reference(axes: Any, flight: Flight) -> None:
         label="reference",
         zorder=_REFERENCE,
     )
-    places = list(dict.fromkeys(tuple(waypoint.p_WB.tolist()) for waypoint in waypoints(flight)))
-    if not places:
+    places = waypoint_positions(flight)
+    if not len(places):
         return
     axes.scatter(
-        *np.transpose(places),
+        *places.T,
         s=80,
         facecolors="none",
         edgecolors=style.BOUND,
@@ -95,14 +95,9 @@ def _draw_reference(axes: Any, flight: Flight) -> None:
 def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> None:
     x, y, _ = flight.p_WB.T
     axes.plot(x, y, ground, color=style.FAINT, linewidth=1.0, zorder=_GROUND)
+    start = flight.p_WB[0]
     axes.scatter(
-        *flight.p_WB[0],
-        marker="s",
-        s=36,
-        color=style.INK,
-        depthshade=False,
-        label="start",
-        zorder=_MARKS,
+        *start, marker="s", s=36, color=style.INK, depthshade=False, label="start", zorder=_MARKS
     )
     thinned = slice(None, None, -(-len(x) // _MOST_PIECES))
     speed = np.linalg.norm(flight.v_WB_B[thinned], axis=1)

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from quad_mpc_ros.evaluation.waypoints import waypoints
+from quad_mpc_ros.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.figures import space, style
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.recordings.flight import Flight
@@ -73,65 +74,46 @@ def _traces(run: ReportedRun, *, fastest: float, first: bool) -> list[Any]:
     thinned = slice(None, None, -(-len(flight.p_WB) // MOST_POINTS))
     time = flight.time[thinned]
     if flight.reference is not None:
-        reference = flight.reference.p_WB[thinned]
-        colour = style.REFERENCE
+        reference, places = flight.reference.p_WB[thinned], waypoint_positions(flight)
         traces += [
-            _line("reference", reference, time, colour=colour, width=4, legend=first),
-            _waypoints(run, legend=first),
+            _line("reference", reference, time, colour=style.REFERENCE, width=4, legend=first),
+            _marks("waypoint", places, colour=style.BOUND, symbol="diamond", legend=first),
         ]
-    colours = {
-        "color": _speed(run)[thinned],
-        "cmin": 0.0,
-        "cmax": fastest or 1.0,
-        "colorscale": "Viridis",
-        "showscale": first,
-        "colorbar": {"title": {"text": "speed [m/s]"}, "len": 0.7, "thickness": 12},
-    }
-    p_WB = flight.p_WB[thinned]
-    flown = _line("flown", p_WB, time, colour=style.FLOWN, width=6, legend=first)
-    flown.line.update(colours)
-    return [*traces, flown, _start(run, legend=first)]
+    flown = _line("flown", flight.p_WB[thinned], time, colour=style.FLOWN, width=6, legend=first)
+    flown.line.update(
+        color=_speed(run)[thinned],
+        cmin=0.0,
+        cmax=fastest or 1.0,
+        colorscale="Viridis",
+        showscale=first,
+        colorbar={"title": {"text": "speed [m/s]"}, "len": 0.7, "thickness": 12},
+    )
+    start = _marks("start", flight.p_WB[:1], colour=style.INK, symbol="square", legend=first)
+    return [*traces, flown, start]
 
 
 def _line(name: str, p_WB: Array, time: Array, *, colour: str, width: int, legend: bool) -> Any:
-    x, y, z = p_WB.T.astype(np.float32)
-    return plotly("graph_objects").Scatter3d(
-        x=x,
-        y=y,
-        z=z,
-        customdata=time,
+    return _scatter(
+        name,
+        p_WB.astype(np.float32),
+        legend=legend,
         mode="lines",
         line={"color": colour, "width": width},
-        name=name,
-        legendgroup=name,
-        showlegend=legend,
+        customdata=time,
         hovertemplate=_HOVER,
     )
 
 
-def _waypoints(run: ReportedRun, *, legend: bool) -> Any:
-    found = waypoints(run.flight)
-    places = list(dict.fromkeys(tuple(waypoint.p_WB.tolist()) for waypoint in found))
-    marker = {"color": style.BOUND, "size": 5, "symbol": "diamond"}
-    return _points("waypoint", np.reshape(places, (-1, 3)), marker, legend=legend)
+def _marks(name: str, p_WB: Array, *, colour: str, symbol: str, legend: bool) -> Any:
+    marker = {"color": colour, "size": 5, "symbol": symbol}
+    in_legend = legend and len(p_WB) > 0
+    return _scatter(name, p_WB, legend=in_legend, mode="markers", marker=marker)
 
 
-def _start(run: ReportedRun, *, legend: bool) -> Any:
-    marker = {"color": style.INK, "size": 5, "symbol": "square"}
-    return _points("start", run.flight.p_WB[:1], marker, legend=legend)
-
-
-def _points(name: str, p_WB: Array, marker: dict[str, Any], *, legend: bool) -> Any:
+def _scatter(name: str, p_WB: NDArray[Any], *, legend: bool, **options: Any) -> Any:
     x, y, z = p_WB.T
     return plotly("graph_objects").Scatter3d(
-        x=x,
-        y=y,
-        z=z,
-        mode="markers",
-        marker=marker,
-        name=name,
-        legendgroup=name,
-        showlegend=legend and len(p_WB) > 0,
+        x=x, y=y, z=z, name=name, legendgroup=name, showlegend=legend, **options
     )
 
 
