@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.bench.peers import Peer
+from quad_mpc_ros.evaluation.metrics import percentiles
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
@@ -88,15 +89,20 @@ def summarise(flights: Sequence[MeasuredFlight]) -> Figures:
     of those is ``first_step_us``. Iterations are of every step. Flying quality is that of the
     worst flight. What there is no data for is None, the MPC alone where it is the whole step.
     """
+
+    def together(figure: str, *, first: int = 0) -> Array:
+        parts = [getattr(flight, figure)[first:] for flight in flights]
+        return np.concatenate(parts).astype(np.float64)
+
     return {
         "flights": len(flights),
         "steps": sum(len(flight.step_us) for flight in flights),
         "failed_steps": int(sum(np.sum(~flight.solved) for flight in flights)),
-        "step_us": _percentiles(np.concatenate([flight.step_us[1:] for flight in flights])),
-        "solve_us": _percentiles(np.concatenate([flight.solve_us[1:] for flight in flights])),
-        "mpc_us": _percentiles(_known(np.concatenate([flight.mpc_us[1:] for flight in flights]))),
+        "step_us": percentiles(together("step_us", first=1), 50, 99),
+        "solve_us": percentiles(together("solve_us", first=1), 50, 99),
+        "mpc_us": percentiles(together("mpc_us", first=1), 50, 99),
         "first_step_us": max(float(flight.step_us[0]) for flight in flights),
-        "iterations": _percentiles(np.concatenate([flight.iterations for flight in flights])),
+        "iterations": percentiles(together("iterations"), 50, 99),
         "position_rmse_m": max(_rmse(flight) for flight in flights),
         "error_before_switch_m": max(
             (error for flight in flights for error in errors_before_switches(flight)), default=None
@@ -116,15 +122,3 @@ def _rmse(flight: MeasuredFlight) -> float:
 
 def _position_errors(flight: MeasuredFlight) -> Array:
     return np.asarray(np.linalg.norm(flight.p_reference - flight.p_WB, axis=1))
-
-
-def _known(values: Array) -> Array:
-    return np.asarray(values[~np.isnan(values)])
-
-
-def _percentiles(values: NDArray[Any]) -> dict[str, float | None]:
-    """Return median, 99th percentile and maximum; each is a value that was measured."""
-    if len(values) == 0:
-        return {"p50": None, "p99": None, "max": None}
-    p50, p99 = np.percentile(values, (50, 99), method="inverted_cdf")
-    return {"p50": float(p50), "p99": float(p99), "max": float(values.max())}

@@ -113,17 +113,11 @@ def _let_recorder_go(flying: dict[str, NodeProcess]) -> None:
     """Fly on without a recorder that has ended, for its disk may be full, and say so."""
     recorder = flying.get("recorder")
     if recorder is not None and recorder.exit_code is not None:
-        print(f"\nerror: {_ended(recorder)}\n  the flight goes on", file=sys.stderr, flush=True)
+        print(f"\nerror: {recorder.obituary()}\n  the flight goes on", file=sys.stderr, flush=True)
         del flying["recorder"]
 
 
 def _check_alive(processes: dict[str, NodeProcess]) -> None:
     for process in processes.values():
         if process.exit_code is not None:
-            raise FlightError(_ended(process))
-
-
-def _ended(process: NodeProcess) -> str:
-    return (
-        f"{process.node} ended by itself (exit code {process.exit_code})\n{process.last_words()}"
-    )
+            raise FlightError(process.obituary())

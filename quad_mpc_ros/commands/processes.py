@@ -95,6 +95,10 @@ class NodeProcess:
             self._process.kill()
             return self._process.wait()
 
+    def obituary(self) -> str:
+        """Return that it ended by itself, and its last words."""
+        return f"{self.node} ended by itself (exit code {self.exit_code})\n{self.last_words()}"
+
     def last_words(self) -> str:
         """Return the end of the log."""
         lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from typing import Any, Self
@@ -9,13 +10,12 @@ from typing import Any, Self
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
-from quad_mpc_ros.commands.observer import Observer
+from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages.topics import STATS
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.logs import tick_stats
-from quad_mpc_ros.ros.messages import message_class, qos_of
 
 _ANSWER_TIMEOUT = 5.0  # s, discovery included
 
@@ -50,14 +50,14 @@ class RunningMpc(Observer):
     def watch(self, duration: float) -> list[TickStats]:
         """Return the figures of the ticks of the next ``duration`` seconds, from the first on."""
         namespace = self.name.rpartition("/")[0]
-        topic = f"{namespace}/{STATS.name}"
-        self.node.create_subscription(
-            message_class(STATS.type_name), topic, self._on_stats, qos_of(STATS)
-        )
+        topic = dataclasses.replace(STATS, name=f"{namespace}/{STATS.name}")
+        subscribe(self.node, topic, self._on_stats)
         self._spin(lambda: bool(self._ticks), time.monotonic() + _ANSWER_TIMEOUT)
         self._spin(lambda: False, time.monotonic() + duration)
         if self._foreign and not self._ticks:
-            raise UserError(f"{topic}: {self._foreign} messages, none with the figures of a tick")
+            raise UserError(
+                f"{topic.name}: {self._foreign} messages, none with the figures of a tick"
+            )
         return self._ticks
 
     def _built(self, names: list[str], values: list[Any]) -> MpcConfig:

@@ -105,7 +105,7 @@ def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
     for key, section in content.items():
         if not isinstance(section, dict) or not isinstance(section.get("ros__parameters"), dict):
             raise UserError(f"{path}: {key}: expected 'ros__parameters:' below it")
-        for name, value in _flattened(section["ros__parameters"]):
+        for name, value in flattened(section["ros__parameters"]):
             for node in _nodes_meant(str(key), name, value, schema, path):
                 found.setdefault(node, {})[name] = value
     return found
@@ -128,11 +128,12 @@ def _nodes_meant(key: str, name: str, value: Any, schema: Schema, path: Path) ->
     return [node]
 
 
-def _flattened(parameters: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, Any]]:
+def flattened(parameters: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Return parameters by their dotted names, however deep they are nested."""
     flat: list[tuple[str, Any]] = []
     for name, value in parameters.items():
         if isinstance(value, dict):
-            flat += _flattened(value, f"{prefix}{name}.")
+            flat += flattened(value, f"{prefix}{name}.")
         else:
             flat.append((f"{prefix}{name}", value))
     return flat

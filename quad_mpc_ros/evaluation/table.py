@@ -20,33 +20,23 @@ def summary_table(summary: Mapping[str, Any]) -> str:
 
 
 def _flight_rows(s: Mapping[str, Any]) -> list[str]:
+    rows = {
+        "flight": f"{s['duration_s']:.2f} s"
+        + _unless_absent(s["realtime_factor"], ", {:.1f} x real time", absent=""),
+        "commands": f"{s['commands']} for {s['odometries']} odometries, "
+        f"{s['unanswered_odometries']} unanswered",
+        "position error": _unless_absent(s["position_rmse_m"], "RMSE {:.3f} m")
+        + _unless_absent(s["position_max_m"], ", max {:.3f} m", absent=""),
+        "error at waypoints": _waypoint_errors(s["waypoint_error_m"]),
+        "attitude error": _unless_absent(s["attitude_rmse_rad"], "RMSE {:.3f} rad"),
+        "rates at bound": _unless_absent(s["rate_saturation_fraction"], "{:.1%} of the commands"),
+        "safety": f"{s['fallbacks']} fallbacks, {s['solver_failures']} solver failures, "
+        f"{s['deadline_misses']} deadline misses",
+    }
     return [
-        *_row(
-            "flight",
-            f"{s['duration_s']:.2f} s"
-            + _unless_absent(s["realtime_factor"], ", {:.1f} x real time", absent=""),
-        ),
-        *_row(
-            "commands",
-            f"{s['commands']} for {s['odometries']} odometries, "
-            f"{s['unanswered_odometries']} unanswered",
-        ),
-        *_row(
-            "position error",
-            _unless_absent(s["position_rmse_m"], "RMSE {:.3f} m")
-            + _unless_absent(s["position_max_m"], ", max {:.3f} m", absent=""),
-        ),
-        *_row("error at waypoints", _waypoint_errors(s["waypoint_error_m"])),
-        *_row("attitude error", _unless_absent(s["attitude_rmse_rad"], "RMSE {:.3f} rad")),
-        *_row(
-            "rates at bound",
-            _unless_absent(s["rate_saturation_fraction"], "{:.1%} of the commands"),
-        ),
-        *_row(
-            "safety",
-            f"{s['fallbacks']} fallbacks, {s['solver_failures']} solver failures, "
-            f"{s['deadline_misses']} deadline misses",
-        ),
+        line
+        for label, text in rows.items()
+        for line in labelled(label, text, indent=_LABEL, width=_WIDTH)
     ]
 
 
@@ -64,10 +54,6 @@ def _timing_rows(s: Mapping[str, Any]) -> list[str]:
     return text_table(
         [("", "", *_COLUMNS), *cells], align="llrrrr", widths=(_LABEL, 4, 13, 13, 13, 13), gap=""
     )
-
-
-def _row(label: str, text: str) -> list[str]:
-    return labelled(label, text, indent=_LABEL, width=_WIDTH)
 
 
 def _waypoint_errors(errors: Sequence[float]) -> str:

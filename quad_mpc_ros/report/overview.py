@@ -5,9 +5,12 @@ from __future__ import annotations
 import datetime
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
 from html import escape
+from operator import getitem
 from typing import Any
 
+from quad_mpc_ros.configuration import files
 from quad_mpc_ros.configuration.errors import shown
 from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.report.run import WITHOUT_MPC, ReportedRun, fallback_spans
@@ -46,7 +49,7 @@ def identity_table(runs: Sequence[ReportedRun]) -> str:
 def metrics_table(runs: Sequence[ReportedRun]) -> str:
     """Return the figures of merit of each run."""
     rows = {
-        name: [_number(_at(run.summary, path), style) for run in runs]
+        name: [_number(reduce(getitem, path.split("."), run.summary), style) for run in runs]
         for name, path, style in _METRICS
     }
     rows["error at waypoints [m]"] = [_waypoint_errors(run) for run in runs]
@@ -132,13 +135,6 @@ _METRICS = (
 )
 
 
-def _at(summary: Mapping[str, Any], path: str) -> Any:
-    value: Any = summary
-    for key in path.split("."):
-        value = value[key]
-    return value
-
-
 def _number(value: Any, style: str) -> str:
     return _ABSENT if value is None else style.format(value)
 
@@ -151,19 +147,8 @@ def _flattened(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     return {
         f"{node}.{name}": value
         for node, values in sorted(parameters.items())
-        for name, value in _leaves(values)
+        for name, value in files.flattened(values)
     }
-
-
-def _leaves(values: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """Return parameters by their dotted names, however deep they were written."""
-    leaves = []
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            leaves += [(f"{name}.{inner}", leaf) for inner, leaf in _leaves(value)]
-        else:
-            leaves.append((name, value))
-    return leaves
 
 
 def _table(runs: Sequence[ReportedRun], rows: Mapping[str, Sequence[str]]) -> str:

@@ -195,9 +195,6 @@ class Rig(Observer):
                 self.memory.append((time.time_ns(), memory))
 
     def _check_alive(self) -> None:
-        for name, process in self.processes.items():
+        for process in self.processes.values():
             if process.exit_code is not None:
-                raise SoakError(
-                    f"{name} ended by itself (exit code {process.exit_code})\n"
-                    f"{process.last_words()}"
-                )
+                raise SoakError(process.obituary())
