@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import functools
+import operator
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -52,16 +53,7 @@ class ParameterSpec:
             noun = f"{self.length or 'a list of'} {plural}"
         else:
             noun = singular
-        bounds = [
-            f"{symbol} {bound:g}"
-            for symbol, bound in (
-                (">=", self.minimum),
-                (">", self.above),
-                ("<=", self.maximum),
-                ("<", self.below),
-            )
-            if bound is not None
-        ]
+        bounds = [f"{symbol} {bound:g}" for symbol, bound in self._bounds()]
         return " ".join([noun, " and ".join(bounds)]).strip()
 
     def validated(self, value: object, *, owner: str = "") -> Any:
@@ -78,31 +70,27 @@ class ParameterSpec:
 
     def _validated_scalar(self, value: object, error: ConfigurationError) -> Any:
         kind = self.kind.removesuffix("_array")
-        if kind == "string":
-            if not isinstance(value, str):
-                raise error
-            if self.choices is not None and value not in self.choices:
-                raise error
-            return value
-        if kind == "bool":
-            if not isinstance(value, bool):
-                raise error
-            return value
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if not isinstance(value, _TYPES[kind]) or isinstance(value, bool) != (kind == "bool"):
             raise error
-        if kind == "integer" and not isinstance(value, int):
+        if self.choices is not None and value not in self.choices:
             raise error
-        if not abs(value) <= sys.float_info.max or not self._inside(value):  # nan and inf too
+        if isinstance(value, bool | str):
+            return value
+        assert isinstance(value, int | float)
+        if not abs(value) <= sys.float_info.max:  # nan and inf too
+            raise error
+        if not all(_COMPARISONS[symbol](value, bound) for symbol, bound in self._bounds()):
             raise error
         return float(value) if kind == "double" else value
 
-    def _inside(self, value: float) -> bool:
-        return not (
-            (self.minimum is not None and value < self.minimum)
-            or (self.maximum is not None and value > self.maximum)
-            or (self.above is not None and value <= self.above)
-            or (self.below is not None and value >= self.below)
-        )
+    def _bounds(self) -> list[tuple[str, float]]:
+        """Return the bounds that there are, each with its symbol."""
+        bounds = (self.minimum, self.above, self.maximum, self.below)
+        return [
+            (symbol, bound)
+            for symbol, bound in zip(_COMPARISONS, bounds, strict=True)
+            if bound is not None
+        ]
 
 
 def parameter(default: Any, *, doc: str, **constraints: Any) -> Any:
@@ -211,6 +199,15 @@ _NOUNS = {
     "integer": ("a whole number", "whole numbers"),
     "bool": ("true or false", "times true or false"),
     "string": ("text", "texts"),
+}
+
+_COMPARISONS = {">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt}
+
+_TYPES: dict[str, tuple[type, ...]] = {
+    "double": (int, float),
+    "integer": (int,),
+    "bool": (bool,),
+    "string": (str,),
 }
 
 _KINDS: dict[Any, str] = {float: "double", int: "integer", bool: "bool", str: "string"}

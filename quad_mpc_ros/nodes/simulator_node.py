@@ -20,8 +20,8 @@ from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.spin import run, stop
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
-from quad_mpc_ros.simulation.odometry_stream import OdometryStream, SentOdometry
 from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
 
 # s: in lockstep an odometry without a command is sent again; the command may only be late.
 _RESEND_PERIOD = 1.0

@@ -1,4 +1,4 @@
-"""From the command received to what the motors do: a pure delay, then first-order lags.
+"""From the command in force to what the motors do: first-order lags.
 
 The plant's own, apart from those of ``model/rollout.py`` on purpose.
 """
@@ -6,49 +6,12 @@ The plant's own, apart from those of ``model/rollout.py`` on purpose.
 from __future__ import annotations
 
 import math
-from collections import deque
 
 import numpy as np
 
 from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.simulation.dynamics import InputCourse, held
-
-NEVER_NS = 2**63 - 1
-_FASTEST = 1e3  # rad/s, many times what any vehicle turns at
-
-
-def input_from_command(command: CommandSample) -> Input | None:
-    """Return what a vehicle takes a command for: throttle saturated; nothing if absurd."""
-    if not (math.isfinite(command.throttle) and (np.abs(command.w_WB_B) <= _FASTEST).all()):
-        return None
-    throttle = min(max(command.throttle, 0.0), 1.0)
-    return Input(throttle=throttle, w_WB_B=command.w_WB_B.copy())
-
-
-class CommandDelay:
-    """Keeps each command for the delay, to the nanosecond."""
-
-    def __init__(self, delay: float) -> None:
-        self._delay_ns = round(delay * 1e9)
-        self._waiting: deque[tuple[int, Input]] = deque()
-
-    @property
-    def next_ns(self) -> int:
-        """When the next command will act."""
-        return self._waiting[0][0] if self._waiting else NEVER_NS
-
-    def put(self, command: Input, *, time_ns: int) -> None:
-        """Take a command that arrives."""
-        self._waiting.append((time_ns + self._delay_ns, command))
-
-    def take(self, *, time_ns: int) -> Input | None:
-        """Return the newest command due that was not taken yet."""
-        newest = None
-        while self.next_ns <= time_ns:
-            _, newest = self._waiting.popleft()
-        return newest
 
 
 class ActuatorLag:
@@ -64,55 +27,48 @@ class ActuatorLag:
     ) -> None:
         self._rate_tau = rate_time_constant
         self._thrust_tau = thrust_time_constant
-        self._command = self._u = initial
+        self._command = initial
+        self.u = initial
+        """The true throttle and body rates."""
         self.shortest_time_constant = min(
             (tau for tau in (rate_time_constant, thrust_time_constant) if tau > 0.0),
             default=math.inf,
         )
         """The faster of the lags that there are [s]; infinite without any."""
 
-    @property
-    def u(self) -> Input:
-        """The true throttle and body rates."""
-        return self._u
-
     def follow(self, command: Input) -> None:
         """Follow another command from now on."""
         self._command = command
-        self._u = self._after(self._u, 0.0)
+        self.u = self._after(self.u, 0.0)
 
     def course(self, duration: float) -> InputCourse:
         """Return what the input will be over ``duration`` [s], without going there."""
         if self.shortest_time_constant == math.inf:
-            return held(self._u, duration=duration)
+            return held(self.u, duration=duration)
         half = 0.5 * duration
-        middle = self._after(self._u, half)
+        middle = self._after(self.u, half)
         return InputCourse(
-            start=self._u,
+            start=self.u,
             middle=middle,
             end=self._after(middle, half),
-            first_turn=self._turn(self._u.w_WB_B, half),
+            first_turn=self._turn(self.u.w_WB_B, half),
             second_turn=self._turn(middle.w_WB_B, half),
         )
 
     def finish(self, course: InputCourse) -> None:
         """Go to the end of a course."""
-        self._u = course.end
+        self.u = course.end
 
     def stop_turning(self) -> None:
         """Let something hold the body: rates that lag start again from zero."""
         if self._rate_tau > 0.0:
-            self._u = Input(throttle=self._u.throttle, w_WB_B=np.zeros(3))
+            self.u = Input(throttle=self.u.throttle, w_WB_B=np.zeros(3))
 
     def _after(self, u: Input, duration: float) -> Input:
         c = self._command
-        rate_decay, thrust_decay = (
-            _decay(duration, self._rate_tau),
-            _decay(duration, self._thrust_tau),
-        )
         return Input(
-            throttle=c.throttle + thrust_decay * (u.throttle - c.throttle),
-            w_WB_B=c.w_WB_B + rate_decay * (u.w_WB_B - c.w_WB_B),
+            throttle=c.throttle + _decay(duration, self._thrust_tau) * (u.throttle - c.throttle),
+            w_WB_B=c.w_WB_B + _decay(duration, self._rate_tau) * (u.w_WB_B - c.w_WB_B),
         )
 
     def _turn(self, w_WB_B: Array, h: float) -> Array:

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
-from quad_mpc_ros.simulation.odometry_stream import OdometryStream
 from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.simulation.sensors import OdometryStream
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
@@ -68,22 +66,12 @@ def fly(
     """Fly the closed loop and yield every odometry that is sent with what followed from it.
 
     The values pass through the same boundary types as messages do, so the commands are those of
-    a lockstep flight over DDS, bit for bit. The flight goes on as the steps are asked for;
-    :class:`FlightLog` takes them all.
+    a lockstep flight over DDS, bit for bit. The flight goes on as the steps are asked for.
 
-    Args:
-        mpc: Parameters of the controller.
-        simulator: Parameters of plant and sensors; by default ten seconds without any error.
-        reference: Which trajectory to fly, and how it is shown to the controller.
-        plant: What flies instead of the plant that ``simulator`` asks for.
-        trajectory: What to fly instead of the trajectory that ``reference`` asks for. A path is
-            flown by differential flatness, with the vehicle and the yaw of ``reference``.
-        controller: What commands instead of the MPC of ``mpc``.
-        on_reference: Whether the flight begins in motion on the reference, and not as
-            ``simulator`` says. A plant of one's own begins as it is.
-
-    Yields:
-        One step for each odometry.
+    The arguments are those of :func:`quad_mpc_ros.simulate`, which returns the steps as arrays.
+    Without ``simulator`` it takes ten seconds, with one the ``duration`` that it says. A path is
+    flown by differential flatness, with the vehicle and the yaw of ``reference``; a plant of
+    one's own begins as it is, also ``on_reference``.
 
     Raises:
         UserError: For parameters that cannot be used together, or a trajectory that the vehicle
@@ -134,41 +122,6 @@ def start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, An
     }
 
 
-class FlightLog:
-    """A flight of the loop as arrays; n steps.
-
-    Attributes:
-        steps: The steps themselves.
-        time: Time of each odometry from the first one (n,) [s].
-        p_WB: True positions (n, 3) [m].
-        p_WB_reference: Where the reference was (n, 3) [m].
-        commands: Throttle and body rates [rad/s] that were sent (n, 4); NaN where nothing was.
-    """
-
-    def __init__(self, steps: Iterable[LoopStep]) -> None:
-        """Fly to the end: ``FlightLog(fly())``."""
-        self.steps = list(steps)
-        stamps_ns = np.array([step.odometry.stamp_ns for step in self.steps], dtype=np.int64)
-        self.time: Array = np.asarray(1e-9 * (stamps_ns - stamps_ns[:1]), dtype=np.float64)
-        self.p_WB: Array = np.array([step.truth.p_WB for step in self.steps]).reshape(-1, 3)
-        self.p_WB_reference: Array = np.array(
-            [step.window.p_WB[0] for step in self.steps]
-        ).reshape(-1, 3)
-        self.commands: Array = np.array(
-            [_values(step.command) for step in self.steps], dtype=np.float64
-        ).reshape(-1, 4)
-
-    @property
-    def position_error(self) -> Array:
-        """Distance from the reference (n,) [m]."""
-        return np.asarray(np.linalg.norm(self.p_WB - self.p_WB_reference, axis=1))
-
-    @property
-    def position_rmse(self) -> float:
-        """Root mean square of the distance from the reference [m]."""
-        return float(np.sqrt(np.mean(np.square(self.position_error))))
-
-
 def _answered(
     controller: Controller | ControlLaw,
     odometry: OdometrySample,
@@ -189,7 +142,3 @@ def _trajectory(reference: ReferenceConfig, given: Trajectory | Path | None) -> 
     if isinstance(given, Trajectory):
         return given
     return FlatTrajectory(given, gravity=reference.gravity, drag=reference.drag, yaw=reference.yaw)
-
-
-def _values(command: CommandSample | None) -> list[float]:
-    return [np.nan] * 4 if command is None else [command.throttle, *command.w_WB_B]

@@ -69,18 +69,20 @@ class InternalPlant(DelayedPlant):
             ),
         )
         self._dynamics = DYNAMICS[config.dynamics]
-        self._longest_step_ns = round(1e9 * _longest_step(config, self._lag))
-        self._x = _start(config)
-
-    @property
-    def state(self) -> State:
+        following = max(self._lag.shortest_time_constant / _STEPS_PER_LAG, _SHORTEST_STEP)
+        self._longest_step_ns = round(1e9 * min(config.integration_step, following))
+        R_WB = so3.rotation_from_quaternion_xyzw(config.initial_attitude)
+        self.state = State(
+            p_WB=np.array(config.initial_position),
+            v_WB_B=R_WB.T @ np.array(config.initial_velocity),
+            R_WB=R_WB,
+        )
         """The true state."""
-        return self._x
 
     @property
     def v_WB_W(self) -> Array:
         """True velocity (3,) [m/s]."""
-        return self._x.v_WB_W
+        return self.state.v_WB_W
 
     @property
     def input(self) -> Input:
@@ -90,8 +92,8 @@ class InternalPlant(DelayedPlant):
     def odometry(self, stamp_ns: int) -> OdometrySample:
         """Return the true odometry under a stamp."""
         return odometry_from_state(
-            self._x,
-            w_WB_B=self._lag.u.w_WB_B if not self._on_ground(self._x) else np.zeros(3),
+            self.state,
+            w_WB_B=self._lag.u.w_WB_B if not self._on_ground() else np.zeros(3),
             stamp_ns=stamp_ns,
             frame_id=self._config.frame_id,
             child_frame_id=self._config.child_frame_id,
@@ -112,9 +114,9 @@ class InternalPlant(DelayedPlant):
             if self._rests(course):
                 self._lag.stop_turning()
                 continue
-            self._x = self._held_by_ground(
+            self.state = self._held_by_ground(
                 integrate_along(
-                    self._x, course, self._vehicle, dynamics=dynamics, duration=duration
+                    self.state, course, self._vehicle, dynamics=dynamics, duration=duration
                 )
             )
 
@@ -132,26 +134,11 @@ class InternalPlant(DelayedPlant):
 
     def _rests(self, course: InputCourse) -> bool:
         """Whether the ground carries what the thrust does not: no command turns it there."""
-        if not self._on_ground(self._x):
+        if not self._on_ground():
             return False
         throttle = max(course.start.throttle, course.end.throttle)
         return self._vehicle.thrust(throttle) <= self._weight
 
-    def _on_ground(self, x: State) -> bool:
+    def _on_ground(self) -> bool:
         """Known here; the controller has to find it out (``estimation/contact.py``)."""
-        return bool(x.p_WB[2] <= 0.0 and not x.v_WB_B.any())
-
-
-def _longest_step(config: InternalParameters, lag: ActuatorLag) -> float:
-    """Return the longest step of the integrator [s], shorter where it has a lag to follow."""
-    following = max(lag.shortest_time_constant / _STEPS_PER_LAG, _SHORTEST_STEP)
-    return min(config.integration_step, following)
-
-
-def _start(config: InternalParameters) -> State:
-    R_WB = so3.rotation_from_quaternion_xyzw(config.initial_attitude)
-    return State(
-        p_WB=np.array(config.initial_position),
-        v_WB_B=R_WB.T @ np.array(config.initial_velocity),
-        R_WB=R_WB,
-    )
+        return bool(self.state.p_WB[2] <= 0.0 and not self.state.v_WB_B.any())

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
+from collections import deque
 from typing import Protocol
+
+import numpy as np
 
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.model.state import Input
-from quad_mpc_ros.simulation.actuators import CommandDelay, input_from_command
 from quad_mpc_ros.simulation.parameters import PlantParameters
-from quad_mpc_ros.simulation.wind import Wind
+from quad_mpc_ros.simulation.wind import NEVER_NS, Wind
+
+_FASTEST = 1e3  # rad/s, many times what any vehicle turns at
 
 
 class Plant(Protocol):
@@ -38,9 +43,11 @@ class DelayedPlant(ABC):
 
     def __init__(self, config: PlantParameters) -> None:
         self._vehicle = config.vehicle()
-        self._delay = CommandDelay(config.command_delay)
+        self._delay_ns = round(config.command_delay * 1e9)
+        self._waiting: deque[tuple[int, Input]] = deque()
         self._wind = Wind(config)
-        self._time_ns = 0
+        self.time_ns = 0
+        """Time of the state, from the start of the plant."""
 
     @property
     @abstractmethod
@@ -56,33 +63,33 @@ class DelayedPlant(ABC):
         """Move the state by a time in which neither command nor wind changes."""
 
     @property
-    def time_ns(self) -> int:
-        """Time of the state, from the start of the plant."""
-        return self._time_ns
-
-    @property
     def wind_W(self) -> Array:
         """Velocity of the air (3,) [m/s]."""
         return self._wind.velocity_W
 
     def apply(self, command: CommandSample) -> None:
         """Take a command that arrives now. The throttle saturates; nonsense is ignored."""
-        u = input_from_command(command)
-        if u is not None:
-            self._delay.put(u, time_ns=self._time_ns)
-            self._follow_commands()
+        if not (math.isfinite(command.throttle) and (np.abs(command.w_WB_B) <= _FASTEST).all()):
+            return
+        throttle = min(max(command.throttle, 0.0), 1.0)
+        u = Input(throttle=throttle, w_WB_B=command.w_WB_B.copy())
+        self._waiting.append((self.time_ns + self._delay_ns, u))
+        self._follow_commands()
 
     def advance_to(self, time_ns: int) -> None:
         """Integrate to a time; a time already past changes nothing."""
-        while self._time_ns < time_ns:
-            until_ns = min(time_ns, self._delay.next_ns, self._wind.next_ns)
-            self._integrate(until_ns - self._time_ns)
-            self._time_ns = until_ns
+        while self.time_ns < time_ns:
+            command_ns = self._waiting[0][0] if self._waiting else NEVER_NS
+            until_ns = min(time_ns, command_ns, self._wind.next_ns)
+            self._integrate(until_ns - self.time_ns)
+            self.time_ns = until_ns
             self._follow_commands()
             if self._wind.next_ns <= until_ns:
                 self._wind.advance_to(until_ns, v_WB_W=self.v_WB_W)
 
     def _follow_commands(self) -> None:
-        command = self._delay.take(time_ns=self._time_ns)
-        if command is not None:
-            self._follow(command)
+        newest = None
+        while self._waiting and self._waiting[0][0] <= self.time_ns:
+            _, newest = self._waiting.popleft()
+        if newest is not None:
+            self._follow(newest)

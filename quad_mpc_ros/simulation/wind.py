@@ -9,10 +9,10 @@ import numpy as np
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.state import VELOCITY, Input, State
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.actuators import NEVER_NS
 from quad_mpc_ros.simulation.dynamics import Dynamics
 from quad_mpc_ros.simulation.parameters import PlantParameters, Stream
 
+NEVER_NS = 2**63 - 1
 _GUST_PERIOD_NS = 10_000_000
 _LOWEST_AIRSPEED = 1.0
 
@@ -40,26 +40,22 @@ class Wind:
         self._gust_W = np.zeros(3)
         self.blows = self._intensity > 0.0 or any(config.wind)
         """Whether there is ever any wind."""
-        self._next_ns = NEVER_NS
+        self.next_ns = NEVER_NS
+        """When the gusts change next."""
         if self._intensity > 0.0:
             self._gust_W = self._intensity * self._random.standard_normal(3)
-            self._next_ns = _GUST_PERIOD_NS
+            self.next_ns = _GUST_PERIOD_NS
 
     @property
     def velocity_W(self) -> Array:
         """Velocity of the air (3,) [m/s]."""
         return np.asarray(self._steady_W + self._gust_W)
 
-    @property
-    def next_ns(self) -> int:
-        """When the gusts change next."""
-        return self._next_ns
-
     def advance_to(self, time_ns: int, *, v_WB_W: Array) -> None:
         """Let the gusts change that are due, for a vehicle with a velocity (3,) [m/s]."""
-        while self._next_ns <= time_ns:
+        while self.next_ns <= time_ns:
             self._change(float(np.linalg.norm(v_WB_W - self._steady_W)))
-            self._next_ns += _GUST_PERIOD_NS
+            self.next_ns += _GUST_PERIOD_NS
 
     def _change(self, airspeed: float) -> None:
         passed = max(airspeed, _LOWEST_AIRSPEED) * _GUST_PERIOD_NS * 1e-9

@@ -34,11 +34,7 @@ class Circle:
         self._centre = np.array([*config.origin, config.height])
         self._radius = config.circle_radius
         self._frequency = config.circle_speed / config.circle_radius
-
-    @property
-    def duration(self) -> float:
-        """Once round [s]."""
-        return math.tau / self._frequency
+        self.duration = math.tau / self._frequency
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the circle at times (n,) [s]."""

@@ -6,7 +6,6 @@ its own, as a base of :class:`ReferenceConfig`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -21,17 +20,17 @@ from quad_mpc_ros.configuration import (
 )
 from quad_mpc_ros.model.vehicle import VehicleParameters
 from quad_mpc_ros.trajectories.circle import Circle, CircleParameters
-from quad_mpc_ros.trajectories.feasibility import Limits
+from quad_mpc_ros.trajectories.feasibility import LimitParameters
 from quad_mpc_ros.trajectories.flip import FlipParameters, flip
-from quad_mpc_ros.trajectories.hover import Hover
 from quad_mpc_ros.trajectories.lemniscate import Lemniscate, LemniscateParameters
 from quad_mpc_ros.trajectories.path import Path
 from quad_mpc_ros.trajectories.point_table import TableParameters, bag_path, csv_path
 from quad_mpc_ros.trajectories.split_s import SplitSParameters, split_s
 from quad_mpc_ros.trajectories.square import SquareParameters, smooth_square, square
-from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectoryParameters
+from quad_mpc_ros.trajectories.trajectory import Trajectory
 from quad_mpc_ros.trajectories.vertical_loop import VerticalLoop, VerticalLoopParameters
 from quad_mpc_ros.trajectories.waypoints import (
+    Hover,
     WaypointParameters,
     from_waypoint_to_waypoint,
     through_waypoints,
@@ -89,63 +88,6 @@ class ChoiceParameters(ExtensibleConfiguration, ManagedConfiguration, VehiclePar
         "ground until the services of the node say what to fly.",
         choices=("at_once", "on_request"),
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class LimitParameters(TrajectoryParameters):
-    """What the vehicle may be asked for."""
-
-    time_scaling: str = parameter(
-        "none",
-        doc="auto: slow down a trajectory that the vehicle cannot fly until it can; none: refuse "
-        "it.",
-        choices=("none", "auto"),
-    )
-    throttle_min: float = parameter(
-        0.0, doc="Least throttle that a trajectory may need.", minimum=0.0, maximum=1.0
-    )
-    throttle_max: float = parameter(
-        1.0, doc="Most throttle that a trajectory may need.", minimum=0.0, maximum=1.0
-    )
-    omega_max: tuple[float, ...] = parameter(
-        (7.0 * math.pi, 7.0 * math.pi, 3.5 * math.pi),
-        doc="Most body rates that a trajectory may need (roll, pitch, yaw); a little above the "
-        "bound of the mpc, as a short peak beyond that is still flown.",
-        unit="rad/s",
-        length=3,
-        above=0.0,
-    )
-    limit_margin: float = parameter(
-        0.0,
-        doc="Share of the way from hovering to each limit that a trajectory must leave free.",
-        minimum=0.0,
-        below=1.0,
-    )
-
-    def check(self) -> None:
-        """Refuse limits that forbid hovering."""
-        super().check()
-        hover = self.vehicle().hover_throttle
-        for name, fits in (
-            ("throttle_min", self.throttle_min < hover),
-            ("throttle_max", self.throttle_max > hover),
-        ):
-            if not fits:
-                side = "below" if name == "throttle_min" else "above"
-                raise ConfigurationError(
-                    f"{self.owner}.{name}",
-                    getattr(self, name),
-                    f"a number {side} the hover throttle {hover:.4f}",
-                )
-
-    def limits(self) -> Limits:
-        """Return them as a trajectory is judged by."""
-        return Limits(
-            throttle_min=self.throttle_min,
-            throttle_max=self.throttle_max,
-            omega_max=self.omega_max,
-            margin=self.limit_margin,
-        )
 
 
 # The parameters are listed in the order of the bases, the last one first.

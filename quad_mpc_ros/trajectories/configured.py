@@ -1,19 +1,36 @@
-"""From a configuration to the trajectory that it asks for, judged against the vehicle's limits."""
+"""From a configuration, or a message, to the trajectory that it asks for.
+
+A configured one is judged against the vehicle's limits.
+"""
 
 from __future__ import annotations
 
-from quad_mpc_ros.configuration import ConfigurationError
+import dataclasses
+import math
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.samples import ReferenceWindow
+from quad_mpc_ros.safety.validation import pose_fault
+from quad_mpc_ros.trajectories import point_table
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.feasibility import Verdict, judged
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
-from quad_mpc_ros.trajectories.path import Path
-from quad_mpc_ros.trajectories.point_table import BagReader, bag_path
-from quad_mpc_ros.trajectories.time_scaling import quickest
+from quad_mpc_ros.trajectories.flatness import yaw_of
+from quad_mpc_ros.trajectories.minimum_snap import snap_spline
+from quad_mpc_ros.trajectories.path import Path, Slowed, SplinePath, Turned
 from quad_mpc_ros.trajectories.trajectory import Trajectory
+
+# Of the search for how much slower: the growth of the factor, the last one, and the precision.
+_GROWTH, _LARGEST_FACTOR, _PRECISION = 1.2, 50.0, 1.005
+# Of a message: the time to prepare its trajectory grows with both, and windows must go on.
+_MOST_POINTS, _LONGEST = 1000, 600.0  # s
 
 
 def configured_trajectory(
-    config: ReferenceConfig, *, read_bag: BagReader | None = None
+    config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
 ) -> Trajectory:
     """Return the trajectory that a configuration asks for, slowed down if it says so.
 
@@ -24,7 +41,9 @@ def configured_trajectory(
     return _approved(*judged_trajectory(config, read_bag=read_bag), config)
 
 
-def joined_trajectory(config: ReferenceConfig, *, read_bag: BagReader | None = None) -> Trajectory:
+def joined_trajectory(
+    config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
+) -> Trajectory:
     """Return the same trajectory with legs of minimum snap in place of its jumps.
 
     Raises as :func:`configured_trajectory`.
@@ -36,20 +55,42 @@ def joined_trajectory(config: ReferenceConfig, *, read_bag: BagReader | None = N
 
 
 def judged_trajectory(
-    config: ReferenceConfig, *, read_bag: BagReader | None = None
+    config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
 ) -> tuple[Trajectory, Verdict]:
     """Return the configured trajectory with the verdict on it, also when it is not feasible."""
     if config.trajectory == "bag":
-        return _judged(bag_path(config, read_bag), config)
+        return _judged(point_table.bag_path(config, read_bag), config)
     return _judged(config.entry().make(config), config)
 
 
 def _judged(made: Path | Trajectory, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
     if isinstance(made, Trajectory):
-        return made, _verdict(made, config)
+        return made, judged(made, config)
     if config.time_scaling == "auto" and config.entry().scalable:
-        return quickest(made, lambda path: _feasible(path, config)) or _flown(made, config)
+        return _quickest(made, config) or _flown(made, config)
     return _flown(made, config)
+
+
+def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict] | None:
+    """Return the trajectory of the least slowed path that is feasible, or None.
+
+    The factor of time is searched for from 1 upwards, then by bisection.
+    """
+    factor, found = 1.0, _feasible(Slowed(path, 1.0), config)
+    while found is None:
+        factor *= _GROWTH
+        if factor > _LARGEST_FACTOR:
+            return None
+        found = _feasible(Slowed(path, factor), config)
+    slow, quick = factor, factor / _GROWTH
+    while factor > 1.0 and slow > _PRECISION * quick:
+        middle = math.sqrt(slow * quick)
+        better = _feasible(Slowed(path, middle), config)
+        if better is None:
+            quick = middle
+        else:
+            slow, found = middle, better
+    return found
 
 
 def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict] | None:
@@ -65,11 +106,7 @@ def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
         trajectory = FlatTrajectory(path, gravity=config.gravity, drag=config.drag, yaw=config.yaw)
     except ValueError as error:
         raise _refusal(config, str(error)) from error
-    return trajectory, _verdict(trajectory, config)
-
-
-def _verdict(trajectory: Trajectory, config: ReferenceConfig) -> Verdict:
-    return judged(trajectory, config.vehicle(), config.limits())
+    return trajectory, judged(trajectory, config)
 
 
 def _approved(trajectory: Trajectory, verdict: Verdict, config: ReferenceConfig) -> Trajectory:
@@ -91,3 +128,47 @@ def _refusal(config: ReferenceConfig, reason: str) -> ConfigurationError:
         config.trajectory,
         f"one within the vehicle's limits: {reason}; {advice}",
     )
+
+
+def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> FlatTrajectory:
+    """Return the trajectory through the points of a message, at their times, from rest to rest.
+
+    Positions and headings count; everything else follows from them by flatness. Few points are
+    flown through by the path of least snap, more are smoothed as a table is. Raises
+    :class:`UserError` or ``ValueError`` with the reason for what is no trajectory.
+    """
+    count = len(window.offset_ns)
+    if not 2 <= count <= _MOST_POINTS:
+        raise UserError(f"it has {count} points, expected 2 to {_MOST_POINTS}")
+    fault = pose_fault(
+        frame_id=window.frame_id,
+        expected_frame_id=config.frame_id,
+        p_WB=window.p_WB,
+        q_WB_xyzw=window.q_WB_xyzw,
+    )
+    if fault is not None:
+        raise UserError(fault)
+    seconds = 1e-9 * window.offset_ns
+    for index in np.flatnonzero(np.diff(window.offset_ns) <= 0)[:1]:
+        raise UserError(
+            f"the time of point {index + 1} (counted from 0), {seconds[index + 1]:g} s, is not "
+            f"after that of the point before, {seconds[index]:g} s"
+        )
+    if seconds[-1] - seconds[0] > _LONGEST:
+        raise UserError(f"it takes {seconds[-1] - seconds[0]:g} s, expected at most {_LONGEST:g}")
+    R_WB = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw)
+    yaw = np.unwrap([yaw_of(R) for R in R_WB])
+    path = _through(seconds - seconds[0], window.p_WB, yaw, config)
+    return FlatTrajectory(path, gravity=config.gravity, drag=config.drag)
+
+
+def _through(seconds: Array, p_WB: Array, yaw: Array, config: ReferenceConfig) -> Path:
+    if len(seconds) < point_table.LEAST_POINTS:
+        duration = float(seconds[-1])
+        turn = np.column_stack((yaw, np.zeros((len(yaw), 2))))
+        return Turned(
+            SplinePath(snap_spline(p_WB, seconds), duration=duration),
+            SplinePath(snap_spline(turn, seconds), duration=duration),
+        )
+    table = point_table.PointTable(source="the message", seconds=seconds, p_WB=p_WB, yaw=yaw)
+    return point_table.table_path(table, dataclasses.replace(config, origin=(0.0, 0.0)))

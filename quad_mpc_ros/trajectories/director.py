@@ -27,14 +27,8 @@ from quad_mpc_ros.trajectories.timeline import Phase, Timeline
 from quad_mpc_ros.trajectories.trajectory import Trajectory
 from quad_mpc_ros.trajectories.transition import FlatState, flat_state_of, transition
 
-GROUND, TAKEOFF, HOLD, GOING, TRACKING, LANDING = (
-    "ground",
-    "takeoff",
-    "hold",
-    "going",
-    "tracking",
-    "landing",
-)
+GROUND, TAKEOFF, HOLD = "ground", "takeoff", "hold"
+GOING, TRACKING, LANDING = "going", "tracking", "landing"
 IDLE_DEPTH = 0.5  # m; with 0.3 m both formulations command no throttle
 _VERTICAL_SPEED = 1.0  # m/s, from and to the ground
 _FLARE = 0.5  # m above the ground: from here on down at the touchdown speed
@@ -58,7 +52,8 @@ class Director:
 
     def __init__(self, config: ReferenceConfig, first: Phase, *, ground: float) -> None:
         self._config = config
-        self._ground = ground
+        self.ground = ground
+        """Its height [m]."""
         self.timeline = Timeline(first)
 
     @classmethod
@@ -81,7 +76,7 @@ class Director:
     def moved(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
         """Tell where the vehicle stands that was carried over the ground."""
         if self.mode(now_ns) == GROUND:
-            self._ground = float(p_WB[2])
+            self.ground = float(p_WB[2])
             rest = _at_rest(self._config, _below(p_WB), yaw)
             self.timeline.follow([Phase(start_ns=now_ns, name=GROUND, trajectory=rest)])
 
@@ -93,7 +88,7 @@ class Director:
             return Reply(accepted=False, text=f"take-off to {height} m, expected a number > 0")
         start = flat_state_of(self.timeline, now_ns)
         above = self.timeline.at([now_ns]).p_WB[0]
-        above[2] = self._ground + height
+        above[2] = self.ground + height
         goal = FlatState.at_rest(above, yaw=start.yaw)
         return self._go(now_ns, [(TAKEOFF, start, goal)], then=HOLD)
 
@@ -136,10 +131,10 @@ class Director:
         if isinstance(planned, Reply):
             return planned
         # A leg that is too low for a descent ends wherever it has the speed to sink.
-        lowest = planned[-1].trajectory.before(planned[-1].trajectory.period_ns).p_WB[0]
+        lowest = planned[-1].trajectory.at([planned[-1].trajectory.period_ns - 1]).p_WB[0]
         down = Straight(lowest, v_WB_W=sinking.end.v_WB_W)
-        self._follow(now_ns, planned, LANDING, self._flown(down, above.yaw))
-        still = max(float(lowest[2]) - self._ground, 0.0) / self._config.touchdown_speed
+        self._follow(now_ns, planned, LANDING, _flat(self._config, down, above.yaw))
+        still = max(float(lowest[2]) - self.ground, 0.0) / self._config.touchdown_speed
         seconds = 1e-9 * (self.timeline.last.start_ns - now_ns) + still
         return Reply(accepted=True, text=f"ground in about {seconds:.1f} s")
 
@@ -147,7 +142,7 @@ class Director:
         """Let a landing vehicle that stands on the ground at ``p_WB`` (3,) [m] idle there."""
         if self.mode(now_ns) != LANDING:
             return self._refused(now_ns, "touchdown")
-        self._ground = float(p_WB[2])
+        self.ground = float(p_WB[2])
         start = flat_state_of(self.timeline, now_ns)
         below = FlatState.at_rest(_below(p_WB), yaw=start.yaw)
         return self._go(now_ns, [(LANDING, start, below)], then=GROUND)
@@ -160,19 +155,14 @@ class Director:
         """Return the height [m] to keep: where it rests or will, else the present one."""
         last = self.timeline.last
         if self.mode(now_ns) == LANDING:
-            return self._ground + self._config.takeoff_height
+            return self.ground + self._config.takeoff_height
         time_ns = last.start_ns if last.name == HOLD else now_ns
         return float(self.timeline.at([max(time_ns, now_ns)]).p_WB[0, 2])
-
-    @property
-    def ground(self) -> float:
-        """The height of the ground [m]."""
-        return self._ground
 
     def _sinking(self, above: FlatState) -> FlatState:
         """Return the flat state in which a landing from a rest above goes on to sink."""
         assert above.end.p_WB is not None
-        flare = np.array([*above.end.p_WB[:2], self._ground + _FLARE])
+        flare = np.array([*above.end.p_WB[:2], self.ground + _FLARE])
         rest = End.at_rest(flare if above.end.p_WB[2] > flare[2] + _FLARE else None)
         v_WB_W = np.array([0.0, 0.0, -self._config.touchdown_speed])
         return FlatState(end=dataclasses.replace(rest, v_WB_W=v_WB_W), yaw=above.yaw)
@@ -220,10 +210,8 @@ class Director:
 
     def _objection(self, name: str, leg: FlatTrajectory) -> str:
         """Return why a leg cannot be flown, or nothing."""
-        limits = dataclasses.replace(
-            self._config.limits(), ground=-np.inf if _is_vertical(name) else self._ground
-        )
-        verdict = judged(leg, self._config.vehicle(), limits)
+        ground = -np.inf if _is_vertical(name) else self.ground
+        verdict = judged(leg, self._config, ground=ground)
         if not verdict.feasible:
             return verdict.reason()
         return "" if leg.upright else "it would have to be flown upside down"
@@ -238,10 +226,7 @@ class Director:
             max_acceleration=self._config.max_acceleration,
             max_yaw_rate=_YAW_SHARE * self._config.omega_max[2],
         )
-        return self._flown(path, 0.0)
-
-    def _flown(self, path: Path, yaw: float) -> FlatTrajectory:
-        return _flat(self._config, path, yaw)
+        return _flat(self._config, path, 0.0)
 
     def _airborne(self, now_ns: int) -> bool:
         return self.mode(now_ns) != GROUND

@@ -6,13 +6,19 @@ the body rates are the trajectory's own. Both are looked at every 2 ms, or a tho
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from quad_mpc_ros.configuration import ConfigurationError, parameter
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples
+from quad_mpc_ros.trajectories.trajectory import (
+    Trajectory,
+    TrajectoryParameters,
+    TrajectorySamples,
+)
 
 _SECOND_NS = 1_000_000_000
 _STEP_NS = 2_000_000
@@ -23,18 +29,50 @@ _GROUND_TOLERANCE = 0.05  # m
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
-    """What a vehicle may be asked for: throttle from 0 to 1, body rates (3,) [rad/s].
+class LimitParameters(TrajectoryParameters):
+    """What the vehicle may be asked for."""
 
-    ``margin`` is the share of the way from hovering to each limit that is to be left free,
-    ``ground`` [m] the height of the ground.
-    """
+    time_scaling: str = parameter(
+        "none",
+        doc="auto: slow down a trajectory that the vehicle cannot fly until it can; none: refuse "
+        "it.",
+        choices=("none", "auto"),
+    )
+    throttle_min: float = parameter(
+        0.0, doc="Least throttle that a trajectory may need.", minimum=0.0, maximum=1.0
+    )
+    throttle_max: float = parameter(
+        1.0, doc="Most throttle that a trajectory may need.", minimum=0.0, maximum=1.0
+    )
+    omega_max: tuple[float, ...] = parameter(
+        (7.0 * math.pi, 7.0 * math.pi, 3.5 * math.pi),
+        doc="Most body rates that a trajectory may need (roll, pitch, yaw); a little above the "
+        "bound of the mpc, as a short peak beyond that is still flown.",
+        unit="rad/s",
+        length=3,
+        above=0.0,
+    )
+    limit_margin: float = parameter(
+        0.0,
+        doc="Share of the way from hovering to each limit that a trajectory must leave free.",
+        minimum=0.0,
+        below=1.0,
+    )
 
-    throttle_min: float
-    throttle_max: float
-    omega_max: tuple[float, ...]
-    margin: float = 0.0
-    ground: float = 0.0
+    def check(self) -> None:
+        """Refuse limits that forbid hovering."""
+        super().check()
+        hover = self.vehicle().hover_throttle
+        for name, side, fits in (
+            ("throttle_min", "below", self.throttle_min < hover),
+            ("throttle_max", "above", self.throttle_max > hover),
+        ):
+            if not fits:
+                raise ConfigurationError(
+                    f"{self.owner}.{name}",
+                    getattr(self, name),
+                    f"a number {side} the hover throttle {hover:.4f}",
+                )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +119,7 @@ class Verdict:
 
     needs: tuple[Need, ...]
     over_time: Needs
-    limits: Limits
+    limits: LimitParameters
     jumps: tuple[float, ...]
 
     @property
@@ -102,8 +140,12 @@ class Verdict:
         return "; ".join(complaints)
 
 
-def judged(trajectory: Trajectory, vehicle: Vehicle, limits: Limits) -> Verdict:
-    """Return the verdict on a trajectory, once through or once round; a second of a rest."""
+def judged(trajectory: Trajectory, limits: LimitParameters, *, ground: float = 0.0) -> Verdict:
+    """Return the verdict on a trajectory, once through or once round; a second of a rest.
+
+    ``ground`` [m] is the height of the ground.
+    """
+    vehicle = limits.vehicle()
     period = trajectory.period_ns or _SECOND_NS
     step = min(_STEP_NS, period // _LEAST_SAMPLES)
     step = max(step, -(-period // _MOST_SAMPLES), 1)
@@ -112,7 +154,7 @@ def judged(trajectory: Trajectory, vehicle: Vehicle, limits: Limits) -> Verdict:
     # A trajectory that begins in motion is begun in motion: see --start.
     jumps = trajectory.jumps(0, period - 1)
     return Verdict(
-        needs=_worst(needs, limits, hover=vehicle.hover_throttle),
+        needs=_worst(needs, limits, hover=vehicle.hover_throttle, ground=ground),
         over_time=needs,
         limits=limits,
         jumps=tuple(1e-9 * jump for jump in jumps),
@@ -143,8 +185,10 @@ def _throttle(vehicle: Vehicle, thrust: Array) -> Array:
     return np.asarray(2.0 * wanted / np.maximum(b + root, np.finfo(float).tiny))
 
 
-def _worst(needs: Needs, limits: Limits, *, hover: float) -> tuple[Need, ...]:
-    share = 1.0 - limits.margin
+def _worst(
+    needs: Needs, limits: LimitParameters, *, hover: float, ground: float
+) -> tuple[Need, ...]:
+    share = 1.0 - limits.limit_margin
     highest = hover + share * (limits.throttle_max - hover)
     lowest = hover + share * (limits.throttle_min - hover)
     found = [
@@ -153,7 +197,7 @@ def _worst(needs: Needs, limits: Limits, *, hover: float) -> tuple[Need, ...]:
     ]
     for axis, rates, bound in zip(_AXES, needs.w_WB_B.T, limits.omega_max, strict=True):
         found.append(_need(f"{axis} rate", " rad/s", np.abs(rates), needs, share * bound))
-    lowest = limits.ground - _GROUND_TOLERANCE
+    lowest = ground - _GROUND_TOLERANCE
     found.append(_need("lowest height", " m", needs.height, needs, lowest, least=True))
     return tuple(found)
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import bisect
+import dataclasses
 
 import numpy as np
 
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.trajectories.flatness import ThrustFrames, flat_inputs, thrust_axis
-from quad_mpc_ros.trajectories.path import Path, PathSamples
-from quad_mpc_ros.trajectories.trajectory import TrajectorySamples, held
+from quad_mpc_ros.trajectories.path import Path
+from quad_mpc_ros.trajectories.trajectory import TrajectorySamples, at_rest, combined
 
 # Between knots the attitude comes from the path itself; at 20 rad/s they are 0.04 rad apart.
 _KNOT_STEP = 0.002  # s
@@ -53,23 +53,19 @@ class FlatTrajectory:
         seconds = 1e-9 * np.array(times_ns, dtype=np.float64)
         end = np.inf if self._path.periodic else self._path.duration
         moving = self._moving(np.clip(seconds, 0.0, end))
-        waiting = held(moving, seconds < 0.0, yaw=self._heading)
-        over = (seconds >= end)[:, None]
-        return TrajectorySamples(
-            p_WB=waiting.p_WB,
-            q_WB_xyzw=waiting.q_WB_xyzw,
-            v_WB_W=np.where(over, 0.0, waiting.v_WB_W),
-            a_WB_W=np.where(over, 0.0, waiting.a_WB_W),
-            w_WB_W=np.where(over, 0.0, waiting.w_WB_W),
+        waiting = at_rest(moving.p_WB, yaw=self._heading)
+        over = dataclasses.replace(waiting, q_WB_xyzw=moving.q_WB_xyzw)
+        when = [(seconds < 0.0)[:, None], (seconds >= end)[:, None]]
+        return combined(
+            lambda before, after, during: np.select(when, [before, after], during),
+            waiting,
+            over,
+            moving,
         )
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the start if it is from rest into motion and in (start, end]."""
         return [0] if self._starts_in_motion and start_ns < 0 <= end_ns else []
-
-    def before(self, time_ns: int) -> TrajectorySamples:
-        """Return the sample just before a time."""
-        return self.at([time_ns - 1])
 
     def _moving(self, seconds: Array) -> TrajectorySamples:
         path = self._path.at(seconds)
@@ -92,40 +88,20 @@ class FlatTrajectory:
         )
 
     def _prepared_frames(self) -> ThrustFrames | None:
-        """Return the frames of a path that is flown upside down; also look for free fall."""
-        count = (
-            int(np.clip(np.ceil(self._path.duration / _KNOT_STEP), _LEAST_KNOTS, _MOST_KNOTS)) + 1
-        )
-        knots = np.linspace(0.0, self._path.duration, count)
+        """Return the frames of a path that is flown upside down; raise as :func:`thrust_axis`."""
+        duration = self._path.duration
+        steps = np.clip(np.ceil(duration / _KNOT_STEP), _LEAST_KNOTS, _MOST_KNOTS)
+        knots = np.linspace(0.0, duration, int(steps) + 1)
         with np.errstate(over="ignore", invalid="ignore"):
             path = self._path.at(knots)
-            z = self._thrust_direction(path, knots)
+            z, _, _ = thrust_axis(
+                v_WB_W=path.v_WB_W,
+                a_WB_W=path.a_WB_W,
+                j_WB_W=path.j_WB_W,
+                gravity=self._gravity,
+                drag=self._drag,
+                seconds=knots,
+            )
         if self._path.periodic or z[:, 2].min() >= 0.0:
             return None
         return ThrustFrames(knots, z)
-
-    def _thrust_direction(self, path: PathSamples, knots: Array) -> Array:
-        """Return where the thrust points (n, 3); raises ``ValueError`` at the first free fall."""
-
-        def direction(count: int) -> Array:
-            z, _, _ = thrust_axis(
-                v_WB_W=path.v_WB_W[:count],
-                a_WB_W=path.a_WB_W[:count],
-                j_WB_W=path.j_WB_W[:count],
-                gravity=self._gravity,
-                drag=self._drag,
-            )
-            return z
-
-        def falls(count: int) -> bool:
-            try:
-                direction(count)
-            except ValueError:
-                return True
-            return False
-
-        try:
-            return direction(len(knots))
-        except ValueError as error:
-            first = bisect.bisect_left(range(len(knots)), True, key=lambda i: falls(i + 1))
-            raise ValueError(f"at {knots[first]:.3f} s {error}") from error

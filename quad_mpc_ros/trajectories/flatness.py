@@ -6,21 +6,18 @@ df/dt = j + mu a, how that axis turns. What is left is the turn about it.
 
 Attitude is the shortest rotation that takes the world's z axis to z_B, followed by the yaw about
 z_B: the Hopf fibration of Watterson and Kumar, "Control of quadrotors using the Hopf fibration on
-SO(3)" (ISRR 2017). Unlike a heading, which is lost when the nose points up, this is singular for
-z_B = -e_3 only, thrust exactly downwards. Level and at yaw 0 the vehicle heads east.
+SO(3)" (ISRR 2017). Level and at yaw 0 the vehicle heads east. Unlike a heading, which is lost when
+the nose points up, this chart is singular for z_B = -e_3 only, thrust exactly downwards; ``chart``
+gives the same map any other centre than e_3.
 
-That is one chart, centred on e_3. ``chart`` gives the same map any other centre.
-
-No continuous choice of attitude as a function of the thrust's direction alone exists on the whole
-sphere, so a path that is flown upside down needs one that remembers where it came from. Here it is
-the rotation-minimising one: the body turns with its thrust axis and never about it, w_z = 0. In a
-vertical loop that is pitching on through 180 degrees, and of all attitudes it asks for the least
-body rates. See Wang, Juettler, Zheng and Liu, "Computation of rotation minimizing frames" (2008).
-It is a sequence of charts, :class:`ThrustFrames`: one at each knot in time, centred on the
-thrust's direction there and joined so that the attitude is continuous. Between two knots the
-thrust is never far from the centre of its chart, so no chart is used near where it is singular.
-The price is memory: the heading after a spatial manoeuvre depends on the way taken. A path whose
-thrust stays above the horizon therefore keeps the single chart, in which yaw is yaw.
+No attitude depends continuously on the thrust's direction alone over the whole sphere. A path that
+is flown upside down therefore gets the rotation-minimising one: the body turns with its thrust
+axis and never about it, w_z = 0, which asks for the least body rates; a vertical loop is pitching
+on through 180 degrees (Wang, Juettler, Zheng and Liu, "Computation of rotation minimizing frames",
+2008). It is a sequence of charts, :class:`ThrustFrames`, one at each knot in time, centred on the
+thrust's direction there and joined so that the attitude is continuous; none is used near where it
+is singular. The price is memory: the heading after a manoeuvre depends on the way taken, so a path
+whose thrust stays above the horizon keeps the single chart, in which yaw is yaw.
 """
 
 from __future__ import annotations
@@ -88,19 +85,27 @@ def flat_inputs(
 
 
 def thrust_axis(
-    *, v_WB_W: Array, a_WB_W: Array, j_WB_W: Array, gravity: float, drag: float
+    *,
+    v_WB_W: Array,
+    a_WB_W: Array,
+    j_WB_W: Array,
+    gravity: float,
+    drag: float,
+    seconds: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return the thrust's direction (n, 3), its time derivative (n, 3), and thrust over mass (n,).
 
-    Raises ``ValueError`` in free fall.
+    Raises ``ValueError`` in free fall; it says when first, if ``seconds`` (n,) are given.
     """
     force = a_WB_W + drag * v_WB_W + [0.0, 0.0, gravity]
     force_rate = j_WB_W + drag * a_WB_W
     thrust = np.sqrt(np.sum(force * force, axis=-1))
-    if not np.all(np.isfinite(thrust) & (thrust > _FREE_FALL)):
+    falls = ~(np.isfinite(thrust) & (thrust > _FREE_FALL))
+    if falls.any():
+        when = "" if seconds is None else f"at {seconds[np.argmax(falls)]:.3f} s "
         raise ValueError(
-            f"thrust over mass from {np.min(thrust):.3g} to {np.max(thrust):.3g} m/s^2, where "
-            f"only finite ones above {_FREE_FALL:g} (not in free fall) have an attitude"
+            f"{when}thrust over mass from {np.min(thrust):.3g} to {np.max(thrust):.3g} m/s^2, "
+            f"where only finite ones above {_FREE_FALL:g} (not in free fall) have an attitude"
         )
     z = force / thrust[..., None]
     along = np.sum(z * force_rate, axis=-1, keepdims=True)

@@ -14,15 +14,10 @@ import numpy as np
 
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.minimum_snap import End, Leg, leg_within
+from quad_mpc_ros.trajectories.minimum_snap import End, leg_within
 from quad_mpc_ros.trajectories.path import Chain, Path, with_lowest_point
 from quad_mpc_ros.trajectories.smooth_turn import SmoothTurn
-from quad_mpc_ros.trajectories.thrust_path import (
-    ThrustPath,
-    TurnParameters,
-    coasting_end,
-    turning_thrust,
-)
+from quad_mpc_ros.trajectories.thrust_path import TurnParameters, turning_over
 
 _UP = np.array([0.0, 0.0, 1.0])
 _CLIMB_ACCELERATION = 0.5  # mean over the way to the turn, over gravity
@@ -45,23 +40,16 @@ def flip(config: FlipParameters) -> Path:
     times = np.linspace(0.0, turn.duration, _SAMPLES)
     lift = force * float(np.mean(np.cos(turn.at(times)[0])))
     climb = 0.5 * (config.gravity - lift) * turn.duration
-    start = np.array([*config.origin, config.height])
-    entry = Leg(
-        End.at_rest(start),
-        coasting_end(climb * _UP, force=force, gravity=config.gravity, drag=config.drag),
-        duration=climb / (_CLIMB_ACCELERATION * config.gravity),
-    )
-    over = ThrustPath(
-        turning_thrust(turn, force=force, towards=_side(config)),
-        duration=turn.duration,
-        p_WB=entry.at(np.array([entry.duration])).p_WB[0],
-        v_WB_W=climb * _UP,
-        gravity=config.gravity,
-        drag=config.drag,
+    entry, over = turning_over(
+        turn,
+        climb * _UP,
+        config,
+        towards=_side(config),
+        entry=climb / (_CLIMB_ACCELERATION * config.gravity),
     )
     recovery = leg_within(
         End.of(over.at(np.array([over.duration])), 0),
-        End.at_rest(start),
+        End.at_rest(np.array([*config.origin, config.height])),
         max_speed=math.inf,
         max_acceleration=_RECOVERY_ACCELERATION * config.gravity,
     )

@@ -6,7 +6,6 @@ request is accepted. On request, the vehicle stands on the ground until it is to
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -16,10 +15,10 @@ from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.safety.validation import pose_fault
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import received_trajectory
 from quad_mpc_ros.trajectories.director import GROUND, LANDING, Director, Reply
 from quad_mpc_ros.trajectories.feasibility import judged
 from quad_mpc_ros.trajectories.flatness import yaw_of
-from quad_mpc_ros.trajectories.received import received_trajectory
 from quad_mpc_ros.trajectories.server import ReferenceServer
 from quad_mpc_ros.trajectories.touchdown import Touchdown
 from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples
@@ -158,8 +157,7 @@ class LiveReference:
             trajectory = received_trajectory(message, self._config)
         except (UserError, ValueError) as error:
             return Reply(accepted=False, text=str(error))
-        limits = dataclasses.replace(self._config.limits(), ground=self._director.ground)
-        verdict = judged(trajectory, self._config.vehicle(), limits)
+        verdict = judged(trajectory, self._config, ground=self._director.ground)
         fault = verdict.reason() or self._out_of_reach(self._director, message.p_WB)
         if fault:
             return Reply(accepted=False, text=fault)

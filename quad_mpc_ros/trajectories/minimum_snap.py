@@ -81,10 +81,6 @@ class End:
             j_WB_W=path.j_WB_W[place],
         )
 
-    def derivatives(self) -> list[Array | None]:
-        """Return position and its derivatives."""
-        return [self.p_WB, self.v_WB_W, self.a_WB_W, self.j_WB_W]
-
 
 class Leg:
     """The path of least snap between two ends.
@@ -104,7 +100,7 @@ class Leg:
         fixed = [
             (place, order, value * duration**order)
             for place, ends in ((0.0, start), (1.0, end))
-            for order, value in enumerate(ends.derivatives())
+            for order, value in enumerate((ends.p_WB, ends.v_WB_W, ends.a_WB_W, ends.j_WB_W))
             if value is not None
         ]
         rows = [_row(len(fixed), place, order) for place, order, _ in fixed]
@@ -148,11 +144,8 @@ def leg_within(start: End, end: End, *, max_speed: float, max_acceleration: floa
 
 def _row(size: int, place: float, order: int) -> Array:
     """Return the derivatives of 1, t, t^2, … of an order at a place."""
-    row = np.zeros(size)
-    for power in range(order, size):
-        factor = float(np.prod(np.arange(power - order + 1, power + 1)))
-        row[power] = factor * place ** (power - order)
-    return row
+    derived = np.polynomial.polynomial.polyder(np.eye(size), order)
+    return np.asarray(np.polynomial.polynomial.polyval(place, derived))
 
 
 def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: float) -> SplinePath:
@@ -181,12 +174,7 @@ def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: floa
         def cost(logarithms: Any) -> float:
             return duration(np.exp(logarithms), samples=_COARSE)
 
-        found = minimize(
-            cost,
-            np.log(shares),
-            method="Nelder-Mead",
-            options=_SIMPLEX,
-        )
+        found = minimize(cost, np.log(shares), method="Nelder-Mead", options=_SIMPLEX)
         shares = np.exp(found.x)
     shortest = duration(shares, samples=_FINE)
     return SplinePath(snap_spline(points, shortest * _times(shares)), duration=shortest)

@@ -57,21 +57,21 @@ class Path(Protocol):
 
 
 class Chain:
-    """Paths one after the other, each beginning as the one before ends."""
+    """Paths one after the other, each beginning as the one before ends.
 
-    periodic = False
+    With ``periodic`` the first one also begins as the last one ends, and it goes round and round.
+    """
 
-    def __init__(self, links: Sequence[Path]) -> None:
+    def __init__(self, links: Sequence[Path], *, periodic: bool = False) -> None:
         self._links = list(links)
+        self.periodic = periodic
         self._ends = np.cumsum([link.duration for link in links])
-
-    @property
-    def duration(self) -> float:
-        """All of them."""
-        return float(self._ends[-1])
+        self.duration = float(self._ends[-1])
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the path at times (n,) [s]."""
+        if self.periodic:
+            seconds = np.mod(seconds, self.duration)
         owner = np.minimum(np.searchsorted(self._ends, seconds, side="right"), len(self._ends) - 1)
         starts = np.append(0.0, self._ends[:-1])
         p, v, a, j = (np.empty((len(seconds), 3)) for _ in range(4))
@@ -85,43 +85,14 @@ class Chain:
         return PathSamples(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=j, yaw=yaw, yaw_rate=yaw_rate)
 
 
-class Round:
-    """A path that ends as it begins, round and round."""
-
-    periodic = True
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self.duration = path.duration
-
-    def at(self, seconds: Array) -> PathSamples:
-        """Return the path at times (n,) [s]."""
-        return self._path.at(np.mod(seconds, self.duration))
-
-
-class Rest:
-    """A path that stays at a place (3,) [m]."""
-
-    periodic = False
-
-    def __init__(self, p_WB: Array, *, duration: float) -> None:
-        self._p_WB = p_WB
-        self.duration = duration
-
-    def at(self, seconds: Array) -> PathSamples:
-        """Return the place, once for each time (n,) [s]."""
-        rest = np.zeros((len(seconds), 3))
-        return PathSamples(p_WB=rest + self._p_WB, v_WB_W=rest, a_WB_W=rest, j_WB_W=rest)
-
-
 class Straight:
     """A path straight on at a constant velocity (3,) [m/s] from a place (3,) [m]."""
 
     periodic = True
-    duration = 1.0
 
-    def __init__(self, p_WB: Array, *, v_WB_W: Array) -> None:
+    def __init__(self, p_WB: Array, *, v_WB_W: Array, duration: float = 1.0) -> None:
         self._p_WB, self._v_WB_W = p_WB, v_WB_W
+        self.duration = duration
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the path at times (n,) [s]."""
@@ -132,6 +103,13 @@ class Straight:
             a_WB_W=rest,
             j_WB_W=rest,
         )
+
+
+class Rest(Straight):
+    """A path that stays at a place (3,) [m]."""
+
+    def __init__(self, p_WB: Array, *, duration: float) -> None:
+        super().__init__(p_WB, v_WB_W=np.zeros(3), duration=duration)
 
 
 class SplinePath:
@@ -163,6 +141,28 @@ class Moved:
         """Return the displaced path at times (n,) [s]."""
         found = self._path.at(seconds)
         return dataclasses.replace(found, p_WB=found.p_WB + self._offset)
+
+
+class Slowed:
+    """A path that takes ``factor`` times as long: uniform time scaling."""
+
+    def __init__(self, path: Path, factor: float) -> None:
+        self._path = path
+        self._factor = factor
+        self.duration = factor * path.duration
+        self.periodic = path.periodic
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s]; the n-th derivative shrinks by factor^n."""
+        k, found = self._factor, self._path.at(seconds / self._factor)
+        return PathSamples(
+            p_WB=found.p_WB,
+            v_WB_W=found.v_WB_W / k,
+            a_WB_W=found.a_WB_W / k**2,
+            j_WB_W=found.j_WB_W / k**3,
+            yaw=found.yaw,
+            yaw_rate=np.asarray(found.yaw_rate) / k,
+        )
 
 
 class Turned:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-import numpy as np
+import dataclasses
 
-from quad_mpc_ros.lie import Array
+import numpy as np
+from numpy.typing import NDArray
+
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
-from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples
+from quad_mpc_ros.trajectories.trajectory import (
+    Trajectory,
+    TrajectorySamples,
+    at_rest,
+    combined,
+)
 
 _BEFORE_START_NS = -1
 _MOST_DRAWN = 10_000
@@ -41,15 +48,19 @@ class ReferenceServer:
     def window(self, stamp_ns: int) -> ReferenceWindow:
         """Return the reference from ``stamp_ns`` on."""
         now_ns = _BEFORE_START_NS if self._started_ns is None else stamp_ns - self._started_ns
-        if not self._preview or not self.started:
+        if self._preview and self.started:
+            grid = range(now_ns, now_ns + self._duration_ns + 1, self._step_ns)
+            times, samples = self._with_jumps([*grid], end_ns=now_ns + self._duration_ns)
+        else:  # nothing is known to move
             held = self._trajectory.at([now_ns, now_ns])
-            return self._at_rest(stamp_ns, [0, self._duration_ns], held)
-        offsets = list(range(0, self._duration_ns + 1, self._step_ns))
-        samples = self._trajectory.at([now_ns + offset for offset in offsets])
-        window = _window(stamp_ns, offsets, samples, self._config.frame_id)
-        for jump_ns in self._trajectory.jumps(now_ns, now_ns + self._duration_ns):
-            window = self._with_jump(window, jump_ns - now_ns, jump_ns)
-        return window
+            times = np.array([now_ns, now_ns + self._duration_ns])
+            samples = dataclasses.replace(at_rest(held.p_WB), q_WB_xyzw=held.q_WB_xyzw)
+        return ReferenceWindow(
+            stamp_ns=stamp_ns,
+            offset_ns=times - now_ns,
+            frame_id=self._config.frame_id,
+            **vars(samples),
+        )
 
     def whole(self) -> TrajectorySamples:
         """Return the whole trajectory once, to be drawn: every step and both sides of jumps.
@@ -58,64 +69,18 @@ class ReferenceServer:
         """
         period = self._trajectory.period_ns
         grid = [*range(0, period, max(self._step_ns, period // _MOST_DRAWN)), period]
-        times, parts = [], []
-        for jump_ns in self._trajectory.jumps(0, period):
-            times += [jump_ns, jump_ns]
-            parts += [self._trajectory.before(jump_ns), self._trajectory.at([jump_ns])]
-        # Last, so that a step at the time of a jump comes after both of its sides.
-        times += grid
-        parts.append(self._trajectory.at(grid))
-        order = np.argsort(times, kind="stable")
-        return _concatenated(parts, order)
+        return self._with_jumps(grid, end_ns=period)[1]
 
-    def _at_rest(
-        self, stamp_ns: int, offsets: list[int], held: TrajectorySamples
-    ) -> ReferenceWindow:
-        """Return a window that holds a pose: without preview nothing is known to move."""
-        rest = np.zeros((len(offsets), 3))
-        samples = TrajectorySamples(
-            p_WB=held.p_WB, q_WB_xyzw=held.q_WB_xyzw, v_WB_W=rest, a_WB_W=rest, w_WB_W=rest
-        )
-        return _window(stamp_ns, offsets, samples, self._config.frame_id)
+    def _with_jumps(
+        self, times: list[int], *, end_ns: int
+    ) -> tuple[NDArray[np.int64], TrajectorySamples]:
+        """Return times with each jump up to ``end_ns`` twice among them, and the samples there.
 
-    def _with_jump(self, window: ReferenceWindow, offset: int, jump_ns: int) -> ReferenceWindow:
-        """Return the window with both sides of a jump as two samples of the same time."""
-        place = int(np.searchsorted(window.offset_ns, offset, side="left"))
-        sides = (self._trajectory.before(jump_ns), self._trajectory.at([jump_ns]))
-
-        def inserted(values: Array, left: Array, right: Array) -> Array:
-            return np.concatenate((values[:place], left, right, values[place:]))
-
-        return ReferenceWindow(
-            stamp_ns=window.stamp_ns,
-            frame_id=window.frame_id,
-            offset_ns=np.insert(window.offset_ns, place, [offset, offset]),
-            p_WB=inserted(window.p_WB, *(side.p_WB for side in sides)),
-            q_WB_xyzw=inserted(window.q_WB_xyzw, *(side.q_WB_xyzw for side in sides)),
-            v_WB_W=inserted(window.v_WB_W, *(side.v_WB_W for side in sides)),
-            a_WB_W=inserted(window.a_WB_W, *(side.a_WB_W for side in sides)),
-            w_WB_W=inserted(window.w_WB_W, *(side.w_WB_W for side in sides)),
-        )
-
-
-def _window(
-    stamp_ns: int, offsets: list[int], samples: TrajectorySamples, frame_id: str
-) -> ReferenceWindow:
-    return ReferenceWindow(
-        stamp_ns=stamp_ns,
-        frame_id=frame_id,
-        offset_ns=np.array(offsets, dtype=np.int64),
-        p_WB=samples.p_WB,
-        q_WB_xyzw=samples.q_WB_xyzw,
-        v_WB_W=samples.v_WB_W,
-        a_WB_W=samples.a_WB_W,
-        w_WB_W=samples.w_WB_W,
-    )
-
-
-def _concatenated(parts: list[TrajectorySamples], order: np.ndarray) -> TrajectorySamples:
-    def joined(name: str) -> Array:
-        return np.asarray(np.concatenate([getattr(part, name) for part in parts])[order])
-
-    names = ("p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W")
-    return TrajectorySamples(**{name: joined(name) for name in names})
+        The two are both sides of the jump; a sample at its time comes after both.
+        """
+        jumps = self._trajectory.jumps(times[0], end_ns)
+        sides = [jump - before for jump in jumps for before in (1, 0)]
+        samples = self._trajectory.at([*sides, *times])
+        shown = np.array([*(jump for jump in jumps for _ in (1, 0)), *times], dtype=np.int64)
+        order = np.argsort(shown, kind="stable")
+        return shown[order], combined(lambda values: values[order], samples)

@@ -13,17 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.minimum_snap import End, Leg, leg_within
+from quad_mpc_ros.trajectories.minimum_snap import End, leg_within
 from quad_mpc_ros.trajectories.path import Chain, Path, with_lowest_point
 from quad_mpc_ros.trajectories.smooth_turn import SmoothTurn
 from quad_mpc_ros.trajectories.thrust_path import (
     Thrust,
     ThrustPath,
     TurnParameters,
-    coasting_end,
-    turning_thrust,
+    turning_over,
 )
-from quad_mpc_ros.trajectories.vertical_loop import LoopParameters
+from quad_mpc_ros.trajectories.vertical_loop import VerticalLoopParameters
 
 _UP = np.array([0.0, 0.0, 1.0])
 _RUN_UP_ACCELERATION = 0.5  # mean, over gravity
@@ -33,7 +32,7 @@ _PULL = 3.0  # strongest, over gravity
 
 
 @dataclass(frozen=True, kw_only=True)
-class SplitSParameters(LoopParameters, TurnParameters):
+class SplitSParameters(VerticalLoopParameters, TurnParameters):
     """A split-S has none of its own."""
 
 
@@ -45,35 +44,21 @@ def split_s(config: SplitSParameters) -> Path:
     speed = math.sqrt(config.loop_radius * (config.gravity + force))
     roll = SmoothTurn.with_peak_rate(math.pi, rate=config.flip_rate)
     climb = 0.5 * config.gravity * roll.duration  # gone when the roll ends
-    entry_velocity = speed * forward + climb * _UP
-    run_up = Leg(
-        End.at_rest(np.array([*config.origin, config.height])),
-        coasting_end(entry_velocity, force=force, gravity=config.gravity, drag=config.drag),
-        duration=speed / (_RUN_UP_ACCELERATION * config.gravity),
-    )
-    rolling = ThrustPath(
-        turning_thrust(roll, force=force, towards=np.cross(forward, _UP)),
-        duration=roll.duration,
-        p_WB=run_up.at(np.array([run_up.duration])).p_WB[0],
-        v_WB_W=entry_velocity,
-        gravity=config.gravity,
-        drag=config.drag,
+    run_up, rolling = turning_over(
+        roll,
+        speed * forward + climb * _UP,
+        config,
+        towards=np.cross(forward, _UP),
+        entry=speed / (_RUN_UP_ACCELERATION * config.gravity),
     )
     inverted = rolling.at(np.array([rolling.duration]))
     turn = SmoothTurn(math.pi, duration=math.pi * config.loop_radius / (_PULL_SPEED * speed))
     pull = ThrustPath(
-        _pulling(
-            turn,
-            force=force,
-            strength=_PULL * config.gravity,
-            hover=config.gravity,
-            forward=forward,
-        ),
+        _pulling(turn, force=force, hover=config.gravity, forward=forward),
+        config,
         duration=turn.duration,
         p_WB=inverted.p_WB[0],
         v_WB_W=inverted.v_WB_W[0],
-        gravity=config.gravity,
-        drag=config.drag,
     )
     braking = leg_within(
         End.of(pull.at(np.array([pull.duration])), 0),
@@ -84,13 +69,12 @@ def split_s(config: SplitSParameters) -> Path:
     return with_lowest_point(Chain([run_up, rolling, pull, braking]), config.height)
 
 
-def _pulling(
-    turn: SmoothTurn, *, force: float, strength: float, hover: float, forward: Array
-) -> Thrust:
+def _pulling(turn: SmoothTurn, *, force: float, hover: float, forward: Array) -> Thrust:
     """Return a thrust from ``force`` downwards to ``hover`` upwards by way of backwards.
 
     It is strongest in the second half, where it must hold against gravity as well.
     """
+    strength = _PULL * hover
     peak = float(turn.at(np.array([0.5 * turn.duration]))[1][0])
 
     def thrust(seconds: Array) -> tuple[Array, Array]:

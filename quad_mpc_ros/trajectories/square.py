@@ -11,7 +11,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.path import Chain, Path, Round
+from quad_mpc_ros.trajectories.path import Chain, Path
 from quad_mpc_ros.trajectories.waypoints import Steps, StopParameters, rests_and_legs
 
 
@@ -30,7 +30,7 @@ def square(config: SquareParameters) -> Steps:
 def smooth_square(config: SquareParameters) -> Path:
     """Return the same square with legs of least snap, resting at each corner, for ever."""
     corners = _corners(config)
-    return Round(Chain(rests_and_legs(np.vstack((corners, corners[:1])), config)))
+    return Chain(rests_and_legs(np.vstack((corners, corners[:1])), config), periodic=True)
 
 
 def _corners(config: SquareParameters) -> Array:

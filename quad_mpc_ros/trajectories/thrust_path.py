@@ -13,7 +13,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.trajectories.minimum_snap import End
+from quad_mpc_ros.trajectories.minimum_snap import End, Leg
 from quad_mpc_ros.trajectories.path import PathSamples
 from quad_mpc_ros.trajectories.smooth_turn import SmoothTurn
 from quad_mpc_ros.trajectories.trajectory import TrajectoryParameters
@@ -56,22 +56,21 @@ class ThrustPath:
     def __init__(
         self,
         thrust: Thrust,
+        config: TurnParameters,
         *,
         duration: float,
         p_WB: Array,
         v_WB_W: Array,
-        gravity: float,
-        drag: float,
     ) -> None:
         from scipy.integrate import solve_ivp
 
         self.duration = duration
-        self._thrust, self._drag = thrust, drag
-        self._weight = np.array([0.0, 0.0, gravity])
+        self._thrust, self._drag = thrust, config.drag
+        self._weight = np.array([0.0, 0.0, config.gravity])
 
         def rate(time: float, state: Array) -> Array:
             force, _ = thrust(np.array([time]))
-            return np.concatenate((state[3:], force[0] - self._weight - drag * state[3:]))
+            return np.concatenate((state[3:], force[0] - self._weight - self._drag * state[3:]))
 
         solved = solve_ivp(
             rate,
@@ -100,14 +99,22 @@ class ThrustPath:
         )
 
 
-def coasting_end(v_WB_W: Array, *, force: float, gravity: float, drag: float) -> End:
-    """Return the end of a leg at which the vehicle moves freely but for a thrust ``force`` up."""
+def turning_over(
+    turn: SmoothTurn, v_WB_W: Array, config: TurnParameters, *, towards: Array, entry: float
+) -> tuple[Leg, ThrustPath]:
+    """Return a leg of ``entry`` [s] from hovering to a velocity (3,) [m/s], and the turn there.
+
+    The leg ends as the turn begins: moving freely but for the coasting thrust, upwards. In the
+    turn that keeps its size and turns by way of a direction ``towards`` (3,).
+    """
+    gravity, drag = config.gravity, config.drag
+    force = config.coasting_thrust * gravity
     acceleration = (force - gravity) * _UP - drag * v_WB_W
-    return End(p_WB=None, v_WB_W=v_WB_W, a_WB_W=acceleration, j_WB_W=-drag * acceleration)
-
-
-def turning_thrust(turn: SmoothTurn, *, force: float, towards: Array) -> Thrust:
-    """Return a thrust of constant size that turns from upwards by way of a direction (3,)."""
+    leg = Leg(
+        End.at_rest(np.array([*config.origin, config.height])),
+        End(p_WB=None, v_WB_W=v_WB_W, a_WB_W=acceleration, j_WB_W=-drag * acceleration),
+        duration=entry,
+    )
 
     def thrust(seconds: Array) -> tuple[Array, Array]:
         angle, rate, _, _ = turn.at(seconds)
@@ -115,4 +122,5 @@ def turning_thrust(turn: SmoothTurn, *, force: float, towards: Array) -> Thrust:
         direction = cosine * _UP + sine * towards
         return force * direction, force * rate[:, None] * (cosine * towards - sine * _UP)
 
-    return thrust
+    start = leg.at(np.array([entry])).p_WB[0]
+    return leg, ThrustPath(thrust, config, duration=turn.duration, p_WB=start, v_WB_W=v_WB_W)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import bisect
 from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples
+from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples, combined
 
-_FIELDS = ("p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W")
 _KEPT = 8  # phases that are over, for windows from a little while ago
 
 
@@ -48,33 +48,28 @@ class Timeline:
     def at(self, times_ns: list[int]) -> TrajectorySamples:
         """Return the samples at these times."""
         owners = np.array([self._owner(time_ns) for time_ns in times_ns])
-        found = {name: np.empty((len(times_ns), 4 if "q_" in name else 3)) for name in _FIELDS}
+        parts, places = [], []
         for number in np.unique(owners).tolist():
-            phase, mine = self._phases[number], np.flatnonzero(owners == number)
-            samples = phase.trajectory.at([times_ns[i] - phase.start_ns for i in mine.tolist()])
-            for name in _FIELDS:
-                found[name][mine] = getattr(samples, name)
-        return TrajectorySamples(**found)
+            phase, mine = self._phases[number], np.flatnonzero(owners == number).tolist()
+            parts.append(phase.trajectory.at([times_ns[i] - phase.start_ns for i in mine]))
+            places += mine
+        order = np.argsort(places)
+        return combined(lambda *arrays: np.concatenate(arrays)[order], *parts)
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the jumps inside the phases in (start, end]; between phases there are none."""
         found = []
-        for number, phase in enumerate(self._phases):
-            following = self._phases[number + 1 : number + 2]
-            last = min([end_ns, *(after.start_ns - 1 for after in following)])
-            first = max(start_ns, phase.start_ns)
+        ends = [*(phase.start_ns - 1 for phase in self._phases[1:]), end_ns]
+        for phase, last in zip(self._phases, ends, strict=True):
+            first, last = max(start_ns, phase.start_ns), min(last, end_ns)
             if first < last:
                 inside = phase.trajectory.jumps(first - phase.start_ns, last - phase.start_ns)
                 found += [phase.start_ns + time_ns for time_ns in inside]
         return found
 
-    def before(self, time_ns: int) -> TrajectorySamples:
-        """Return the sample just before a time."""
-        return self.at([time_ns - 1])
-
     def _owner(self, time_ns: int) -> int:
-        started = [n for n, phase in enumerate(self._phases) if phase.start_ns <= time_ns]
-        return started[-1] if started else 0
+        started = bisect.bisect_right(self._phases, time_ns, key=lambda phase: phase.start_ns)
+        return max(started - 1, 0)
 
 
 class FlightTime:

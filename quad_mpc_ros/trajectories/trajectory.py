@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import Array
@@ -39,10 +40,6 @@ class Trajectory(Protocol):
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the times in (start, end] at which the trajectory is not continuous."""
-        ...
-
-    def before(self, time_ns: int) -> TrajectorySamples:
-        """Return the single sample from the left of a time, as it is just before a jump there."""
         ...
 
     @property
@@ -103,15 +100,9 @@ def at_rest(p_WB: Array, *, yaw: float = 0.0) -> TrajectorySamples:
     )
 
 
-def held(
-    samples: TrajectorySamples, where: NDArray[np.bool_], *, yaw: float = 0.0
-) -> TrajectorySamples:
-    """Return the samples, at rest in their positions at the times ``where`` (n,) is true."""
-    resting, choice = at_rest(samples.p_WB, yaw=yaw), where[:, None]
+def combined(function: Callable[..., Array], *parts: TrajectorySamples) -> TrajectorySamples:
+    """Return what a function makes of the positions of some samples, of their attitudes, …."""
+    names = [field.name for field in dataclasses.fields(TrajectorySamples)]
     return TrajectorySamples(
-        p_WB=samples.p_WB,
-        q_WB_xyzw=np.where(choice, resting.q_WB_xyzw, samples.q_WB_xyzw),
-        v_WB_W=np.where(choice, resting.v_WB_W, samples.v_WB_W),
-        a_WB_W=np.where(choice, resting.a_WB_W, samples.a_WB_W),
-        w_WB_W=np.where(choice, resting.w_WB_W, samples.w_WB_W),
+        **{name: function(*(getattr(part, name) for part in parts)) for name in names}
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -85,12 +86,8 @@ def transition(
 
 def _yaw_end(yaw: float, rate: float) -> End:
     """Return a yaw as the first coordinate of an end."""
-    return End(
-        p_WB=np.array([yaw, 0.0, 0.0]),
-        v_WB_W=np.array([rate, 0.0, 0.0]),
-        a_WB_W=np.zeros(3),
-        j_WB_W=np.zeros(3),
-    )
+    rest = End.at_rest(np.array([yaw, 0.0, 0.0]))
+    return dataclasses.replace(rest, v_WB_W=np.array([rate, 0.0, 0.0]))
 
 
 def _slope(values: Array) -> Array:

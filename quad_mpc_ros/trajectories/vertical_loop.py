@@ -22,8 +22,8 @@ _LEAST_PULL = 1.2  # centripetal acceleration at the top over gravity
 
 
 @dataclass(frozen=True, kw_only=True)
-class LoopParameters(TrajectoryParameters):
-    """What a loop and half a loop have in common."""
+class VerticalLoopParameters(TrajectoryParameters):
+    """The loop's own; a split-S has the radius of half a loop."""
 
     loop_radius: float = parameter(
         1.5,
@@ -32,12 +32,6 @@ class LoopParameters(TrajectoryParameters):
         above=0.0,
         maximum=1e3,
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class VerticalLoopParameters(LoopParameters):
-    """The loop's own."""
-
     loop_speed: float = parameter(
         5.5,
         doc="vertical_loop: speed at its top, the highest.",
@@ -64,13 +58,9 @@ class VerticalLoop:
             )
         self._radius = radius
         self._turn = SmoothTurn.with_peak_rate(math.tau, rate=speed / radius)
+        self.duration = self._turn.duration
         self._bottom = np.array([*config.origin, config.height])
         self._forward = np.array([math.cos(config.yaw), math.sin(config.yaw), 0.0])
-
-    @property
-    def duration(self) -> float:
-        """From rest to rest [s]."""
-        return self._turn.duration
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the loop at times (n,) [s]."""

@@ -1,4 +1,4 @@
-"""Waypoints of a configuration: held one after the other, or flown through without a stop."""
+"""Waypoints of a configuration: held, one or one after the other, or flown through."""
 
 from __future__ import annotations
 
@@ -11,22 +11,13 @@ from quad_mpc_ros.configuration import ConfigurationError, parameter
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.trajectories.minimum_snap import LegParameters, minimum_snap_path
 from quad_mpc_ros.trajectories.path import Chain, Path, Rest
-from quad_mpc_ros.trajectories.trajectory import TrajectorySamples, at_rest
+from quad_mpc_ros.trajectories.trajectory import (
+    TrajectoryParameters,
+    TrajectorySamples,
+    at_rest,
+)
 
 _SAME_PLACE = 1e-6  # m
-
-
-@dataclass(frozen=True, kw_only=True)
-class RouteParameters(LegParameters):
-    """Where to go."""
-
-    waypoints: tuple[float, ...] = parameter(
-        (0.0, 0.0, 2.0, 2.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.0, 2.0, 2.0, 0.0, 0.0, 2.0),
-        doc="waypoints, minimum_snap: x, y, z of one point after the other, from the origin.",
-        unit="m",
-        minimum=-1e5,
-        maximum=1e5,
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,9 +38,16 @@ class StopParameters(LegParameters):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WaypointParameters(RouteParameters, StopParameters):
-    """Those of waypoints alone."""
+class WaypointParameters(StopParameters):
+    """Where to go, and how."""
 
+    waypoints: tuple[float, ...] = parameter(
+        (0.0, 0.0, 2.0, 2.0, 0.0, 2.0, 2.0, 2.0, 2.0, 0.0, 2.0, 2.0, 0.0, 0.0, 2.0),
+        doc="waypoints, minimum_snap: x, y, z of one point after the other, from the origin.",
+        unit="m",
+        minimum=-1e5,
+        maximum=1e5,
+    )
     waypoint_legs: str = parameter(
         "minimum_snap",
         doc="waypoints: how to get from one to the next, by a smooth leg or, as the paper's "
@@ -58,7 +56,7 @@ class WaypointParameters(RouteParameters, StopParameters):
     )
 
 
-def configured_waypoints(config: RouteParameters) -> Array:
+def configured_waypoints(config: WaypointParameters) -> Array:
     """Return the waypoints (n, 3) [m] in the world.
 
     Raises :class:`ConfigurationError` for fewer than two, and naming the index of one that is at
@@ -89,7 +87,7 @@ def waypoints(config: WaypointParameters) -> Path | Steps:
     return Steps(points, dwell_time=config.dwell_time, yaw=config.yaw, closed=False)
 
 
-def through_waypoints(config: RouteParameters) -> Path:
+def through_waypoints(config: WaypointParameters) -> Path:
     """Return the path of least snap through the waypoints."""
     return minimum_snap_path(
         configured_waypoints(config),
@@ -119,6 +117,25 @@ def rests_and_legs(points: Array, config: StopParameters) -> list[Path]:
     return links
 
 
+class Hover:
+    """One point above the origin, held at a heading for ever."""
+
+    smooth = True
+    period_ns = 0
+
+    def __init__(self, config: TrajectoryParameters) -> None:
+        self._p_WB = np.array([*config.origin, config.height])
+        self._yaw = config.yaw
+
+    def at(self, times_ns: list[int]) -> TrajectorySamples:
+        """Return the point, once for each time."""
+        return at_rest(np.tile(self._p_WB, (len(times_ns), 1)), yaw=self._yaw)
+
+    def jumps(self, start_ns: int, end_ns: int) -> list[int]:
+        """Return nothing: it never moves."""
+        return []
+
+
 class Steps:
     """Jumps from one point (n, 3) [m] to the next, each held for a while.
 
@@ -133,11 +150,7 @@ class Steps:
         self._dwell_ns = round(dwell_time * 1e9)
         self._yaw = yaw
         self._closed = closed
-
-    @property
-    def period_ns(self) -> int:
-        """One round, or the whole way."""
-        return len(self._points) * self._dwell_ns
+        self.period_ns = len(points) * self._dwell_ns
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:
         """Return the points held at these times; the first one before the start."""
@@ -153,7 +166,3 @@ class Steps:
         if not self._closed:
             last = min(last, len(self._points) - 1)
         return [leg * self._dwell_ns for leg in range(first, last + 1)]
-
-    def before(self, time_ns: int) -> TrajectorySamples:
-        """Return the point held just before a time."""
-        return self.at([time_ns - 1])

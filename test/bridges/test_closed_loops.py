@@ -30,7 +30,7 @@ from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.safety.ladder import Source
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
-from quad_mpc_ros.simulation.odometry_stream import OdometryStream
+from quad_mpc_ros.simulation.sensors import OdometryStream
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.server import ReferenceServer
 

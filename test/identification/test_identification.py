@@ -33,8 +33,7 @@ from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
-from quad_mpc_ros.simulation.odometry_stream import OdometryStream
-from quad_mpc_ros.simulation.sensors import Sensors
+from quad_mpc_ros.simulation.sensors import OdometryStream, Sensors
 
 START_NS = 1_000_000_000
 NOISE = {

@@ -18,7 +18,7 @@ from quad_mpc_ros.replay.command_comparison import compare_commands, comparison_
 from quad_mpc_ros.replay.resolution import Resolved, resolve
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
-from quad_mpc_ros.simulation.odometry_stream import OdometryStream
+from quad_mpc_ros.simulation.sensors import OdometryStream
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.server import ReferenceServer
 

@@ -15,8 +15,12 @@ from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
-from quad_mpc_ros.simulation.odometry_stream import OdometryStream, SentOdometry
-from quad_mpc_ros.simulation.sensors import Sensors, odometry_stamps
+from quad_mpc_ros.simulation.sensors import (
+    OdometryStream,
+    Sensors,
+    SentOdometry,
+    odometry_stamps,
+)
 
 START_NS = 1_000_000_000
 FIELDS = ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")

@@ -155,7 +155,7 @@ def test_before_its_start_it_rests_level_where_it_begins() -> None:
     assert_allclose(samples.v_WB_W[2], [3.0 * FAST, 3.0 * FAST, 0.0])
     assert eight.jumps(-SECOND, SECOND) == [0]
     assert eight.jumps(-SECOND, -1) == eight.jumps(0, SECOND) == []
-    assert_array_equal(eight.before(0).v_WB_W, np.zeros((1, 3)))
+    assert_array_equal(eight.at([-1]).v_WB_W, np.zeros((1, 3)))
 
 
 def server(**changes: object) -> ReferenceServer:

@@ -221,7 +221,7 @@ def test_waypoints_with_jumps_are_held_and_the_last_one_for_ever() -> None:
     assert_allclose(held.p_WB[:, 1], [0, 0, 0, 0, 4, 4])
     assert_allclose(held.q_WB_xyzw[0], [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
     assert trajectory.jumps(0, 100 * second) == [2 * second, 4 * second]
-    assert_allclose(trajectory.before(2 * second).p_WB, [[10.0, 0.0, 1.0]])
+    assert_allclose(trajectory.at([2 * second - 1]).p_WB, [[10.0, 0.0, 1.0]])
 
 
 def test_waypoints_with_smooth_legs_rest_at_each() -> None:

@@ -11,10 +11,9 @@ import pytest
 from fixtures.own_package import ROOT, kept
 from numpy.testing import assert_allclose, assert_array_equal
 
+from quad_mpc_ros import simulate, summarise
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.configuration import ConfigurationError, UserError
-from quad_mpc_ros.simulation.closed_loop import FlightLog, fly
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
@@ -23,14 +22,13 @@ from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
 def test_a_path_is_handed_to_the_loop_and_flown(own_package: SimpleNamespace) -> None:
     swings = own_package.swings
     swing = swings.Swing(swings.SwingParameters(swing_width=1.5))
-    log = FlightLog(
-        fly(trajectory=swing, simulator=SimulatorConfig(duration=2.0), on_reference=True)
-    )
-    assert len(log.steps) == 100
-    assert log.time[-1] == pytest.approx(1.98)
-    assert_array_equal(log.p_WB[0], [0.0, 0.0, 2.0])
-    assert log.position_rmse < 0.01
-    assert np.isfinite(log.commands).all()
+    flight = simulate(trajectory=swing, duration=2.0, on_reference=True)
+    assert len(flight.time) == len(flight.commands.stamp_ns) == 100
+    assert flight.time[-1] == pytest.approx(1.98)
+    assert_array_equal(flight.p_WB[0], [0.0, 0.0, 2.0])
+    assert summarise(flight)["position_rmse_m"] < 0.01
+    assert np.isfinite(flight.commands.throttle).all()
+    assert np.isfinite(flight.commands.w_WB_B).all()
 
 
 def test_contributing_enters_it_where_the_others_are() -> None:
