@@ -23,15 +23,12 @@ class Plant(Protocol):
 
     def apply(self, command: CommandSample) -> None:
         """Take a command that arrives now."""
-        ...
 
     def advance_to(self, time_ns: int) -> None:
         """Move to a time; a time already past changes nothing."""
-        ...
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
         """Return the true odometry under a stamp."""
-        ...
 
 
 class DelayedPlant(ABC):

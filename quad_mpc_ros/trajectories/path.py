@@ -44,16 +44,13 @@ class Path(Protocol):
     @property
     def duration(self) -> float:
         """How long it takes, or with ``periodic`` once round [s]."""
-        ...
 
     @property
     def periodic(self) -> bool:
         """Whether it goes on for ever; otherwise it ends at rest."""
-        ...
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the path at times (n,) [s] from 0 to its duration, or without end."""
-        ...
 
 
 class Chain:

@@ -36,21 +36,17 @@ class Trajectory(Protocol):
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:
         """Return the samples at these times; at a jump, the values after it."""
-        ...
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the times in (start, end] at which the trajectory is not continuous."""
-        ...
 
     @property
     def period_ns(self) -> int:
         """Time after which the whole trajectory has been seen; 0 when it never moves."""
-        ...
 
     @property
     def smooth(self) -> bool:
         """Whether a vehicle can follow it: it is previewed, and flights begin on it."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
