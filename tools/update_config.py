@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from quad_mpc_ros.bridges.registry import bridge_configurations, bridge_packages
-from quad_mpc_ros.commands.parameter_tables import NODES, as_markdown, as_yaml
+from quad_mpc_ros.commands.params import as_markdown, as_yaml, own_nodes
 from quad_mpc_ros.faults.cases import fault_table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -18,7 +18,7 @@ OURS = {name for name, package in bridge_packages().items() if package == "quad_
 BRIDGES = {name: kind for name, kind in bridge_configurations().items() if name in OURS}
 if missing := OURS - BRIDGES.keys():
     raise SystemExit(f"setup.py has changed ({', '.join(sorted(missing))}): install it again")
-ALL_NODES = {**NODES, **BRIDGES}
+ALL_NODES = {**own_nodes(), **BRIDGES}
 
 _SOAK_PAGE = Path("docs", "soak.md")
 _TABLE_BEGINS, _TABLE_ENDS = "<!-- faults -->", "<!-- end of faults -->"

@@ -7,12 +7,8 @@ import sys
 from pathlib import Path
 from typing import cast
 
+from quad_mpc_ros.commands import recording
 from quad_mpc_ros.commands.output import check_writable, write_new
-from quad_mpc_ros.commands.recording import (
-    add_recording_options,
-    recorded_configuration,
-    topic_names,
-)
 from quad_mpc_ros.commands.save_vehicle import add_vehicle_file_options
 from quad_mpc_ros.configuration import UserError
 
@@ -25,7 +21,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--config on standard output, and what was found with its 95 %% intervals on standard "
         "error."
     )
-    add_recording_options(parser)
+    recording.add_options(parser)
     add_vehicle_file_options(parser)
     parser.add_argument(
         "--plot", type=Path, metavar="PNG", help="draw measured and fitted rates and thrust"
@@ -44,15 +40,15 @@ def run(options: argparse.Namespace) -> int:
 
     for name, path in (("--out", options.out), ("--plot", options.plot)):
         check_writable(name, path, overwrite=options.overwrite)
-    recording = Recording(options.bag)
-    run = recording.run(topic_names(options), topics=(topics.COMMAND, topics.ENGAGED))
-    mpc = cast("MpcConfig", recorded_configuration(options, run)["mpc"])
+    bag = Recording(options.bag)
+    run = bag.run(recording.topic_names(options), topics=(topics.COMMAND, topics.ENGAGED))
+    mpc = cast("MpcConfig", recording.configuration(options, run)["mpc"])
     data = identification.measurements_of(
         run, vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame
     )
     found = identification.fit(data)
     # In lockstep a command takes no time of its own.
-    lockstep = recording.parameters_of(MpcConfig).get("lockstep", False)
+    lockstep = bag.parameters_of(MpcConfig).get("lockstep", False)
     age = float("nan") if lockstep else data.command_age
     print(identification.identification_table(found, mpc, command_age=age), file=sys.stderr)
     text = identification.parameter_file(found, mpc, bag=run.bag, keep=options.keep)

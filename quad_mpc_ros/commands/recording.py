@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from quad_mpc_ros.recordings.run import RecordedRun, TopicNames
 
 
-def add_recording_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the bag, how to read it, and the configuration that is put over the recorded one."""
     parser.add_argument(
         "bag",
@@ -55,7 +55,7 @@ def topic_names(options: argparse.Namespace) -> TopicNames:
     )
 
 
-def recorded_configuration(
+def configuration(
     options: argparse.Namespace, run: RecordedRun, *, assignments: tuple[str, ...] = ()
 ) -> dict[str, Configuration]:
     """Return the recorded parameters of every node with what was given over them.

@@ -8,12 +8,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from quad_mpc_ros.commands import recording
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, write_json
-from quad_mpc_ros.commands.recording import (
-    add_recording_options,
-    recorded_configuration,
-    topic_names,
-)
 from quad_mpc_ros.commands.run_options import add_out
 from quad_mpc_ros.configuration import BagError
 
@@ -35,7 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "default, they are the same; --config and --set ask what others would have commanded. "
         "Writes DIR/bag, DIR/summary.json and DIR/figures/commands.png."
     )
-    add_recording_options(parser)
+    recording.add_options(parser)
     parser.add_argument(
         "--reference-topic",
         default="",
@@ -57,8 +53,8 @@ def run(options: argparse.Namespace) -> int:
     from quad_mpc_ros.messages.topics import REFERENCE
     from quad_mpc_ros.recordings.recording import Recording
 
-    run = Recording(options.bag).run(topic_names(options))
-    config = recorded_configuration(options, run, assignments=_adopted(options, run))
+    run = Recording(options.bag).run(recording.topic_names(options))
+    config = recording.configuration(options, run, assignments=_adopted(options, run))
     mpc = cast("MpcConfig", config["mpc"])
     windows = None
     if options.reference is not None:

@@ -13,12 +13,7 @@ from typing import Any
 
 from quad_mpc_ros import __version__
 from quad_mpc_ros.figures import panels
-from quad_mpc_ros.report.overview import (
-    identity_table,
-    metrics_table,
-    parameter_table,
-    verdict,
-)
+from quad_mpc_ros.report import overview
 from quad_mpc_ros.report.plotting import plotly
 from quad_mpc_ros.report.run import MOST_HORIZONS, ReportedRun
 from quad_mpc_ros.report.series import TABLE_NAMES, csv_tables
@@ -106,12 +101,13 @@ def page(runs: Sequence[ReportedRun]) -> str:
         names=escape(names),
         version=escape(__version__),
         verdicts="\n".join(_verdict(run) for run in runs),
-        identity=identity_table(runs),
-        metrics=metrics_table(runs),
+        identity=overview.identity_table(runs),
+        metrics=overview.metrics_table(runs),
         links="\n".join(f'<a href="#{each.key}">{escape(each.title)}</a>' for each in _SECTIONS),
         sections="\n".join(_section(each, runs) for each in _SECTIONS),
         differences=_differences(runs),
-        parameters=parameter_table(runs, only_different=False) or "<p>None were recorded.</p>",
+        parameters=overview.parameter_table(runs, only_different=False)
+        or "<p>None were recorded.</p>",
         buttons="\n".join(_buttons(run) for run in runs),
         tables=_in_script({run.name: csv_tables(run) for run in runs if not _long(run)}),
         script=_asset("page.js"),
@@ -145,14 +141,14 @@ def _verdict(run: ReportedRun) -> str:
     kind = "bad" if summary["fallbacks"] or not summary["commands"] else "good"
     return (
         f'<p class="{kind}"><b>{escape(run.name)}</b>: {summary["duration_s"]:.2f} s. '
-        f"{escape(verdict(run) + text)}</p>"
+        f"{escape(overview.verdict(run) + text)}</p>"
     )
 
 
 def _differences(runs: Sequence[ReportedRun]) -> str:
     if len(runs) == 1:
         return ""
-    table = parameter_table(runs, only_different=True)
+    table = overview.parameter_table(runs, only_different=True)
     return f"<h2>Parameters that differ</h2>\n{table or '<p>None.</p>'}"
 
 

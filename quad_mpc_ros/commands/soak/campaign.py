@@ -235,7 +235,7 @@ def _start_in_every_order(rig: Rig) -> list[str]:
 
 def _start_in_order(rig: Rig, order: tuple[str, ...]) -> None:
     rig.wait(
-        lambda: rig.node_names().isdisjoint(NODES),
+        lambda: set(NODES).isdisjoint(rig.node.get_node_names()),
         f"no node named {', '.join(NODES)} to be on this ROS domain",
         timeout=_START_TIMEOUT,
     )
@@ -249,4 +249,4 @@ def _start_in_order(rig: Rig, order: tuple[str, ...]) -> None:
 
 
 def _is_there(rig: Rig, node: str) -> bool:
-    return node in rig.node_names()
+    return node in rig.node.get_node_names()

@@ -120,10 +120,6 @@ class Rig(Observer):
                 self._position_error = float(np.linalg.norm(window.p_WB[0] - odometry.p_WB))
         return self._position_error
 
-    def node_names(self) -> set[str]:
-        """Return the names of the nodes that are there."""
-        return set(self.node.get_node_names())
-
     def spin(self, seconds: float) -> None:
         """Relay and watch for a time."""
         self._spin_until(lambda: False, seconds)
