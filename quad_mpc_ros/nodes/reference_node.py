@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import GOAL_POSE, ODOMETRY, REFERENCE, REFERENCE_PATH, TRAJECTORY
+from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import decoded, new_message
@@ -50,6 +51,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def configure(self, config: ReferenceConfig) -> None:
         """Prepare the trajectory and listen."""
         self._config = config
+        # Compiled code is loaded when it is first called: now, not when the flight begins.
+        odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id=config.frame_id)
         self._live = self._prepared()
         self._time = FlightTime()
         self._request = ""
