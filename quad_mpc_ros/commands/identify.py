@@ -33,7 +33,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fit, tell (the table on standard error), write; return the exit code."""
-    from quad_mpc_ros import identification
+    from quad_mpc_ros.identification.figure import write_fit_figure
+    from quad_mpc_ros.identification.fit import fit
+    from quad_mpc_ros.identification.measurements import measurements_of
+    from quad_mpc_ros.identification.report import identification_table, parameter_file
     from quad_mpc_ros.messages import topics
     from quad_mpc_ros.mpc_config import MpcConfig
     from quad_mpc_ros.recordings.recording import Recording
@@ -43,15 +46,13 @@ def run(options: argparse.Namespace) -> int:
     bag = Recording(options.bag)
     run = bag.run(recording.topic_names(options), topics=(topics.COMMAND, topics.ENGAGED))
     mpc = cast("MpcConfig", recording.configuration(options, run)["mpc"])
-    data = identification.measurements_of(
-        run, vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame
-    )
-    found = identification.fit(data)
+    data = measurements_of(run, vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame)
+    found = fit(data)
     # In lockstep a command takes no time of its own.
     lockstep = bag.parameters_of(MpcConfig).get("lockstep", False)
     age = float("nan") if lockstep else data.command_age
-    print(identification.identification_table(found, mpc, command_age=age), file=sys.stderr)
-    text = identification.parameter_file(found, mpc, bag=run.bag, keep=options.keep)
+    print(identification_table(found, mpc, command_age=age), file=sys.stderr)
+    text = parameter_file(found, mpc, bag=run.bag, keep=options.keep)
     if options.out is None:
         print(text, end="")
     else:
@@ -59,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
         print(f"\nparameters  {options.out}", file=sys.stderr)
     if options.plot is not None:
         try:
-            figure = identification.write_fit_figure(found, options.plot)
+            figure = write_fit_figure(found, options.plot)
             print(f"plot        {figure}", file=sys.stderr)
         except OSError as error:
             raise UserError(

@@ -180,18 +180,14 @@ def _spread(model: ResponseModel, theta: Array) -> _Spread:
 
 
 def _fitted(model: ResponseModel, start: Array, spread: _Spread) -> Array:
+    def scaled(rates: Array, velocity: Array) -> Array:
+        return np.concatenate((rates / spread.rate, velocity / spread.velocity))
+
     def residuals(theta: Array) -> Array:
-        rates, velocity = model.residuals(theta)
-        return np.concatenate((rates.ravel() / spread.rate, velocity.ravel() / spread.velocity))
+        return scaled(*model.residuals(theta)).ravel()
 
     def jacobian(theta: Array) -> Array:
-        rates, velocity = model.jacobians(theta)
-        return np.concatenate(
-            (
-                rates.reshape(-1, PARAMETERS) / spread.rate,
-                velocity.reshape(-1, PARAMETERS) / spread.velocity,
-            )
-        )
+        return scaled(*model.jacobians(theta)).reshape(-1, PARAMETERS)
 
     solution = least_squares(
         residuals,

@@ -21,13 +21,11 @@ from quad_mpc_ros.text_tables import text_table
 _WIDTH = 80
 _LEAST_EXPLAINED = 0.8
 
+_LIVELY = "fly the square, or the lemniscate with reference.angular_frequency 2"
 _MANOEUVRE = {
-    "rate_time_constant": "the body rates were hardly commanded to change: fly the square, or the "
-    "lemniscate with reference.angular_frequency 2",
-    "thrust_time_constant": "the throttle was hardly commanded to change: fly the square, or the "
-    "lemniscate with reference.angular_frequency 2",
-    "input_delay": "the commands hardly changed: fly the square, or the lemniscate with "
-    "reference.angular_frequency 2",
+    "rate_time_constant": f"the body rates were hardly commanded to change: {_LIVELY}",
+    "thrust_time_constant": f"the throttle was hardly commanded to change: {_LIVELY}",
+    "input_delay": f"the commands hardly changed: {_LIVELY}",
     "thrust_scale": "the thrust does not show: fly longer, off the ground",
     "drag": "the velocity hardly changed: fly the lemniscate, several m/s fast",
 }

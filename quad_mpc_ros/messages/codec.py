@@ -62,7 +62,7 @@ class RosbagsMessages:
         """
         if type_name not in self._jazzy_types:
             raise BagError(f"{type_name} is not one of the message types of ROS 2 Jazzy")
-        return self._fields.blank(type_name)
+        return self._fields.maker(type_name)()
 
     def encode(self, type_name: str, message: Any) -> bytes:
         """Return ``message`` as little-endian CDR with its header.
@@ -168,10 +168,6 @@ class _MessageFields:
         self._makers: dict[str, _Maker] = {}
         self._converters: dict[tuple[str, _LeafRule], _Converter | None] = {}
 
-    def blank(self, type_name: str) -> Any:
-        """Return a message as rclpy would construct it."""
-        return self._maker(type_name)()
-
     def converted(self, type_name: str, message: Any, rule: _LeafRule) -> Any:
         """Return ``message`` with every value converted by a rule, a copy where any changes.
 
@@ -181,7 +177,8 @@ class _MessageFields:
         convert = self._converter(type_name, rule)
         return message if convert is None else convert(message)
 
-    def _maker(self, type_name: str) -> _Maker:
+    def maker(self, type_name: str) -> _Maker:
+        """Return what makes a message as rclpy would construct it."""
         if type_name not in self._makers:
             definition = self._store.get_msgdef(type_name)
             defaults = _DECLARED_DEFAULTS.get(type_name, {})
@@ -197,7 +194,7 @@ class _MessageFields:
         if field[0] == Nodetype.BASE:
             return _constant(_zero(field[1][0]))
         if field[0] == Nodetype.NAME:
-            return self._maker(field[1])
+            return self.maker(field[1])
         if field[0] == Nodetype.SEQUENCE:
             return list
         element, length = field[1]

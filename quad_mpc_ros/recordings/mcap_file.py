@@ -92,7 +92,7 @@ class McapFile:
         with _opened(self.path) as stream:
             _check_summary(stream)
             reader = StreamReader(
-                stream, emit_chunks=True, validate_crcs=True, record_size_limit=_size_of(stream)
+                stream, emit_chunks=True, validate_crcs=True, record_size_limit=size_of(stream)
             )
             for record in reader.records:
                 if isinstance(record, Chunk):
@@ -122,7 +122,7 @@ class McapFile:
 
 
 _MAGIC_SIZE = len(MCAP0_MAGIC)
-_RECORD_HEAD = struct.Struct("<BQ")
+RECORD_HEAD = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI")
 _CHECKSUM_SIZE = 4
 _PIECE_SIZE = 2**20
@@ -171,7 +171,8 @@ def _check_magic(stream: BinaryIO) -> None:
     stream.seek(0)
 
 
-def _size_of(stream: BinaryIO) -> int:
+def size_of(stream: BinaryIO) -> int:
+    """Return the size of a file, which stays where it is."""
     position = stream.tell()
     size = stream.seek(0, io.SEEK_END)
     stream.seek(position)
@@ -201,7 +202,7 @@ def _is_finished(stream: BinaryIO) -> bool:
 
 def _indexed_contents(stream: BinaryIO) -> McapContents | None:
     """Return the contents by the file's index, or None for a file that has none."""
-    size = _size_of(stream)
+    size = size_of(stream)
     reader = SeekingReader(stream, validate_crcs=True, record_size_limit=size)
     summary = reader.get_summary()
     if summary is None or summary.statistics is None:
@@ -256,12 +257,12 @@ def _pieces_of_whole_records(stream: BinaryIO) -> Iterator[tuple[int, int]]:
 
     Each is a chunk, or records outside of chunks, as many as make a mebibyte.
     """
-    size = _size_of(stream)
+    size = size_of(stream)
     start = position = _MAGIC_SIZE
-    while position + _RECORD_HEAD.size <= size:
+    while position + RECORD_HEAD.size <= size:
         stream.seek(position)
-        opcode, length = _RECORD_HEAD.unpack(stream.read(_RECORD_HEAD.size))
-        following = position + _RECORD_HEAD.size + length
+        opcode, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
+        following = position + RECORD_HEAD.size + length
         if following > size:
             break
         if opcode == Opcode.CHUNK:
@@ -299,7 +300,7 @@ def _in_order(
 def _records(stream: BinaryIO, start: int, size: int) -> Iterator[McapRecord]:
     """Yield the records in a part of a file, those in a chunk one by one."""
     stream.seek(start)
-    return records_in(stream.read(min(size, _size_of(stream) - start)))
+    return records_in(stream.read(min(size, size_of(stream) - start)))
 
 
 def records_in(content: bytes) -> Iterator[McapRecord]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -174,18 +175,15 @@ class _Copy:
         self._channel_ids: dict[int, int] = {}
 
     def write(self, salvage: Salvage, writer: Writer) -> None:
-        started = False
-        for record in salvage.records():
-            if not started:
-                profile = record.profile if isinstance(record, Header) else "ros2"
-                writer.start(profile=profile, library=LIBRARY)
-                started = True
+        records = salvage.records()
+        first = next(records, None)
+        profile = first.profile if isinstance(first, Header) else "ros2"
+        writer.start(profile=profile, library=LIBRARY)
+        for record in itertools.chain((first,), records):
             self._write_record(record, writer)
-        if not started:
-            writer.start(profile="ros2", library=LIBRARY)
         writer.finish()  # type: ignore[no-untyped-call]
 
-    def _write_record(self, record: McapRecord, writer: Writer) -> None:
+    def _write_record(self, record: McapRecord | None, writer: Writer) -> None:
         if isinstance(record, Schema) and record.id not in self._schema_ids:
             self._schema_ids[record.id] = writer.register_schema(
                 name=record.name, encoding=record.encoding, data=record.data

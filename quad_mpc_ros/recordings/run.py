@@ -6,7 +6,7 @@ The bag may be of another stack: topics can be named, and pose and twist may com
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -101,27 +101,27 @@ def joined(poses: OdometryLog, twists: OdometryLog) -> OdometryLog:
 
     Of the ones only the poses count, of the others only the twists.
     """
-    found: list[Received[OdometrySample]] = []
-    for pose, place in zip(poses, _nearest(poses, twists), strict=True):
-        if place is not None:
-            twist = twists[place]
-            moving = dataclasses.replace(
-                pose.value, v_WB_B=twist.value.v_WB_B, w_WB_B=twist.value.w_WB_B
-            )
-            received = Received(
-                value=moving,
-                # Whole when both have come.
-                log_time_ns=max(pose.log_time_ns, twist.log_time_ns),
-                publish_time_ns=max(pose.publish_time_ns, twist.publish_time_ns),
-            )
-            found.append(received)
+    found = []
+    for pose, twist in _nearest(poses, twists):
+        moving = dataclasses.replace(
+            pose.value, v_WB_B=twist.value.v_WB_B, w_WB_B=twist.value.w_WB_B
+        )
+        received = Received(
+            value=moving,
+            # Whole when both have come.
+            log_time_ns=max(pose.log_time_ns, twist.log_time_ns),
+            publish_time_ns=max(pose.publish_time_ns, twist.publish_time_ns),
+        )
+        found.append(received)
     return OdometryLog.of(sorted(found, key=lambda received: received.log_time_ns))
 
 
-def _nearest(poses: OdometryLog, twists: OdometryLog) -> list[int | None]:
-    """Return the place of the twist for each pose, or None where none is near."""
+def _nearest(
+    poses: OdometryLog, twists: OdometryLog
+) -> Iterator[tuple[Received[OdometrySample], Received[OdometrySample]]]:
+    """Yield each pose that a twist is near to, with that twist."""
     if not poses or not twists:
-        return [None] * len(poses)
+        return
     order = np.argsort(twists.stamp_ns, kind="stable")
     twist_ns, pose_ns = twists.stamp_ns[order], poses.stamp_ns
     gaps = np.diff(np.unique(pose_ns))
@@ -131,7 +131,5 @@ def _nearest(poses: OdometryLog, twists: OdometryLog) -> list[int | None]:
     after = np.minimum(after, len(twist_ns) - 1)
     nearest = np.where(pose_ns - twist_ns[before] <= twist_ns[after] - pose_ns, before, after)
     near = np.abs(pose_ns - twist_ns[nearest]) <= tolerance_ns
-    return [
-        place if is_near else None
-        for place, is_near in zip(order[nearest].tolist(), near.tolist(), strict=True)
-    ]
+    for place in np.flatnonzero(near).tolist():
+        yield poses[place], twists[int(order[nearest[place]])]

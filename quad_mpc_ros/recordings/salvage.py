@@ -12,9 +12,8 @@ from mcap.opcode import Opcode
 from mcap.records import McapRecord
 from mcap.writer import MCAP0_MAGIC
 
-from quad_mpc_ros.recordings.mcap_file import records_in
+from quad_mpc_ros.recordings.mcap_file import RECORD_HEAD, records_in, size_of
 
-_HEAD = struct.Struct("<BQ")
 _CHUNK_HEAD = struct.Struct("<QQQII")  # start and end time, size, checksum, length of a name
 _LENGTH = struct.Struct("<Q")
 _BLOCK = 2**20
@@ -38,38 +37,32 @@ class Salvage:
 
     def records(self) -> Iterator[McapRecord]:
         """Yield the records in the order of the file, those in chunks one by one."""
+        end = size_of(self._stream)
         self._stream.seek(len(MCAP0_MAGIC))
-        while len(head := self._stream.read(_HEAD.size)) == _HEAD.size:
-            opcode, length = _HEAD.unpack(head)
+        while len(head := self._stream.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
+            opcode, length = RECORD_HEAD.unpack(head)
             if opcode in _ENDINGS:
                 return
-            if length > self._left():  # a damaged length may be astronomic
+            if length > end - self._stream.tell():  # a damaged length may be astronomic
                 if opcode == Opcode.CHUNK:
-                    yield from _records_of_cut_chunk(self._stream, self._left())
+                    yield from _records_of_cut_chunk(self._stream, end)
                 return
             body = self._stream.read(length)
-            self.read_up_to += _HEAD.size + length
+            self.read_up_to += RECORD_HEAD.size + length
             try:
                 yield from list(records_in(head + body))
             except Exception:  # whatever mcap, zstd and lz4 raise on damaged bytes
                 self.damaged_chunks += 1
-
-    def _left(self) -> int:
-        """Return how many bytes follow."""
-        position = self._stream.tell()
-        end = self._stream.seek(0, io.SEEK_END)
-        self._stream.seek(position)
-        return end - position
 
 
 # Zeros are what a file system leaves of data that it never wrote.
 _ENDINGS = (0, Opcode.DATA_END, Opcode.FOOTER)
 
 
-def _records_of_cut_chunk(stream: BinaryIO, size: int) -> Iterator[McapRecord]:
-    """Yield what is whole of a chunk of which a file holds the first ``size`` bytes."""
+def _records_of_cut_chunk(stream: BinaryIO, end: int) -> Iterator[McapRecord]:
+    """Yield what is whole of a chunk in which a file ends, at ``end``."""
     # Zeros may be data or what was never written: better to lose one record than to make one up.
-    end = _end_without_zeros(stream, stream.tell() + size)
+    end = _end_without_zeros(stream, end)
     waiting = b""
     try:
         for part in _content_of_cut_chunk(stream, end):
@@ -84,10 +77,10 @@ def _records_of_cut_chunk(stream: BinaryIO, size: int) -> Iterator[McapRecord]:
 
 
 def _end_of_record(content: bytes, start: int) -> int | None:
-    if start + _HEAD.size > len(content):
+    if start + RECORD_HEAD.size > len(content):
         return None
-    _, length = _HEAD.unpack_from(content, start)
-    end: int = start + _HEAD.size + length
+    _, length = RECORD_HEAD.unpack_from(content, start)
+    end: int = start + RECORD_HEAD.size + length
     return end if end <= len(content) else None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,12 +94,10 @@ def compare_commands(
 def comparison_table(comparison: CommandComparison) -> str:
     """Return the comparison as lines of plain ASCII text, at most 80 columns wide."""
     s = comparison.summary()
+    alone = f"{s['only_recorded']} recorded, {s['only_resolved']} resolved"
     facts = [
         ("commands", f"{s['equal']} of {s['compared']} equal, bit for bit"),
-        (
-            "without counterpart",
-            f"{s['only_recorded']} recorded, {s['only_resolved']} resolved",
-        ),
+        ("without counterpart", alone),
     ]
     numbers: list[list[str]] = [[], ["difference", "rms", "p50", "p99", "max"]]
     for name, unit in zip(CHANNELS, _UNITS, strict=True):
@@ -111,13 +110,8 @@ def comparison_table(comparison: CommandComparison) -> str:
         for which in ("recorded", "resolved"):
             values = [s[which][figure][key] for key in ("p50", "p90", "p99", "max")]
             numbers.append([f"{label:<18}{which}", *(_shown(value, "{:.0f}") for value in values)])
-    ends = [
-        (
-            which,
-            f"{s[which]['fallbacks']} fallbacks, {s[which]['solver_failures']} solver failures",
-        )
-        for which in ("recorded", "resolved")
-    ]
+    failures = "{fallbacks} fallbacks, {solver_failures} solver failures"
+    ends = [(which, failures.format_map(s[which])) for which in ("recorded", "resolved")]
     return "\n".join(
         (
             *text_table(facts, align="ll", widths=(_LABEL, 0), gap=""),
@@ -133,6 +127,7 @@ def write_command_comparison(comparison: CommandComparison, path: Path) -> Path:
     Raises ``OSError`` if it cannot be written.
     """
     time = np.asarray((comparison.stamp_ns - comparison.stamp_ns[:1]) * 1e-9)
+    held = functools.partial(Curve, time=time, held=True)
     figure = style.new_figure(_WIDTH, 0.7 + _PANEL_HEIGHT * len(CHANNELS))
     grid = figure.subplots(len(CHANNELS), 2, sharex=True, squeeze=False, width_ratios=(3, 2))
     quantities = (("throttle", "", ""), *(("ω", axis, "rad/s") for axis in "xyz"))
@@ -140,18 +135,11 @@ def write_command_comparison(comparison: CommandComparison, path: Path) -> Path:
         name, subscript, unit = quantity
         recorded, resolved = comparison.recorded[:, i], comparison.resolved[:, i]
         curves = [
-            Curve(
-                name="recorded",
-                time=time,
-                values=recorded,
-                colour=style.REFERENCE,
-                weight="broad",
-                held=True,
-            ),
-            Curve(name="resolved", time=time, values=resolved, held=True),
+            held(name="recorded", values=recorded, colour=style.REFERENCE, weight="broad"),
+            held(name="resolved", values=resolved),
         ]
         draw_panel(both, Panel(name=name, subscript=subscript, unit=unit, curves=curves))
-        off = Curve(name="difference", time=time, values=resolved - recorded, held=True)
+        off = held(name="difference", values=resolved - recorded)
         draw_panel(difference, Panel(name="", curves=[off]))
     style.title(grid[0, 0], "Commands")
     style.legend(grid[0, 0])
@@ -172,13 +160,11 @@ def _by_stamp(commands: Sequence[CommandSample]) -> dict[int, Array]:
 def _as_arrays(ticks: Sequence[TickStats]) -> dict[str, NDArray[Any]]:
     """Return the figures needed here; a tick that was told twice counts once."""
     once = list({tick.stamp_ns: tick for tick in reversed(ticks)}.values())
-    arrays: dict[str, NDArray[Any]] = {
-        name: np.array([getattr(tick, name) for tick in once], dtype=np.float64)
-        for name in _FIGURES
+    kinds = dict.fromkeys(_FIGURES, np.float64) | {"solver_status": np.str_, "source": np.str_}
+    return {
+        name: np.array([getattr(tick, name) for tick in once], dtype=kind)
+        for name, kind in kinds.items()
     }
-    for name in ("solver_status", "source"):
-        arrays[name] = np.array([getattr(tick, name) for tick in once], dtype=np.str_)
-    return arrays
 
 
 def _figures(stats: Mapping[str, NDArray[Any]]) -> dict[str, Any]:

@@ -14,17 +14,12 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from quad_mpc_ros.configuration import BagError, files
-from quad_mpc_ros.identification import (
-    Identification,
-    Measurements,
-    fit,
-    identification_table,
-    identify,
-    measurements_of,
-    parameter_file,
-    write_fit_figure,
-)
+from quad_mpc_ros.identification.figure import write_fit_figure
+from quad_mpc_ros.identification.fit import fit, identify
 from quad_mpc_ros.identification.lag import LaggedCommands
+from quad_mpc_ros.identification.measurements import Measurements, measurements_of
+from quad_mpc_ros.identification.report import identification_table, parameter_file
+from quad_mpc_ros.identification.result import Identification
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.mpc_config import MpcConfig

@@ -15,7 +15,7 @@ import yaml
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.control.tick import TickStats
-from quad_mpc_ros.identification import learned, learned_file
+from quad_mpc_ros.identification.learned import learned, learned_file
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
