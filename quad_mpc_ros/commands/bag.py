@@ -40,13 +40,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _repair(directory: Path) -> None:
     done = repair(directory)
-    if not done.needed:
-        print("nothing to repair")
     for file in done.files:
         print(_repaired(file))
-    if done.metadata_written:
-        print("metadata.yaml written")
-    print()
+    print("metadata.yaml written\n" if done.needed else "nothing to repair\n")
 
 
 def _repaired(file: RepairedFile) -> str:

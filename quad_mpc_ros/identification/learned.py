@@ -4,22 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.estimation.disturbance_ekf import SCALE_BOUNDS
+from quad_mpc_ros.identification import vehicle_file
 from quad_mpc_ros.identification.result import Estimate
-from quad_mpc_ros.identification.vehicle_file import (
-    KEPT,
-    Entries,
-    Kept,
-    found_entry,
-    thrust_entries,
-    vehicle_file,
-)
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.mpc_config import MpcConfig
 
@@ -71,19 +63,20 @@ def learned(ticks: Sequence[TickStats], given: MpcConfig) -> Learned:
     return Learned(thrust_scale=scale, ticks=len(flying), **lags)
 
 
-def learned_file(found: Learned, given: MpcConfig, *, head: str, keep: Kept) -> str:
+def learned_file(found: Learned, given: MpcConfig, *, head: str, keep: vehicle_file.Kept) -> str:
     """Return a ROS parameter file of the whole vehicle, with what was learned in it.
 
     ``head`` is its first line, a remark. Raises ``ConfigurationError`` when the controller would
     refuse the values.
     """
-    names = ("gravity", "drag", "torque_curve", "input_delay")
-    entries = thrust_entries(found.thrust_scale, given, keep=keep)
+    entries = vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
+    for name in (*_LAGS, "gravity", "drag", "torque_curve", "input_delay"):
+        entries[name] = (getattr(given, name), vehicle_file.KEPT)
     for name in _LAGS:
         estimate: Estimate | None = getattr(found, name)
-        entries[name] = (getattr(given, name), KEPT) if estimate is None else found_entry(estimate)
-    kept: Entries = {name: (_listed(getattr(given, name)), KEPT) for name in names}
-    return vehicle_file(entries | kept, given, remarks=[head])
+        if estimate is not None:
+            entries[name] = vehicle_file.found_entry(estimate)
+    return vehicle_file.content(entries, given, remarks=[head])
 
 
 def _thrust_scales(ticks: Sequence[TickStats], given: MpcConfig) -> Array:
@@ -125,7 +118,3 @@ def _estimate(values: Array) -> Estimate:
         seen=True,
         observable=half_width <= _MOST_WANDERING * abs(middle),
     )
-
-
-def _listed(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value

@@ -12,6 +12,8 @@ each from a start of its own: errors do not add up, and neither is it differenti
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -51,7 +53,8 @@ class ResponseModel:
         self._turn = so3.log(np.swapaxes(data.R_WB[:-1], -1, -2) @ data.R_WB[1:])
         self._travel = 0.5 * self._interval[:, None] * (data.v_WB_W[:-1] + data.v_WB_W[1:])
         self._grid = _divided(data.time)
-        self._lags: dict[tuple[str, float], LaggedCommands] = {}
+        # The last few are kept: a delay only shifts them.
+        self._lag = functools.lru_cache(maxsize=8)(self._response)
 
     def rates(self, *, rate_tau: float, delay: float) -> Array:
         """Return the modelled body rates (u, 3) [rad/s]."""
@@ -170,18 +173,11 @@ class ResponseModel:
             rate_tau=theta[RATE_TAU], thrust_tau=theta[THRUST_TAU], delay=theta[DELAY]
         )
 
-    def _lag(self, channel: str, time_constant: float) -> LaggedCommands:
-        """Return the response to the commands; the last few are kept, a delay only shifts it."""
-        key = (channel, float(time_constant))
-        if key not in self._lags:
-            if len(self._lags) > 8:
-                self._lags.clear()
-            data = self._data
-            command = data.w_command if channel == "rate" else data.throttle[:, None]
-            self._lags[key] = LaggedCommands(
-                data.command_time, command, time_constant=time_constant
-            )
-        return self._lags[key]
+    def _response(self, channel: str, time_constant: float) -> LaggedCommands:
+        """Return how ``rate``, the body rates, or ``thrust``, the throttle, follows commands."""
+        data = self._data
+        command = data.w_command if channel == "rate" else data.throttle[:, None]
+        return LaggedCommands(data.command_time, command, time_constant=time_constant)
 
 
 def _divided(time: Array) -> Array:

@@ -7,14 +7,8 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
+from quad_mpc_ros.identification import vehicle_file
 from quad_mpc_ros.identification.result import Estimate, Identification
-from quad_mpc_ros.identification.vehicle_file import (
-    Entries,
-    Kept,
-    found_entry,
-    thrust_entries,
-    vehicle_file,
-)
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.text_tables import text_table
 
@@ -77,29 +71,31 @@ def warnings(found: Identification) -> Iterator[str]:
         )
 
 
-def parameter_file(found: Identification, given: MpcConfig, *, bag: Path, keep: Kept) -> str:
+def parameter_file(
+    found: Identification, given: MpcConfig, *, bag: Path, keep: vehicle_file.Kept
+) -> str:
     """Return a ROS parameter file for the controller with what the flight shows.
 
     With ``keep`` mass the thrust curve is scaled, with curve the mass. Raises
     ``ConfigurationError`` when the controller would refuse the values.
     """
-    entries: Entries = {}
+    entries: vehicle_file.Entries = {}
     left_out = []
     for name in ("rate_time_constant", "thrust_time_constant", "input_delay", "drag"):
         estimate: Estimate = getattr(found, name)
         if estimate.observable:
-            entries[name] = found_entry(estimate)
+            entries[name] = vehicle_file.found_entry(estimate)
         else:
             left_out.append(name)
     if found.thrust_scale.observable:
-        entries |= thrust_entries(found.thrust_scale, given, keep=keep)
+        entries |= vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
     else:
         left_out.append("thrust_curve")
     remarks = [
         f"Identified from {bag}, {found.flown:.1f} s of flight under commands; +- is 95 %.",
         *(f"{name}: not told by this flight." for name in left_out),
     ]
-    return vehicle_file(entries, given, remarks=remarks)
+    return vehicle_file.content(entries, given, remarks=remarks)
 
 
 def _row(name: str, unit: str, given: float, estimate: Estimate) -> tuple[str, ...]:

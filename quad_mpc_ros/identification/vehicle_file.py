@@ -29,17 +29,16 @@ def thrust_entries(scale: Estimate, given: MpcConfig, *, keep: Kept) -> Entries:
     With ``keep`` mass the thrust curve is scaled, with curve the mass.
     """
     spread = f"thrust per mass x {scale.value:.4f} +- {scale.half_width:.2g}"
-    curve = list(given.thrust_curve)
     if keep == "mass":
-        scaled = [rounded(scale.value * c) for c in curve]
+        scaled = [rounded(scale.value * c) for c in given.thrust_curve]
         entries: Entries = {"mass": (given.mass, KEPT), "thrust_curve": (scaled, spread)}
     else:
         mass = rounded(given.mass / scale.value)
-        entries = {"mass": (mass, spread), "thrust_curve": (curve, KEPT)}
+        entries = {"mass": (mass, spread), "thrust_curve": (given.thrust_curve, KEPT)}
     return entries | {"motor_count": (given.motor_count, KEPT)}
 
 
-def vehicle_file(
+def content(
     entries: Mapping[str, tuple[Any, str]], given: MpcConfig, *, remarks: Sequence[str]
 ) -> str:
     """Return the text of the file, below ``remarks``.
@@ -51,7 +50,7 @@ def vehicle_file(
         *(f"# {remark}" for remark in remarks),
         "/**/mpc:",
         "  ros__parameters:" + ("" if entries else " {}"),
-        *(f"    {name}: {value}  # {note}" for name, (value, note) in entries.items()),
+        *(f"    {name}: {_listed(value)}  # {note}" for name, (value, note) in entries.items()),
     ]
     return "\n".join(lines) + "\n"
 
@@ -59,3 +58,7 @@ def vehicle_file(
 def rounded(value: float) -> float:
     """Return a value with as many digits as anything found deserves."""
     return round(float(f"{value:.{_DIGITS}g}"), _DECIMALS)
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value

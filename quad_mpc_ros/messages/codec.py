@@ -10,16 +10,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from rosbags import typesys
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc, Typesdict
 from rosbags.serde import SerdeError
-from rosbags.typesys import (
-    Stores,
-    TypesysError,
-    get_types_from_idl,
-    get_types_from_msg,
-    get_typestore,
-)
 from rosbags.typesys.store import Typestore
 
 from quad_mpc_ros.configuration import BagError
@@ -49,7 +43,7 @@ class RosbagsMessages:
     """
 
     def __init__(self) -> None:
-        self._store = get_typestore(Stores.ROS2_JAZZY)
+        self._store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
         self._jazzy_types = frozenset(self._store.fielddefs)
         self._fields = _MessageFields(self._store)
 
@@ -102,7 +96,7 @@ class RosbagsMessages:
             if missing := _types_used(definitions) - known:
                 raise BagError(f"schema of {schema.type_name}: {min(missing)} is not defined")
             self._store.register(definitions)
-        except TypesysError as error:
+        except typesys.TypesysError as error:
             first_line = str(error).partition("\n")[0]
             raise BagError(f"schema of {schema.type_name}: {first_line}") from error
 
@@ -129,9 +123,9 @@ def _definitions(schema: MessageSchema) -> Typesdict:
         for section in schema.text.split(f"{'=' * 80}\nIDL: ")[1:]:
             text = section.partition("\n")[2]
             # The parser knows no directives of the preprocessor; what is included follows anyway.
-            found |= get_types_from_idl(re.sub(r"(?m)^\s*#.*$", "", text))
+            found |= typesys.get_types_from_idl(re.sub(r"(?m)^\s*#.*$", "", text))
         return found
-    return get_types_from_msg(schema.text, schema.type_name)
+    return typesys.get_types_from_msg(schema.text, schema.type_name)
 
 
 def _types_used(definitions: Typesdict) -> set[str]:

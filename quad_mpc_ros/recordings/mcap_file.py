@@ -19,7 +19,7 @@ import zstandard
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
@@ -216,7 +216,9 @@ def _indexed_contents(stream: BinaryIO) -> McapContents | None:
         schemas=summary.schemas,
         channels=summary.channels,
         message_counts=Counter(statistics.channel_message_counts),
-        span=_span_of(statistics),
+        span=TimeSpan(start_ns=statistics.message_start_time, end_ns=statistics.message_end_time)
+        if statistics.message_count
+        else None,
         metadata=list(reader.iter_metadata()),
         pieces=[
             _Piece(
@@ -310,9 +312,3 @@ def records_in(content: bytes) -> Iterator[McapRecord]:
     )
     with suppress(EndOfFile):  # where the next record would begin
         yield from reader.records
-
-
-def _span_of(statistics: Statistics) -> TimeSpan | None:
-    if statistics.message_count == 0:
-        return None
-    return TimeSpan(start_ns=statistics.message_start_time, end_ns=statistics.message_end_time)

@@ -124,7 +124,7 @@ class BagReader:
         not in the bag has no messages.
         """
         streams = [file.messages(topics, from_ns=from_ns) for file in self._files]
-        for item in heapq.merge(*streams, key=_log_time_ns):
+        for item in heapq.merge(*streams, key=lambda item: item.message.log_time):
             yield RecordedMessage(
                 topic=item.channel.topic,
                 type_name=item.schema.name if item.schema else "",
@@ -214,10 +214,6 @@ class _Decoder:
 _FILE_NUMBER = re.compile(r"_(\d+)\.mcap")
 _FILE_PATTERNS = ("*.mcap", "*.mcap.zstd")
 _COMPRESSION_MODES = ("FILE", "MESSAGE")
-
-
-def _log_time_ns(item: McapMessage) -> int:
-    return item.message.log_time
 
 
 def _mcap_files(path: Path) -> list[Path]:

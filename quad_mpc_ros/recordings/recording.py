@@ -23,6 +23,7 @@ from quad_mpc_ros.messages.topics import (
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import with_body_twist
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.recordings import logs
 from quad_mpc_ros.recordings.bag_metadata import bag_of
 from quad_mpc_ros.recordings.flight import (
     ChosenPlans,
@@ -32,16 +33,7 @@ from quad_mpc_ros.recordings.flight import (
     odometry_arrays,
     tick_figures,
 )
-from quad_mpc_ros.recordings.logs import (
-    CommandLog,
-    Log,
-    OdometryLog,
-    Received,
-    StatsLog,
-    T,
-    WindowLog,
-    tick_stats,
-)
+from quad_mpc_ros.recordings.logs import Log, T
 from quad_mpc_ros.recordings.parameters import read_parameters, recorded_parameters
 from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
 from quad_mpc_ros.recordings.run import (
@@ -97,7 +89,7 @@ class Recording:
             ConfigurationError: The recorded parameters cannot be used.
         """
         mpc = MpcConfig.build(self.parameters_of(MpcConfig))
-        odometry, commands, stats = OdometryLog(), CommandLog(), StatsLog()
+        odometry, commands, stats = logs.OdometryLog(), logs.CommandLog(), logs.StatsLog()
         plan_stamps: list[int] = []
         takers: dict[Topic, Taker] = {
             ODOMETRY: _into(odometry, partial(_usable, twist_frame=mpc.odometry.twist_frame)),
@@ -148,15 +140,15 @@ class Recording:
             BagError: It has no odometry, or a topic twice, or a named topic is not there or of
                 another type.
         """
-        odometry, poses, twists = OdometryLog(), OdometryLog(), OdometryLog()
-        windows, stats = WindowLog(), StatsLog()
-        commands, flown = CommandLog(), CommandLog()
-        engagements: list[Received[bool]] = []
+        odometry, poses, twists = logs.OdometryLog(), logs.OdometryLog(), logs.OdometryLog()
+        windows, stats = logs.WindowLog(), logs.StatsLog()
+        commands, flown = logs.CommandLog(), logs.CommandLog()
+        engagements: list[logs.Received[bool]] = []
         takers: dict[Topic, Taker] = {
             REFERENCE: _into(windows, conversions.reference_from_message),
             COMMAND: _into(commands, conversions.command_from_message),
             ENGAGED: lambda m: engagements.append(
-                Received(
+                logs.Received(
                     value=bool(m.message.data),
                     log_time_ns=m.log_time_ns,
                     publish_time_ns=m.publish_time_ns,
@@ -210,10 +202,10 @@ class Recording:
         for message in self.bag.messages(taker_of.keys()):
             taker_of[message.topic](message)
 
-    def _figures(self, log: StatsLog) -> Taker:
+    def _figures(self, log: logs.StatsLog) -> Taker:
         def take(message: RecordedMessage) -> None:
             try:
-                log.add(tick_stats(message.message))
+                log.add(logs.tick_stats(message.message))
             except (KeyError, ValueError) as error:
                 raise BagError(
                     f"{self.path}: unusable message on /{STATS.name}: {error}"

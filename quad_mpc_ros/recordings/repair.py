@@ -13,14 +13,7 @@ from mcap.writer import MCAP0_MAGIC, Writer
 
 from quad_mpc_ros.atomic_file import write_atomically
 from quad_mpc_ros.configuration.errors import BagError, os_reason
-from quad_mpc_ros.recordings.bag_metadata import (
-    METADATA_FILE,
-    METADATA_ROOT,
-    FileSummary,
-    TopicSummary,
-    bag_information,
-    dump_yaml,
-)
+from quad_mpc_ros.recordings import bag_metadata
 from quad_mpc_ros.recordings.mcap_file import McapFile
 from quad_mpc_ros.recordings.mcap_output import LIBRARY, sync_directory
 from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
@@ -50,15 +43,10 @@ class RepairedFile:
 
 @dataclass(frozen=True, kw_only=True)
 class Repair:
-    """What a repair did; ``metadata_written`` tells whether ``metadata.yaml`` is new."""
+    """What a repair did; ``metadata.yaml`` is new if it was ``needed`` at all."""
 
     files: Sequence[RepairedFile]
-    metadata_written: bool
-
-    @property
-    def needed(self) -> bool:
-        """Whether there was anything to repair."""
-        return self.metadata_written
+    needed: bool
 
 
 def repair(directory: Path) -> Repair:
@@ -79,7 +67,7 @@ def repair(directory: Path) -> Repair:
     paths = mcap_files_in(directory)
     damaged = [path for path in paths if not _is_whole(path)]
     if not damaged and _is_complete(directory, paths):
-        return Repair(files=(), metadata_written=False)
+        return Repair(files=(), needed=False)
     packed = [path for path in paths if path.suffix != ".mcap"]
     if packed:
         raise BagError(f"{packed[0]}: is compressed as a whole; unpack it first: unzstd FILE")
@@ -88,7 +76,7 @@ def repair(directory: Path) -> Repair:
         _write_metadata(directory, paths)
     except OSError as error:
         raise BagError(f"{directory}: cannot be repaired: {os_reason(error)}") from error
-    return Repair(files=repaired, metadata_written=True)
+    return Repair(files=repaired, needed=True)
 
 
 def _undo_interrupted_repair(directory: Path) -> None:
@@ -218,9 +206,9 @@ class _Copy:
 
 def _write_metadata(directory: Path, paths: Sequence[Path]) -> None:
     files = [McapFile(path) for path in paths]
-    information = bag_information(
+    information = bag_metadata.bag_information(
         files=[
-            FileSummary(
+            bag_metadata.FileSummary(
                 name=file.path.name,
                 span=file.contents.span,
                 message_count=sum(file.contents.message_counts.values()),
@@ -228,7 +216,7 @@ def _write_metadata(directory: Path, paths: Sequence[Path]) -> None:
             for file in files
         ],
         topics=[
-            TopicSummary(
+            bag_metadata.TopicSummary(
                 name=name,
                 type_name=topic.type_name,
                 type_hash=topic.type_hash,
@@ -239,10 +227,10 @@ def _write_metadata(directory: Path, paths: Sequence[Path]) -> None:
         ],
         **_message_compression(files),
     )
-    path = directory / METADATA_FILE
+    path = directory / bag_metadata.METADATA_FILE
     if path.exists():
         path.rename(_place_for_original(path))
-    write_atomically(path, dump_yaml({METADATA_ROOT: information}))
+    write_atomically(path, bag_metadata.dump_yaml({bag_metadata.METADATA_ROOT: information}))
     sync_directory(directory)
 
 

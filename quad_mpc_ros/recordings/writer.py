@@ -11,14 +11,7 @@ from typing import Self, get_args
 from quad_mpc_ros.atomic_file import write_atomically
 from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.messages.schemas import schema_for
-from quad_mpc_ros.recordings.bag_metadata import (
-    METADATA_FILE,
-    METADATA_ROOT,
-    FileSummary,
-    TopicSummary,
-    bag_information,
-    dump_yaml,
-)
+from quad_mpc_ros.recordings import bag_metadata
 from quad_mpc_ros.recordings.mcap_output import (
     Compression,
     McapOutput,
@@ -85,7 +78,7 @@ class BagWriter:
         self._closed_because = ""
         self._topics: dict[str, RecordedTopic] = {}
         self._counts: dict[str, int] = {}
-        self._finished: list[FileSummary] = []
+        self._finished: list[bag_metadata.FileSummary] = []
         self._unflushed = False
         self._flushed_at_s = float("-inf")
         with _creating(directory):
@@ -178,8 +171,10 @@ class BagWriter:
             return
         with self._disk():
             self._finish_output()
-            text = dump_yaml({METADATA_ROOT: self._bag_information(self._finished)})
-            write_atomically(self._directory / METADATA_FILE, text)
+            text = bag_metadata.dump_yaml(
+                {bag_metadata.METADATA_ROOT: self._bag_information(self._finished)}
+            )
+            write_atomically(self._directory / bag_metadata.METADATA_FILE, text)
             if self._durable:
                 sync_directory(self._directory)
         self._closed_because = "closed"
@@ -214,12 +209,14 @@ class BagWriter:
         self._finished.append(self._output.summary)
 
     def _write_bag_information(self) -> None:
-        text = dump_yaml(self._bag_information([*self._finished, self._output.summary]))
+        text = bag_metadata.dump_yaml(
+            self._bag_information([*self._finished, self._output.summary])
+        )
         self._output.write_metadata("rosbag2", {"serialized_metadata": text})
 
-    def _bag_information(self, files: Sequence[FileSummary]) -> dict[str, object]:
+    def _bag_information(self, files: Sequence[bag_metadata.FileSummary]) -> dict[str, object]:
         topics = [
-            TopicSummary(
+            bag_metadata.TopicSummary(
                 name=name,
                 type_name=topic.schema.type_name,
                 type_hash=topic.schema.type_hash,
@@ -228,7 +225,7 @@ class BagWriter:
             )
             for name, topic in self._topics.items()
         ]
-        return bag_information(files=files, topics=topics)
+        return bag_metadata.bag_information(files=files, topics=topics)
 
     @contextmanager
     def _disk(self) -> Iterator[None]:
