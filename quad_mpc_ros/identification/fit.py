@@ -125,7 +125,6 @@ def fit(measured: Measurements) -> Identification:
         velocity_residual=_root_mean_square(velocity[model.in_window > 0.0]),
         rates=_rate_course(model, data, theta),
         specific_force=_specific_force(model, data, theta),
-        averaged_over=_AVERAGED_OVER,
         flown=measured.flown,
         fitted=data.flown,
     )

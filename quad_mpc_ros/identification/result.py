@@ -46,8 +46,8 @@ class Identification:
     ``thrust_scale`` is that of thrust per mass: nothing flown can tell the two apart.
     ``wind_acceleration_W`` (2,) [m/s^2] is the constant horizontal acceleration that was fitted
     beside them, wind above all. ``rates`` are body rates [rad/s], ``specific_force`` is along the
-    thrust axis [m/s^2], averaged over ``averaged_over`` seconds. ``flown`` is the time under
-    commands [s], ``fitted`` what of it was used.
+    thrust axis [m/s^2], averaged over a few odometries. ``flown`` is the time under commands [s],
+    ``fitted`` what of it was used.
     """
 
     rate_time_constant: Estimate
@@ -60,6 +60,5 @@ class Identification:
     velocity_residual: float
     rates: FittedCourse
     specific_force: FittedCourse
-    averaged_over: float
     flown: float
     fitted: float

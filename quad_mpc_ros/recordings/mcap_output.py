@@ -21,12 +21,6 @@ Compression = Literal["none", "zstd", "lz4"]
 LIBRARY = f"quad_mpc_ros {__version__}"
 """What wrote a file, in its header."""
 
-COMPRESSIONS: dict[Compression, CompressionType] = {
-    "none": CompressionType.NONE,
-    "zstd": CompressionType.ZSTD,
-    "lz4": CompressionType.LZ4,
-}
-
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedTopic:
@@ -54,7 +48,7 @@ class McapOutput:
         self._channel_ids: dict[str, int] = {}
         self._stream = path.open("xb")
         self._mcap = Writer(
-            self._stream, compression=COMPRESSIONS[compression], enable_data_crcs=True
+            self._stream, compression=CompressionType[compression.upper()], enable_data_crcs=True
         )
         self._mcap.start(profile="ros2", library=LIBRARY)
 

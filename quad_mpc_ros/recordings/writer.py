@@ -71,7 +71,7 @@ class BagWriter:
         if compression not in get_args(Compression):
             expected = ", ".join(get_args(Compression))
             raise BagError(f"compression: given {compression!r}, expected one of {expected}")
-        self._directory = directory
+        self.directory = directory
         self._compression: Compression = compression
         self._split = split
         self._durable = durable
@@ -97,11 +97,6 @@ class BagWriter:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    @property
-    def directory(self) -> Path:
-        """Return the bag's directory, as given."""
-        return self._directory
 
     def add_topic(
         self, topic: str, type_name: str, *, qos_profiles: Sequence[QosProfile] = ()
@@ -174,14 +169,14 @@ class BagWriter:
             text = bag_metadata.dump_yaml(
                 {bag_metadata.METADATA_ROOT: self._bag_information(self._finished)}
             )
-            write_atomically(self._directory / bag_metadata.METADATA_FILE, text)
+            write_atomically(self.directory / bag_metadata.METADATA_FILE, text)
             if self._durable:
-                sync_directory(self._directory)
+                sync_directory(self.directory)
         self._closed_because = "closed"
 
     @property
     def _file(self) -> Path:
-        return self._directory / f"{self._directory.name}_{len(self._finished)}.mcap"
+        return self.directory / f"{self.directory.name}_{len(self._finished)}.mcap"
 
     def _new_output(self) -> McapOutput:
         return McapOutput(self._file, compression=self._compression, durable=self._durable)
@@ -201,7 +196,7 @@ class BagWriter:
         for topic in self._topics.values():
             self._output.add_topic(topic)
         if self._durable:
-            sync_directory(self._directory)
+            sync_directory(self.directory)
 
     def _finish_output(self) -> None:
         self._write_bag_information()

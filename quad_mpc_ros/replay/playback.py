@@ -100,10 +100,10 @@ class Playback:
         *,
         timeline: Timeline,
         publish: Callable[[RecordedMessage], None],
-        publish_clock: Callable[[int], None] | None = None,
-        clock_rate: float = 0.0,
+        publish_clock: Callable[[int], None],
+        clock_rate: float,
     ) -> None:
-        """``publish_clock`` gets recorded times ``clock_rate`` [Hz of steady time] often."""
+        """``publish_clock`` gets the recorded time at ``clock_rate`` [Hz]; 0 is never."""
         self._messages = messages
         self._next = next(messages, None)
         self._timeline = timeline
@@ -133,8 +133,7 @@ class Playback:
         return self._next_step_ns()
 
     def _tick(self, steady_ns: int) -> None:
-        if self._publish_clock is not None:
-            self._publish_clock(self._timeline.recorded_ns(steady_ns))
+        self._publish_clock(self._timeline.recorded_ns(steady_ns))
         missed = (steady_ns - self._clock_at_ns) // self._clock_period_ns
         self._clock_at_ns += (1 + missed) * self._clock_period_ns
 

@@ -96,28 +96,25 @@ class _Event:
 
 def _events(run: RecordedRun, config: MpcConfig, windows: WindowSource | None) -> Iterator[_Event]:
     if windows is not None:
-        return _with_made_windows(run, windows)
+        return _at_stamps(run, windows, again=True)
     if config.lockstep:
-        return _in_lockstep(run)
+        return _at_stamps(run, _first_by_stamp(run.windows).get, again=False)
     return _in_real_time(run, config)
 
 
-def _with_made_windows(run: RecordedRun, windows: WindowSource) -> Iterator[_Event]:
+def _at_stamps(
+    run: RecordedRun, window_of: Callable[[int], ReferenceWindow | None], *, again: bool
+) -> Iterator[_Event]:
+    """Give each odometry the window of its stamp, at that time.
+
+    In lockstep the controller waits for it, and answers none that is sent ``again``.
+    """
+    answered: set[int] = set()
     for odometry in run.odometries:
         stamp_ns = odometry.value.stamp_ns
-        window = windows(stamp_ns)
-        yield _Event(now_ns=stamp_ns, odometry=odometry, window=window, window_ns=stamp_ns)
-
-
-def _in_lockstep(run: RecordedRun) -> Iterator[_Event]:
-    """Give each odometry the window of its stamp, as the controller waits for; each once."""
-    window_of = _first_by_stamp(run.windows)
-    answered = set()
-    for odometry in run.odometries:
-        stamp_ns = odometry.value.stamp_ns
-        if stamp_ns not in answered:
+        if again or stamp_ns not in answered:
             answered.add(stamp_ns)
-            window = window_of.get(stamp_ns)
+            window = window_of(stamp_ns)
             yield _Event(now_ns=stamp_ns, odometry=odometry, window=window, window_ns=stamp_ns)
 
 
