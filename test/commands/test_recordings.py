@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.cli import main
@@ -222,8 +224,13 @@ def _truncated(run: Path, path: Path) -> None:
 
 
 def _flipped(run: Path, path: Path) -> None:
+    """Overwrite the middle of the first chunk: what lies between chunks nobody reads."""
     data = bytearray(next((run / "bag").glob("*.mcap")).read_bytes())
-    data[len(data) // 3 : len(data) // 3 + 200] = bytes(200)
+    summary = make_reader(io.BytesIO(data)).get_summary()
+    assert summary is not None
+    chunk = summary.chunk_indexes[0]
+    middle = chunk.chunk_start_offset + chunk.chunk_length // 2
+    data[middle : middle + 100] = bytes(100)
     path.write_bytes(data)
 
 
