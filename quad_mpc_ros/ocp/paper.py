@@ -34,7 +34,7 @@ from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages
 _STATE_SIZE = np.repeat([1.0, 3.0, 0.5], 3)
 _INPUT_SIZE = np.array([0.3, 5.0, 5.0, 5.0])
 
-_EYE = np.eye(TANGENT_SIZE)
+_EYE, _EYE_3 = np.eye(TANGENT_SIZE), np.eye(3)
 
 
 class PaperProblem:
@@ -46,6 +46,7 @@ class PaperProblem:
         self._vehicle = config.vehicle()
         self._steps, self._step = config.horizon_steps, config.horizon_step
         self._stages = HorizonStages.zeros(self._steps, TANGENT_SIZE, INPUT_SIZE)
+        self._errors = np.zeros((self._steps + 1, TANGENT_SIZE))
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -94,7 +95,8 @@ class PaperProblem:
 
     def line_search(self, inputs: Array, states: Array) -> bool:
         """Take the full step: the paper solves once."""
-        self._input_errors, self._errors = inputs, np.vstack((self._stages.x0, states))
+        self._input_errors = inputs
+        self._errors[0], self._errors[1:] = self._stages.x0, states
         return True
 
     def plan(self) -> Plan:
@@ -122,14 +124,14 @@ def error_dynamics(
     A = np.zeros((TANGENT_SIZE, TANGENT_SIZE))
     A[POSITION, VELOCITY] = x.R_WB
     A[POSITION, ATTITUDE] = -x.R_WB @ so3.hat(x.v_WB_B)
-    A[VELOCITY, VELOCITY] = -vehicle.drag * np.eye(3)
+    A[VELOCITY, VELOCITY] = -vehicle.drag * _EYE_3
     A[VELOCITY, ATTITUDE] = so3.hat(-vehicle.gravity * x.R_WB[2])
 
     a, b, _ = vehicle.thrust_curve
     slope = vehicle.motor_count * (2.0 * a * throttle_error + 2.0 * a * throttle + b)
     B = np.zeros((TANGENT_SIZE, INPUT_SIZE))
     B[VELOCITY.stop - 1, 0] = slope / vehicle.mass
-    B[ATTITUDE, BODY_RATE] = np.eye(3)
+    B[ATTITUDE, BODY_RATE] = _EYE_3
     return A, B
 
 
