@@ -1,0 +1,1 @@
+"""Many flights of the closed loop that differ in some parameters, and tuning by them."""
