@@ -8,6 +8,7 @@ from typing import NamedTuple, cast
 
 from quad_mpc_ros.configuration import files
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.flight import (
@@ -18,7 +19,7 @@ from quad_mpc_ros.recordings.flight import (
     tick_figures,
 )
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, StatsLog
-from quad_mpc_ros.simulation.closed_loop import ControlLaw, fly
+from quad_mpc_ros.simulation.closed_loop import ControlLaw, LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -108,8 +109,7 @@ def simulate(
     if simulator.duration == 0.0:
         simulator = dataclasses.replace(simulator, duration=duration)
     reference = reference or ReferenceConfig()
-    odometry, commands, stats = OdometryLog(), CommandLog(), StatsLog()
-    windows = []
+    log = FlightLog(mpc)
     for step in fly(
         mpc=mpc,
         simulator=simulator,
@@ -119,25 +119,41 @@ def simulate(
         controller=controller,
         on_reference=on_reference,
     ):
+        log.take(step)
+    return log.flight(FlightConfig(mpc, simulator, reference))
+
+
+class FlightLog:
+    """Collects the steps of a closed loop and makes a flight of them."""
+
+    def __init__(self, mpc: MpcConfig) -> None:
+        self._vehicle = mpc.vehicle()
+        self._odometry, self._commands, self._stats = OdometryLog(), CommandLog(), StatsLog()
+        self._windows: list[ReferenceWindow] = []
+
+    def take(self, step: LoopStep) -> None:
+        """Take the next step."""
         stamp_ns = step.odometry.stamp_ns
-        odometry.add(step.odometry, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)
-        windows.append(step.window)
+        self._odometry.add(step.odometry, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)
+        self._windows.append(step.window)
         if step.command is not None:
-            commands.add(step.command, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)
+            self._commands.add(step.command, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)
         if step.tick is not None:
-            stats.add(step.tick.stats)
-    arrays = odometry_arrays(odometry)
-    end_ns = int(arrays["stamp_ns"][-1])
-    sampler = ReferenceSampler(arrays["stamp_ns"], mpc.vehicle())
-    for window in windows:
-        sampler.take(window)
-    configs = (mpc, simulator, reference)
-    return Flight(
-        **arrays,
-        reference=sampler.track(),
-        commands=command_track(commands, end_ns=end_ns),
-        stats=tick_figures(stats, end_ns=end_ns),
-        parameters={config.owner: config.flattened() for config in configs},
-        mpc=mpc,
-        plans=(),
-    )
+            self._stats.add(step.tick.stats)
+
+    def flight(self, config: FlightConfig) -> Flight:
+        """Return the flight of the steps taken, at least one, and of how it was configured."""
+        arrays = odometry_arrays(self._odometry)
+        end_ns = int(arrays["stamp_ns"][-1])
+        sampler = ReferenceSampler(arrays["stamp_ns"], self._vehicle)
+        for window in self._windows:
+            sampler.take(window)
+        return Flight(
+            **arrays,
+            reference=sampler.track(),
+            commands=command_track(self._commands, end_ns=end_ns),
+            stats=tick_figures(self._stats, end_ns=end_ns),
+            parameters={each.owner: each.flattened() for each in config},
+            mpc=config.mpc,
+            plans=(),
+        )
