@@ -1,96 +1,106 @@
-"""Continuous dynamics of the plant, as printed in the paper and of the true rigid body.
+"""Continuous dynamics of the plant, as printed in the paper and of the true rigid body, compiled.
 
 The controller predicts by a model of its own (``model/rollout.py``), not by these: they are apart
 on purpose.
 
 World ENU, body FLU: gravity is -g along world z and thrust is along +z of the body. The paper
-writes NED/FRD, where both signs flip.
+writes NED/FRD, where both signs flip. Velocity is in body axes, as in the paper.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.lie import kernels
 
-import numpy as np
+Drive = tuple[float, kernels.Vector]
+"""What moves the vehicle: thrust over mass along body z [m/s^2], and body rates [rad/s]."""
 
-from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.state import ATTITUDE, POSITION, VELOCITY, Input, State
-from quad_mpc_ros.model.vehicle import Vehicle
+Course = tuple[Drive, Drive, Drive, kernels.Matrix, kernels.Matrix]
+"""The drive at start, middle and end of a step, and the turns over its first and second half."""
 
-Dynamics = Callable[[State, Input, Vehicle], Array]
-"""Returns the time derivative of the state as a tangent vector (9,): m/s, m/s^2, rad/s."""
-
-
-def paper_dynamics(x: State, u: Input, vehicle: Vehicle) -> Array:
-    """Eq. (3) literally: the velocity is in body axes, but nothing transports it as they turn."""
-    rate = np.empty(9)
-    rate[POSITION] = x.R_WB @ x.v_WB_B
-    rate[VELOCITY] = -vehicle.gravity * x.R_WB[2] - vehicle.drag * x.v_WB_B
-    rate[VELOCITY.stop - 1] += vehicle.thrust(u.throttle) / vehicle.mass
-    rate[ATTITUDE] = u.w_WB_B
-    return rate
+World = tuple[bool, float, float, kernels.Vector]
+"""Whether the true rigid body flies, gravity [m/s^2], drag [1/s], velocity of the air [m/s]."""
 
 
-def rigid_body_dynamics(x: State, u: Input, vehicle: Vehicle) -> Array:
-    """The true rigid body: Eq. (3) with the transport term -omega x v of a turning frame."""
-    rate = paper_dynamics(x, u, vehicle)
-    rate[VELOCITY] -= so3.cross(u.w_WB_B, x.v_WB_B)
-    return rate
+@compiled
+def paper_dynamics(
+    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: World
+) -> kernels.Vector:
+    """Return dv/dt of Eq. (3) literally: nothing transports the velocity as body axes turn.
 
-
-DYNAMICS: dict[str, Dynamics] = {"rigid_body": rigid_body_dynamics, "paper": paper_dynamics}
-
-
-class InputCourse(NamedTuple):
-    """An input that changes in the course of one step, and the turns (3, 3) that it makes."""
-
-    start: Input
-    middle: Input
-    end: Input
-    first_turn: Array
-    """Rotation over the first half of the step."""
-    second_turn: Array
-    """Rotation over the second half."""
-
-
-def held(u: Input, *, duration: float) -> InputCourse:
-    """Return the course of an input that does not change over ``duration`` [s]."""
-    half_turn = so3.exp(0.5 * duration * u.w_WB_B)
-    return InputCourse(u, u, u, half_turn, half_turn)
-
-
-def integrate(
-    x: State, u: Input, vehicle: Vehicle, *, dynamics: Dynamics, duration: float
-) -> State:
-    """Return the state after ``duration`` [s] with the input held: one Runge-Kutta step, order 4.
-
-    With the body rate held the attitude R exp(omega t) is exact; position and velocity are
-    integrated along it.
+    Drag acts on the velocity relative to the air.
     """
-    course = held(u, duration=duration)
-    return integrate_along(x, course, vehicle, dynamics=dynamics, duration=duration)
+    lift, _ = drive
+    _, gravity, drag, wind_W = world
+    wind_B = kernels.apply_transposed(R_WB, wind_W)
+    return (
+        -gravity * R_WB[6] - drag * (v_WB_B[0] - wind_B[0]),
+        -gravity * R_WB[7] - drag * (v_WB_B[1] - wind_B[1]),
+        lift - gravity * R_WB[8] - drag * (v_WB_B[2] - wind_B[2]),
+    )
 
 
-def integrate_along(
-    x: State, course: InputCourse, vehicle: Vehicle, *, dynamics: Dynamics, duration: float
-) -> State:
-    """Return the state after ``duration`` [s] of a changing input: one Runge-Kutta step, order 4.
+@compiled
+def rigid_body_dynamics(
+    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: World
+) -> kernels.Vector:
+    """Return dv/dt of the true rigid body: Eq. (3) with -omega x v of a turning frame."""
+    printed = paper_dynamics(v_WB_B, R_WB, drive, world)
+    _, w_WB_B = drive
+    return kernels.plus(printed, kernels.cross(v_WB_B, w_WB_B))
 
-    The attitude is turned as the course says.
+
+@compiled
+def dynamics(
+    v_WB_B: kernels.Vector, R_WB: kernels.Matrix, drive: Drive, world: World
+) -> tuple[kernels.Vector, kernels.Vector]:
+    """Return dp/dt in the world and dv/dt in the body, of whichever of the two flies."""
+    is_rigid_body = world[0]
+    if is_rigid_body:
+        rate = rigid_body_dynamics(v_WB_B, R_WB, drive, world)
+    else:
+        rate = paper_dynamics(v_WB_B, R_WB, drive, world)
+    return kernels.apply(R_WB, v_WB_B), rate
+
+
+@compiled
+def integrated(
+    p_WB: kernels.Vector,
+    v_WB_B: kernels.Vector,
+    R_WB: kernels.Matrix,
+    course: Course,
+    world: World,
+    duration: float,
+) -> tuple[kernels.Vector, kernels.Vector, kernels.Matrix]:
+    """Return position, velocity and rotation after one Runge-Kutta step of order 4 [s].
+
+    The attitude is turned as the course says, which is exact under a body rate that is held;
+    position and velocity are integrated along it.
     """
-    R_half = x.R_WB @ course.first_turn
-    R_full = R_half @ course.second_turn
+    start, middle, end, first_turn, second_turn = course
+    R_half = kernels.multiply(R_WB, first_turn)
+    R_full = kernels.multiply(R_half, second_turn)
+    half = 0.5 * duration
+    p1, v1 = dynamics(v_WB_B, R_WB, start, world)
+    p2, v2 = dynamics(_moved(v_WB_B, v1, half), R_half, middle, world)
+    p3, v3 = dynamics(_moved(v_WB_B, v2, half), R_half, middle, world)
+    p4, v4 = dynamics(_moved(v_WB_B, v3, duration), R_full, end, world)
+    return (
+        _moved(p_WB, _weighted(p1, p2, p3, p4), duration),
+        _moved(v_WB_B, _weighted(v1, v2, v3, v4), duration),
+        R_full,
+    )
 
-    def moved(rate: Array, step: float, R_WB: Array) -> State:
-        return State(
-            p_WB=x.p_WB + step * rate[POSITION],
-            v_WB_B=x.v_WB_B + step * rate[VELOCITY],
-            R_WB=R_WB,
-        )
 
-    k1 = dynamics(x, course.start, vehicle)
-    k2 = dynamics(moved(k1, 0.5 * duration, R_half), course.middle, vehicle)
-    k3 = dynamics(moved(k2, 0.5 * duration, R_half), course.middle, vehicle)
-    k4 = dynamics(moved(k3, duration, R_full), course.end, vehicle)
-    return moved((k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0, duration, R_full)
+@compiled
+def _moved(x: kernels.Vector, rate: kernels.Vector, duration: float) -> kernels.Vector:
+    return kernels.plus(x, kernels.scaled(duration, rate))
+
+
+@compiled
+def _weighted(
+    k1: kernels.Vector, k2: kernels.Vector, k3: kernels.Vector, k4: kernels.Vector
+) -> kernels.Vector:
+    """Return the mean rate of a step of the four in it, 1:2:2:1."""
+    outer, inner = kernels.plus(k1, k4), kernels.plus(k2, k3)
+    return kernels.scaled(1.0 / 6.0, kernels.plus(outer, kernels.scaled(2.0, inner)))

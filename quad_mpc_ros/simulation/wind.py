@@ -7,9 +7,6 @@ import math
 import numpy as np
 
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.state import VELOCITY, Input, State
-from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.dynamics import Dynamics
 from quad_mpc_ros.simulation.parameters import PlantParameters, Stream
 
 NEVER_NS = 2**63 - 1
@@ -38,18 +35,13 @@ class Wind:
         self._intensity, self._length = config.gust_intensity, config.gust_length
         self._random = config.random(Stream.GUSTS)
         self._gust_W = np.zeros(3)
-        self.blows = self._intensity > 0.0 or any(config.wind)
-        """Whether there is ever any wind."""
         self.next_ns = NEVER_NS
         """When the gusts change next."""
         if self._intensity > 0.0:
             self._gust_W = self._intensity * self._random.standard_normal(3)
             self.next_ns = _GUST_PERIOD_NS
-
-    @property
-    def velocity_W(self) -> Array:
+        self.velocity_W: Array = self._steady_W + self._gust_W
         """Velocity of the air (3,) [m/s]."""
-        return np.asarray(self._steady_W + self._gust_W)
 
     def advance_to(self, time_ns: int, *, v_WB_W: Array) -> None:
         """Let the gusts change that are due, for a vehicle with a velocity (3,) [m/s]."""
@@ -62,14 +54,4 @@ class Wind:
         kept = math.exp(-passed / self._length)
         fresh = self._intensity * math.sqrt(1.0 - kept * kept)
         self._gust_W = kept * self._gust_W + fresh * self._random.standard_normal(3)
-
-
-def in_wind(dynamics: Dynamics, wind_W: Array) -> Dynamics:
-    """Return the dynamics in moving air: drag acts on the velocity relative to it."""
-
-    def moved_by_air(x: State, u: Input, vehicle: Vehicle) -> Array:
-        rate = dynamics(x, u, vehicle)
-        rate[VELOCITY] += vehicle.drag * (wind_W @ x.R_WB)
-        return rate
-
-    return moved_by_air
+        self.velocity_W = self._steady_W + self._gust_W

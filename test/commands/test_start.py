@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fixtures.plant_motion import integrate
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.cli import main
@@ -16,7 +17,6 @@ from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 
 
@@ -84,7 +84,7 @@ def test_in_motion_on_a_smooth_reference_it_stays_there(
     u = Input(throttle=simulator.initial_throttle, w_WB_B=np.array(simulator.initial_body_rates))
 
     # The true vehicle follows it for a while by this input alone.
-    after = integrate(x, u, simulator.vehicle(), dynamics=rigid_body_dynamics, duration=0.02)
+    after = integrate(x, u, simulator.vehicle(), duration=0.02)
 
     expected = trajectory.at([20_000_000])
     assert_allclose(x.p_WB, trajectory.at([0]).p_WB[0], rtol=1e-12)

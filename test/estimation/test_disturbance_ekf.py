@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fixtures.plant_motion import integrate
 
 from quad_mpc_ros.estimation.command_history import Acting
 from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf
@@ -12,7 +13,6 @@ from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, parame
 from quad_mpc_ros.model.rollout import ACTUATORS, R_WB, ROW_SIZE, V_WB_W
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
 
 VEHICLE = Vehicle()
 PERIOD, FINE = 0.02, 20
@@ -86,7 +86,7 @@ def flown(
             s = middle[0]
             force = scale * VEHICLE.thrust(s)
             held = Input(throttle=VEHICLE.throttle_for(force), w_WB_B=middle[1:])
-            x = integrate(x, held, VEHICLE, dynamics=rigid_body_dynamics, duration=dt)
+            x = integrate(x, held, VEHICLE, duration=dt)
             if a_W is not None:
                 pushed = x.v_WB_W + dt * a_W
                 x = State(p_WB=x.p_WB, v_WB_B=x.R_WB.T @ pushed, R_WB=x.R_WB)

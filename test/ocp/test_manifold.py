@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fixtures.plant_motion import integrate
 
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
@@ -15,7 +16,6 @@ from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.manifold import ManifoldProblem
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 MANIFOLD = MpcConfig()
@@ -81,7 +81,6 @@ def test_plans_come_true(square: list[LoopStep]) -> None:
                     x,
                     Input(throttle=inputs[0], w_WB_B=inputs[1:]),
                     Vehicle(),
-                    dynamics=rigid_body_dynamics,
                     duration=plan.input_step / 4,
                 )
         np.testing.assert_allclose(plan.p_WB[-1], x.p_WB, atol=5e-3)
@@ -117,7 +116,7 @@ def test_any_attitude_at_10_m_per_s_5_m_away_comes_back(seed: int) -> None:
         if tick.command is not None:
             u = Input(throttle=tick.command.throttle, w_WB_B=tick.command.w_WB_B)
         for _ in range(4):
-            x = integrate(x, u, Vehicle(), dynamics=rigid_body_dynamics, duration=PERIOD / 4)
+            x = integrate(x, u, Vehicle(), duration=PERIOD / 4)
     assert np.linalg.norm(x.p_WB - goal) < 0.1
 
 

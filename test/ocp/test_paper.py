@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fixtures.plant_motion import rate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
@@ -15,7 +16,6 @@ from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.state import Input, State, boxminus, boxplus
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.ocp.paper import error_dynamics
-from quad_mpc_ros.simulation.dynamics import paper_dynamics
 
 VEHICLE = Vehicle()
 
@@ -24,7 +24,8 @@ def error_rate(x: State, u: Input, x_error: Array, u_error: Array) -> Array:
     """Return d/dt (x_r ⊟ x) with x_r = x ⊞ x_error and u_r = u + u_error, both flying Eq. (3)."""
     x_r = boxplus(x, x_error)
     u_r = Input(throttle=u.throttle + u_error[0], w_WB_B=u.w_WB_B + u_error[1:])
-    f, f_r = paper_dynamics(x, u, VEHICLE), paper_dynamics(x_r, u_r, VEHICLE)
+    f = rate(x, u, VEHICLE, dynamics="paper")
+    f_r = rate(x_r, u_r, VEHICLE, dynamics="paper")
 
     def error_after(step: float) -> Array:
         return boxminus(boxplus(x_r, step * f_r), boxplus(x, step * f))

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from fixtures.plant_motion import integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -22,14 +23,13 @@ from quad_mpc_ros.safety.fallbacks import (
     dead_reckoned,
     tilt_to,
 )
-from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
 
 PERIOD = 0.02
 
 
 def flown(x: State, u: Input, vehicle: Vehicle, duration: float = PERIOD) -> State:
     for _ in range(2):
-        x = integrate(x, u, vehicle, dynamics=rigid_body_dynamics, duration=duration / 2)
+        x = integrate(x, u, vehicle, duration=duration / 2)
     return x
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -260,3 +261,35 @@ def test_how_the_time_is_divided_does_not_matter(effects: dict[str, float]) -> N
     assert_allclose(whole.state.p_WB, divided.state.p_WB, atol=1e-7)
     assert_allclose(whole.state.R_WB, divided.state.R_WB, atol=1e-6)
     assert_allclose(whole.odometry(0).w_WB_B, divided.odometry(0).w_WB_B, rtol=1e-12)
+
+
+def test_a_lagged_flight_in_wind_is_integrated_with_fourth_order() -> None:
+    lags = {"rate_time_constant": 0.2, "thrust_time_constant": 0.3}
+    wind = (5.0, -2.0, 1.0)
+    world = start(rate_tau=0.2, thrust_tau=0.3)
+    world.wind = wind
+    throttle, rates = 0.7, (12.0, -9.0, 5.0)
+    world.fly(throttle, rates, 0.24)
+    errors = []
+    for step in (0.02, 0.01, 0.005):
+        body = started_plant(**lags, wind=wind, integration_step=step)
+        body.apply(command(throttle, rates))
+        body.advance_to(240 * MILLISECOND)
+        away = np.concatenate((body.state.p_WB - world.y[:3], body.state.v_WB_W - world.y[3:6]))
+        errors.append(float(np.linalg.norm(away)))
+    orders = [math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)]
+    assert all(3.7 < order < 4.5 for order in orders), orders
+
+
+def test_a_call_for_many_steps_is_as_many_calls_for_one() -> None:
+    """To the bit: what is carried from step to step is all that there is."""
+    lags = {"rate_time_constant": 0.05, "thrust_time_constant": 0.05}
+    once, stepwise = (started_plant(**lags, integration_step=0.004) for _ in range(2))
+    for body in (once, stepwise):
+        body.apply(command(0.7, (12.0, -9.0, 5.0)))
+    once.advance_to(40 * MILLISECOND)
+    for k in range(1, 11):
+        stepwise.advance_to(4 * k * MILLISECOND)
+    for name in ("p_WB", "v_WB_B", "R_WB"):
+        assert_array_equal(getattr(once.state, name), getattr(stepwise.state, name))
+    assert once.input.throttle == stepwise.input.throttle

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fixtures.plant_motion import integrate
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
 from quad_mpc_ros.trajectories.config import TRAJECTORIES, ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.point_table import PointTable
@@ -122,7 +122,7 @@ def test_flown_open_loop_it_lands_on_the_path(
         ends = trajectory.at([time + step_ns for time in steps]).p_WB
         for needed, rate, wanted in zip(thrust[:, 2].tolist(), rates, ends, strict=True):
             u = Input(throttle=vehicle.throttle_for(needed), w_WB_B=rate)
-            x = integrate(x, u, vehicle, dynamics=rigid_body_dynamics, duration=1e-9 * step_ns)
+            x = integrate(x, u, vehicle, duration=1e-9 * step_ns)
             farthest = max(farthest, float(np.linalg.norm(x.p_WB - wanted)))
         assert farthest < 0.01
 

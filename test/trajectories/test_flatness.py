@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from fixtures.plant_motion import integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -14,7 +15,6 @@ from numpy.testing import assert_allclose
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
 from quad_mpc_ros.trajectories.flatness import FlatInputs, flat_inputs
 
 GRAVITY = 9.81
@@ -68,7 +68,7 @@ def miss(path: Path, *, duration: float, step: float) -> float:
     wanted = path.derivative(0, starts[1:])
     for p, thrust, rates in zip(wanted, middle.specific_thrust, middle.w_WB_B, strict=True):
         u = Input(throttle=vehicle.throttle_for(vehicle.mass * float(thrust)), w_WB_B=rates)
-        x = integrate(x, u, vehicle, dynamics=rigid_body_dynamics, duration=step)
+        x = integrate(x, u, vehicle, duration=step)
         farthest = max(farthest, float(np.linalg.norm(x.p_WB - p)))
     return farthest
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fixtures.plant_motion import integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
@@ -14,7 +15,6 @@ from quad_mpc_ros.model.reference_window import ReferencePoints, sample
 from quad_mpc_ros.model.state import State
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.ocp.paper import reference_input
-from quad_mpc_ros.simulation.dynamics import integrate, rigid_body_dynamics
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.server import ReferenceServer
@@ -108,7 +108,7 @@ def test_flown_open_loop_by_the_papers_vehicle_it_lands_on_the_path(
     middles = eight.at([start_ns + step_ns * i + step_ns // 2 for i in range(count)])
     for point in points(middles):
         u = reference_input(point, vehicle)
-        x = integrate(x, u, vehicle, dynamics=rigid_body_dynamics, duration=1e-9 * step_ns)
+        x = integrate(x, u, vehicle, duration=1e-9 * step_ns)
     end = eight.at([start_ns + count * step_ns]).p_WB[0]
     assert np.linalg.norm(x.p_WB - end) < 0.01
 
