@@ -110,6 +110,8 @@ setup(
         # What quad_mpc bench compares with; acados brings its own CasADi.
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
         "report": ["plotly>=6.0"],  # quad_mpc report
+        # quad_mpc campaign on a cluster, with Parquet and its page; quad_mpc tune
+        "campaign": ["dask", "distributed", "optuna>=4", "pyarrow", "plotly>=6.0"],
         "browser": ["playwright"],  # its test in a Chromium that is installed
         "docs": ["sphinx>=8.2", "furo", "myst-parser>=4"],  # make docs
         "test": [
@@ -123,6 +125,7 @@ setup(
             "mypy",
             "piqp",
             "plotly>=6.0",
+            "pyarrow",
         ],
         "dev": [
             "ruff",

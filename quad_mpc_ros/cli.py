@@ -14,6 +14,7 @@ from quad_mpc_ros.configuration import UserError
 COMMANDS = {
     "fly": "fly over DDS: simulator, reference, mpc and recorder as processes of their own",
     "simulate": "fly the same in one process without ROS, faster than real time",
+    "campaign": "fly many flights with parameters that vary, on every core or a cluster",
     "check-reference": "judge a reference before it is flown: throttle and body rates against the "
     "limits",
     "report": "show recorded runs on one page: path, errors, inputs, solver, fallbacks",

@@ -1,4 +1,4 @@
-"""Showing how far a flight is: one line that rewrites itself, or a line a second in a log."""
+"""Showing how far something is: one line that rewrites itself, or a line a second in a log."""
 
 from __future__ import annotations
 
@@ -9,28 +9,23 @@ _TERMINAL_PERIOD = 0.1
 _LOG_PERIOD = 1.0
 
 
-class Progress:
-    """Prints the time flown and the position error to standard error."""
+class _Line:
+    """A line on standard error, now and then another one."""
 
-    def __init__(self, duration: float) -> None:
-        self._duration = duration
+    def __init__(self) -> None:
         self._terminal = sys.stderr.isatty()
         self._period = _TERMINAL_PERIOD if self._terminal else _LOG_PERIOD
-        self._started = time.monotonic()
-        self._due = self._started
+        self.started = time.monotonic()
+        self._due = self.started
 
     @property
     def due(self) -> bool:
         """Whether it is time to show something."""
         return time.monotonic() >= self._due
 
-    def show(self, flown: float, position_error: float | None) -> None:
-        """Show ``flown`` seconds of flight and the position error [m]."""
-        now = time.monotonic()
-        self._due = now + self._period
-        error = "" if position_error is None else f"   position error {position_error:6.3f} m"
-        speed = flown / max(now - self._started, 1e-6)
-        line = f"  {flown:6.1f} s of {self._duration:g} s   {speed:5.2f} x real time{error}"
+    def write(self, line: str) -> None:
+        """Show a line in place of the last one."""
+        self._due = time.monotonic() + self._period
         if self._terminal:
             print(f"\r{line:<78}", end="", file=sys.stderr, flush=True)
         else:
@@ -40,3 +35,36 @@ class Progress:
         """End the line."""
         if self._terminal:
             print(file=sys.stderr)
+
+
+class Progress(_Line):
+    """Prints the time flown and the position error to standard error."""
+
+    def __init__(self, duration: float) -> None:
+        super().__init__()
+        self._duration = duration
+
+    def show(self, flown: float, position_error: float | None) -> None:
+        """Show ``flown`` seconds of flight and the position error [m]."""
+        error = "" if position_error is None else f"   position error {position_error:6.3f} m"
+        speed = flown / max(time.monotonic() - self.started, 1e-6)
+        self.write(f"  {flown:6.1f} s of {self._duration:g} s   {speed:5.2f} x real time{error}")
+
+
+class CountProgress(_Line):
+    """Prints how many flights are done, how many of them crashed, and the time left."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._first: int | None = None
+
+    def show(self, done: int, total: int, crashed: int) -> None:
+        """Show how many of all flights are done and how many crashed."""
+        if not self.due and done < total:
+            return
+        elapsed = time.monotonic() - self.started
+        if self._first is None:  # what a resumed campaign had done before took no time here
+            self._first = done
+        left = (total - done) * elapsed / max(done - self._first, 1)
+        when = f"   {left:5.0f} s left" if done > self._first else ""
+        self.write(f"  {done} of {total} flights, {crashed} crashed{when}")

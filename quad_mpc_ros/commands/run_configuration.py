@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import yaml
 
@@ -53,13 +54,18 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
 
     Raises :class:`UserError` for anything that cannot be used.
     """
-    sources, made = _sources(options), _assignments(options, lockstep=lockstep)
+    sources = _sources(options)
+    made = [*_assignments(options, lockstep=lockstep), _duration(options, sources)]
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
     reference = cast(ReferenceConfig, loaded["reference"])
     trajectory = configured_trajectory(reference, read_bag=flown_points)
     if _starts_on_reference(options, trajectory, reference):
-        made += _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
-        loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
+        start = _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
+        # What a file says of the start wins, unless the option is given.
+        base = {"simulator": start if options.start is None else {}}
+        if options.start is not None:
+            made += [f"simulator.{name}={_yaml(value)}" for name, value in start.items()]
+        loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA, base=base)
     make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
     out = prepared_out(options.out or default_out(reference.trajectory))
     return RunConfig(
@@ -95,10 +101,7 @@ def _starts_on_reference(
 
 def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
     """Return the options as assignments, to come before the explicit ones, which win."""
-    duration = DEFAULT_DURATION if options.duration is None else options.duration
-    check_duration(duration)
-    made = [f"simulator.duration={duration}"]
-    made += [
+    made = [
         f"{node}.lockstep={str(lockstep).lower()}" for node in ("mpc", "simulator", "reference")
     ]
     if options.plant is not None:
@@ -108,16 +111,26 @@ def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
     return made
 
 
-def _start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> list[str]:
-    """Return the assignments that start the simulator in motion on a trajectory.
+def _duration(options: argparse.Namespace, sources: Sequence[str]) -> str:
+    """Return the length of the flight as an assignment: the option's, a file's, the default."""
+    duration = options.duration
+    if duration is None:
+        given = files.collected(sources, [], schema=SCHEMA)["simulator"].get("duration")
+        duration = given or DEFAULT_DURATION  # 0, for ever, is for a simulator by itself
+    else:
+        check_duration(duration)
+    return f"simulator.duration={_yaml(duration)}"
+
+
+def _start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, Any]:
+    """Return the parameters that start the simulator in motion on a trajectory.
 
     Raises :class:`UserError` when the simulator's vehicle has no throttle for it.
     """
     try:
-        values = start_on(trajectory, simulator)
+        return start_on(trajectory, simulator)
     except ValueError as error:
         raise UserError(f"--start reference: {error}; --start ground needs none") from error
-    return [f"simulator.{name}={_yaml(value)}" for name, value in values.items()]
 
 
 def _yaml(value: float | list[float]) -> str:

@@ -72,14 +72,16 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         "--start",
         choices=("ground", "reference"),
         help="where the flight begins: as simulator.initial_* say, which is on the ground, or in "
-        "motion on the reference (default: reference if that is smooth and flown at once, else "
-        "ground); --set simulator.initial_*=VALUE wins",
+        "motion on the reference; --set simulator.initial_*=VALUE wins (default: reference where "
+        "that is smooth and flown at once, but for what a file says of simulator.initial_*; else "
+        "ground)",
     )
     parser.add_argument(
         "--duration",
         type=float,
         metavar="S",
-        help=f"length of the flight in seconds (default: {DEFAULT_DURATION:g})",
+        help="length of the flight in seconds (default: simulator.duration of a file, or "
+        f"{DEFAULT_DURATION:g})",
     )
     add_out(parser, "bag, summary.json and figures; must not hold any", "<reference>")
     parser.set_defaults(plant=None)

@@ -58,29 +58,32 @@ class ParameterSpec:
 
     def validated(self, value: object, *, owner: str = "") -> Any:
         """Return ``value`` in its canonical type, or raise :class:`ConfigurationError`."""
-        name = f"{owner}.{self.name}" if owner else self.name
-        error = ConfigurationError(name, value, self.allowed())
-        if self.kind.endswith("_array"):
+        try:
+            if not self.kind.endswith("_array"):
+                return self._canonical(value)
             if isinstance(value, str | bytes) or not isinstance(value, Sequence):
-                raise error
+                raise ValueError
             if self.length is not None and len(value) != self.length:
-                raise error
-            return tuple(self._validated_scalar(element, error) for element in value)
-        return self._validated_scalar(value, error)
+                raise ValueError
+            return tuple(self._canonical(element) for element in value)
+        except ValueError:
+            name = f"{owner}.{self.name}" if owner else self.name
+            raise ConfigurationError(name, value, self.allowed()) from None
 
-    def _validated_scalar(self, value: object, error: ConfigurationError) -> Any:
+    def _canonical(self, value: object) -> Any:
+        """Return a scalar in its canonical type; ``ValueError`` for one that is not allowed."""
         kind = self.kind.removesuffix("_array")
         if not isinstance(value, _TYPES[kind]) or isinstance(value, bool) != (kind == "bool"):
-            raise error
+            raise ValueError
         if self.choices is not None and value not in self.choices:
-            raise error
+            raise ValueError
         if isinstance(value, bool | str):
             return value
         assert isinstance(value, int | float)
         if not abs(value) <= sys.float_info.max:  # nan and inf too
-            raise error
+            raise ValueError
         if not all(_COMPARISONS[symbol](value, bound) for symbol, bound in self._bounds()):
-            raise error
+            raise ValueError
         return float(value) if kind == "double" else value
 
     def _bounds(self) -> list[tuple[str, float]]:
@@ -127,18 +130,7 @@ class Configuration:
     @classmethod
     def specs(cls) -> tuple[ParameterSpec, ...]:
         """Return the specification of every parameter, groups flattened, in order."""
-        found: list[ParameterSpec] = []
-        for field in dataclasses.fields(cls):
-            spec = _spec_of(cls, field)
-            if spec is not None:
-                found.append(spec)
-            else:
-                group = _group_of(cls, field)
-                found.extend(
-                    dataclasses.replace(inner, name=f"{field.name}.{inner.name}")
-                    for inner in group.specs()
-                )
-        return tuple(found)
+        return _specs(cls)
 
     @classmethod
     def build(cls, values: Mapping[str, object]) -> Self:
@@ -219,16 +211,40 @@ def _kind_of(annotation: Any) -> str:
     return _KINDS[annotation]
 
 
-# To work out the types of the fields takes milliseconds, too long in flight.
-_type_hints: Callable[[Any], dict[str, Any]] = functools.cache(get_type_hints)
+def _specs_of(cls: type[Configuration]) -> tuple[ParameterSpec, ...]:
+    found: list[ParameterSpec] = []
+    for field in dataclasses.fields(cls):
+        spec = _spec_of(cls, field)
+        if spec is not None:
+            found.append(spec)
+        else:
+            group = _group_of(cls, field)
+            found.extend(
+                dataclasses.replace(inner, name=f"{field.name}.{inner.name}")
+                for inner in group.specs()
+            )
+    return tuple(found)
 
 
 def _spec_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> ParameterSpec | None:
-    declared: ParameterSpec | None = field.metadata.get(_METADATA_KEY)
-    if declared is None:
-        return None
-    kind = _kind_of(_type_hints(cls)[field.name])
-    return dataclasses.replace(declared, name=field.name, kind=kind)
+    return _own_specs(cls).get(field.name)
+
+
+def _own_specs_of(cls: type[Configuration]) -> dict[str, ParameterSpec]:
+    """Return the specifications of the fields that are parameters and not groups, by name."""
+    hints = _type_hints(cls)
+    declared = {field.name: field.metadata.get(_METADATA_KEY) for field in dataclasses.fields(cls)}
+    return {
+        name: dataclasses.replace(spec, name=name, kind=_kind_of(hints[name]))
+        for name, spec in declared.items()
+        if spec is not None
+    }
+
+
+# What follows from a class alone is worked out once: it takes milliseconds, too long in flight.
+_type_hints: Callable[[Any], dict[str, Any]] = functools.cache(get_type_hints)
+_specs: Callable[[Any], tuple[ParameterSpec, ...]] = functools.cache(_specs_of)
+_own_specs: Callable[[Any], dict[str, ParameterSpec]] = functools.cache(_own_specs_of)
 
 
 def _group_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> type[Configuration]:

@@ -37,6 +37,22 @@ def load(
     :class:`UserError` for a file that cannot be read and :class:`ConfigurationError` for what it
     says.
     """
+    values = collected(sources, assignments, schema=schema, base=base)
+    return {node: kind.build(values[node]) for node, kind in schema.items()}
+
+
+def collected(
+    sources: Sequence[str],
+    assignments: Sequence[str],
+    *,
+    schema: Schema,
+    base: Mapping[str, Mapping[str, Any]] | None = None,
+) -> dict[str, dict[str, Any]]:
+    """Return what is said of the parameters of every node of the schema, not yet validated.
+
+    The arguments are those of :func:`load`. Raises :class:`UserError` for a file that cannot be
+    read.
+    """
     values: dict[str, dict[str, Any]] = {node: dict((base or {}).get(node, {})) for node in schema}
     for source in sources:
         for node, parameters in _read(_located(source), schema).items():
@@ -44,7 +60,7 @@ def load(
     for assignment in assignments:
         node, name, value = _parsed(assignment, schema)
         values[node][name] = value
-    return {node: kind.build(values[node]) for node, kind in schema.items()}
+    return values
 
 
 def dump(node: str, values: Mapping[str, Any]) -> str:
