@@ -13,7 +13,7 @@ from quad_mpc_ros.campaigns.flight import FlownFlight, fly_batch, lost_flight
 from quad_mpc_ros.configuration import UserError
 
 _HOW = "--scheduler needs Dask: pip install 'quad_mpc_ros[campaign]'"
-_PATIENCE = 10.0  # s
+PATIENCE = 10.0  # s
 _AHEAD = 3  # batches handed out for each worker, so that none waits for the next one
 
 
@@ -32,10 +32,10 @@ class DaskWorkers:
         """
         distributed = _distributed()
         try:
-            self._client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
+            self._client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
             raise UserError(
-                f"--scheduler: no Dask scheduler answers at {address!r} within {_PATIENCE:g} s "
+                f"--scheduler: no Dask scheduler answers at {address!r} within {PATIENCE:g} s "
                 f"({type(error).__name__}): expected an address such as tcp://127.0.0.1:8786"
             ) from error
         try:
@@ -53,7 +53,7 @@ class DaskWorkers:
         shared = self._client.scatter(campaign, broadcast=False, hash=False)
         waiting = deque(batches)
         flying: dict[Any, Sequence[int]] = {}
-        done = self._as_completed()
+        done = self._as_completed(loop=self._client.loop)
         try:
             while waiting or flying:
                 while waiting and len(flying) < _AHEAD * self.workers:

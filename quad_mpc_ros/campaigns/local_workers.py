@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -10,6 +11,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import Connection
 from typing import NamedTuple
 
 from quad_mpc_ros.campaigns.campaign import Campaign
@@ -25,6 +27,13 @@ class _Task(NamedTuple):
     deaths: int = 0
 
 
+class _Worker(NamedTuple):
+    """One process, and what ends it when it is closed, by us or because we ended."""
+
+    pool: ProcessPoolExecutor
+    leash: Connection
+
+
 class LocalWorkers:
     """Processes that each fly a batch at a time. The use is that of :class:`.engine.Engine`.
 
@@ -34,8 +43,8 @@ class LocalWorkers:
     def __init__(self, workers: int | None = None) -> None:
         """Take the number of processes, by default one for each processor we may use."""
         self.workers = workers or len(os.sched_getaffinity(0))
-        self._idle = [_process() for _ in range(self.workers)]
-        self._flying: dict[Future[list[FlownFlight]], tuple[_Task, ProcessPoolExecutor]] = {}
+        self._idle = [_new_worker() for _ in range(self.workers)]
+        self._flying: dict[Future[list[FlownFlight]], tuple[_Task, _Worker]] = {}
 
     def fly(
         self, campaign: Campaign, batches: Sequence[Sequence[int]]
@@ -52,8 +61,8 @@ class LocalWorkers:
                     try:
                         flown = future.result()
                     except BrokenProcessPool:
-                        worker.shutdown(wait=False)
-                        self._idle.append(_process())
+                        _end(worker)
+                        self._idle.append(_new_worker())
                         waiting.extendleft(_again(task))
                         flown = _given_up(campaign, task)
                     else:
@@ -68,17 +77,17 @@ class LocalWorkers:
 
     def __exit__(self, *exception: object) -> None:
         for worker in self._idle:
-            worker.shutdown(cancel_futures=True)
+            _end(worker)
 
     def _hand_out(self, campaign: Campaign, task: _Task) -> None:
         worker = self._idle.pop()
-        self._flying[worker.submit(fly_batch, campaign, task.numbers)] = task, worker
+        self._flying[worker.pool.submit(fly_batch, campaign, task.numbers)] = task, worker
 
     def _give_up(self) -> None:
-        """Let the processes finish what nobody waits for any more."""
+        """End what flies for nobody any more."""
         for _, worker in self._flying.values():
-            worker.shutdown(wait=False, cancel_futures=True)
-            self._idle.append(_process())
+            _end(worker)
+            self._idle.append(_new_worker())
         self._flying.clear()
 
 
@@ -98,25 +107,31 @@ def _given_up(campaign: Campaign, task: _Task) -> list[FlownFlight]:
     return [lost_flight(campaign, number, reason) for number in task.numbers]
 
 
-def _process() -> ProcessPoolExecutor:
+def _new_worker() -> _Worker:
     """Return a worker, whose process starts with its first batch."""
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
-    return ProcessPoolExecutor(
-        max_workers=1,
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_begin,
+    context = multiprocessing.get_context("spawn")
+    held, leash = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(
+        max_workers=1, mp_context=context, initializer=_begin, initargs=(held,)
     )
+    return _Worker(pool, leash)
 
 
-def _begin() -> None:
+def _end(worker: _Worker) -> None:
+    worker.leash.close()
+    worker.pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _begin(held: Connection) -> None:
     """Prepare a worker: Ctrl-C is for the one who asked, with whom the worker ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    threading.Thread(target=_end_with, args=(held,), daemon=True).start()
 
 
-def _end_with(parent: multiprocessing.process.BaseProcess) -> None:
-    parent.join()
-    os.kill(os.getpid(), signal.SIGTERM)
+def _end_with(held: Connection) -> None:
+    """End this process as soon as nobody holds the other end."""
+    with contextlib.suppress(EOFError, OSError):
+        held.recv()
+    os.kill(os.getpid(), signal.SIGKILL)
