@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import operator
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -19,6 +23,7 @@ from quad_mpc_ros.trajectories.trajectory import (
 
 _BEFORE_START_NS = -1
 _MOST_DRAWN = 10_000
+_CUT_AT_ONCE = 64
 
 
 class ReferenceServer:
@@ -47,20 +52,38 @@ class ReferenceServer:
 
     def window(self, stamp_ns: int) -> ReferenceWindow:
         """Return the reference from ``stamp_ns`` on."""
-        now_ns = _BEFORE_START_NS if self._started_ns is None else stamp_ns - self._started_ns
-        if self._preview and self.started:
-            grid = range(now_ns, now_ns + self._duration_ns + 1, self._step_ns)
-            times, samples = self._with_jumps([*grid], end_ns=now_ns + self._duration_ns)
-        else:  # nothing is known to move
-            held = self._trajectory.at([now_ns, now_ns])
-            times = np.array([now_ns, now_ns + self._duration_ns])
-            samples = dataclasses.replace(at_rest(held.p_WB), q_WB_xyzw=held.q_WB_xyzw)
-        return ReferenceWindow(
-            stamp_ns=stamp_ns,
-            offset_ns=times - now_ns,
-            frame_id=self._config.frame_id,
-            **vars(samples),
-        )
+        return self.windows([stamp_ns])[0]
+
+    def windows(self, stamps_ns: Sequence[int]) -> list[ReferenceWindow]:
+        """Return the reference from each stamp on: the windows that they have one by one.
+
+        The trajectory is asked once, which for many stamps takes little longer than for one.
+        """
+        previewed = self._preview and self.started
+        starts = [self._time_of(stamp_ns) for stamp_ns in stamps_ns]
+        cuts = [self._previewed(now_ns) if previewed else self._held(now_ns) for now_ns in starts]
+        asked = np.array([time for cut in cuts for time in cut.asked], dtype=np.int64)
+        times, places = np.unique(asked, return_inverse=True)  # windows overlap
+        once = self._trajectory.at(times.tolist())
+        samples = combined(lambda values: values[places], once)
+        if not previewed:  # nothing is known to move
+            samples = dataclasses.replace(at_rest(samples.p_WB), q_WB_xyzw=samples.q_WB_xyzw)
+        lengths = [len(cut.shown) for cut in cuts]
+        shown = np.array([time for cut in cuts for time in cut.shown], dtype=np.int64)
+        offset_ns = shown - np.repeat(starts, lengths)
+        return [
+            ReferenceWindow(
+                stamp_ns=stamp_ns,
+                offset_ns=offset_ns[part],
+                p_WB=samples.p_WB[part],
+                q_WB_xyzw=samples.q_WB_xyzw[part],
+                v_WB_W=samples.v_WB_W[part],
+                a_WB_W=samples.a_WB_W[part],
+                w_WB_W=samples.w_WB_W[part],
+                frame_id=self._config.frame_id,
+            )
+            for stamp_ns, part in zip(stamps_ns, _parts(lengths), strict=True)
+        ]
 
     def whole(self) -> TrajectorySamples:
         """Return the whole trajectory once, to be drawn: every step and both sides of jumps.
@@ -69,18 +92,70 @@ class ReferenceServer:
         """
         period = self._trajectory.period_ns
         grid = [*range(0, period, max(self._step_ns, period // _MOST_DRAWN)), period]
-        return self._with_jumps(grid, end_ns=period)[1]
+        return self._trajectory.at(self._with_jumps(grid, end_ns=period).asked)
 
-    def _with_jumps(
-        self, times: list[int], *, end_ns: int
-    ) -> tuple[NDArray[np.int64], TrajectorySamples]:
-        """Return times with each jump up to ``end_ns`` twice among them, and the samples there.
+    def _time_of(self, stamp_ns: int) -> int:
+        """Return the trajectory's time at a stamp."""
+        return _BEFORE_START_NS if self._started_ns is None else stamp_ns - self._started_ns
+
+    def _held(self, now_ns: int) -> _Times:
+        """Return the present twice: it is held over the window."""
+        return _Times(shown=[now_ns, now_ns + self._duration_ns], asked=[now_ns, now_ns])
+
+    def _previewed(self, now_ns: int) -> _Times:
+        """Return every step of the window, and both sides of the jumps in it."""
+        end_ns = now_ns + self._duration_ns
+        return self._with_jumps([*range(now_ns, end_ns + 1, self._step_ns)], end_ns=end_ns)
+
+    def _with_jumps(self, grid: list[int], *, end_ns: int) -> _Times:
+        """Return times with each jump up to ``end_ns`` twice among them.
 
         The two are both sides of the jump; a sample at its time comes after both.
         """
-        jumps = self._trajectory.jumps(times[0], end_ns)
-        sides = [jump - before for jump in jumps for before in (1, 0)]
-        samples = self._trajectory.at([*sides, *times])
-        shown = np.array([*(jump for jump in jumps for _ in (1, 0)), *times], dtype=np.int64)
-        order = np.argsort(shown, kind="stable")
-        return shown[order], combined(lambda values: values[order], samples)
+        jumps = self._trajectory.jumps(grid[0], end_ns)
+        if not jumps:
+            return _Times(shown=grid, asked=grid)
+        sides = [(jump, jump - before) for jump in jumps for before in (1, 0)]
+        both = sorted([*sides, *zip(grid, grid, strict=True)], key=operator.itemgetter(0))
+        shown, asked = zip(*both, strict=True)
+        return _Times(shown=[*shown], asked=[*asked])
+
+
+class WindowsAhead:
+    """The windows of stamps that are known beforehand, many of them cut at a time."""
+
+    def __init__(self, server: ReferenceServer, stamps_ns: Iterable[int]) -> None:
+        """Take the stamps in order; some of them may turn out to be nobody's."""
+        self._server = server
+        self._stamps_ns = iter(stamps_ns)
+        self._ahead: deque[ReferenceWindow] = deque()
+
+    def window(self, stamp_ns: int) -> ReferenceWindow:
+        """Return the window of a stamp, one of those to come; raises ``ValueError`` for another.
+
+        Those before it are let go.
+        """
+        while True:
+            if not self._ahead:
+                block = [*itertools.islice(self._stamps_ns, _CUT_AT_ONCE)]
+                if not block:
+                    raise ValueError(f"no stamp to come is {stamp_ns} ns")
+                self._ahead.extend(self._server.windows(block))
+            window = self._ahead.popleft()
+            if window.stamp_ns == stamp_ns:
+                return window
+
+
+class _Times(NamedTuple):
+    """The times of a window's samples: what they are shown at, and what they are asked of."""
+
+    shown: list[int]
+    asked: list[int]
+
+
+def _parts(lengths: list[int]) -> Iterator[slice]:
+    """Yield where parts of these lengths lie, one after the other."""
+    end = 0
+    for length in lengths:
+        yield slice(end, end + length)
+        end += length

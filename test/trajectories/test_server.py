@@ -13,8 +13,8 @@ from numpy.testing import assert_array_equal
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.reference_window import sample
 from quad_mpc_ros.model.samples import ReferenceWindow
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.server import ReferenceServer
+from quad_mpc_ros.trajectories.config import TRAJECTORIES, ReferenceConfig
+from quad_mpc_ros.trajectories.server import ReferenceServer, WindowsAhead
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -144,3 +144,43 @@ def test_the_whole_trajectory_has_every_step(step: float) -> None:
     assert len(whole.p_WB) >= 8.0 / step
     for name in ("q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W"):
         assert len(getattr(whole, name)) == len(whole.p_WB)
+
+
+CASES = {
+    **{name: {"trajectory": name} for name in TRAJECTORIES if name not in ("csv", "bag")},
+    "square, shown ahead": {"preview": True},
+    "jumping waypoints": {"trajectory": "waypoints", "waypoint_legs": "jump", "preview": True},
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("is_started", [False, True])
+def test_many_windows_at_once_are_those_one_by_one(case: str, is_started: bool) -> None:
+    """To the bit, or a flight in one process would not be the one over DDS."""
+    server = ReferenceServer(ReferenceConfig.build(CASES[case]))
+    if is_started:
+        server.start(START)
+    jitter = np.random.default_rng(0).integers(-2_000_000, 2_000_000, 40)
+    regular = range(START - SECOND // 20, START + 2 * SECOND, SECOND // 50)
+    for stamps in ([*regular], [START + 20_000_000 * n + int(jitter[n]) for n in range(40)]):
+        for stamp, window in zip(stamps, server.windows(stamps), strict=True):
+            alone = server.window(stamp)
+            for name, values in vars(alone).items():
+                found = getattr(window, name)
+                if isinstance(values, np.ndarray):
+                    assert (found.dtype, found.shape) == (values.dtype, values.shape), name
+                    assert found.tobytes() == values.tobytes(), name
+                else:
+                    assert found == values, name
+
+
+def test_windows_ahead_are_those_asked_for_whichever_stamps_are_left_out() -> None:
+    server = started(trajectory="lemniscate")
+    stamps = [START + 20_000_000 * n for n in range(300)]
+    ahead = WindowsAhead(server, stamps)
+    for stamp in stamps[::3]:
+        window = ahead.window(stamp)
+        assert window.stamp_ns == stamp
+        assert window.p_WB.tobytes() == server.window(stamp).p_WB.tobytes()
+    with pytest.raises(ValueError, match=str(START)):
+        ahead.window(START)
