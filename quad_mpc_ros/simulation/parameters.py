@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError, parameter
+from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.vehicle import Vehicle, VehicleParameters
 
 LONGEST_TIME_CONSTANT = 10.0  # s
 # Above this deviation of its length from 1 a quaternion is a mistake and not a rounded one.
 _QUATERNION_TOLERANCE = 1e-3
+_DRAWN_AT_ONCE = 64
 
 
 class Stream(IntEnum):
@@ -116,3 +119,9 @@ class PlantParameters(VehicleParameters):
         effect that is switched on changes the numbers of another.
         """
         return np.random.default_rng([self.seed, stream])
+
+
+def white_noise(random: np.random.Generator, size: int) -> Iterator[Array]:
+    """Yield rows (size,) from N(0, 1) without end: those of draws row by row, but drawn ahead."""
+    while True:
+        yield from random.standard_normal((_DRAWN_AT_ONCE, size))

@@ -7,8 +7,6 @@ from abc import ABC, abstractmethod
 from collections import deque
 from typing import Protocol
 
-import numpy as np
-
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.model.state import Input
@@ -66,7 +64,8 @@ class DelayedPlant(ABC):
 
     def apply(self, command: CommandSample) -> None:
         """Take a command that arrives now. The throttle saturates; nonsense is ignored."""
-        if not (math.isfinite(command.throttle) and (np.abs(command.w_WB_B) <= _FASTEST).all()):
+        rates = command.w_WB_B.tolist()
+        if not (math.isfinite(command.throttle) and all(abs(w) <= _FASTEST for w in rates)):
             return
         throttle = min(max(command.throttle, 0.0), 1.0)
         u = Input(throttle=throttle, w_WB_B=command.w_WB_B.copy())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections import deque
 from collections.abc import Iterator
@@ -13,7 +12,7 @@ import numpy as np
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.parameters import Stream
+from quad_mpc_ros.simulation.parameters import Stream, white_noise
 from quad_mpc_ros.simulation.plant import Plant
 
 # In periods; below one half, so that odometries stay in order.
@@ -42,7 +41,7 @@ class Sensors:
         )
         self._exact = not (self._noise.any() or self._bias.any())
         self._dropout = config.odom_dropout
-        self._noise_random = config.random(Stream.NOISE)
+        self._white_noise = white_noise(config.random(Stream.NOISE), 12)
         self._dropout_random = config.random(Stream.DROPOUT)
         self._first = True
 
@@ -50,15 +49,16 @@ class Sensors:
         """Return what is measured of a true odometry."""
         if self._exact:
             return truth
-        error = self._bias + self._noise * self._noise_random.standard_normal(12)
-        position, attitude, velocity, body_rate = error.reshape(4, 3)
-        R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw) @ so3.exp(attitude)
-        return dataclasses.replace(
-            truth,
-            p_WB=truth.p_WB + position,
+        error = self._bias + self._noise * next(self._white_noise)
+        R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw) @ so3.exp(error[3:6])
+        return OdometrySample(
+            stamp_ns=truth.stamp_ns,
+            p_WB=truth.p_WB + error[0:3],
             q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
-            v_WB_B=truth.v_WB_B + velocity,
-            w_WB_B=truth.w_WB_B + body_rate,
+            v_WB_B=truth.v_WB_B + error[6:9],
+            w_WB_B=truth.w_WB_B + error[9:12],
+            frame_id=truth.frame_id,
+            child_frame_id=truth.child_frame_id,
         )
 
     def lost(self) -> bool:

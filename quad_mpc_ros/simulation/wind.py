@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.simulation.parameters import PlantParameters, Stream
+from quad_mpc_ros.simulation.parameters import PlantParameters, Stream, white_noise
 
 NEVER_NS = 2**63 - 1
 _GUST_PERIOD_NS = 10_000_000
@@ -33,12 +33,12 @@ class Wind:
     def __init__(self, config: PlantParameters) -> None:
         self._steady_W = np.array(config.wind)
         self._intensity, self._length = config.gust_intensity, config.gust_length
-        self._random = config.random(Stream.GUSTS)
+        self._noise = white_noise(config.random(Stream.GUSTS), 3)
         self._gust_W = np.zeros(3)
         self.next_ns = NEVER_NS
         """When the gusts change next."""
         if self._intensity > 0.0:
-            self._gust_W = self._intensity * self._random.standard_normal(3)
+            self._gust_W = self._intensity * next(self._noise)
             self.next_ns = _GUST_PERIOD_NS
         self.velocity_W: Array = self._steady_W + self._gust_W
         """Velocity of the air (3,) [m/s]."""
@@ -46,12 +46,13 @@ class Wind:
     def advance_to(self, time_ns: int, *, v_WB_W: Array) -> None:
         """Let the gusts change that are due, for a vehicle with a velocity (3,) [m/s]."""
         while self.next_ns <= time_ns:
-            self._change(float(np.linalg.norm(v_WB_W - self._steady_W)))
+            through_air = v_WB_W - self._steady_W
+            self._change(math.sqrt(through_air.dot(through_air)))
             self.next_ns += _GUST_PERIOD_NS
 
     def _change(self, airspeed: float) -> None:
         passed = max(airspeed, _LOWEST_AIRSPEED) * _GUST_PERIOD_NS * 1e-9
         kept = math.exp(-passed / self._length)
         fresh = self._intensity * math.sqrt(1.0 - kept * kept)
-        self._gust_W = kept * self._gust_W + fresh * self._random.standard_normal(3)
+        self._gust_W = kept * self._gust_W + fresh * next(self._noise)
         self.velocity_W = self._steady_W + self._gust_W

@@ -53,11 +53,14 @@ class FlatTrajectory:
         seconds = 1e-9 * np.array(times_ns, dtype=np.float64)
         end = np.inf if self._path.periodic else self._path.duration
         moving = self._moving(np.clip(seconds, 0.0, end))
+        before, after = seconds < 0.0, seconds >= end
+        if not (before.any() or after.any()):
+            return moving
         waiting = at_rest(moving.p_WB, yaw=self._heading)
         over = dataclasses.replace(waiting, q_WB_xyzw=moving.q_WB_xyzw)
-        when = [(seconds < 0.0)[:, None], (seconds >= end)[:, None]]
+        when = [before[:, None], after[:, None]]
         return combined(
-            lambda before, after, during: np.select(when, [before, after], during),
+            lambda *parts: np.select(when, parts[:2], parts[2]),
             waiting,
             over,
             moving,

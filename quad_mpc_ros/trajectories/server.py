@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-import operator
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -23,7 +23,7 @@ from quad_mpc_ros.trajectories.trajectory import (
 
 _BEFORE_START_NS = -1
 _MOST_DRAWN = 10_000
-_CUT_AT_ONCE = 64
+_CUT_AT_ONCE = 256
 
 
 class ReferenceServer:
@@ -39,6 +39,7 @@ class ReferenceServer:
         self._preview = config.preview or self._trajectory.smooth
         self._duration_ns = round(config.window_duration * 1e9)
         self._step_ns = round(config.window_step * 1e9)
+        self._grid_ns = np.arange(0, self._duration_ns + 1, self._step_ns, dtype=np.int64)
         self._started_ns: int | None = None
 
     @property
@@ -62,28 +63,28 @@ class ReferenceServer:
         previewed = self._preview and self.started
         starts = [self._time_of(stamp_ns) for stamp_ns in stamps_ns]
         cuts = [self._previewed(now_ns) if previewed else self._held(now_ns) for now_ns in starts]
-        asked = np.array([time for cut in cuts for time in cut.asked], dtype=np.int64)
+        asked = np.concatenate([cut.asked for cut in cuts])
         times, places = np.unique(asked, return_inverse=True)  # windows overlap
         once = self._trajectory.at(times.tolist())
         samples = combined(lambda values: values[places], once)
         if not previewed:  # nothing is known to move
             samples = dataclasses.replace(at_rest(samples.p_WB), q_WB_xyzw=samples.q_WB_xyzw)
-        lengths = [len(cut.shown) for cut in cuts]
-        shown = np.array([time for cut in cuts for time in cut.shown], dtype=np.int64)
-        offset_ns = shown - np.repeat(starts, lengths)
-        return [
-            ReferenceWindow(
-                stamp_ns=stamp_ns,
-                offset_ns=offset_ns[part],
-                p_WB=samples.p_WB[part],
-                q_WB_xyzw=samples.q_WB_xyzw[part],
-                v_WB_W=samples.v_WB_W[part],
-                a_WB_W=samples.a_WB_W[part],
-                w_WB_W=samples.w_WB_W[part],
-                frame_id=self._config.frame_id,
+        windows, end = [], 0
+        for stamp_ns, now_ns, cut in zip(stamps_ns, starts, cuts, strict=True):
+            part = slice(end, end := end + len(cut.asked))
+            windows.append(
+                ReferenceWindow(
+                    stamp_ns=stamp_ns,
+                    offset_ns=cut.shown - now_ns,
+                    p_WB=samples.p_WB[part],
+                    q_WB_xyzw=samples.q_WB_xyzw[part],
+                    v_WB_W=samples.v_WB_W[part],
+                    a_WB_W=samples.a_WB_W[part],
+                    w_WB_W=samples.w_WB_W[part],
+                    frame_id=self._config.frame_id,
+                )
             )
-            for stamp_ns, part in zip(stamps_ns, _parts(lengths), strict=True)
-        ]
+        return windows
 
     def whole(self) -> TrajectorySamples:
         """Return the whole trajectory once, to be drawn: every step and both sides of jumps.
@@ -92,7 +93,7 @@ class ReferenceServer:
         """
         period = self._trajectory.period_ns
         grid = [*range(0, period, max(self._step_ns, period // _MOST_DRAWN)), period]
-        return self._trajectory.at(self._with_jumps(grid, end_ns=period).asked)
+        return self._trajectory.at(self._with_jumps(np.array(grid), end_ns=period).asked.tolist())
 
     def _time_of(self, stamp_ns: int) -> int:
         """Return the trajectory's time at a stamp."""
@@ -100,25 +101,27 @@ class ReferenceServer:
 
     def _held(self, now_ns: int) -> _Times:
         """Return the present twice: it is held over the window."""
-        return _Times(shown=[now_ns, now_ns + self._duration_ns], asked=[now_ns, now_ns])
+        return _Times(
+            shown=np.array((now_ns, now_ns + self._duration_ns)), asked=np.array((now_ns, now_ns))
+        )
 
     def _previewed(self, now_ns: int) -> _Times:
         """Return every step of the window, and both sides of the jumps in it."""
-        end_ns = now_ns + self._duration_ns
-        return self._with_jumps([*range(now_ns, end_ns + 1, self._step_ns)], end_ns=end_ns)
+        return self._with_jumps(now_ns + self._grid_ns, end_ns=now_ns + self._duration_ns)
 
-    def _with_jumps(self, grid: list[int], *, end_ns: int) -> _Times:
+    def _with_jumps(self, grid: NDArray[np.int64], *, end_ns: int) -> _Times:
         """Return times with each jump up to ``end_ns`` twice among them.
 
         The two are both sides of the jump; a sample at its time comes after both.
         """
-        jumps = self._trajectory.jumps(grid[0], end_ns)
+        jumps = self._trajectory.jumps(int(grid[0]), end_ns)
         if not jumps:
             return _Times(shown=grid, asked=grid)
-        sides = [(jump, jump - before) for jump in jumps for before in (1, 0)]
-        both = sorted([*sides, *zip(grid, grid, strict=True)], key=operator.itemgetter(0))
-        shown, asked = zip(*both, strict=True)
-        return _Times(shown=[*shown], asked=[*asked])
+        at_jumps = np.repeat(jumps, 2)
+        shown = np.concatenate((at_jumps, grid))
+        asked = np.concatenate((at_jumps - np.tile((1, 0), len(jumps)), grid))
+        order = np.argsort(shown, kind="stable")
+        return _Times(shown=shown[order], asked=asked[order])
 
 
 class WindowsAhead:
@@ -147,15 +150,7 @@ class WindowsAhead:
 
 
 class _Times(NamedTuple):
-    """The times of a window's samples: what they are shown at, and what they are asked of."""
+    """The times of a window's samples (n,): what they are shown at, and what they are asked of."""
 
-    shown: list[int]
-    asked: list[int]
-
-
-def _parts(lengths: list[int]) -> Iterator[slice]:
-    """Yield where parts of these lengths lie, one after the other."""
-    end = 0
-    for length in lengths:
-        yield slice(end, end + length)
-        end += length
+    shown: NDArray[np.int64]
+    asked: NDArray[np.int64]
