@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,15 +49,14 @@ def sample(window: ReferenceWindow, stamps_ns: ArrayLike) -> ReferencePoints:
         samples=packed(window),
         points=points,
     )
-    p, R, v, a, w = (np.ascontiguousarray(part) for part in point_parts(points))
-    shape = *times.shape, 3
-    return ReferencePoints(
-        p_WB=p.reshape(shape),
-        R_WB=R.reshape(*shape, 3),
-        v_WB_W=v.reshape(shape),
-        a_WB_W=a.reshape(shape),
-        w_WB_B=w.reshape(shape),
-    )
+    return reference_points(points.reshape(*times.shape, POINT_SIZE))
+
+
+def reference_points(points: Array) -> ReferencePoints:
+    """Return points (..., 21) of :func:`sample_into` under their names."""
+    parts = (points[..., start:end].copy() for start, end in itertools.pairwise(_POINT_ENDS))
+    p, R, v, a, w = parts
+    return ReferencePoints(p_WB=p, R_WB=R.reshape(*p.shape, 3), v_WB_W=v, a_WB_W=a, w_WB_B=w)
 
 
 def packed(window: ReferenceWindow) -> Array:
@@ -70,6 +70,7 @@ def packed(window: ReferenceWindow) -> Array:
 
 
 POINT_SIZE = 21
+_POINT_ENDS = (0, 3, 12, 15, 18, 21)
 
 
 @compiled

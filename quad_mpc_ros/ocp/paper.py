@@ -145,3 +145,11 @@ def reference_input(reference: ReferencePoints, vehicle: Vehicle) -> Input:
     specific_force[2] += vehicle.gravity
     thrust = vehicle.mass * float(reference.R_WB[:, 2] @ specific_force)
     return Input(throttle=vehicle.nearest_throttle(thrust), w_WB_B=reference.w_WB_B)
+
+
+def reference_throttles(references: ReferencePoints, vehicle: Vehicle) -> Array:
+    """Return the throttles (n,) of :func:`reference_input` at n points."""
+    specific_force = references.a_WB_W + vehicle.drag * references.v_WB_W
+    specific_force[:, 2] += vehicle.gravity
+    thrust = vehicle.mass * np.einsum("ni,ni->n", references.R_WB[:, :, 2], specific_force)
+    return np.array([vehicle.nearest_throttle(each) for each in thrust.tolist()])

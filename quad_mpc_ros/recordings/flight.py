@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.model.reference_window import sample
+from quad_mpc_ros.model.reference_window import POINT_SIZE, packed, reference_points, sample_into
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.paper import reference_input
+from quad_mpc_ros.ocp.paper import reference_throttles
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
 from quad_mpc_ros.safety.validation import reference_fault
 
@@ -157,7 +157,7 @@ class ReferenceSampler:
         self._stamp_ns = stamp_ns
         self._vehicle = vehicle
         self._in_force_ns = np.full(len(stamp_ns), _NO_STAMP, dtype=np.int64)
-        self._points = np.empty((len(stamp_ns), 19))
+        self._points = np.empty((len(stamp_ns), POINT_SIZE))
         self._newest: ReferenceWindow | None = None
         self._oldest: ReferenceWindow | None = None
 
@@ -180,32 +180,30 @@ class ReferenceSampler:
         if self._newest is None or self._oldest is None:
             return None
         self._sample(self._newest, end_ns=None)
-        for place in np.flatnonzero(self._in_force_ns == _NO_STAMP).tolist():
-            self._write(place, self._oldest)
-        points = self._points
+        self._write(np.flatnonzero(self._in_force_ns == _NO_STAMP), self._oldest)
+        points = reference_points(self._points)
         return ReferenceTrack(
-            p_WB=points[:, 0:3].copy(),
-            R_WB=points[:, 3:12].reshape(-1, 3, 3),
-            v_WB_B=points[:, 12:15].copy(),
-            w_WB_B=points[:, 15:18].copy(),
-            throttle=points[:, 18].copy(),
+            p_WB=points.p_WB,
+            R_WB=points.R_WB,
+            v_WB_B=points.v_WB_B,
+            w_WB_B=points.w_WB_B,
+            throttle=reference_throttles(points, self._vehicle),
         )
 
     def _sample(self, window: ReferenceWindow, *, end_ns: int | None) -> None:
         """Sample a window from its stamp on, where no window with a later stamp is in force."""
-        start = int(np.searchsorted(self._stamp_ns, window.stamp_ns))
-        end = None if end_ns is None else int(np.searchsorted(self._stamp_ns, end_ns))
-        within = self._in_force_ns[start:end] <= window.stamp_ns
-        for place in (start + np.flatnonzero(within)).tolist():
-            self._write(place, window)
-            self._in_force_ns[place] = window.stamp_ns
+        start = int(self._stamp_ns.searchsorted(window.stamp_ns))
+        end = None if end_ns is None else int(self._stamp_ns.searchsorted(end_ns))
+        places = start + (self._in_force_ns[start:end] <= window.stamp_ns).nonzero()[0]
+        self._write(places, window)
+        self._in_force_ns[places] = window.stamp_ns
 
-    def _write(self, place: int, window: ReferenceWindow) -> None:
-        point = sample(window, self._stamp_ns[place])
-        row = self._points[place]
-        row[0:3], row[3:12] = point.p_WB, point.R_WB.ravel()
-        row[12:15], row[15:18] = point.v_WB_B, point.w_WB_B
-        row[18] = reference_input(point, self._vehicle).throttle
+    def _write(self, places: NDArray[np.intp], window: ReferenceWindow) -> None:
+        points = np.empty((len(places), POINT_SIZE))
+        sample_into(
+            self._stamp_ns[places] - window.stamp_ns, window.offset_ns, packed(window), points
+        )
+        self._points[places] = points
 
 
 class ChosenPlans:

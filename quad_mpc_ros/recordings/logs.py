@@ -7,7 +7,9 @@ each made when it is asked for. An hour of flight as Python objects would fill t
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+import operator
 import sys
 from abc import abstractmethod
 from array import array
@@ -28,7 +30,8 @@ Stamps = NDArray[np.int64]
 
 _TYPE_CODES: dict[Any, str] = {int: "q", float: "d", Stamps: "q", Array: "d"}
 _WIDTHS = {"q_WB_xyzw": 4, "offset_ns": 1}  # of the rows of arrays; those of others are vectors
-_FIGURES = get_type_hints(TickStats)
+_hints = functools.cache(get_type_hints)
+_FIGURES = _hints(TickStats)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,12 +64,14 @@ class Columns(_MadeOnDemand[T]):
 
     def __init__(self, kind: Callable[..., T]) -> None:
         self._kind = kind
-        self._columns = {name: _column(name, of) for name, of in get_type_hints(kind).items()}
+        self._columns = {name: _column(name, of) for name, of in _hints(kind).items()}
+        self._fields = operator.attrgetter(*self._columns)
+        self._appends = [column.append for column in self._columns.values()]
 
     def add(self, value: T) -> None:
         """Add a value at the end."""
-        for name, column in self._columns.items():
-            column.append(getattr(value, name))
+        for append, field in zip(self._appends, self._fields(value), strict=True):
+            append(field)
 
     def column(self, name: str) -> NDArray[Any]:
         """Return a field of all values, numbers and texts (n,), arrays row after row (m, k)."""
