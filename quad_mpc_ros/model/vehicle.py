@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+from typing import Any
 
 import numpy as np
 
@@ -71,7 +73,7 @@ class VehicleParameters(Configuration):
     def vehicle(self) -> Vehicle:
         """Return the vehicle that these parameters describe."""
         fields = dataclasses.fields(VehicleParameters)
-        return Vehicle(**{field.name: getattr(self, field.name) for field in fields})
+        return _vehicle(**{field.name: getattr(self, field.name) for field in fields})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -116,6 +118,12 @@ class Vehicle(VehicleParameters):
         """
         a, b, c = self.thrust_curve
         return self.motor_count * (c - b * b / (4.0 * a)) if a > 0.0 else -math.inf
+
+
+# All that fly together ask for the same one.
+@functools.lru_cache
+def _vehicle(**parameters: Any) -> Vehicle:
+    return Vehicle(**parameters)
 
 
 def inverse_throttle_curve(a: float, b: float, c: float, thrust: float) -> float:

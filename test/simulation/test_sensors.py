@@ -15,6 +15,7 @@ from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
+from quad_mpc_ros.simulation.parameters import Stream, white_noise
 from quad_mpc_ros.simulation.sensors import (
     OdometryStream,
     Sensors,
@@ -263,3 +264,10 @@ def as_bytes(sent: list[SentOdometry]) -> bytes:
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
     assert as_bytes(flown(**ALL, seed=3)) == as_bytes(flown(**ALL, seed=3))
     assert as_bytes(flown(**ALL, seed=3)) != as_bytes(flown(**ALL, seed=4))
+
+
+def test_noise_drawn_ahead_is_that_drawn_row_by_row() -> None:
+    """A seed means the same numbers however many are drawn at once."""
+    ahead, alone = (np.random.default_rng([7, Stream.NOISE]) for _ in range(2))
+    rows = np.array([*itertools.islice(white_noise(ahead, 12), 200)])
+    assert_array_equal(rows, [alone.standard_normal(12) for _ in range(200)])
