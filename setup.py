@@ -76,7 +76,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
         "quad_mpc_ros": ["py.typed"],
-        "quad_mpc_ros.report": ["page.html", "page.css", "page.js"],
+        "quad_mpc_ros.report": ["*.html", "*.css", "*.js"],
         "quad_mpc_ros.messages": ["schemas/*.msg", "schemas/*.json"],
     },
     data_files=[

@@ -17,7 +17,7 @@ COMMANDS = {
     "campaign": "fly many flights with parameters that vary, on every core or a cluster",
     "check-reference": "judge a reference before it is flown: throttle and body rates against the "
     "limits",
-    "report": "show recorded runs on one page: path, errors, inputs, solver, fallbacks",
+    "report": "show recorded runs, or campaigns, on one page: path, errors, solver; crashes",
     "identify": "fit lags, delay, thrust and drag of the vehicle to a recorded flight",
     "save-vehicle": "save what a flying controller has learned of thrust and lags to a parameter "
     "file",

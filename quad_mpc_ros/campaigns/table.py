@@ -85,14 +85,17 @@ def read_table(folder: Path) -> CampaignTable:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             header, *rows = csv.reader(file)
-    except (OSError, UnicodeDecodeError, ValueError) as error:
+    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
         raise UserError(f"{folder}: no table of a campaign: {path}: {error}") from error
     if header[:1] != [NUMBER] or not set(VERDICT) <= set(header):
         raise UserError(f"{path}: not the table of a campaign: its columns are {header[:4]} …")
-    columns = {
-        name: _column(name, cells)
-        for name, cells in zip(header, _transposed(rows, len(header)), strict=True)
-    }
+    try:
+        columns = {
+            name: _column(name, cells)
+            for name, cells in zip(header, _transposed(rows, len(header)), strict=True)
+        }
+    except ValueError as error:  # rows of unequal length, a number of a flight that is none
+        raise UserError(f"{path}: not the table of a campaign: {error}") from error
     first = header.index(VERDICT[0])
     return CampaignTable(
         columns=columns,

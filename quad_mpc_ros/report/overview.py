@@ -6,13 +6,13 @@ import datetime
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
-from html import escape
 from operator import getitem
 from typing import Any
 
 from quad_mpc_ros.configuration import files
 from quad_mpc_ros.configuration.errors import shown
 from quad_mpc_ros.recordings.parameters import recorded_parameters
+from quad_mpc_ros.report.markup import html_table
 from quad_mpc_ros.report.run import WITHOUT_MPC, ReportedRun, fallback_spans
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -152,15 +152,4 @@ def _flattened(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _table(runs: Sequence[ReportedRun], rows: Mapping[str, Sequence[str]]) -> str:
-    """Return a table of text, which is escaped here."""
-    head = "".join(f"<th>{escape(run.name)}</th>" for run in runs)
-    body = "\n".join(
-        f"<tr><th>{escape(name)}</th>"
-        + "".join(f"<td>{escape(cell)}</td>" for cell in cells)
-        + "</tr>"
-        for name, cells in rows.items()
-    )
-    return (
-        f'<div class="wide"><table>\n<thead><tr><th></th>{head}</tr></thead>\n'
-        f"<tbody>\n{body}\n</tbody></table></div>"
-    )
+    return html_table([run.name for run in runs], rows)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
-from importlib import resources
 from string import Template
 from typing import Any
 
 from quad_mpc_ros import __version__
 from quad_mpc_ros.figures import panels
 from quad_mpc_ros.report import overview
-from quad_mpc_ros.report.plotting import plotly
+from quad_mpc_ros.report.markup import asset, in_script
+from quad_mpc_ros.report.plotting import figure_html, plotly
 from quad_mpc_ros.report.run import MOST_HORIZONS, ReportedRun
 from quad_mpc_ros.report.series import TABLE_NAMES, csv_tables
 from quad_mpc_ros.report.space_figure import space_figure
@@ -94,9 +93,9 @@ def page(runs: Sequence[ReportedRun]) -> str:
     Raises :class:`UserError` when Plotly is not installed.
     """
     names = ", ".join(run.name for run in runs)
-    return Template(_asset("page.html")).substitute(
+    return Template(asset("page.html")).substitute(
         title=escape(f"quad_mpc report: {names}"),
-        style=_asset("page.css"),
+        style=asset("page.css"),
         plotly=plotly("offline").get_plotlyjs(),
         names=escape(names),
         version=escape(__version__),
@@ -109,22 +108,13 @@ def page(runs: Sequence[ReportedRun]) -> str:
         parameters=overview.parameter_table(runs, only_different=False)
         or "<p>None were recorded.</p>",
         buttons="\n".join(_buttons(run) for run in runs),
-        tables=_in_script({run.name: csv_tables(run) for run in runs if not _long(run)}),
-        script=_asset("page.js"),
+        tables=in_script({run.name: csv_tables(run) for run in runs if not _long(run)}),
+        script=asset("page.js"),
     )
 
 
 def _section(section: _Section, runs: Sequence[ReportedRun]) -> str:
-    figure = section.draw(runs).to_html(
-        full_html=False,
-        include_plotlyjs=False,
-        div_id=f"figure-{section.key}",
-        config={
-            "responsive": True,
-            "displaylogo": False,
-            "toImageButtonOptions": {"format": "png", "filename": section.key, "scale": 2},
-        },
-    )
+    figure = figure_html(section.draw(runs), section.key)
     return (
         f'<section id="{section.key}"><h2>{escape(section.title)}</h2>\n'
         f"<p>{escape(section.text)}</p>\n"
@@ -165,12 +155,3 @@ def _buttons(run: ReportedRun) -> str:
         for name in TABLE_NAMES
     )
     return f"<p>{escape(run.name)}: {buttons}</p>"
-
-
-def _in_script(value: Any) -> str:
-    """Return JSON that cannot end the element it stands in."""
-    return json.dumps(value).replace("<", "\\u003c")
-
-
-def _asset(name: str) -> str:
-    return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")

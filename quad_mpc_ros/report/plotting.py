@@ -11,7 +11,11 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.figures import style
 from quad_mpc_ros.report.run import ReportedRun
 
-_HOW = "quad_mpc report draws with Plotly 6 or later: pip install 'quad_mpc_ros[report]'"
+PLOTLY_NEEDED = "quad_mpc report draws with Plotly 6 or later: pip install 'quad_mpc_ros[report]'"
+"""What to tell a person where Plotly is not installed, or too old."""
+
+CAMPAIGN_COLOURS = (style.FLOWN, style.REFERENCE, "#009E73", "#CC79A7", "#56B4E9")
+
 _OLDEST = 6
 # At the top left: the names of the runs stand below it, Plotly's buttons on the right.
 _LEGEND = {"orientation": "h", "yref": "container", "y": 1.0, "yanchor": "top", "x": 0.0}
@@ -25,10 +29,19 @@ def plotly(module: str) -> Any:
     try:
         version = importlib.import_module("plotly").__version__
         if int(version.partition(".")[0]) < _OLDEST:
-            raise UserError(f"Plotly {version} is installed. {_HOW}")
+            raise UserError(f"Plotly {version} is installed. {PLOTLY_NEEDED}")
         return importlib.import_module(f"plotly.{module}")
     except ImportError as error:
-        raise UserError(f"{error}. {_HOW}") from error
+        raise UserError(f"{error}. {PLOTLY_NEEDED}") from error
+
+
+def has_plotly() -> bool:
+    """Whether figures can be drawn."""
+    try:
+        plotly("offline")
+    except UserError:
+        return False
+    return True
 
 
 def subplots(rows: int, runs: Sequence[ReportedRun], *, titles: str, **options: Any) -> Any:
@@ -48,3 +61,24 @@ def lay_out(figure: Any, *, height: int, margin: dict[str, int], **options: Any)
         font={"color": style.INK, "size": 12},
         **options,
     )
+
+
+def figure_html(figure: Any, key: str) -> str:
+    """Return the element with a figure; its id is ``figure-`` and the key."""
+    return str(
+        figure.to_html(
+            full_html=False,
+            include_plotlyjs=False,
+            div_id=f"figure-{key}",
+            config=configuration(key),
+        )
+    )
+
+
+def configuration(key: str) -> dict[str, Any]:
+    """Return how a figure behaves in the browser; saved as PNG it is called ``key``."""
+    return {
+        "responsive": True,
+        "displaylogo": False,
+        "toImageButtonOptions": {"format": "png", "filename": key, "scale": 2},
+    }

@@ -82,3 +82,10 @@ def test_another_table_is_refused(tmp_path):
         read_table(tmp_path)
     with pytest.raises(UserError, match="no table"):
         read_table(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("line", ["1", "1,2,3,4,5,6,7,8,9,10", "first,,,,0,,,,", "1.5,,,,0,,,,"])
+def test_a_table_with_a_broken_line_is_refused(line, tmp_path):
+    (tmp_path / "flights.csv").write_text(",".join(NAMES) + f"\n0,,,,0,,,,\n{line}\n")
+    with pytest.raises(UserError, match="not the table of a campaign"):
+        read_table(tmp_path)

@@ -8,10 +8,10 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.browser import headless_browser
 from matplotlib.image import imread
 
 from quad_mpc_ros.cli import main
@@ -19,7 +19,6 @@ from quad_mpc_ros.figures import style
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.writer import BagWriter
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 OVER_TIME = ("error", "position", "attitude", "velocity", "inputs", "solver", "source")
 
 
@@ -127,32 +126,14 @@ def opened(
     runs: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[SimpleNamespace]:
     """Open the page of two runs in a headless Chromium, and keep what the browser says."""
-    sync_api = pytest.importorskip(
-        "playwright.sync_api", reason="needs pip install 'quad_mpc_ros[browser]'"
-    )
-    browser_path = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser_path is None:
-        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} is installed")
-    path = tmp_path_factory.mktemp("page") / "page.html"
-    assert main(["report", *map(str, runs), "--out", str(path)]) == 0
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=browser_path,
-            # WebGL without a graphics card; the sandbox cannot be had as root.
-            args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-        )
-        page: Any = browser.new_page(viewport={"width": 1400, "height": 900})
-        errors: list[str] = []
-        requests: list[str] = []
-        page.on("console", lambda m: errors.append(m.text) if m.type == "error" else None)
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.on("request", lambda request: requests.append(request.url))
-        page.goto(path.as_uri())
-        page.wait_for_function(
+    with headless_browser() as open_page:
+        path = tmp_path_factory.mktemp("page") / "page.html"
+        assert main(["report", *map(str, runs), "--out", str(path)]) == 0
+        found = open_page(path)
+        found.page.wait_for_function(
             "document.querySelectorAll('.js-plotly-plot .main-svg').length >= 8"
         )
-        yield SimpleNamespace(page=page, errors=errors, requests=requests, path=path)
-        browser.close()
+        yield found
 
 
 @pytest.mark.slow

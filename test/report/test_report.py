@@ -8,13 +8,13 @@ import io
 import subprocess
 import sys
 from collections.abc import Callable
-from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.html_page import Elements
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.figures.panels import (
@@ -52,24 +52,6 @@ def failing(make_flight: FlightMaker, build: SimpleNamespace) -> ReportedRun:
         for stamp, source in zip(stamps, sources, strict=True)
     ]
     return run_of(make_flight(100, stats=build.stats(ticks)), plans=100)
-
-
-class Elements(HTMLParser):
-    """Collects what a page refers to, its text, and how its scripts are."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.addresses: list[str] = []
-        self.elements: list[tuple[str, dict[str, str | None]]] = []
-        self.words: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attrs)))
-        self.addresses += [value or "" for name, value in attrs if name in ("src", "href")]
-
-    def handle_data(self, data: str) -> None:
-        self.words.append(data)
 
 
 def test_spans_without_the_mpc(failing: ReportedRun) -> None:

@@ -1,0 +1,115 @@
+"""Parts of a page: tables, links, JSON in a script, the files that lie beside this one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib import resources
+from typing import Any
+
+
+def html_table(
+    columns: Sequence[str],
+    rows: Mapping[str, Sequence[str]],
+    *,
+    groups: Sequence[str] = (),
+    numbers: bool = False,
+) -> str:
+    """Return a table of text, which is escaped here.
+
+    Args:
+        columns: What stands above the cells.
+        rows: The cells of each row by what stands before them.
+        groups: What stands above as many columns each; nothing without.
+        numbers: Whether cells are aligned to the right.
+    """
+    head = _head_row(columns)
+    span = len(columns) // len(groups) if groups else len(columns)
+    if groups:
+        head = _head_row(groups, span=span) + head
+    body = "\n".join(
+        f"<tr><th>{escape(name)}</th>"
+        + "".join(
+            f'<td class="first">{escape(cell)}</td>'
+            if groups and place % span == 0
+            else f"<td>{escape(cell)}</td>"
+            for place, cell in enumerate(cells)
+        )
+        + "</tr>"
+        for name, cells in rows.items()
+    )
+    kind = ' class="numbers"' if numbers else ""
+    return (
+        f'<div class="wide"><table{kind}>\n<thead>{head}</thead>\n'
+        f"<tbody>\n{body}\n</tbody></table></div>"
+    )
+
+
+def select(key: str, label: str, names: Iterable[str], *, chosen: str = "") -> str:
+    """Return a labelled choice of names."""
+    options = "".join(
+        f"<option{' selected' if name == chosen else ''}>{escape(name)}</option>" for name in names
+    )
+    return f'<label>{escape(label)} <select id="{key}">{options}</select></label>'
+
+
+def tick_box(key: str, label: str) -> str:
+    """Return a labelled box to tick."""
+    return f'<label><input type="checkbox" id="{key}"> {escape(label)}</label>'
+
+
+def empty_figure(key: str, controls: Sequence[str], *, height: int) -> str:
+    """Return the place of a figure that the page's script draws, below what steers it.
+
+    Its id is ``figure-`` and the key; below it is a place for texts of the script.
+    """
+    return (
+        f'<p class="controls">{" ".join(controls)}</p>\n'
+        f'<p class="hint" id="{key}-told"></p>\n'
+        f'<div class="wide"><div class="figure" id="figure-{key}" style="height: {height}px">'
+        f'</div></div>\n<pre class="again" id="{key}-again"></pre>'
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A part of the page that links lead to by its ``key``; its parts are HTML."""
+
+    key: str
+    title: str
+    parts: Sequence[str]
+
+    @property
+    def html(self) -> str:
+        """The section."""
+        body = "\n".join(part for part in self.parts if part)
+        return f'<section id="{self.key}"><h2>{escape(self.title)}</h2>\n{body}\n</section>'
+
+    @property
+    def link(self) -> str:
+        """A link to it."""
+        return f'<a href="#{self.key}">{escape(self.title)}</a>'
+
+
+def paragraph(text: str, kind: str = "") -> str:
+    """Return a paragraph of text, which is escaped here."""
+    return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
+
+
+def in_script(value: Any) -> str:
+    """Return JSON that cannot end the element it stands in."""
+    return json.dumps(value, allow_nan=False).replace("<", "\\u003c")
+
+
+def asset(name: str) -> str:
+    """Return a file of the page: template, style or script."""
+    return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+def _head_row(cells: Sequence[str], *, span: int = 1) -> str:
+    spanning = f' colspan="{span}"' if span > 1 else ""
+    return (
+        "<tr><th></th>" + "".join(f"<th{spanning}>{escape(cell)}</th>" for cell in cells) + "</tr>"
+    )
