@@ -48,6 +48,7 @@ def run(options: argparse.Namespace) -> int:
     """Fly what is left to fly, tell how it went, and return the exit code."""
     from quad_mpc_ros.campaigns.flying import begin, fly_into
     from quad_mpc_ros.campaigns.results import results_text
+    from quad_mpc_ros.report import PLOTLY_NEEDED, write_campaign_page
 
     campaign, out = _resumed(options) if options.resume is not None else _new(options)
     with engine_of(options) as engine, results_in(out):
@@ -66,6 +67,9 @@ def run(options: argparse.Namespace) -> int:
         finally:
             progress.close()
     print(results_text(out, campaign, rows))
+    with results_in(out):
+        page = write_campaign_page(out)
+    print(f"report   {page or PLOTLY_NEEDED}")
     return 0
 
 

@@ -7,20 +7,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
+from quad_mpc_ros.campaigns.campaign import number_text
+from quad_mpc_ros.campaigns.flying import CAMPAIGN_NAME, FLIGHTS_NAME
 from quad_mpc_ros.campaigns.table import CSV_NAME, NUMBER, CampaignTable, read_table
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.configuration.errors import os_reason
 from quad_mpc_ros.lie import Array
 
 CRASHES = {"ground": "hit the ground", "upside_down": "turned over", "away": "flew away"}
 """The kinds of crash of the table, in words."""
-
-_CAMPAIGN_NAME = "campaign.yaml"
-_DIGITS = 4  # of the number of a flight in the name of its file, at least
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,20 +70,39 @@ class ReportedCampaign:
     @cached_property
     def command_parts(self) -> tuple[str, str]:
         """What stands before and after the number in the command that makes a flight again."""
-        path = str(self.folder / "flights" / f"{'0' * self.digits}.yaml")
-        before, _, after = shlex.quote(path).rpartition("0" * self.digits)
+        zeros = "0" * self.digits
+        before, _, after = shlex.quote(str(self.parameter_file(0))).rpartition(zeros)
         return f"quad_mpc simulate --config {before}", after
 
     @cached_property
     def digits(self) -> int:
         """How many digits the number of a flight has in the name of its file."""
-        largest = max(self.table.columns[NUMBER].tolist(), default=0)
-        return max(_DIGITS, len(str(largest)))
+        return len(number_text(0, self._planned))
 
     def command(self, number: int) -> str:
         """Return the command that makes a flight again."""
         before, after = self.command_parts
         return f"{before}{number:0{self.digits}d}{after}"
+
+    def parameter_file(self, number: int) -> Path:
+        """Return where the parameters of a flight are; one that was lost has none."""
+        return self.folder / FLIGHTS_NAME / f"{number:0{self.digits}d}.yaml"
+
+    @cached_property
+    def entries(self) -> dict[str, Any]:
+        """The entries of campaign.yaml by dotted name; none of what is no YAML."""
+        try:
+            content = yaml.safe_load(self.text or "")
+        except (yaml.YAMLError, ValueError):  # a ValueError for a date that is none
+            return {}
+        return dict(files.flattened(content)) if isinstance(content, dict) else {}
+
+    @property
+    def _planned(self) -> int:
+        """How many flights there were to be, flown or not."""
+        flights = self.entries.get("flights")
+        found = 1 + max(self.table.columns[NUMBER].tolist(), default=0)
+        return max(flights, found) if isinstance(flights, int) else found
 
 
 def is_campaign(folder: Path) -> bool:
@@ -109,7 +129,7 @@ def all_varied(campaigns: Sequence[ReportedCampaign]) -> list[str]:
 
 
 def _text(folder: Path) -> str | None:
-    path = folder / _CAMPAIGN_NAME
+    path = folder / CAMPAIGN_NAME
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:

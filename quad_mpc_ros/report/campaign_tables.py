@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
-import yaml
 
 from quad_mpc_ros.campaigns.table import NUMBER
-from quad_mpc_ros.configuration import files
 from quad_mpc_ros.configuration.errors import shown
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.report.campaign import CRASHES, ReportedCampaign, all_figures
@@ -91,7 +88,9 @@ def error_table(campaign: ReportedCampaign) -> str:
         numbers = campaign.table.columns[NUMBER][errors == text].tolist()
         more = ", …" if len(numbers) > _MOST_LISTED else ""
         listed = ", ".join(map(str, numbers[:_MOST_LISTED])) + more
-        rows[listed] = [str(counts[place]), text, campaign.command(numbers[0])]
+        known = campaign.parameter_file(numbers[0]).is_file()
+        again = campaign.command(numbers[0]) if known else ABSENT
+        rows[listed] = [str(counts[place]), text, again]
     return html_table(["flights", "error", "the first again"], rows) if rows else ""
 
 
@@ -156,7 +155,7 @@ def difference_table(pairs: Pairs) -> str:
 
 def file_differences(campaigns: Sequence[ReportedCampaign]) -> str:
     """Return the entries of the campaign files that are not the same in all; empty without."""
-    entries = [_entries(each.text) for each in campaigns]
+    entries = [each.entries for each in campaigns]
     rows = {
         name: [shown(each[name]) if name in each else ABSENT for each in entries]
         for name in dict.fromkeys(name for each in entries for name in each)
@@ -168,15 +167,6 @@ def file_differences(campaigns: Sequence[ReportedCampaign]) -> str:
 def number(value: float | None) -> str:
     """Return a figure as a table shows it."""
     return ABSENT if value is None or not np.isfinite(value) else f"{value:.4g}"
-
-
-def _entries(text: str | None) -> Mapping[str, Any]:
-    """Return the entries of a campaign file by dotted name; none of what is no YAML."""
-    try:
-        content = yaml.safe_load(text or "")
-    except (yaml.YAMLError, ValueError):  # a ValueError for a date that is none
-        return {}
-    return dict(files.flattened(content)) if isinstance(content, dict) else {}
 
 
 def _percentiles(values: Array) -> dict[str, float]:

@@ -19,7 +19,7 @@ _ROW_HEIGHT, _MARGINS = 230, 90  # pixels
 _NARROW = 0.8  # of its place is the bar of a value
 _MOST_TICKS = 6
 _WIDEST_LABEL = 14  # characters on an axis
-_LOWEST_TOP = 0.05  # of the axis of shares
+_LOWEST_TOP, _HIGHEST_TOP = 0.05, 1.05  # of the axis of shares
 _HOVER = "%{customdata}<extra></extra>"
 
 
@@ -117,4 +117,4 @@ def _top(shares: Sequence[CrashShares]) -> float:
         if each.total
     ]
     top = max([value for value in bars if math.isfinite(value)], default=0.0)
-    return min(max(top, _LOWEST_TOP), 1.0)
+    return min(max(top, _LOWEST_TOP), _HIGHEST_TOP)

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from fixtures.browser import Open, headless_browser
+from fixtures.campaigns import CONTENT, HereAndNow
 from fixtures.html_page import data_of
 from fixtures.random_campaigns import random_rows, write_campaign
 
@@ -80,6 +82,22 @@ def test_a_bad_table_is_one_line(
     (line,) = capsys.readouterr().err.splitlines()
     assert str(tmp_path) in line
     assert not out.exists()
+
+
+def test_a_campaign_that_was_flown_has_its_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("quad_mpc_ros.commands.campaign.engine_of", lambda options: HereAndNow())
+    file = tmp_path / "hover.yaml"
+    file.write_text(yaml.safe_dump(CONTENT))
+    out = tmp_path / "flown"
+    assert main(["campaign", str(file), "--out", str(out)]) == 0
+    assert f"report   {out / 'report.html'}" in capsys.readouterr().out
+    (points,) = data_of((out / "report.html").read_text(encoding="utf-8"))["flights"]
+    assert points["flight"] == list(range(CONTENT["flights"]))
+    again = points["commands"][0]
+    command = f"{again['before']}{2:0{again['digits']}}{again['after']}"
+    assert Path(command.split()[-1]).is_file()
 
 
 @pytest.fixture(scope="module")

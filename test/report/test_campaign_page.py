@@ -239,17 +239,23 @@ def test_the_worst_flights_are_the_crashed_and_then_the_greatest(
 
 def test_errors_are_listed_with_how_to_see_the_first(campaign: ReportedCampaign) -> None:
     numbers = [row["flight"] for row in ROWS if row["error"]]
+    ((_, *_, nothing),) = Rows(tables.error_table(campaign)).rows.values()
+    assert nothing == "–"
+    path = campaign.folder / "flights" / f"{numbers[0]:04d}.yaml"
+    path.parent.mkdir()
+    path.touch()
     ((listed, (count, text, command)),) = list(Rows(tables.error_table(campaign)).rows.items())
     assert (count, text) == (str(len(numbers)), "solver: <not> found")
     assert listed.removesuffix(", …").split(", ") == [str(number) for number in numbers[:10]]
     assert command.endswith(f"flights/{numbers[0]:04d}.yaml")
 
 
-@pytest.mark.parametrize(("largest", "file"), [(9, "0007.yaml"), (123_456, "000007.yaml")])
-def test_the_command_of_a_flight_names_its_file(largest: int, file: str, tmp_path: Path) -> None:
-    row = random_rows(1)[0]
+@pytest.mark.parametrize(
+    ("flights", "file"), [("10", "0007.yaml"), ("100001", "000007.yaml"), ("x: [", "0007.yaml")]
+)
+def test_the_command_of_a_flight_names_its_file(flights: str, file: str, tmp_path: Path) -> None:
     folder = tmp_path / "it's 0000 mine"
-    found = read(write_campaign(folder, [row, {**row, "flight": largest}]))
+    found = read(write_campaign(folder, random_rows(9), f"flights: {flights}\n"))
     command = shlex.split(found.command(7))
     assert command == ["quad_mpc", "simulate", "--config", str(folder / "flights" / file)]
 
