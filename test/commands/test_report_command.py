@@ -27,7 +27,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("runs")
     with pytest.MonkeyPatch.context() as patch:
         # The bags are what is wanted; the figures of each run take longer than its flight.
-        patch.setattr("quad_mpc_ros.commands.results.finish", lambda out, wall_seconds: 0)
+        patch.setattr("quad_mpc_ros.commands.simulate.finish", lambda out, wall_seconds: 0)
         for name, preset in (("manifold", "default"), ("paper", "paper")):
             out = str(folder / name)
             code = main(["simulate", "--config", preset, "--duration", "2.5", "--out", out])
