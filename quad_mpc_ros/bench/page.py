@@ -51,6 +51,8 @@ def page(result: Mapping[str, Any], *, picture: str) -> str:
     parts += [
         "## What is compared",
         "\n".join(_paragraph(f"- {each}", indent="  ") for each in _PEERS_EXPLAINED),
+        "## A whole flight",
+        _paragraph(_WHOLE_FLIGHT),
         "## Machine",
         markdown_table(("", "measured on"), list(result["machine"].items())),
     ]
@@ -187,6 +189,12 @@ _PEERS_EXPLAINED = (
     "input. Its iterations are HPIPM's.",
     "**cvxpy**: this controller's linearisation, its QP written down stage by stage and rebuilt "
     "at every step, solved by OSQP with the same tolerance.",
+)
+
+_WHOLE_FLIGHT = (
+    "`python bench/closed_loop.py` prints how many times real time flights take that are "
+    "simulated in one process, as a campaign flies them, and where the time of a step goes: the "
+    "MPC, the controller around it, and plant, sensors and reference."
 )
 
 

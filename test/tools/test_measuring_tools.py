@@ -10,11 +10,14 @@ from types import ModuleType
 
 import pytest
 
-TOOLS = Path(__file__).parents[2] / "tools"
+from quad_mpc_ros.evaluation.simulated import load_config
+
+ROOT = Path(__file__).parents[2]
+TOOLS = ROOT / "tools"
 
 
-def tool(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, TOOLS / f"{name}.py")
+def tool(name: str, folder: Path = TOOLS) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -63,3 +66,16 @@ def test_table_of_step_times_has_pairs_ratios_and_medians() -> None:
     lines = [line.split() for line in compare.table(pairs).splitlines()]
     assert lines[2] == ["1", "400", "500", "1.250", "1000", "1100", "1.100"]
     assert lines[-1] == ["median", "400", "400", "1.000", "1000", "1100", "0.950"]
+
+
+def test_the_times_of_a_flight_have_parts() -> None:
+    bench = tool("closed_loop", ROOT / "bench")
+    for assignments in bench.FLIGHTS.values():
+        config = load_config(assignments=[*assignments, "simulator.duration=0.1"])
+        times, steps = bench.timed(config)
+        assert steps == round(0.1 * config.simulator.odom_rate)
+        assert 0.0 < times.mpc < times.controller
+    cells = bench.cells(
+        bench.Times(fly=0.2, controller=0.15, mpc=0.1, whole=0.25), 500, duration=10.0
+    )
+    assert cells == ["50 x", "40 x", "400", "200", "100", "100", "100"]
