@@ -204,7 +204,7 @@ class Controller:
         try:
             step = self._mpc.step(odometry, window)
         except Exception as error:  # whatever it is, something has to fly the vehicle
-            self._mpc = Mpc(self._config, deadline=self._deadline)
+            self._mpc.begin_anew()
             fault = f"error in the control step: {error!r}"
             return None, self._supervisor.solver_failure(fault)
         return step, self._supervisor.plan_fault(
@@ -222,7 +222,9 @@ class Controller:
         plan: Plan | None = None,
     ) -> Tick:
         """Have the command of who commands, record that it is sent, and return the tick."""
-        u = self._supervisor.command(decision.source, duration=duration, now_ns=now_ns)
+        u = self._supervisor.command(
+            decision.source, duration=duration, now_ns=now_ns, learned=self._mpc.learned()
+        )
         command = None
         if u is not None:
             self._mpc.sent(u, stamp_ns=stamp_ns)

@@ -17,6 +17,7 @@ from quad_mpc_ros.ocp.paper import PaperProblem
 from quad_mpc_ros.ocp.plan import Plan
 from quad_mpc_ros.ocp.problem import PredictedState, TrackingProblem
 from quad_mpc_ros.ocp.qp_solver import QpSolution, QpSolver
+from quad_mpc_ros.safety.fallbacks import Learned
 
 FORMULATIONS: dict[str, Callable[[MpcConfig], TrackingProblem]] = {
     "manifold": ManifoldProblem,
@@ -47,12 +48,18 @@ class Mpc:
     """
 
     def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
-        self._delay_compensation = DelayCompensation(config)
-        self._problem = FORMULATIONS[config.formulation](config)
-        self._qp = HorizonQP(self._problem.pattern())
+        self._config, self._deadline = config, deadline
         # Iterations beyond the first have to leave time for one more.
         self._enough = 0.5 * deadline
-        self._solver = QpSolver(self._qp, config.solver, time_limit=deadline)
+        self._delay_compensation = DelayCompensation(config)
+        self._begin()
+
+    def _begin(self) -> None:
+        config = self._config
+        self._problem = FORMULATIONS[config.formulation](config)
+        self._qp = HorizonQP(self._problem.pattern())
+        self._solver = QpSolver(self._qp, config.solver, time_limit=self._deadline)
+        self._failed = False
 
     def step(self, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
         """Compute the plan for an odometry (twist in the body frame) and a reference window."""
@@ -75,6 +82,7 @@ class Mpc:
             if converged or time.perf_counter() - started > self._enough:
                 break
 
+        self._failed = False
         return MpcStep(
             plan=plan,
             solution=solution,
@@ -83,6 +91,23 @@ class Mpc:
             step_time=time.perf_counter() - started,
             state=state,
         )
+
+    def begin_anew(self) -> None:
+        """Begin with a new problem and solver after an error in the step.
+
+        What was learned, the commands sent and the engagement stay, unless the step before ended
+        with an error, too: then the error may be there.
+        """
+        failed_before = self._failed
+        if failed_before:
+            self._delay_compensation = self._delay_compensation.renewed()
+        self._begin()
+        self._failed = not failed_before
+
+    def learned(self) -> Learned:
+        """Return what has been learned of the vehicle that a fallback can use."""
+        believed = self._delay_compensation.believed()
+        return Learned(thrust_scale=believed.thrust_scale, a_W=believed.a_W)
 
     def sent(self, command: Input, *, stamp_ns: int) -> None:
         """Tell the controller which command was sent, by whichever rung of the ladder."""
@@ -94,5 +119,6 @@ class Mpc:
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over new weights and bounds; pattern, plan and warm start stay."""
+        self._config = config
         self._problem.reconfigure(config)
         self._delay_compensation.reconfigure(config)

@@ -12,7 +12,7 @@ import numpy as np
 from quad_mpc_ros.estimation.command_history import CommandHistory
 from quad_mpc_ros.estimation.contact import REST_SPEED
 from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf
-from quad_mpc_ros.model.parameters import parameters_of
+from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, parameters_of
 from quad_mpc_ros.model.rollout import ACTUATORS, ROW_SIZE, V_WB_W, read_odometry, roll_forward
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input
@@ -58,7 +58,18 @@ class DelayCompensation:
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed bounds."""
+        self._config = config
         self._ekf.reconfigure(throttle_min=config.throttle_min, throttle_max=config.throttle_max)
+
+    def renewed(self) -> DelayCompensation:
+        """Return one like this that knows the engagement and nothing else."""
+        fresh = DelayCompensation(self._config)
+        fresh.engage(self._engaged)
+        return fresh
+
+    def believed(self) -> ModelParameters:
+        """Return what is believed of the vehicle."""
+        return parameters_in(self._ekf.parameters())
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
         """Remember a command by the stamp of the odometry that it answers."""

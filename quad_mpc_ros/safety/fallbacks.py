@@ -1,13 +1,14 @@
 """Controllers that need no solver: hover in place, and level and descend without odometry.
 
 The hover law is geometric attitude control (Lee, Leok, McClamroch 2010) with body rates as the
-input: a proportional-derivative law on position asks for a specific force, the thrust axis is
-turned towards it, and yaw is left as it is.
+input: a PID law on position asks for a specific force, the thrust axis is turned towards it, and
+yaw is left as it is. What the disturbance EKF had learned of thrust and wind goes on to count.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,12 +17,29 @@ from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.safety.command_limits import clamped
 
-_POSITION_GAIN = 4.0  # 1/s^2: with the next one a closed loop of 2 rad/s, critically damped
-_VELOCITY_GAIN = 4.0  # 1/s
-_TILT_GAIN = 10.0  # 1/s
+# Horizontally and vertically. They hold vehicles whose rates and thrust lag by 20 to 80 ms behind
+# commands that are up to 80 ms late, thrust 0.7 to 1.3 times the modelled, in wind.
+_POSITION_GAIN = np.array([2.2, 2.2, 5.0])  # 1/s^2
+_VELOCITY_GAIN = np.array([3.2, 3.2, 4.5])  # 1/s
+_INTEGRAL_GAIN = np.array([0.6, 0.6, 3.0])  # 1/s^3
+_INTEGRAL_LIMIT = np.array([3.0, 3.0, 5.0])  # m/s^2
+_TILT_GAIN = 7.0  # 1/s
+# By dead reckoning, without feedback, no delay makes it swing.
+_BLIND_TILT_GAIN = 10.0  # 1/s
 _HORIZONTAL_LIMIT = 8.0  # m/s^2, keeps the asked tilt below 40 degrees
 _VERTICAL_LIMIT = 5.0  # m/s^2
-_BLIND_DESCENT = 0.2  # fraction of the hover throttle given up by the end of the blind time
+_BLIND_DESCENT = 0.1  # fraction of the hover throttle given up by the end of the blind time
+
+
+class Learned(NamedTuple):
+    """What the disturbance EKF has learned that a fallback can use as well.
+
+    ``thrust_scale`` is the true thrust over the modelled, ``a_W`` (3,) [m/s^2] the acceleration of
+    the disturbance. They belong together: in hover only what they do together is known.
+    """
+
+    thrust_scale: float = 1.0
+    a_W: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class HoverFallback:
@@ -31,6 +49,7 @@ class HoverFallback:
         self._config = config
         self._vehicle = config.vehicle()
         self._p_hold: Array | None = None
+        self._integral = np.zeros(3)
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed bounds; the held position stays."""
@@ -39,24 +58,43 @@ class HoverFallback:
     def release(self) -> None:
         """Forget the held position; the next call holds where the vehicle is then."""
         self._p_hold = None
+        self._integral = np.zeros(3)
 
-    def command(self, x: State, *, p_hold: Array | None = None) -> Input:
+    def command(
+        self,
+        x: State,
+        *,
+        p_hold: Array | None = None,
+        learned: Learned | None = None,
+        duration: float = 0.0,
+    ) -> Input:
         """Return the command that brakes and holds the position where it was engaged.
 
-        Or ``p_hold`` (3,), as given with the first call after the release.
+        Or ``p_hold`` (3,), as given with the first call after the release. It acts for
+        ``duration`` [s], over which the error is integrated.
         """
         if self._p_hold is None:
             self._p_hold = (x.p_WB if p_hold is None else p_hold).copy()
-        wanted = _POSITION_GAIN * (self._p_hold - x.p_WB) - _VELOCITY_GAIN * x.v_WB_W
+        error, (scale, a_W) = self._p_hold - x.p_WB, learned or Learned()
+        wanted = _POSITION_GAIN * error - _VELOCITY_GAIN * x.v_WB_W
+        self._integrate(error, wanted, duration)
+        wanted += self._integral
         horizontal = math.hypot(wanted[0], wanted[1])
         wanted[:2] *= min(1.0, _HORIZONTAL_LIMIT / max(horizontal, 1e-9))
         wanted[2] = min(max(wanted[2], -_VERTICAL_LIMIT), _VERTICAL_LIMIT)
-        wanted[2] += self._vehicle.gravity
+        force = wanted - a_W
+        force[2] += self._vehicle.gravity
 
-        thrust = self._vehicle.mass * float(x.R_WB[:, 2] @ wanted)
+        thrust = self._vehicle.mass * float(x.R_WB[:, 2] @ force) / scale
         throttle = self._vehicle.nearest_throttle(thrust)
-        u = Input(throttle=throttle, w_WB_B=_TILT_GAIN * tilt_to(wanted, x.R_WB))
+        u = Input(throttle=throttle, w_WB_B=_TILT_GAIN * tilt_to(force, x.R_WB))
         return clamped(u, self._config)
+
+    def _integrate(self, error: Array, wanted: Array, duration: float) -> None:
+        """Integrate the error where what is wanted of the axis is not too much already."""
+        free = np.abs(wanted) < [_HORIZONTAL_LIMIT, _HORIZONTAL_LIMIT, _VERTICAL_LIMIT]
+        grown = self._integral + duration * _INTEGRAL_GAIN * np.where(free, error, 0.0)
+        self._integral = np.clip(grown, -_INTEGRAL_LIMIT, _INTEGRAL_LIMIT)
 
 
 class BlindFallback:
@@ -64,7 +102,7 @@ class BlindFallback:
 
     def __init__(self, config: MpcConfig) -> None:
         self._config = config
-        self._hover_throttle = config.vehicle().hover_throttle
+        self._vehicle = config.vehicle()
         self._R_WB: Array | None = None
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -83,7 +121,7 @@ class BlindFallback:
         seen = R_WB if self._R_WB is None else self._R_WB
         self._R_WB = dead_reckoned(seen, w_WB_B, duration=duration)
 
-    def command(self, R_WB: Array, *, elapsed: float) -> Input:
+    def command(self, R_WB: Array, *, elapsed: float, learned: Learned | None = None) -> Input:
         """Return the command ``elapsed`` seconds after going blind.
 
         ``R_WB`` (3, 3) is the last attitude seen, from which dead reckoning may have gone on.
@@ -91,8 +129,11 @@ class BlindFallback:
         if self._R_WB is not None:
             R_WB = self._R_WB
         share = min(elapsed / max(self._config.blind_time, 1e-9), 1.0)
-        throttle = self._hover_throttle * (1.0 - _BLIND_DESCENT * share)
-        u = Input(throttle=throttle, w_WB_B=_TILT_GAIN * tilt_to(np.array([0.0, 0.0, 1.0]), R_WB))
+        scale, a_W = learned or Learned()
+        weight = self._vehicle.mass * (self._vehicle.gravity - a_W[2])
+        throttle = self._vehicle.nearest_throttle(weight / scale) * (1.0 - _BLIND_DESCENT * share)
+        turn = tilt_to(np.array([0.0, 0.0, 1.0]), R_WB)
+        u = Input(throttle=throttle, w_WB_B=_BLIND_TILT_GAIN * turn)
         return clamped(u, self._config)
 
 

@@ -19,8 +19,10 @@ from quad_mpc_ros.safety.ladder import Action, Breach
 _CALM_NS = 1_000_000_000
 # Of a limit of the envelope, and from a wall of the fence [m].
 _CALM_SHARE, _CALM_DISTANCE = 0.9, 0.1
-# The hover controller turns the vehicle round in this time [s], then brakes with this [m/s^2].
-_TURN_TIME, _BRAKING = 0.3, (8.0, 8.0, 5.0)
+# The hover controller turns the vehicle round in this time [s], brakes with at most this [m/s^2],
+# and in the end with as much of the speed as this [1/s].
+_TURN_TIME = 0.4
+_BRAKING, _SLOWING = np.array([8.0, 8.0, 5.0]), np.array([3.2, 3.2, 4.5])
 # Where to hover after leaving the fence: this far inside [m], or in the middle of a narrow one.
 _INSET = 0.5
 
@@ -113,5 +115,8 @@ def _stopping_point(odometry: OdometrySample) -> Array:
     """Return where the hover controller would bring the vehicle to a stop (3,)."""
     R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
     v_WB_W = R_WB @ odometry.v_WB_B
-    duration = _TURN_TIME + np.abs(v_WB_W) / (2.0 * np.array(_BRAKING))
-    return np.asarray(odometry.p_WB + duration * v_WB_W)
+    speed = np.abs(v_WB_W)
+    # With all the braking that there is down to the speed _BRAKING / _SLOWING.
+    quick = speed**2 / (2.0 * _BRAKING) + _BRAKING / (2.0 * _SLOWING**2)
+    distance = np.where(speed > _BRAKING / _SLOWING, quick, speed / _SLOWING)
+    return np.asarray(odometry.p_WB + _TURN_TIME * v_WB_W + np.sign(v_WB_W) * distance)

@@ -18,7 +18,7 @@ from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.plan import Plan
 from quad_mpc_ros.safety import ladder
 from quad_mpc_ros.safety.command_limits import clamped, rate_limited
-from quad_mpc_ros.safety.fallbacks import BlindFallback, HoverFallback, idle
+from quad_mpc_ros.safety.fallbacks import BlindFallback, HoverFallback, Learned, idle
 from quad_mpc_ros.safety.flight_limits import FlightLimits
 from quad_mpc_ros.safety.input_monitor import InputMonitor
 from quad_mpc_ros.safety.ladder import Breach, Decision, LadderState, Source
@@ -174,12 +174,15 @@ class Supervisor:
 
     # --- what is sent
 
-    def command(self, source: Source, *, duration: float, now_ns: int) -> Input | None:
+    def command(
+        self, source: Source, *, duration: float, now_ns: int, learned: Learned | None = None
+    ) -> Input | None:
         """Return the command of a source within every limit, which is then in force.
 
-        None if the source sends nothing. It is expected to act for ``duration`` [s].
+        None if the source sends nothing. It is expected to act for ``duration`` [s]. Fallbacks
+        allow for what was ``learned``.
         """
-        wanted = self._wanted(source, duration=duration, now_ns=now_ns)
+        wanted = self._wanted(source, duration=duration, now_ns=now_ns, learned=learned)
         if wanted is None:
             return None
         if self._sent is not None:
@@ -196,7 +199,9 @@ class Supervisor:
         """Take note of the command in force."""
         self._sent = _Sent(u, now_ns)
 
-    def _wanted(self, source: Source, *, duration: float, now_ns: int) -> Input | None:
+    def _wanted(
+        self, source: Source, *, duration: float, now_ns: int, learned: Learned | None
+    ) -> Input | None:
         """Return the command of a source, before any limit."""
         if source is not Source.HOVER:
             self._hover.release()
@@ -207,12 +212,15 @@ class Supervisor:
                 return self._plan.plan.command_over(elapsed, duration)
             case Source.HOVER if odometry is not None:
                 x = state_from_odometry(odometry)
-                return self._hover.command(x, p_hold=self._flight_limits.inside(x.p_WB))
+                p_hold = self._flight_limits.inside(x.p_WB)
+                return self._hover.command(x, p_hold=p_hold, learned=learned, duration=duration)
             case Source.IDLE:
                 return idle(self._config)
             case Source.BLIND if odometry is not None and blind_since_ns is not None:
                 return self._blind.command(
-                    state_from_odometry(odometry).R_WB, elapsed=(now_ns - blind_since_ns) * 1e-9
+                    state_from_odometry(odometry).R_WB,
+                    elapsed=(now_ns - blind_since_ns) * 1e-9,
+                    learned=learned,
                 )
             case _:
                 return None

@@ -1,0 +1,127 @@
+"""When something fails, what was learned before still flies the vehicle; and it stays learned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.control import controller as controller_module
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.mpc import Mpc
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.samples import ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+
+PERIOD_NS = 20_000_000
+HOVER = np.array([0.0, 0.0, 2.0])
+ROBUST = {"horizon_steps": 20, "R": (0.0, 0.1, 0.1, 0.1)}
+
+
+class Hover:
+    """Hovers at the control rate, and lets things fail."""
+
+    def __init__(self, **simulator: Any) -> None:
+        self.controller = Controller(MpcConfig(**ROBUST))
+        start = {"initial_position": tuple(HOVER), "initial_throttle": 0.35}
+        self.plant = make_plant(SimulatorConfig(**{**start, **simulator}))
+        self.now_ns = 1_000_000_000
+        self.began_ns = self.now_ns
+        self.sources: set[str] = set()
+
+    def fly(self, seconds: float, *, reference: bool = True, odometry: bool = True) -> Array:
+        """Fly on and return the heights."""
+        heights = []
+        for _ in range(round(seconds * 1e9 / PERIOD_NS)):
+            heights.append(self.tick(reference=reference, odometry=odometry))
+        return np.array(heights)
+
+    def tick(self, *, reference: bool, odometry: bool) -> float:
+        self.plant.advance_to(self.now_ns - self.began_ns)
+        truth = self.plant.odometry(self.now_ns)
+        if reference:
+            window = ReferenceWindow.hover(HOVER, stamp_ns=self.now_ns)
+            self.controller.receive_reference(window, now_ns=self.now_ns)
+        if odometry:
+            tick = self.controller.receive_odometry(truth, now_ns=self.now_ns)
+        else:
+            tick = self.controller.watch(now_ns=self.now_ns)
+        if tick is not None:
+            self.sources.add(tick.stats.source)
+            self.last = tick
+            if tick.command is not None:
+                self.plant.apply(tick.command)
+        self.now_ns += PERIOD_NS
+        return float(truth.p_WB[2])
+
+
+@pytest.mark.parametrize("scale", [0.7, 1.3])
+def test_without_a_reference_the_height_is_held_with_the_thrust_that_was_learned(
+    scale: float,
+) -> None:
+    flight = Hover(thrust_scale=scale)
+    learned = flight.fly(10.0)
+    held = flight.fly(8.0, reference=False)
+    assert "hover" in flight.sources
+    assert np.abs(held - learned[-1]).max() < 0.15
+    assert abs(held[-1] - learned[-1]) < 0.05
+
+
+def test_without_odometry_little_height_is_lost_with_the_thrust_that_was_learned() -> None:
+    flight = Hover(thrust_scale=0.7)
+    learned = flight.fly(10.0)
+    blind_time = flight.controller.config.blind_time
+    blind = flight.fly(blind_time, odometry=False)
+    assert "blind" in flight.sources
+    assert learned[-1] - blind.min() < 0.3
+    assert blind.max() - learned[-1] < 0.05
+
+
+def failing_at(ticks: list[int], step: Callable[..., Any]) -> Callable[..., Any]:
+    count = iter(range(1_000_000))
+
+    def failing(self: Mpc, *arguments: Any) -> Any:
+        if next(count) in ticks:
+            raise ArithmeticError("of nothing")
+        return step(self, *arguments)
+
+    return failing
+
+
+def test_an_error_in_the_step_keeps_what_was_learned(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(controller_module.Mpc, "step", failing_at([500], Mpc.step))
+    flight = Hover(thrust_scale=0.7)
+    learned = flight.fly(10.0)
+    after = flight.fly(4.0)
+    assert flight.controller.config.plan_hold_time > 0.0
+    assert "plan" in flight.sources
+    assert np.abs(after - learned[-1]).max() < 0.02
+
+
+def test_an_error_that_comes_again_begins_wholly_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    begin_anew = Mpc.begin_anew
+
+    def counted(self: Mpc) -> None:
+        begin_anew(self)
+        made.append(self.learned().thrust_scale)
+
+    monkeypatch.setattr(controller_module.Mpc, "step", failing_at([500, 501], Mpc.step))
+    monkeypatch.setattr(controller_module.Mpc, "begin_anew", counted)
+    flight = Hover(thrust_scale=0.7)
+    flight.fly(14.0)
+    first, second = made
+    assert first == pytest.approx(0.7, abs=0.2)
+    assert second == 1.0
+
+
+def test_an_error_keeps_the_engagement(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(controller_module.Mpc, "step", failing_at([100, 101], Mpc.step))
+    flight = Hover(thrust_scale=0.7)
+    flight.controller.engage(False)
+    flight.fly(6.0)
+    # Commands that do not act teach nothing: the plant flies with them here, unknown to it.
+    assert flight.last.stats.thrust_scale == 1.0
