@@ -15,6 +15,7 @@ COMMANDS = {
     "fly": "fly over DDS: simulator, reference, mpc and recorder as processes of their own",
     "simulate": "fly the same in one process without ROS, faster than real time",
     "campaign": "fly many flights with parameters that vary, on every core or a cluster",
+    "tune": "search parameters of the controller by campaigns, with Optuna: a Pareto front",
     "check-reference": "judge a reference before it is flown: throttle and body rates against the "
     "limits",
     "report": "show recorded runs, or campaigns, on one page: path, errors, solver; crashes",

@@ -131,9 +131,11 @@ class Campaign:
             if name not in values and not isinstance(variation, SameAs):
                 random = np.random.default_rng([self.seed, number, *name.encode()])
                 values[name] = drawn_within(variation, random, self.targets[name].allows)
-        for name in self.vary:
-            values[name] = self._followed(name, values)
-        return {name: values[name] for name in self.vary}
+        return self.completed(values)
+
+    def completed(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return values of all that varies, given those of what follows no other."""
+        return {name: self._followed(name, values) for name in self.vary}
 
     def cells(self, drawn: Mapping[str, Any]) -> dict[str, Any]:
         """Return the cells of the table for drawn values."""

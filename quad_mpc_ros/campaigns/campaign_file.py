@@ -86,6 +86,26 @@ def campaign_text(campaign: Campaign) -> str:
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=math.inf)
 
 
+def read_variations(
+    key: str, given: Mapping[Any, Any], base: Mapping[str, Configuration]
+) -> dict[str, Variation]:
+    """Return what stands below a key: how parameters of ``base`` vary, by their names.
+
+    Raises :class:`UserError` for names that there are not, a vector that varies as a whole and by
+    elements, and values that a parameter does not allow.
+    """
+    vary = {str(name): variation_of(f"{key}: {name}", each) for name, each in given.items()}
+    for name, variation in vary.items():
+        target = target_of(name, base)
+        whole = f"{target.node}.{target.parameter}"
+        if target.element is not None and whole in vary:
+            raise UserError(f"{key}: {name}: {whole} varies, too: leave one out")
+        _check_ends(target, variation)
+        if isinstance(variation, SameAs):
+            _check_followed(name, variation, vary, base, key=key)
+    return vary
+
+
 class _Reader:
     """Makes a campaign of the keys of a file."""
 
@@ -158,29 +178,18 @@ class _Reader:
         return found
 
     def _vary(self, base: Mapping[str, Configuration]) -> dict[str, Variation]:
-        given = {str(name): each for name, each in self._mapping("vary").items()}
-        for name in given:
-            self._refuse_twice(name, given, base)
-        vary = {name: variation_of(f"vary: {name}", each) for name, each in given.items()}
-        for name, variation in vary.items():
-            _check_ends(target_of(name, base), variation)
-            if isinstance(variation, SameAs):
-                _check_followed(name, variation, vary, base)
-        return vary
+        given = self._mapping("vary")
+        for name in map(str, given):
+            self._refuse_set(name)
+        return read_variations("vary", given, base)
 
-    def _refuse_twice(
-        self, name: str, vary: Mapping[str, Any], base: Mapping[str, Configuration]
-    ) -> None:
-        """Refuse what varies and is set, too, or varies as a whole and by elements."""
-        target = target_of(name, base)
-        whole = f"{target.node}.{target.parameter}"
+    def _refuse_set(self, name: str) -> None:
+        """Refuse what varies and is set, too."""
         if name in self._mapping("set") or name in _set_by(self._overrides.assignments):
             raise UserError(f"vary: {name}: it is set, too: leave one out")
         for key, node, parameter in _SHORT:
             if key in self._content and name == f"{node}.{parameter}":
                 raise UserError(f"vary: {name}: {key} is given, too: leave one out")
-        if target.element is not None and whole in vary:
-            raise UserError(f"vary: {name}: {whole} varies, too: leave one out")
 
     def _flights(self, vary: Mapping[str, Variation], *, grid: bool) -> int:
         given = self._content.get("flights")
@@ -255,6 +264,8 @@ def _check_followed(
     variation: SameAs,
     vary: Mapping[str, Variation],
     base: Mapping[str, Configuration],
+    *,
+    key: str,
 ) -> None:
     """Refuse to follow a name that is none or follows this one, and to values not allowed."""
     target, source = target_of(name, base), target_of(variation.name, base)
@@ -262,7 +273,7 @@ def _check_followed(
     seen = {name, variation.name}
     while isinstance(followed, SameAs):
         if followed.name in seen:
-            raise UserError(f"vary: {name}: it follows itself")
+            raise UserError(f"{key}: {name}: it follows itself")
         seen.add(followed.name)
         followed = vary.get(followed.name)
     direct = vary.get(variation.name)

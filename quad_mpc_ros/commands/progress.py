@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
+from collections.abc import Sequence
 
 _TERMINAL_PERIOD = 0.1
 _LOG_PERIOD = 1.0
@@ -68,3 +70,15 @@ class CountProgress(_Line):
         left = (total - done) * elapsed / max(done - self._first, 1)
         when = f"   {left:5.0f} s left" if done > self._first else ""
         self.write(f"  {done} of {total} flights, {crashed} crashed{when}")
+
+
+class StudyProgress(_Line):
+    """Prints how far a study is, the best objectives so far, and the time left."""
+
+    def show(self, how_far: str, *, best: Sequence[float], left: float) -> None:
+        """Show how far it is, objectives, and the seconds left, NaN where nobody knows."""
+        if not self.due:
+            return
+        told = f"   best {' '.join(f'{value:.3g}' for value in best)}" if best else ""
+        when = f"   {left:5.0f} s left" if math.isfinite(left) else ""
+        self.write(f"  {how_far}{told}{when}")

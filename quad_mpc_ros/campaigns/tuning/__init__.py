@@ -1,0 +1,1 @@
+"""Tuning the controller by campaigns: Optuna proposes, the campaigns judge, a front remains."""

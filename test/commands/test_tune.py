@@ -1,0 +1,87 @@
+"""``quad_mpc tune`` from the command line: a small study that is really flown, and mistakes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("optuna")
+
+from quad_mpc_ros.cli import main
+
+STUDY = """
+seed: 1
+trials: 2
+search:
+  mpc.horizon_steps: {integers: [8, 12]}
+  mpc.R.1: {log_uniform: [0.001, 1.0]}
+campaigns:
+  hover: {flights: 2, reference: hover, duration: 1.0, start: reference}
+objectives:
+  - {campaign: hover, figure: crashed}
+  - {campaign: hover, figure: position_rmse_m, of: p95}
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "small.yaml"
+    path.write_text(STUDY)
+    return path
+
+
+def test_study_is_flown_resumed_and_its_best_flies(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert main(["tune", str(file), "--out", str(out), "--workers", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert "2 trials: 2 flown" in printed
+    assert "where you stand" in printed
+    for name in ("tune.yaml", "study.db", "trials.csv", "front.csv", "best.yaml"):
+        assert (out / name).is_file(), name
+    assert (out / "front.png").read_bytes().startswith(b"\x89PNG")
+    assert list((out / "front").glob("*.yaml"))
+
+    # The command that it names checks what was chosen.
+    (command,) = (line for line in printed.splitlines() if "quad_mpc campaign" in line)
+    assert main([*command.split()[1:], "--workers", "1"]) == 0
+    assert "2 flights: 0 crashed" in capsys.readouterr().out
+
+    assert main(["tune", "--resume", str(out), "--trials", "3", "--workers", "1"]) == 0
+    assert "3 trials: 3 flown" in capsys.readouterr().out
+
+
+MISTAKES = {
+    "no file": ([], "FILE: expected"),
+    "trials": (["FILE", "--trials", "0"], "--trials: given 0, expected a number >= 1"),
+    "timeout": (["FILE", "--timeout", "-1"], "--timeout: given -1.0, expected a number >= 0"),
+    "workers": (["FILE", "--workers", "0"], "--workers: given 0, expected a number >= 1"),
+    "set": (["FILE", "--set", "mpc.R=[1]"], "mpc.R: given [1], expected 4 numbers >= 0"),
+    "resume what": (["--resume", "HERE"], "not the folder of a study"),
+    "resume and out": (["--resume", "HERE", "--out", "x"], "--out: --resume says where"),
+    "out is full": (["FILE", "--out", "HERE"], "exists and is not overwritten"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistake_is_one_line_and_exit_code_2(
+    mistake: str, file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments, told = MISTAKES[mistake]
+    places = {"FILE": str(file), "HERE": str(tmp_path)}
+    assert main(["tune", *(places.get(each, each) for each in arguments)]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.strip().splitlines()) == 1
+    assert told in printed.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["small.yaml"]
+
+
+def test_without_optuna_says_what_to_install(
+    file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "optuna", None)
+    assert main(["tune", str(file)]) == 2
+    assert "pip install 'quad_mpc_ros[campaign]'" in capsys.readouterr().err
