@@ -17,7 +17,7 @@ import yaml
 
 pytest.importorskip("optuna")
 
-from fixtures.formula_engine import FormulaEngine
+from fixtures.engines import FormulaEngine
 
 from quad_mpc_ros.campaigns.campaign import Campaign
 from quad_mpc_ros.campaigns.tuning.front import chosen, front_of
@@ -232,7 +232,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, {fixtures!r})
-from fixtures.formula_engine import FormulaEngine
+from fixtures.engines import FormulaEngine
 from quad_mpc_ros.campaigns.tuning.study import Study
 from quad_mpc_ros.campaigns.tuning.tune_results import tuning_of
 

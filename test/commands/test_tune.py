@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("optuna")
 
+from fixtures.engines import InThisProcess
+
 from quad_mpc_ros.cli import main
+from quad_mpc_ros.commands import campaign, tune
 
 STUDY = """
 seed: 1
@@ -32,10 +36,15 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_study_is_flown_resumed_and_its_best_flies(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(tune, "engine_of", lambda options: InThisProcess())
+    monkeypatch.setattr(campaign, "engine_of", lambda options: InThisProcess())
     out = tmp_path / "out"
-    assert main(["tune", str(file), "--out", str(out), "--workers", "1"]) == 0
+    assert main(["tune", str(file), "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "2 trials: 2 flown" in printed
     assert "where you stand" in printed
@@ -46,10 +55,10 @@ def test_study_is_flown_resumed_and_its_best_flies(
 
     # The command that it names checks what was chosen.
     (command,) = (line for line in printed.splitlines() if "quad_mpc campaign" in line)
-    assert main([*command.split()[1:], "--workers", "1"]) == 0
+    assert main(command.split()[1:]) == 0
     assert "2 flights: 0 crashed" in capsys.readouterr().out
 
-    assert main(["tune", "--resume", str(out), "--trials", "3", "--workers", "1"]) == 0
+    assert main(["tune", "--resume", str(out), "--trials", "3"]) == 0
     assert "3 trials: 3 flown" in capsys.readouterr().out
 
 
@@ -82,6 +91,6 @@ def test_mistake_is_one_line_and_exit_code_2(
 def test_without_optuna_says_what_to_install(
     file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "optuna", None)
+    monkeypatch.setitem(sys.modules, "optuna", None)
     assert main(["tune", str(file)]) == 2
     assert "pip install 'quad_mpc_ros[campaign]'" in capsys.readouterr().err

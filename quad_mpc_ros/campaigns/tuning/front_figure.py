@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _MOST_COLUMNS = 3
 _WIDTH, _HEIGHT = 4.4, 3.8  # inch
-_WIDE = 30.0  # more than such a ratio is shown by its logarithm
+_WIDE = 4.0  # more than such a ratio is shown by its logarithm
 
 _Values = tuple[list[float], list[float]]
 
