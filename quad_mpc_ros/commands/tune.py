@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
+import fcntl
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,6 +62,7 @@ def run(options: argparse.Namespace) -> int:
     from quad_mpc_ros.campaigns.tuning.study import Study
     from quad_mpc_ros.campaigns.tuning.tune_results import (
         HOLDS,
+        TUNE_NAME,
         begin,
         results_of,
         results_text,
@@ -72,9 +75,10 @@ def run(options: argparse.Namespace) -> int:
     trials = options.trials or tuning.trials
     timeout = tuning.timeout if options.timeout is None else options.timeout
     tuning = dataclasses.replace(tuning, trials=trials, timeout=timeout)
-    with engine_of(options) as engine, results_in(out):
+    with engine_of(options) as engine, results_in(out), contextlib.ExitStack() as held:
         if options.resume is None:
             begin(tuning, prepared_out(out, holds=HOLDS))
+        held.enter_context(_held(out / TUNE_NAME))
         study = Study(out, tuning)
         print(f"{trials} trials with {engine.workers} workers into {out}", file=sys.stderr)
         progress = StudyProgress()
@@ -90,6 +94,19 @@ def run(options: argparse.Namespace) -> int:
         write_results(out, results)
     print(results_text(out, results))
     return 0
+
+
+@contextlib.contextmanager
+def _held(path: Path) -> Iterator[None]:
+    """Keep other processes from the study of a file. Raises :class:`UserError` for one at it."""
+    with path.open() as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UserError(
+                f"{path.parent}: another quad_mpc tune is at it: wait for it"
+            ) from None
+        yield
 
 
 def _observer(progress: StudyProgress, tuning: Tuning) -> Observer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import sys
 from pathlib import Path
 
@@ -60,6 +61,11 @@ def test_study_is_flown_resumed_and_its_best_flies(
 
     assert main(["tune", "--resume", str(out), "--trials", "3"]) == 0
     assert "3 trials: 3 flown" in capsys.readouterr().out
+
+    with (out / "tune.yaml").open() as file:  # as another process does while it flies
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert main(["tune", "--resume", str(out), "--trials", "4"]) == 2
+    assert "another quad_mpc tune is at it" in capsys.readouterr().err
 
 
 MISTAKES = {
