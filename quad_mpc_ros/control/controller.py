@@ -12,6 +12,7 @@ import math
 
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
 from quad_mpc_ros.control.tick import Tick, figures_of
+from quad_mpc_ros.estimation.contact import GroundContact
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -54,8 +55,9 @@ class Controller:
     def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
         self._config = config
         self._deadline = deadline
-        self._mpc = Mpc(config, deadline=deadline)
-        self._supervisor = Supervisor(config, deadline=deadline)
+        self._ground = GroundContact()
+        self._mpc = Mpc(config, ground=self._ground, deadline=deadline)
+        self._supervisor = Supervisor(config, ground=self._ground, deadline=deadline)
         self._period_ns = round(_SECOND / config.control_rate)
         self._decimation = Decimation(self._period_ns)
         self._last_tick: Tick | None = None
@@ -78,6 +80,11 @@ class Controller:
     def engage(self, engaged: bool) -> None:
         """Tell whether commands act on the vehicle: armed, and in the mode that takes them."""
         self._mpc.engage(engaged)
+        self._ground.engage(engaged)
+
+    def landed(self, landed: bool | None) -> None:
+        """Tell what the flight stack says of the ground, if it does: landed, or not."""
+        self._ground.tell_landed(landed)
 
     def take_warnings(self) -> list[str]:
         """Return what there is to tell the log since the last call."""
@@ -182,6 +189,7 @@ class Controller:
 
         The command is expected to act for ``duration`` [s].
         """
+        self._supervisor.judge_contact(odometry)
         step, plan_fault = self._step(odometry, now_ns=now_ns)
         plan = step.plan if step is not None and not plan_fault else None
         decision = self._supervisor.decide(
@@ -242,6 +250,7 @@ class Controller:
                 stamp_ns=stamp_ns,
                 odom_age_ns=odom_age_ns,
                 reference_age_ns=reference_age_ns,
+                contact=self._ground.contact.value,
             ),
             plan=plan,
         )

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
+from quad_mpc_ros.estimation.contact import GroundContact
 from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input
@@ -47,11 +48,17 @@ class Mpc:
     solution, from which it starts; the step owns nothing that outlives it.
     """
 
-    def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
+    def __init__(
+        self,
+        config: MpcConfig,
+        *,
+        ground: GroundContact | None = None,
+        deadline: float = math.inf,
+    ) -> None:
         self._config, self._deadline = config, deadline
         # Iterations beyond the first have to leave time for one more.
         self._enough = 0.5 * deadline
-        self._delay_compensation = DelayCompensation(config)
+        self._delay_compensation = DelayCompensation(config, ground=ground)
         self._begin()
 
     def _begin(self) -> None:

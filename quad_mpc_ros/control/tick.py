@@ -57,6 +57,7 @@ class TickStats:
     dual_residual: float  # of the scaled problem
     solve_time_us: float  # OSQP's own run time [us]
     step_time_us: float  # state in to plan out [us]
+    contact: str = "unknown"  # with the ground: flying, standing, unknown
     disturbance_x: float = 0.0  # estimated acceleration of the disturbance, world [m/s^2]
     disturbance_y: float = 0.0  # the same
     disturbance_z: float = 0.0  # the same
@@ -84,6 +85,7 @@ def figures_of(
     stamp_ns: int,
     odom_age_ns: int,
     reference_age_ns: int,
+    contact: str,
 ) -> TickStats:
     """Return the figures of a tick; ``step`` is None when the MPC did not run."""
     return TickStats(
@@ -92,6 +94,7 @@ def figures_of(
         reason=decision.reason,
         odom_age_ms=1e-6 * odom_age_ns,
         reference_age_ms=1e-6 * reference_age_ns,
+        contact=contact,
         **counts._asdict(),
         **_solver_figures(step),
     )

@@ -7,11 +7,13 @@ the vehicle from odometry to odometry on the way.
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from quad_mpc_ros.estimation.command_history import CommandHistory
-from quad_mpc_ros.estimation.contact import REST_SPEED
-from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf
+from quad_mpc_ros.estimation.contact import GroundContact
+from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf, EkfMemory
 from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, parameters_of
 from quad_mpc_ros.model.rollout import ACTUATORS, ROW_SIZE, V_WB_W, read_odometry, roll_forward
 from quad_mpc_ros.model.samples import OdometrySample
@@ -24,15 +26,18 @@ _LONGEST = 0.005
 # Beyond it what the vehicle did between two odometries is not known well enough to learn from.
 _LONGEST_GAP_NS = 500_000_000
 # How long commands must have acted before they teach something, once they had not acted: the
-# actuators are on their way from wherever another had them. And longer while the vehicle rests:
-# autopilots let the motors spool up for a second before they let them do as commanded.
-_SETTLING_NS, _SPOOLING_NS = 300_000_000, 1_500_000_000
+# actuators are on their way from wherever another had them.
+_SETTLING_NS = 300_000_000
+# A landing is known only some time after the touchdown, and what was learned in between is of the
+# ground. So what is to be kept is from before: the oldest of so many states, one a second.
+_MEMORY_NS, _MEMORIES = 1_000_000_000, 5
 
 
 class DelayCompensation:
     """Follows the vehicle through the commands sent, and predicts across the input delay."""
 
-    def __init__(self, config: MpcConfig) -> None:
+    def __init__(self, config: MpcConfig, *, ground: GroundContact | None = None) -> None:
+        """Without ``ground`` the vehicle counts as flying."""
         vehicle = config.vehicle()
         hover = Input(throttle=vehicle.hover_throttle, w_WB_B=np.zeros(3))
         self._delay_ns = round(config.input_delay * 1e9)
@@ -45,6 +50,8 @@ class DelayCompensation:
             ),
             throttle=hover.throttle,
         )
+        self._ground = ground
+        self._memories: deque[tuple[int, EkfMemory]] = deque(maxlen=_MEMORIES)
         self._learns = config.estimate_disturbance
         # Without a lag the throttle is the command: nothing of it is to be followed.
         self._follows = self._learns or config.thrust_time_constant > 0.0
@@ -126,17 +133,35 @@ class DelayCompensation:
         if previous_ns is None or not 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
             self._ekf.start(self._measured[V_WB_W])
         elif self._follows:
-            settled_ns = previous_ns - self._settling_ns(odometry)
             self._ekf.update(
                 before=self._previous,
                 after=self._measured,
                 acting=self._history.between(previous_ns, stamp_ns),
-                # What acted is not known, or has not acted for long enough.
-                frozen=not (self._learns and self._engaged and self._history.knows(settled_ns)),
+                frozen=not self._is_taught(previous_ns),
             )
 
-    def _settling_ns(self, odometry: OdometrySample) -> int:
-        """Return for how long commands must have acted before the vehicle is judged by them."""
-        if not self._was_idle:
-            return 0
-        return _SPOOLING_NS if odometry.speed < REST_SPEED else _SETTLING_NS
+    def _is_taught(self, previous_ns: int) -> bool:
+        """Whether what happened since the odometry before says something of the vehicle."""
+        if not (self._learns and self._engaged):
+            return False
+        if self._ground is not None and self._ground.standing:
+            self._recall()
+        if self._ground is not None and not self._ground.teaches:
+            return False
+        # Before that what acted is not known, or has not acted for long enough.
+        known = self._history.knows(previous_ns - (_SETTLING_NS if self._was_idle else 0))
+        if known:
+            self._remember(previous_ns)
+        return known
+
+    def _remember(self, now_ns: int) -> None:
+        """Keep what is believed, once a second."""
+        if self._memories and 0 <= now_ns - self._memories[-1][0] < _MEMORY_NS:
+            return
+        self._memories.append((now_ns, self._ekf.memory()))
+
+    def _recall(self) -> None:
+        """Believe again what was believed in flight."""
+        if self._memories:
+            self._ekf.recall(self._memories[0][1])
+            self._memories.clear()

@@ -13,20 +13,20 @@ measured less what was predicted. The filter of the velocity has the state x = (
     update    K = P H' / (H P H' + r),  x <- x + K (z - H x),  P <- P - K H P      axis by axis
 
 The filter of the body rates has the one state tau_w, their time constant, through the rates'
-sensitivity to it. All but v are random walks, clamped to bounds. They are kept as they are on the
-ground, and where the commands do not act or are saturated. A time constant of zero is no lag and
-stays. The throttle, which nobody measures, is followed through the lag.
+sensitivity to it. All but v are random walks, clamped to bounds. They are kept as they are where
+the caller says that nothing can be learned, and where the commands are saturated. A time constant
+of zero is no lag and stays. The throttle, which nobody measures, is followed through the lag.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.estimation.command_history import Acting
-from quad_mpc_ros.estimation.contact import airborne
 from quad_mpc_ros.estimation.process_model import Prediction, Throttle, predict
 from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.parameters import (
@@ -42,9 +42,9 @@ from quad_mpc_ros.model.rollout import Body, body_in
 # The estimate, one vector: first the state of the velocity's filter, whose covariance is (8, 8),
 _V, _D, _K, _TAU, _SIZE = 0, 3, 6, 7, 8
 # then the throttle and its derivative by the thrust's time constant, the rates' time constant and
-# its variance, and whether it is airborne, one in flight and zero on the ground.
-_THROTTLE, _THROTTLE_SLOPE, _RATE_TAU, _RATE_VARIANCE, _AIRBORNE = 8, 9, 10, 11, 12
-_ESTIMATE_SIZE = 13
+# its variance.
+_THROTTLE, _THROTTLE_SLOPE, _RATE_TAU, _RATE_VARIANCE = 8, 9, 10, 11
+_ESTIMATE_SIZE = 12
 
 _VELOCITY_NOISE = 0.1  # m/s, of a measurement: more than any, for commands answer it too
 _ACCELERATION_NOISE = 0.3  # m/s^2 / sqrt(Hz), of the model within a step
@@ -58,6 +58,13 @@ _RATE_NOISE = 0.1  # rad/s, of a measured rate against the model
 _LAG_SPREAD = 0.5  # of a time constant at the start, relative
 _LAG_WALK = 0.1  # relative, 1 / sqrt(s)
 _LAG_BOUND = 2.0  # of a time constant, as a factor either way
+
+
+class EkfMemory(NamedTuple):
+    """What is believed at a moment: the estimate, and the covariance of the velocity's filter."""
+
+    estimate: Array
+    covariance: Array
 
 
 class DisturbanceEkf:
@@ -97,10 +104,22 @@ class DisturbanceEkf:
         believed[THRUST_SCALE] = self._estimate[_K]
         return believed
 
+    def memory(self) -> EkfMemory:
+        """Return what is believed, and how firmly."""
+        return EkfMemory(self._estimate.copy(), self._covariance.copy())
+
+    def recall(self, memory: EkfMemory) -> None:
+        """Believe again what was believed, of all but the present velocity and throttle."""
+        learned = (*range(_D, _SIZE), _RATE_TAU, _RATE_VARIANCE)
+        for index in learned:
+            self._estimate[index] = memory.estimate[index]
+        self._covariance[:] = memory.covariance
+        _believe_velocity(self._estimate, self._covariance, self._estimate[_V:_D].copy())
+
     def start(self, v_WB_W: Array) -> None:
-        """Begin with a velocity (3,), perhaps on the ground; what was learned is kept."""
+        """Begin with a velocity (3,); what was learned is kept."""
         self._estimate[_THROTTLE] = self._initial_throttle
-        self._estimate[_THROTTLE_SLOPE] = self._estimate[_AIRBORNE] = 0.0
+        self._estimate[_THROTTLE_SLOPE] = 0.0
         _believe_velocity(self._estimate, self._covariance, v_WB_W)
 
     def update(self, *, before: Array, after: Array, acting: Acting, frozen: bool) -> None:
@@ -139,15 +158,9 @@ def _update(
         return
     modelled, duration = parameters_in(nominal), durations.sum()
     prediction = _predict(modelled, estimate, commands, durations, before, after)
-    thrust = prediction.v_by_scale[2] / duration
-    v_WB_W = kernels.vector(after[3:6])
-    square_speed = kernels.dot(v_WB_W, v_WB_W)
-    estimate[_AIRBORNE] = airborne(
-        estimate[_AIRBORNE], square_speed, thrust, modelled.gravity, duration
-    )
     for k in range(len(commands)):
         frozen |= not saturation[0] < commands[k, 0] < saturation[1]
-    if frozen or estimate[_AIRBORNE] < 1.0:
+    if frozen:
         _believe_velocity(estimate, P, after[3:6])
         return
     kernels.store_vector(prediction.body.v, estimate[_V:_D])

@@ -150,6 +150,12 @@ def idle(config: MpcConfig) -> Input:
     return Input(throttle=config.throttle_min, w_WB_B=np.zeros(3))
 
 
+def grounded(wanted: Input, config: MpcConfig, *, lifts: bool) -> Input:
+    """Return what a vehicle on the ground may do of a command: lift off if it is to, not turn."""
+    still = idle(config)
+    return Input(throttle=wanted.throttle, w_WB_B=still.w_WB_B) if lifts else still
+
+
 def dead_reckoned(R_WB: Array, w_WB_B: Array, *, duration: float) -> Array:
     """Return the attitude after turning at ``w_WB_B`` for ``duration`` seconds."""
     return np.asarray(R_WB @ so3.exp(duration * w_WB_B))

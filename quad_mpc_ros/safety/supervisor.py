@@ -18,7 +18,13 @@ from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.plan import Plan
 from quad_mpc_ros.safety import ladder
 from quad_mpc_ros.safety.command_limits import clamped, rate_limited
-from quad_mpc_ros.safety.fallbacks import BlindFallback, HoverFallback, Learned, idle
+from quad_mpc_ros.safety.fallbacks import (
+    BlindFallback,
+    HoverFallback,
+    Learned,
+    grounded,
+    idle,
+)
 from quad_mpc_ros.safety.flight_limits import FlightLimits
 from quad_mpc_ros.safety.input_monitor import InputMonitor
 from quad_mpc_ros.safety.ladder import Breach, Decision, LadderState, Source
@@ -47,15 +53,24 @@ class _Sent(NamedTuple):
 class Supervisor:
     """Checks what comes in, decides who commands, and limits what goes out."""
 
-    def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
-        """``deadline`` [s] is how long the MPC may take for a plan that is flown."""
+    def __init__(
+        self,
+        config: MpcConfig,
+        *,
+        ground: GroundContact | None = None,
+        deadline: float = math.inf,
+    ) -> None:
+        """``deadline`` [s] is how long the MPC may take for a plan that is flown.
+
+        ``ground`` is where others read what is found of the contact with the ground.
+        """
         self._config = config
         self._deadline = deadline
         self._vehicle = config.vehicle()
         self._weight = self._vehicle.mass * self._vehicle.gravity
         self.inputs = InputMonitor(config)
         self._flight_limits = FlightLimits(config)
-        self._ground = GroundContact()
+        self._ground = ground or GroundContact()
         self._hover = HoverFallback(config)
         self._blind = BlindFallback(config)
         self._timeouts = ladder.timeouts_of(config)
@@ -97,6 +112,13 @@ class Supervisor:
             self._reject(fault)
         return fault is None
 
+    def judge_contact(self, odometry: OdometrySample) -> None:
+        """Find out, before a tick, whether the vehicle stands on the ground."""
+        if self._sent is None:  # others may keep it in the air
+            return
+        thrust = self._vehicle.thrust(self._sent.command.throttle) / self._weight
+        self._ground.update(odometry, thrust=thrust, window=self.inputs.reference)
+
     def _reject(self, fault: str) -> None:
         self._count("rejected_inputs")
         self._warnings.append(fault)
@@ -132,9 +154,6 @@ class Supervisor:
         self._blind.release()
         if plan is not None:
             self._plan = _HeldPlan(plan, now_ns)
-        if self._sent is not None:  # before that others may keep it in the air
-            lift = self._vehicle.thrust(self._sent.command.throttle) * odometry.up / self._weight
-            self._ground.update(speed=odometry.speed, lift=lift, now_ns=now_ns)
         reference = self.inputs.reference
         breach = self._flight_limits.check(
             odometry,
@@ -185,6 +204,10 @@ class Supervisor:
         wanted = self._wanted(source, duration=duration, now_ns=now_ns, learned=learned)
         if wanted is None:
             return None
+        if self._ground.standing:
+            wanted = grounded(wanted, self._config, lifts=self._ground.asks_for_height)
+        elif self._ground.touching:
+            wanted = grounded(wanted, self._config, lifts=True)
         if self._sent is not None:
             elapsed = max(now_ns - self._sent.sent_ns, 0) * 1e-9
             wanted = rate_limited(wanted, self._sent.command, self._config.slew, duration=elapsed)

@@ -1,69 +1,206 @@
-"""Standing on the ground is told from flying by rest and lift over some time."""
+"""Standing on the ground is told from flying, and never the other way round in the air."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from quad_mpc_ros.estimation.contact import GroundContact, airborne
+from quad_mpc_ros.estimation.contact import Contact, GroundContact
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 
 MS = 1_000_000
+PERIOD = 0.02  # s
+BELOW = ReferenceWindow.hover([0.0, 0.0, -0.5])
+ABOVE = ReferenceWindow.hover([0.0, 0.0, 1.0])
 
 
-def judged(ground: GroundContact, times: range, *, speed: float, lift: float) -> list[bool]:
-    return [ground.update(speed=speed, lift=lift, now_ns=at * MS) for at in times]
+class Judge:
+    """A contact that is shown a vehicle every 20 ms."""
+
+    def __init__(self) -> None:
+        self.ground = GroundContact()
+        self._stamp_ns = 0
+
+    def see(
+        self,
+        seconds: float = PERIOD,
+        *,
+        thrust: float = 0.0,
+        height: float = 0.0,
+        velocity: Array | None = None,
+        window: ReferenceWindow | None = BELOW,
+    ) -> list[Contact]:
+        """Return what is said while nothing changes."""
+        said = []
+        for _ in range(round(seconds / PERIOD)):
+            odometry = OdometrySample(
+                stamp_ns=self._stamp_ns,
+                p_WB=np.array([0.0, 0.0, height]),
+                q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+                v_WB_B=np.zeros(3) if velocity is None else velocity,
+                w_WB_B=np.zeros(3),
+            )
+            said.append(self.ground.update(odometry, thrust=thrust, window=window))
+            self._stamp_ns += 20 * MS
+        return said
 
 
-def test_at_rest_without_lift_it_stands_after_a_while() -> None:
-    ground = GroundContact()
-    judgements = judged(ground, range(0, 600, 20), speed=0.0, lift=0.1)
-    assert judgements == [False] * 16 + [True] * 14
+@pytest.fixture
+def judge() -> Judge:
+    return Judge()
 
 
-@pytest.mark.parametrize(("speed", "lift"), [(0.0, 1.0), (2.0, 0.1), (0.2, 0.0), (0.0, 0.7)])
-def test_hovering_falling_and_touching_down_are_not_standing(speed: float, lift: float) -> None:
-    assert not any(judged(GroundContact(), range(0, 5000, 20), speed=speed, lift=lift))
+@pytest.fixture
+def standing(judge: Judge) -> Judge:
+    judge.see(2.0)
+    assert judge.ground.standing
+    return judge
 
 
-def test_the_top_of_a_throw_is_not_standing() -> None:
-    """Without thrust a vehicle is as slow as at rest for 20 ms, not for 300."""
-    ground = GroundContact()
-    for at in range(-1000, 1000, 20):
-        speed = abs(9.81e-3 * at)
-        assert not ground.update(speed=speed, lift=0.0, now_ns=at * MS)
+def test_at_rest_without_thrust_it_stands_after_a_while(judge: Judge) -> None:
+    said = judge.see(3.0)
+    since = said.index(Contact.STANDING) * PERIOD
+    assert 0.5 < since < 0.7
+    assert set(said[said.index(Contact.STANDING) :]) == {Contact.STANDING}
 
 
-def test_it_stands_until_it_moves_or_has_been_lifted_for_a_while() -> None:
-    ground = GroundContact()
-    judged(ground, range(0, 600, 20), speed=0.0, lift=0.1)
-    assert ground.update(speed=0.0, lift=0.9, now_ns=600 * MS)  # spinning up
-    assert judged(ground, range(620, 920, 20), speed=0.0, lift=1.0) == [True] * 15
-    assert judged(ground, range(920, 1220, 20), speed=0.0, lift=1.0)[-1] is False
-    assert not ground.update(speed=0.0, lift=0.1, now_ns=1240 * MS)
-
-    judged(ground, range(1260, 1900, 20), speed=0.0, lift=0.1)
-    assert not ground.update(speed=0.2, lift=0.5, now_ns=1900 * MS)
-    assert not ground.update(speed=0.0, lift=0.1, now_ns=1920 * MS)
+@pytest.mark.parametrize("share", [1.0 / 1.5, 1.0 / 1.4, 1.0, 1.0 / 0.6])
+def test_a_hover_is_no_standing_whatever_the_thrust_really_is(judge: Judge, share: float) -> None:
+    said = judge.see(20.0, thrust=share, height=2.0)
+    assert Contact.STANDING not in said
 
 
-def judged_airborne(before: float, count: int, *, speed: float, lift: float) -> list[float]:
-    """Return what is said every 20 ms."""
-    said = []
-    for _ in range(count):
-        before = airborne(before, speed**2, 9.81 * lift, 9.81, 0.02)
-        said.append(before)
-    return said
+def test_a_hover_teaches_after_the_time_that_motors_spool_up_for(judge: Judge) -> None:
+    said = judge.see(3.0, thrust=1.0, height=2.0)
+    assert 1.5 < said.index(Contact.FLYING) * PERIOD < 2.0
+    assert judge.ground.teaches
 
 
-def test_what_has_not_been_seen_to_fly_stands() -> None:
-    assert judged_airborne(0.0, 50, speed=0.0, lift=0.9) == [0.0] * 50
-    assert judged_airborne(0.0, 1, speed=0.0, lift=0.96) == [1.0]
-    assert judged_airborne(0.0, 1, speed=0.11, lift=0.0) == [1.0]
+def test_what_leaves_its_place_flies(judge: Judge) -> None:
+    judge.see(0.2, thrust=0.7, height=2.0)
+    said = judge.see(0.4, thrust=0.7, height=1.8)
+    assert said[-1] is Contact.FLYING
 
 
-def test_what_flew_has_landed_after_a_while_at_rest_with_too_little_lift() -> None:
-    said = judged_airborne(1.0, 15, speed=0.05, lift=0.5)
-    assert all(0.0 < share < 1.0 for share in said[:12])
-    assert said[12:] == [0.0] * 3
-    # Unless it is lifted or moves in between.
-    assert judged_airborne(said[5], 1, speed=0.0, lift=0.7) == [1.0]
-    assert judged_airborne(said[5], 1, speed=0.2, lift=0.0) == [1.0]
+def test_little_thrust_teaches_nothing(judge: Judge) -> None:
+    judge.see(3.0, thrust=1.0, height=2.0)
+    judge.see(thrust=0.2, height=2.0)
+    assert judge.ground.contact is Contact.FLYING
+    assert not judge.ground.teaches
+
+
+def test_a_reference_that_asks_for_height_lets_it_not_count_as_standing(judge: Judge) -> None:
+    assert Contact.STANDING not in judge.see(5.0, window=ABOVE)
+    heights = np.array([-0.5, -0.45, -0.4])
+    rising = ReferenceWindow.through([0.0, 0.25, 0.5], heights[:, None] * [0.0, 0.0, 1.0])
+    assert Contact.STANDING not in judge.see(5.0, window=rising)
+
+
+def test_it_stands_until_it_has_risen(standing: Judge) -> None:
+    assert set(standing.see(1.0, thrust=0.9, window=ABOVE)) == {Contact.STANDING}
+    assert standing.ground.asks_for_height
+    said = [standing.see(thrust=1.1, height=0.01 * k, window=ABOVE)[0] for k in range(60)]
+    assert said[0] is Contact.STANDING
+    assert 0.1 < 0.01 * said.index(Contact.FLYING) < 0.3
+
+
+def test_drifting_odometry_lifts_nobody(standing: Judge) -> None:
+    said = [standing.see(height=0.004 * k)[0] for k in range(500)]
+    assert set(said) == {Contact.STANDING}
+
+
+def test_it_falls_so_it_did_not_stand(standing: Judge) -> None:
+    """However it came to be believed: it is over within 0.3 s."""
+    speeds = -9.81 * PERIOD * np.arange(60)
+    heights = np.cumsum(speeds) * PERIOD
+    said = [
+        standing.see(height=float(height), velocity=np.array([0.0, 0.0, speed]))[0]
+        for height, speed in zip(heights, speeds, strict=True)
+    ]
+    assert said.index(Contact.FLYING) * PERIOD <= 0.3
+
+
+def test_what_comes_down_where_it_stood_is_not_turned_any_more(standing: Judge) -> None:
+    standing.see(1.0, thrust=1.1, height=1.0, window=ABOVE)
+    assert standing.ground.contact is Contact.FLYING
+    for height, thrust, touching in [
+        (1.0, 0.3, False),
+        (0.2, 1.0, False),
+        (0.2, 0.3, True),
+    ]:
+        standing.see(0.1, thrust=thrust, height=height)
+        assert standing.ground.touching is touching
+    standing.see(height=0.2, window=ABOVE)
+    assert not standing.ground.touching
+    standing.see(height=0.2, velocity=np.array([0.0, 0.0, -20.0]))
+    assert not standing.ground.touching
+
+
+@pytest.mark.parametrize("says", [False, None])
+def test_the_stack_is_believed_that_it_has_landed_not_that_it_has_not(
+    judge: Judge, says: bool | None
+) -> None:
+    judge.ground.tell_landed(True)
+    said = judge.see(1.0)
+    assert said.index(Contact.STANDING) * PERIOD == pytest.approx(0.2, abs=0.021)
+    judge.ground.tell_landed(says)
+    assert judge.see()[-1] is Contact.STANDING
+
+
+@pytest.mark.parametrize(
+    ("thrust", "speed"), [(1.0, 0.0), (0.0, 2.0)], ids=["with thrust", "in motion"]
+)
+def test_the_stack_is_not_believed_in_flight(judge: Judge, thrust: float, speed: float) -> None:
+    judge.ground.tell_landed(True)
+    said = judge.see(5.0, thrust=thrust, height=2.0, velocity=np.array([0.0, 0.0, -speed]))
+    assert Contact.STANDING not in said
+
+
+def test_what_is_commanded_while_another_flies_says_nothing(judge: Judge) -> None:
+    judge.ground.engage(False)
+    assert set(judge.see(5.0, height=2.0)) == {Contact.UNKNOWN}
+    judge.ground.engage(True)
+    assert Contact.STANDING not in judge.see(0.4)
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.2, 0.4])
+def test_noisy_speeds_hide_no_ground(judge: Judge, noise: float) -> None:
+    """As estimators make them: correlated for a second, and the height drifts with them."""
+    rng = np.random.default_rng(1)
+    keep = np.exp(-PERIOD / 1.0)
+    velocity, height, said = np.zeros(3), 0.0, []
+    for _ in range(3000):
+        velocity = keep * velocity + noise * np.sqrt(1.0 - keep**2) * rng.normal(size=3)
+        height += PERIOD * (0.3 * velocity[2] - 0.2 * height)
+        said += judge.see(height=height + 0.005 * rng.normal(), velocity=velocity)
+    assert np.mean([contact is Contact.STANDING for contact in said[60:]]) > 0.99
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**31),
+    scale=st.floats(0.6, 1.5),
+    share=st.floats(0.0, 0.45),
+    up=st.floats(-2.0, 5.0),
+    drag=st.floats(0.0, 1.0),
+    updraft=st.floats(-2.0, 2.0),
+    noise=st.floats(0.0, 0.4),
+)
+def test_no_fall_is_ever_taken_for_standing(
+    seed: int, scale: float, share: float, up: float, drag: float, updraft: float, noise: float
+) -> None:
+    """Thrown up at any speed, in any air, so that its rest at the top may come at any time."""
+    rng = np.random.default_rng(seed)
+    judge, height, speed = Judge(), 10.0, up
+    for _ in range(100):
+        speed += PERIOD * (9.81 * (scale * share - 1.0) - drag * (speed - updraft))
+        height += PERIOD * speed
+        judge.see(
+            thrust=share,
+            height=height + 0.02 * noise * rng.normal(),
+            velocity=np.array([0.0, 0.0, speed]) + noise * rng.normal(size=3),
+        )
+        assert not judge.ground.standing

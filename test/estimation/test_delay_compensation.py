@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.estimation.command_history import CommandHistory
+from quad_mpc_ros.estimation.contact import Contact, GroundContact
 from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input
+from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
 
 MS = 1_000_000
+VEHICLE = Vehicle()
 
 
 def throttle(value: float) -> Input:
@@ -130,6 +133,24 @@ def test_only_commands_that_act_teach(
         compensation.record(throttle(0.3), stamp_ns=20 * MS * k)
     changes = np.flatnonzero(np.diff(learned)) + 1
     assert (min(changes, default=None), max(changes, default=None)) == (first, last)
+
+
+def test_a_landing_brings_back_what_was_believed_before_it() -> None:
+    """The last seconds before it is known were of the ground."""
+    ground = GroundContact()
+    compensation = DelayCompensation(MpcConfig(), ground=ground)
+    learned = []
+    for k in range(600):
+        ground.contact = Contact.FLYING if k < 500 else Contact.STANDING
+        pushed = np.array([0.02 * k if k < 100 else 2.0, 0.0, 0.0])  # 1 m/s^2 at first
+        carried = np.array([0.0, 0.0, 0.04 * max(k - 450, 0)])  # 2 m/s^2 at last
+        odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=pushed + carried)
+        learned.append(np.array(compensation.predict(odometry).model.a_W))
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+    assert learned[499][2] > 1.0
+    times = range(500 - 250, 500 - 200)
+    assert any(np.array_equal(learned[-1], learned[k]) for k in times)
+    np.testing.assert_array_equal(learned[500], learned[-1])
 
 
 def test_a_clock_that_is_set_back_is_no_end_of_knowing() -> None:
