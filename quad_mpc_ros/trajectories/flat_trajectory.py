@@ -26,6 +26,7 @@ class FlatTrajectory:
     """
 
     smooth = True
+    fixed = True
 
     def __init__(self, path: Path, *, gravity: float, drag: float, yaw: float = 0.0) -> None:
         """Prepare the frames; raises ``ValueError`` with the time of free fall."""

@@ -43,6 +43,11 @@ class ReferenceServer:
         self._started_ns: int | None = None
 
     @property
+    def fixed(self) -> bool:
+        """Whether the trajectory says that it never changes."""
+        return getattr(self._trajectory, "fixed", False) is True
+
+    @property
     def started(self) -> bool:
         """Whether the trajectory's time runs."""
         return self._started_ns is not None
@@ -125,7 +130,10 @@ class ReferenceServer:
 
 
 class WindowsAhead:
-    """The windows of stamps that are known beforehand, many of them cut at a time."""
+    """The windows of stamps that are known beforehand, many of them cut at a time.
+
+    Of a trajectory that may change meanwhile, each is cut when it is asked for.
+    """
 
     def __init__(self, server: ReferenceServer, stamps_ns: Iterable[int]) -> None:
         """Take the stamps in order; some of them may turn out to be nobody's."""
@@ -138,6 +146,8 @@ class WindowsAhead:
 
         Those before it are let go.
         """
+        if not self._server.fixed:
+            return self._server.window(stamp_ns)
         while True:
             if not self._ahead:
                 block = [*itertools.islice(self._stamps_ns, _CUT_AT_ONCE)]

@@ -32,7 +32,11 @@ class TrajectorySamples:
 
 @runtime_checkable
 class Trajectory(Protocol):
-    """A reference to fly. Times are integer nanoseconds from its start, and may be any number."""
+    """A reference to fly. Times are integer nanoseconds from its start, and may be any number.
+
+    A class whose trajectories never change once they are made may say ``fixed = True``: they are
+    asked for many times at once then, long before they are flown.
+    """
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:
         """Return the samples at these times; at a jump, the values after it."""

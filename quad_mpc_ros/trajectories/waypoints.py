@@ -121,6 +121,7 @@ class Hover:
     """One point above the origin, held at a heading for ever."""
 
     smooth = True
+    fixed = True
     period_ns = 0
 
     def __init__(self, config: TrajectoryParameters) -> None:
@@ -144,6 +145,7 @@ class Steps:
     """
 
     smooth = False
+    fixed = True
 
     def __init__(self, points: Array, *, dwell_time: float, yaw: float, closed: bool) -> None:
         self._points = points

@@ -14,6 +14,7 @@ from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.reference_window import sample
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.trajectories.config import TRAJECTORIES, ReferenceConfig
+from quad_mpc_ros.trajectories.director import Director
 from quad_mpc_ros.trajectories.server import ReferenceServer, WindowsAhead
 
 SECOND = 1_000_000_000
@@ -184,3 +185,15 @@ def test_windows_ahead_are_those_asked_for_whichever_stamps_are_left_out() -> No
         assert window.p_WB.tobytes() == server.window(stamp).p_WB.tobytes()
     with pytest.raises(ValueError, match=str(START)):
         ahead.window(START)
+
+
+def test_windows_ahead_of_a_trajectory_that_changes_are_those_of_the_moment() -> None:
+    config = ReferenceConfig()
+    director = Director.standing(config, p_WB=np.zeros(3), yaw=0.0)
+    server = ReferenceServer(config, director.timeline)
+    server.start(START)
+    stamps = [START + 20_000_000 * n for n in range(300)]
+    ahead = WindowsAhead(server, stamps)
+    before = ahead.window(stamps[0]).p_WB[-1, 2]
+    assert director.take_off(0, height=1.5).accepted
+    assert ahead.window(stamps[250]).p_WB[-1, 2] > before + 1.0
