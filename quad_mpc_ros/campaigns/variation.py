@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.lie import Array, so3
 
 _MOST_DRAWS = 1000
 
@@ -126,6 +126,31 @@ class Choice(Variation):
 
 
 @dataclass(frozen=True)
+class Attitude(Variation):
+    """``attitude: [tilt, yaw]`` [rad]: a quaternion xyzw, tilted by up to ``tilt``, all directions
+    of the thrust within that cone alike, and turned by up to ``yaw`` either way.
+    """
+
+    tilt: float
+    yaw: float
+
+    def drawn(self, random: np.random.Generator) -> Any:
+        share, direction, turn = random.random(3)
+        height = 1.0 - share * (1.0 - math.cos(self.tilt))  # uniform on the sphere's cap
+        direction *= 2.0 * math.pi
+        axis = np.array([math.cos(direction), math.sin(direction), 0.0])
+        tilted = so3.exp(math.acos(height) * axis)
+        turned = so3.exp([0.0, 0.0, (2.0 * turn - 1.0) * self.yaw])
+        return _plain(so3.quaternion_xyzw_from_rotation(tilted @ turned))
+
+    def extremes(self) -> list[Any]:
+        return [[0.0, 0.0, 0.0, 1.0]]
+
+    def described(self) -> dict[str, Any]:
+        return {"attitude": [self.tilt, self.yaw]}
+
+
+@dataclass(frozen=True)
 class SameAs(Variation):
     """``same_as: NAME``, with ``times`` and ``plus`` if wanted: the value of another parameter."""
 
@@ -227,6 +252,13 @@ def _linspace(arguments: list[Any]) -> Variation | None:
     return Choice(tuple(_plain(each) for each in np.linspace(first, last, arguments[2])))
 
 
+def _attitude(arguments: list[Any]) -> Variation | None:
+    if len(arguments) != 2 or not all(map(_is_number, arguments)):
+        return None
+    tilt, yaw = map(float, arguments)
+    return Attitude(tilt, yaw) if 0.0 <= tilt <= math.pi and 0.0 <= yaw <= math.pi else None
+
+
 _RANGE = "[low, high], two numbers or two lists of as many, low <= high"
 _KINDS: dict[str, tuple[Callable[[list[Any]], Variation | None], str]] = {
     "uniform": (_uniform, _RANGE),
@@ -235,6 +267,7 @@ _KINDS: dict[str, tuple[Callable[[list[Any]], Variation | None], str]] = {
     "integers": (_integers, "[low, high], two whole numbers, low <= high"),
     "choice": (_choice, "a list of at least one value"),
     "linspace": (_linspace, "[first, last, count], count >= 1"),
+    "attitude": (_attitude, "[tilt, yaw] in rad, each from 0 to pi"),
 }
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.campaigns.variation import drawn_within, values_of, variation_of
 from quad_mpc_ros.configuration import ConfigurationError
@@ -36,6 +37,24 @@ def test_both_ends_of_integers_occur():
     variation = variation_of("x", {"integers": [3, 5]})
     random = np.random.default_rng(1)
     assert {variation.drawn(random) for _ in range(200)} == {3, 4, 5}
+
+
+def test_attitudes_fill_the_cone_and_the_turn():
+    tilt, yaw = 0.5, 1.0
+    variation = variation_of("x", {"attitude": [tilt, yaw]})
+    random = np.random.default_rng(1)
+    drawn = Rotation.from_quat([variation.drawn(random) for _ in range(2000)])
+    up = drawn.apply([0.0, 0.0, 1.0])
+    heights, directions = up[:, 2], np.arctan2(up[:, 1], up[:, 0])
+    cap = stats.uniform(np.cos(tilt), 1.0 - np.cos(tilt))  # Archimedes: areas are heights
+    assert stats.kstest(heights, cap.cdf).pvalue > 0.01
+    assert stats.kstest(directions, stats.uniform(-np.pi, 2.0 * np.pi).cdf).pvalue > 0.01
+    # What is left once the shortest turn of the thrust is undone.
+    level = [Rotation.align_vectors([[0.0, 0.0, 1.0]], [z])[0] for z in up]
+    turns = np.array(
+        [(back * each).as_rotvec()[2] for back, each in zip(level, drawn, strict=True)]
+    )
+    assert stats.kstest(turns, stats.uniform(-yaw, 2.0 * yaw).cdf).pvalue > 0.01
 
 
 def test_choices_occur_equally_often():
