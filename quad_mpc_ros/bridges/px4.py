@@ -26,7 +26,7 @@ from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, told_variance
 
 POSE_FRAME_NED, POSE_FRAME_FRD = 1, 2
 VELOCITY_FRAME_NED, VELOCITY_FRAME_FRD, VELOCITY_FRAME_BODY_FRD = 1, 2, 3
@@ -71,6 +71,7 @@ def odometry_from_vehicle_odometry(message: Any) -> OdometrySample:
         q_WB_xyzw=q_WB_xyzw,
         v_WB_B=v_WB_B,
         w_WB_B=flu_from_frd(message.angular_velocity),
+        v_variance=told_variance(message.velocity_variance),
     )
 
 

@@ -24,6 +24,11 @@ _SECOND = 1_000_000_000
 # So many periods away from when it is due, an odometry is of another clock.
 _PERIODS_AWAY = 3
 
+_RESET = (
+    "what was learned of thrust, wind and lags did not fit the vehicle and was let go: are mass, "
+    "thrust_curve and lags right, does the odometry jump?"
+)
+
 
 class Controller:
     """MPC under a supervisor.
@@ -61,6 +66,7 @@ class Controller:
         self._period_ns = round(_SECOND / config.control_rate)
         self._decimation = Decimation(self._period_ns)
         self._last_tick: Tick | None = None
+        self._resets_told = 0
 
     @property
     def config(self) -> MpcConfig:
@@ -88,7 +94,10 @@ class Controller:
 
     def take_warnings(self) -> list[str]:
         """Return what there is to tell the log since the last call."""
-        return self._supervisor.take_warnings()
+        warnings = self._supervisor.take_warnings()
+        resets, before = self._mpc.estimate.resets, self._resets_told
+        self._resets_told = resets
+        return [*warnings, _RESET] if resets > before else warnings
 
     def step(self, odometry: OdometrySample, reference: ReferenceWindow) -> Tick | None:
         """Answer an odometry, as if it and the reference arrived at the odometry's stamp.

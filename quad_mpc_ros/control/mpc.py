@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from quad_mpc_ros.estimation.contact import GroundContact
-from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
+from quad_mpc_ros.estimation.delay_compensation import DelayCompensation, EstimateStatus
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -29,8 +29,8 @@ FORMULATIONS: dict[str, Callable[[MpcConfig], TrackingProblem]] = {
 class MpcStep(NamedTuple):
     """Outcome of one cycle; ``plan`` is None when the solver failed. ``step_time`` in seconds.
 
-    ``state`` is what it began with, ``solution`` is the last solve's, ``iterations`` and
-    ``solve_time`` [s] are summed over all.
+    ``state`` is what it began with, ``estimate`` how the estimate in it fares; ``solution`` is the
+    last solve's, ``iterations`` and ``solve_time`` [s] are summed over all.
     """
 
     plan: Plan | None
@@ -39,6 +39,7 @@ class MpcStep(NamedTuple):
     solve_time: float
     step_time: float
     state: PredictedState
+    estimate: EstimateStatus
 
 
 class Mpc:
@@ -97,6 +98,7 @@ class Mpc:
             solve_time=solve_time,
             step_time=time.perf_counter() - started,
             state=state,
+            estimate=self.estimate,
         )
 
     def begin_anew(self) -> None:
@@ -115,6 +117,11 @@ class Mpc:
         """Return what has been learned of the vehicle that a fallback can use."""
         believed = self._delay_compensation.believed()
         return Learned(thrust_scale=believed.thrust_scale, a_W=believed.a_W)
+
+    @property
+    def estimate(self) -> EstimateStatus:
+        """How what is learned fares."""
+        return self._delay_compensation.status
 
     def sent(self, command: Input, *, stamp_ns: int) -> None:
         """Tell the controller which command was sent, by whichever rung of the ladder."""

@@ -62,8 +62,11 @@ class TickStats:
     disturbance_y: float = 0.0  # the same
     disturbance_z: float = 0.0  # the same
     thrust_scale: float = 1.0  # estimated true thrust over the modelled
-    rate_time_constant_ms: float = 0.0  # in the model by now, estimated where there is one [ms]
-    thrust_time_constant_ms: float = 0.0  # the same
+    rate_time_constant_ms: float = 0.0  # in the model by now, of roll and pitch [ms]
+    yaw_time_constant_ms: float = 0.0  # the same of yaw
+    thrust_time_constant_ms: float = 0.0  # the same of the throttle
+    estimate: str = "held"  # learning, held, jumped, at bounds, reset: how what is estimated fares
+    estimate_resets: int = 0  # how often it was let go so far
     odom_age_ms: float  # age of the odometry by its stamp when the tick began [ms]
     reference_age_ms: float  # age of the reference since it arrived [ms]
     commands: int  # commands sent so far
@@ -117,5 +120,8 @@ def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
         "disturbance_z": float(model.a_W[2]),
         "thrust_scale": model.thrust_scale,
         "rate_time_constant_ms": 1e3 * model.rate_time_constant,
+        "yaw_time_constant_ms": 1e3 * model.yaw_time_constant,
         "thrust_time_constant_ms": 1e3 * model.thrust_time_constant,
+        "estimate": step.estimate.text,
+        "estimate_resets": step.estimate.resets,
     }

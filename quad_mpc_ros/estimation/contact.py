@@ -102,9 +102,14 @@ class GroundContact:
         return self.contact is Contact.STANDING
 
     @property
-    def teaches(self) -> bool:
-        """Whether its motion tells something of its thrust and of the wind."""
-        return self.contact is Contact.FLYING and self._little_since_ns is None
+    def flies(self) -> bool:
+        """Whether it is certain that it flies."""
+        return self.contact is Contact.FLYING
+
+    @property
+    def may_touch(self) -> bool:
+        """Whether there is so little thrust that the ground might carry it, at any moment."""
+        return self._little_since_ns is not None
 
     def update(
         self, odometry: OdometrySample, *, thrust: float, window: ReferenceWindow | None

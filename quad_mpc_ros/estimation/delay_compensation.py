@@ -8,12 +8,15 @@ the vehicle from odometry to odometry on the way.
 from __future__ import annotations
 
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.estimation.command_history import CommandHistory
 from quad_mpc_ros.estimation.contact import GroundContact
 from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf, EkfMemory
+from quad_mpc_ros.estimation.estimate_health import EstimateHealth
+from quad_mpc_ros.estimation.velocity_filter import HELD, LEARNED, PAUSED, REFUSED
 from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, parameters_of
 from quad_mpc_ros.model.rollout import ACTUATORS, ROW_SIZE, V_WB_W, read_odometry, roll_forward
 from quad_mpc_ros.model.samples import OdometrySample
@@ -31,6 +34,16 @@ _SETTLING_NS = 300_000_000
 # A landing is known only some time after the touchdown, and what was learned in between is of the
 # ground. So what is to be kept is from before: the oldest of so many states, one a second.
 _MEMORY_NS, _MEMORIES = 1_000_000_000, 5
+
+
+class EstimateStatus(NamedTuple):
+    """How the estimate fares: ``learning``, ``held``, ``at bounds``, ``jumped``, ``reset``.
+
+    ``resets`` is how often it was let go so far.
+    """
+
+    text: str = "held"
+    resets: int = 0
 
 
 class DelayCompensation:
@@ -51,6 +64,8 @@ class DelayCompensation:
             throttle=hover.throttle,
         )
         self._ground = ground
+        self._health = EstimateHealth()
+        self.status = EstimateStatus()
         self._memories: deque[tuple[int, EkfMemory]] = deque(maxlen=_MEMORIES)
         self._learns = config.estimate_disturbance
         # Without a lag the throttle is the command: nothing of it is to be followed.
@@ -70,7 +85,7 @@ class DelayCompensation:
 
     def renewed(self) -> DelayCompensation:
         """Return one like this that knows the engagement and nothing else."""
-        fresh = DelayCompensation(self._config)
+        fresh = DelayCompensation(self._config, ground=self._ground)
         fresh.engage(self._engaged)
         return fresh
 
@@ -86,13 +101,16 @@ class DelayCompensation:
     def engage(self, engaged: bool) -> None:
         """Tell whether commands act on the vehicle; they are supposed to.
 
-        While they do not, nothing is learned, and what was learned is kept. What is sent in that
-        time is remembered all the same: who tells may be late.
+        While they do not, nothing is learned, and what was learned some seconds before the last of
+        them counts. What is sent in that time is remembered all the same: who tells may be late.
         """
         if engaged and not self._engaged:
             self._history.forget()
             self._previous_ns = None
             self._was_idle = True
+        elif self._engaged and not engaged:
+            # Who disarms may have landed just before, and what came last was of the ground.
+            self._recall()
         self._engaged = engaged
 
     def predict(self, odometry: OdometrySample) -> PredictedState:
@@ -132,27 +150,48 @@ class DelayCompensation:
         # Not across a long silence, nor from a clock to one that was set.
         if previous_ns is None or not 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
             self._ekf.start(self._measured[V_WB_W])
+            self.status = EstimateStatus("held", self._health.resets)
         elif self._follows:
-            self._ekf.update(
+            outcome = self._ekf.update(
                 before=self._previous,
                 after=self._measured,
                 acting=self._history.between(previous_ns, stamp_ns),
-                frozen=not self._is_taught(previous_ns),
+                lesson=self._lesson(previous_ns),
+                told_variance=odometry.v_variance,
             )
+            self._judge(outcome, stamp_ns, duration=1e-9 * (stamp_ns - previous_ns))
 
-    def _is_taught(self, previous_ns: int) -> bool:
-        """Whether what happened since the odometry before says something of the vehicle."""
+    def _judge(self, outcome: int, stamp_ns: int, *, duration: float) -> None:
+        """Note what an odometry did to the estimate, which is let go if it fails for long."""
+        text = "held"
+        if outcome in (LEARNED, REFUSED):
+            refused, at_bounds = outcome == REFUSED, self._ekf.is_at_bounds
+            text = "jumped" if refused else "at bounds" if at_bounds else "learning"
+            if self._health.fails(
+                stamp_ns, duration=duration, refused=refused, at_bounds=at_bounds
+            ):
+                self._ekf.reset()
+                self._memories.clear()
+            if self._health.was_reset(stamp_ns):
+                text = "reset"
+        self.status = EstimateStatus(text, self._health.resets)
+
+    def _lesson(self, previous_ns: int) -> int:
+        """Return what may be learned of what happened since the odometry before."""
         if not (self._learns and self._engaged):
-            return False
+            return HELD
         if self._ground is not None and self._ground.standing:
             self._recall()
-        if self._ground is not None and not self._ground.teaches:
-            return False
+        if self._ground is not None and not self._ground.flies:
+            return HELD
         # Before that what acted is not known, or has not acted for long enough.
         known = self._history.knows(previous_ns - (_SETTLING_NS if self._was_idle else 0))
-        if known:
-            self._remember(previous_ns)
-        return known
+        if not known:
+            return HELD
+        if self._ground is not None and self._ground.may_touch:
+            return PAUSED  # the ground might carry some of it
+        self._remember(previous_ns)
+        return LEARNED
 
     def _remember(self, now_ns: int) -> None:
         """Keep what is believed, once a second."""

@@ -1,11 +1,11 @@
-"""The process model of the disturbance EKF: velocity and body rates under the acting commands.
+"""The process model of the disturbance EKF: velocity and throttle under the acting commands.
 
 Between two odometries the vehicle is rolled forward by what is believed of it, and with it the
-derivatives of the result by what is learned: by the thrust's scale k and by the time constants,
+derivatives of the velocity by what is learned: by the thrust's scale k and its time constant,
 
     dv/dk = sum of dt T(s)/m z_B,   dv/dtau_s = sum of dt k T'(s)/m ds/dtau_s z_B
 
-with z_B the mean thrust axis of the time between, and dw/dtau_w through the lag.
+with z_B the mean thrust axis of the time between.
 """
 
 from __future__ import annotations
@@ -31,13 +31,12 @@ class Throttle(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """Where the commands lead: state, throttle, and derivatives of velocity and body rates."""
+    """Where the commands lead: state, throttle, and derivatives of the velocity."""
 
     body: Body
     throttle: Throttle
     v_by_scale: kernels.Vector
     v_by_lag: kernels.Vector
-    w_by_lag: kernels.Vector
 
 
 @compiled
@@ -55,19 +54,9 @@ def predict(
     """
     axis = _mean_axis(kernels.column(start.R, 2), kernels.column(R_after, 2))
     value, slope = throttle.value, throttle.slope
-    body, v_by_scale, v_by_lag, w_by_lag = start, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    body, v_by_scale, v_by_lag = start, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for k in range(len(durations)):
         dt, command = durations[k], actuators_in(commands[k])
-        decay, share = first_order_lag(believed.rate_time_constant, dt)
-        decay_slope, share_slope = first_order_lag_slopes(believed.rate_time_constant, dt)
-        excess = (
-            body.actuators[1] - command[1],
-            body.actuators[2] - command[2],
-            body.actuators[3] - command[3],
-        )
-        w_by_lag = kernels.plus(
-            kernels.scaled(decay, w_by_lag), kernels.scaled(decay_slope, excess)
-        )
         decay, share = first_order_lag(believed.thrust_time_constant, dt)
         decay_slope, share_slope = first_order_lag_slopes(believed.thrust_time_constant, dt)
         off = value - command[0]
@@ -80,7 +69,7 @@ def predict(
         v_by_scale = kernels.plus(v_by_scale, kernels.scaled(push, axis))
         v_by_lag = kernels.plus(v_by_lag, kernels.scaled(push_slope, axis))
         body = propagated(believed, command, dt, _LONGEST, body)
-    return Prediction(body, Throttle(value, slope), v_by_scale, v_by_lag, w_by_lag)
+    return Prediction(body, Throttle(value, slope), v_by_scale, v_by_lag)
 
 
 @compiled

@@ -9,7 +9,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.tick import TickStats
-from quad_mpc_ros.estimation.disturbance_ekf import SCALE_BOUNDS
+from quad_mpc_ros.estimation.velocity_filter import SCALE_BOUNDS
 from quad_mpc_ros.identification import vehicle_file
 from quad_mpc_ros.identification.result import Estimate
 from quad_mpc_ros.lie import Array

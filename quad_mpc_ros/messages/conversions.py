@@ -10,13 +10,19 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.samples import (
+    CommandSample,
+    OdometrySample,
+    ReferenceWindow,
+    told_variance,
+)
 
 if TYPE_CHECKING:
     from quad_mpc_ros.ocp.plan import Plan
@@ -25,6 +31,7 @@ NewMessage = Callable[[str], Any]
 """Makes an empty message of a type named like ``geometry_msgs/msg/Pose``."""
 
 _SECOND = 1_000_000_000
+_VELOCITY_VARIANCES = (0, 7, 14)  # of a twist's covariance (36,), row by row
 
 _COLUMNS = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13), slice(13, 16))
 _LEFT_OUT = SimpleNamespace(x=0.0, y=0.0, z=0.0)
@@ -49,9 +56,12 @@ def stamp_of_serialized(data: bytes) -> int:
 def odometry_from_message(message: Any) -> OdometrySample:
     """Return the values of a ``nav_msgs/Odometry``; whether they are fit for use is not asked."""
     placed = SimpleNamespace(header=message.header, pose=message.pose.pose)
-    return odometry_from_pose_and_twist(
+    odometry = odometry_from_pose_and_twist(
         placed, message.twist, child_frame_id=message.child_frame_id
     )
+    covariance = message.twist.covariance
+    variance = told_variance([covariance[place] for place in _VELOCITY_VARIANCES])
+    return odometry if variance == 0.0 else replace(odometry, v_variance=variance)
 
 
 def odometry_from_pose_and_twist(pose: Any, twist: Any, *, child_frame_id: str) -> OdometrySample:
@@ -75,6 +85,8 @@ def fill_odometry(message: Any, odometry: OdometrySample) -> None:
     fill_quaternion(message.pose.pose.orientation, odometry.q_WB_xyzw.tolist())
     fill_vector(message.twist.twist.linear, odometry.v_WB_B.tolist())
     fill_vector(message.twist.twist.angular, odometry.w_WB_B.tolist())
+    for place in _VELOCITY_VARIANCES:
+        message.twist.covariance[place] = odometry.v_variance
 
 
 def command_from_message(message: Any) -> CommandSample:

@@ -15,18 +15,20 @@ from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model import vehicle as vehicles
 from quad_mpc_ros.model.vehicle import Vehicle
 
-# Places in the vector: three numbers of the thrust curve, drag, gravity, and
-THRUST_TIME_CONSTANT, RATE_TIME_CONSTANT = 5, 6
-DISTURBANCE = slice(7, 10)
-THRUST_SCALE = 10
+# Places in the vector: three numbers of the thrust curve, drag, and
+GRAVITY = 4
+THRUST_TIME_CONSTANT, RATE_TIME_CONSTANT, YAW_TIME_CONSTANT = 5, 6, 7
+DISTURBANCE = slice(8, 11)
+THRUST_SCALE = 11
 
 
 class ModelParameters(NamedTuple):
     """The numbers of the equations in :mod:`quad_mpc_ros.model.rollout`.
 
     Thrust over mass is ``thrust_scale`` ((a s + b) s + c) [m/s^2] at throttle s; ``drag`` [1/s],
-    ``gravity`` [m/s^2]; time constants of the actuators [s], 0 without a lag; ``a_W`` [m/s^2] is
-    the disturbance, the acceleration that nothing else explains.
+    ``gravity`` [m/s^2]; time constants of the actuators [s], 0 without a lag, that of the rates
+    for roll and pitch, as yaw has its own; ``a_W`` [m/s^2] is the disturbance, the acceleration
+    that nothing else explains.
     """
 
     a: float
@@ -36,6 +38,7 @@ class ModelParameters(NamedTuple):
     gravity: float
     thrust_time_constant: float
     rate_time_constant: float
+    yaw_time_constant: float
     a_W: kernels.Vector = (0.0, 0.0, 0.0)
     thrust_scale: float = 1.0
 
@@ -43,7 +46,10 @@ class ModelParameters(NamedTuple):
 def parameters_of(
     vehicle: Vehicle, *, rate_time_constant: float, thrust_time_constant: float
 ) -> Array:
-    """Return the vector of an undisturbed vehicle whose actuators lag by time constants [s]."""
+    """Return the vector of an undisturbed vehicle whose actuators lag by time constants [s].
+
+    Yaw lags as roll and pitch do, as long as nothing else is known.
+    """
     a, b, c = (vehicle.motor_count * k / vehicle.mass for k in vehicle.thrust_curve)
     return packed(
         ModelParameters(
@@ -54,19 +60,20 @@ def parameters_of(
             gravity=vehicle.gravity,
             thrust_time_constant=thrust_time_constant,
             rate_time_constant=rate_time_constant,
+            yaw_time_constant=rate_time_constant,
         )
     )
 
 
 def packed(parameters: ModelParameters) -> Array:
-    """Return the vector (11,)."""
+    """Return the vector (12,)."""
     *numbers, a_W, thrust_scale = parameters
     return np.array([*numbers, *a_W, thrust_scale])
 
 
 @compiled
 def parameters_in(vector: Array) -> ModelParameters:
-    """Return what is in the vector (11,)."""
+    """Return what is in the vector (12,)."""
     return ModelParameters(
         vector[0],
         vector[1],
@@ -75,8 +82,9 @@ def parameters_in(vector: Array) -> ModelParameters:
         vector[4],
         vector[5],
         vector[6],
-        (vector[7], vector[8], vector[9]),
-        vector[10],
+        vector[7],
+        (vector[8], vector[9], vector[10]),
+        vector[11],
     )
 
 

@@ -5,7 +5,10 @@ State: position and velocity in the world, attitude R_WB, and the actuators, thr
 (:mod:`quad_mpc_ros.model.actuators`),
 
     dp/dt = v,  dv/dt = g + k (T(s)/m) R_WB e3 - mu v + d,  dR/dt = R [w],
-    dw/dt = (w_c - w) / tau_w,  ds/dt = (s_c - s) / tau_s.
+    dw/dt = (w_c - w) / tau_w,  ds/dt = (s_c - s) / tau_s,
+
+with a tau_w for roll and pitch and one for yaw, which is turned by drag of the rotors alone and is
+often several times slower.
 
 The simulated plant (:mod:`quad_mpc_ros.simulation.dynamics`) has equations of its own on purpose:
 a mistake in one of them shows in flight.
@@ -99,10 +102,11 @@ def discretised(model: ModelParameters, dt: float) -> Discretisation:
     phi2 = dt * dt * (0.5 - x / 6.0 + x * x / 24.0 - x**3 / 120.0 + x**4 / 720.0)
     s_decay, s_share = first_order_lag(model.thrust_time_constant, dt)
     w_decay, w_share = first_order_lag(model.rate_time_constant, dt)
+    yaw_decay, yaw_share = first_order_lag(model.yaw_time_constant, dt)
     return Discretisation(
         dt,
-        (s_decay, w_decay, w_decay, w_decay),
-        (s_share, w_share, w_share, w_share),
+        (s_decay, w_decay, w_decay, yaw_decay),
+        (s_share, w_share, w_share, yaw_share),
         math.exp(-x),
         phi1,
         phi2,

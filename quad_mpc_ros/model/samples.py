@@ -9,13 +9,15 @@ the way in. Stamps are integer nanoseconds: no time is ever rounded.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.lie import Array
+
+_LARGEST_VARIANCE = 25.0  # m^2/s^2 of a velocity; beyond it nothing is told
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,6 +32,7 @@ class OdometrySample:
         w_WB_B: Body rates, in body axes (3,) [rad/s].
         frame_id: The world frame.
         child_frame_id: The body frame.
+        v_variance: Variance of the velocity along each axis [m^2/s^2], 0 where it is not told.
 
     Example:
         >>> OdometrySample.at_rest([0.0, 0.0, 1.5], yaw=0.5).speed
@@ -43,6 +46,7 @@ class OdometrySample:
     w_WB_B: Array
     frame_id: str = "odom"
     child_frame_id: str = "base_link"
+    v_variance: float = 0.0
 
     @classmethod
     def at_rest(
@@ -75,6 +79,15 @@ class OdometrySample:
         """Cosine of the tilt: how much of the body's z axis points up."""
         x, y, _, _ = self.q_WB_xyzw.tolist()
         return float(1.0 - 2.0 * (x * x + y * y))
+
+
+def told_variance(variances: Iterable[float]) -> float:
+    """Return the largest of the variances that a source tells of a velocity, 0 if it tells none.
+
+    Many leave them zero, and some write nonsense, or something huge for what is not known.
+    """
+    told = [float(variance) for variance in variances]
+    return max(told) if all(0.0 < variance <= _LARGEST_VARIANCE for variance in told) else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

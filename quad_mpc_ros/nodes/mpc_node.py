@@ -23,6 +23,7 @@ from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.safety.ladder import Source
 
 _WARNING_PERIOD = 5.0
+_ESTIMATE_FAILS = {"at bounds": "is at its bounds", "reset": "was let go and begins anew"}
 _PATH_PERIOD_NS = 15_000_000  # every plan at 50 Hz, some at more
 
 
@@ -173,9 +174,13 @@ class MpcNode(ManagedNode[MpcConfig]):
         source = tick.decision.source
         level = {Source.MPC: OK, Source.PLAN: WARN, Source.WAITING: WARN}.get(source, ERROR)
         engaged = "not told" if self._engaged is None else str(self._engaged).lower()
+        text = tick.decision.reason or "flying"
+        if tick.stats.estimate in _ESTIMATE_FAILS:
+            level = max(level, WARN)
+            text += f", the estimate of thrust and wind {_ESTIMATE_FAILS[tick.stats.estimate]}"
         return Health(
             level=level,
-            text=tick.decision.reason or "flying",
+            text=text,
             values=[*tick.stats.items(), ("engaged", engaged)],
         )
 

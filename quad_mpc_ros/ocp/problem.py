@@ -26,7 +26,7 @@ class PredictedState(NamedTuple):
 
     ``row`` (19,) is laid out as in :mod:`quad_mpc_ros.model.rollout`, with the throttle and the
     rates that the vehicle will have then; ``throttle_sent`` is the last one commanded;
-    ``parameters`` (11,) are what is believed of the vehicle
+    ``parameters`` (12,) are what is believed of the vehicle
     (:mod:`quad_mpc_ros.model.parameters`).
     """
 

@@ -74,7 +74,7 @@ class TargetSampler:
     ) -> Array:
         """Write the target of a horizon from ``stamp_ns`` on into the buffer, and return that.
 
-        ``parameters`` (11,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
+        ``parameters`` (12,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
         """
         _sample(
             elapsed_ns=stamp_ns - window.stamp_ns,
@@ -142,13 +142,14 @@ def _lead(
     model: ModelParameters, dt: float, held: Array, target: Target, u_min: Array, u_max: Array
 ) -> None:
     """Write the commands that make actuators follow inputs (N M + 1, 4), and their means."""
+    roll_pitch = model.rate_time_constant
+    lags = model.thrust_time_constant, roll_pitch, roll_pitch, model.yaw_time_constant
     for n in range(INPUT_SIZE):
-        time_constant = model.thrust_time_constant if n == 0 else model.rate_time_constant
         for i in range(len(target.inputs)):
             total = 0.0
             for j in range(SUBSTEPS):
                 k = i * SUBSTEPS + j
-                command = lead(time_constant, dt, held[k, n], held[k + 1, n])
+                command = lead(lags[n], dt, held[k, n], held[k + 1, n])
                 target.inputs[i, j, n] = kernels.clamp(command, u_min[n], u_max[n])
                 total += target.inputs[i, j, n]
             target.mean_inputs[i, n] = total / SUBSTEPS

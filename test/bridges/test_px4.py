@@ -87,6 +87,13 @@ def test_body_rates_and_body_velocity_axis_by_axis(
     assert [rates.roll, rates.pitch, rates.yaw] == frd
 
 
+def test_the_variance_of_the_velocity_is_passed_on(new: New) -> None:
+    message = odometry_message(new, velocity_variance=[0.0625, 0.125, 0.03125])
+    assert px4.odometry_from_vehicle_odometry(message).v_variance == 0.125
+    message.velocity_variance = [math.nan] * 3
+    assert px4.odometry_from_vehicle_odometry(message).v_variance == 0.0
+
+
 def test_level_and_heading_north_is_a_yaw_of_90_degrees(new: New) -> None:
     odometry = px4.odometry_from_vehicle_odometry(odometry_message(new))
     R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)

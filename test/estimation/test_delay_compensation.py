@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -115,7 +117,7 @@ def test_what_did_not_act_is_forgotten_when_commands_begin_to() -> None:
     [
         ({}, 1, 99),
         ({0: False, 20: True}, 20 + 16, 99),  # 0.3 s after the first of them acts
-        ({20: False}, 1, 19),
+        ({20: False}, 1, 20),  # when it ends, what was believed before counts
         ({0: False}, None, None),
     ],
 )
@@ -133,6 +135,39 @@ def test_only_commands_that_act_teach(
         compensation.record(throttle(0.3), stamp_ns=20 * MS * k)
     changes = np.flatnonzero(np.diff(learned)) + 1
     assert (min(changes, default=None), max(changes, default=None)) == (first, last)
+
+
+def test_when_commands_act_no_more_what_was_believed_seconds_before_counts() -> None:
+    """Who disarms at the touchdown leaves no time to see that the vehicle stands."""
+    compensation = DelayCompensation(MpcConfig())
+    learned = []
+    for k in range(600):
+        if k == 550:
+            compensation.engage(False)
+        pushed = np.array([0.02 * k if k < 100 else 2.0, 0.0, 0.04 * max(k - 500, 0)])
+        odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=pushed)
+        learned.append(np.array(compensation.predict(odometry).model.a_W))
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+    assert learned[549][2] > 0.5
+    assert abs(learned[550][2]) < 0.1
+    np.testing.assert_array_equal(learned[550], learned[-1])
+
+
+def test_an_odometry_that_jumps_all_the_time_is_noticed() -> None:
+    compensation = DelayCompensation(MpcConfig())
+    told = []
+    for k in range(200):
+        turned = 1.0 if k % 2 and k > 100 else 0.0  # half a turn to and fro
+        odometry = dataclasses.replace(
+            _odometry(stamp_ns=20 * MS * k),
+            q_WB_xyzw=np.array([0.0, 0.0, turned, 1.0 - turned]),
+        )
+        compensation.predict(odometry)
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+        told.append(compensation.status)
+    assert {status.text for status in told[2:100]} == {"learning"}
+    assert told[102].text == "jumped"
+    assert told[-1] == ("reset", 2)
 
 
 def test_a_landing_brings_back_what_was_believed_before_it() -> None:

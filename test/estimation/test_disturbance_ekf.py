@@ -8,6 +8,7 @@ from fixtures.plant_motion import integrate
 
 from quad_mpc_ros.estimation.command_history import Acting
 from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf
+from quad_mpc_ros.estimation.velocity_filter import HELD, LEARNED, PAUSED, REFUSED
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, parameters_of
 from quad_mpc_ros.model.rollout import ACTUATORS, R_WB, ROW_SIZE, V_WB_W
@@ -16,6 +17,7 @@ from quad_mpc_ros.model.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 PERIOD, FINE = 0.02, 20
+HOVER = VEHICLE.hover_throttle
 
 
 def parameters(*, rate: float = 0.0, thrust: float = 0.0) -> Array:
@@ -61,6 +63,7 @@ def flown(
     *,
     rate: float = 0.0,
     thrust: float = 0.0,
+    slower_yaw: float = 1.0,
     scale: float = 1.0,
     a_W: Array | None = None,
     frozen: bool = False,
@@ -70,7 +73,7 @@ def flown(
     rng = np.random.default_rng(3)
     x = State(p_WB=np.zeros(3), v_WB_B=np.zeros(3), R_WB=np.eye(3))
     acting = np.concatenate(([0.29], np.zeros(3)))
-    lags = np.array([thrust, rate, rate, rate])
+    lags = np.array([thrust, rate, rate, slower_yaw * rate])
     ekf.start(x.v_WB_W)
     for k in range(500):
         u, before, w_before = command(k * PERIOD), x, acting[1:].copy()
@@ -98,7 +101,7 @@ def flown(
                 v_WB_W=x.v_WB_W + noise * rng.normal(size=3),
             ),
             acting=under(u),
-            frozen=frozen,
+            lesson=HELD if frozen else LEARNED,
         )
     return ekf
 
@@ -120,6 +123,14 @@ def test_time_constants_are_found(rate: float, thrust: float) -> None:
     assert learned.thrust_time_constant == pytest.approx(thrust, rel=0.1)
     assert believed(ekf).thrust_scale == pytest.approx(0.9, abs=0.02)
     assert ekf.throttle == pytest.approx(_lagging(thrust), abs=0.01)
+
+
+@pytest.mark.parametrize("slower", [1.0, 2.5, 4.0])
+def test_a_slow_yaw_does_not_pull_roll_and_pitch(slower: float) -> None:
+    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    learned = believed(flown(ekf, rate=0.04, thrust=0.03, slower_yaw=slower))
+    assert learned.rate_time_constant == pytest.approx(0.04, rel=0.02)
+    assert learned.yaw_time_constant == pytest.approx(slower * 0.04, rel=0.05)
 
 
 def test_noise_costs_accuracy_only() -> None:
@@ -148,7 +159,7 @@ def test_recalled_it_believes_what_it_believed_and_the_velocity_of_now() -> None
     before, kept = ekf.parameters(), ekf.memory()
     idle = Input(throttle=0.1, w_WB_B=np.zeros(3))
     for _ in range(50):  # what carries it is not the thrust
-        ekf.update(before=measured(), after=measured(), acting=under(idle), frozen=False)
+        ekf.update(before=measured(), after=measured(), acting=under(idle), lesson=LEARNED)
     assert np.abs(believed(ekf).a_W).max() > 2.0
     ekf.recall(kept)
     np.testing.assert_array_equal(ekf.parameters(), before)
@@ -169,12 +180,94 @@ def test_more_thrust_than_modelled_is_learned_from_a_hover() -> None:
             before=measured(),
             after=measured(v_WB_W=np.array([0.0, 0.0, velocity])),
             acting=under(Input(throttle=throttle, w_WB_B=np.zeros(3))),
-            frozen=False,
+            lesson=LEARNED,
         )
     d = believed(ekf)
     assert d.thrust_scale / scale * VEHICLE.gravity + d.a_W[2] == pytest.approx(
         VEHICLE.gravity, rel=0.01
     )
+
+
+def hovering(ekf: DisturbanceEkf, *, scale: float, seconds: float) -> list[ModelParameters]:
+    """Return what is believed of a vehicle that a controller holds in place with what it is told.
+
+    The thrust is ``scale`` times the modelled; the velocity goes with what is left of the error.
+    """
+    ekf.start(np.zeros(3))
+    velocity, found = 0.0, []
+    for _ in range(round(seconds / PERIOD)):
+        learned = believed(ekf)
+        wanted = VEHICLE.gravity - learned.a_W[2] - 2.0 * velocity
+        throttle = VEHICLE.throttle_for(VEHICLE.mass * wanted / learned.thrust_scale)
+        force = scale * wanted / learned.thrust_scale - VEHICLE.gravity
+        before = measured(v_WB_W=np.array([0.0, 0.0, velocity]))
+        velocity += PERIOD * (force - VEHICLE.drag * velocity)
+        ekf.update(
+            before=before,
+            after=measured(v_WB_W=np.array([0.0, 0.0, velocity])),
+            acting=under(Input(throttle=throttle, w_WB_B=np.zeros(3))),
+            lesson=LEARNED,
+        )
+        found.append(believed(ekf))
+    return found
+
+
+@pytest.mark.parametrize("scale", [0.7, 1.3])
+def test_what_lasts_in_a_hover_is_taken_for_thrust(scale: float) -> None:
+    found = hovering(DisturbanceEkf(parameters(), throttle=0.29), scale=scale, seconds=40.0)
+    for learned in found[50:]:  # together they carry it all the while
+        together = learned.thrust_scale / scale * VEHICLE.gravity + learned.a_W[2]
+        assert together == pytest.approx(VEHICLE.gravity, abs=0.1)
+    assert found[-1].thrust_scale == pytest.approx(scale, abs=0.005)
+    assert found[-1].a_W[2] == pytest.approx(0.0, abs=0.05)
+
+
+def test_let_go_it_carries_the_vehicle_on() -> None:
+    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    found = hovering(ekf, scale=0.8, seconds=0.6)[-1]
+    assert abs(found.a_W[2]) > 0.05
+    ekf.reset()
+    after = believed(ekf)
+    carried = found.thrust_scale * VEHICLE.gravity / (VEHICLE.gravity - found.a_W[2])
+    assert after.thrust_scale == pytest.approx(carried, rel=1e-12)
+    np.testing.assert_array_equal(after.a_W, 0.0)
+    assert after.rate_time_constant == after.yaw_time_constant == 0.03
+    assert after.thrust_time_constant == 0.03
+
+
+@pytest.mark.parametrize(
+    "jump",
+    [
+        {"v_WB_W": np.array([1.0, 0.0, 0.0])},
+        {"v_WB_W": np.array([0.0, 0.0, -0.6])},
+        {"rotation": so3.exp(np.array([0.0, 0.0, 0.5]))},
+    ],
+)
+def test_a_jump_is_not_learned(jump: dict[str, Array]) -> None:
+    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    hovering(ekf, scale=1.0, seconds=2.0)
+    before, level = ekf.parameters(), under(Input(throttle=HOVER, w_WB_B=np.zeros(3)))
+    stepped = measured(**jump)
+    assert ekf.update(before=measured(), after=stepped, acting=level) == REFUSED
+    np.testing.assert_array_equal(ekf.parameters(), before)
+    # From there on it is a velocity and an attitude like any other.
+    assert ekf.update(before=stepped, after=stepped, acting=level) == LEARNED
+
+
+def test_while_commands_are_saturated_the_velocity_alone_is_followed() -> None:
+    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    hovering(ekf, scale=1.0, seconds=1.0)
+    ekf.reconfigure(throttle_min=0.0, throttle_max=HOVER)
+    before, velocity = ekf.parameters(), 0.0
+    for _ in range(10):
+        velocity += 0.02
+        outcome = ekf.update(
+            before=measured(),
+            after=measured(v_WB_W=np.array([0.0, 0.0, velocity])),
+            acting=under(Input(throttle=HOVER, w_WB_B=np.zeros(3))),
+        )
+        assert outcome == PAUSED
+        np.testing.assert_array_equal(ekf.parameters(), before)
 
 
 def test_estimates_are_bounded() -> None:
@@ -192,7 +285,7 @@ def test_estimates_are_bounded() -> None:
                 v_WB_W=np.full(3, 1.0 * k),
             ),
             acting=under(command(0.1 * k)),
-            frozen=False,
+            lesson=LEARNED,
         )
         learned = believed(ekf)
         assert np.abs(learned.a_W).max() <= 5.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -44,6 +46,23 @@ def test_odometry_fields(new: New) -> None:
     assert (twist.linear.x, twist.linear.y, twist.linear.z) == (4.0, 5.0, 6.0)
     assert (twist.angular.x, twist.angular.y, twist.angular.z) == (7.0, 8.0, 9.0)
     _assert_same(conversions.odometry_from_message(message), odometry)
+
+
+def test_the_variance_of_a_velocity_survives_the_message(new: New) -> None:
+    message = new("nav_msgs/msg/Odometry")
+    told = dataclasses.replace(OdometrySample.at_rest([0.0, 0.0, 1.0]), v_variance=0.1)
+    conversions.fill_odometry(message, told)
+    assert conversions.odometry_from_message(message).v_variance == 0.1
+    message.twist.covariance[7] = 0.3  # the axes differ: the largest counts
+    assert conversions.odometry_from_message(message).v_variance == 0.3
+
+
+@pytest.mark.parametrize("nothing", [0.0, -1.0, math.nan, math.inf, 1e6])
+def test_a_covariance_that_says_nothing_is_none(new: New, nothing: float) -> None:
+    message = new("nav_msgs/msg/Odometry")
+    message.twist.covariance[0] = message.twist.covariance[7] = 0.1
+    message.twist.covariance[14] = nothing
+    assert conversions.odometry_from_message(message).v_variance == 0.0
 
 
 def test_command_is_throttle_in_linear_z_and_rates_in_angular(new: New) -> None:

@@ -26,6 +26,7 @@ from quad_mpc_ros.model.vehicle import Vehicle
 VEHICLE = Vehicle()
 STEP = 0.05
 LAGS = [(0.0, 0.0), (0.03, 0.0), (0.0, 0.04), (0.03, 0.04), (0.5, 0.3)]
+SLOWER_YAW = 2.5  # than roll and pitch
 A_W, THRUST_SCALE = (0.8, -1.1, 0.4), 0.85
 
 
@@ -55,6 +56,7 @@ def model_of(
     model = parameters_in(
         parameters_of(vehicle, rate_time_constant=lags[0], thrust_time_constant=lags[1])
     )
+    model = model._replace(yaw_time_constant=SLOWER_YAW * lags[0])
     return model._replace(a_W=A_W, thrust_scale=THRUST_SCALE) if disturbed else model
 
 
@@ -100,7 +102,8 @@ def integrated(x: Array, inputs: Array, lags: tuple[float, float]) -> Array:
             dv[2] -= VEHICLE.gravity
             q_xyz, q_w = y[6:9], y[9]
             dq = 0.5 * np.append(q_w * w + np.cross(q_xyz, w), -q_xyz @ w)
-            dw = (u[1:] - w) / lags[0] if lags[0] else np.zeros(3)
+            rate_lags = lags[0] * np.array([1.0, 1.0, SLOWER_YAW])
+            dw = (u[1:] - w) / rate_lags if lags[0] else np.zeros(3)
             ds = (u[0] - s) / lags[1] if lags[1] else 0.0
             return np.concatenate((y[3:6], dv, dq, dw, [ds]))
 

@@ -1,0 +1,61 @@
+"""How noisy the measured velocity is: found from the measurements, for few sources say it.
+
+Noise of one measurement shows in two changes of the velocity, with opposite signs; an acceleration
+that the model lacks shows in both alike. So with y_k the change from one odometry to the next less
+the change predicted, white noise of variance s^2 gives the difference of two of them
+
+    y_k - y_{k-1} = n_k - 2 n_{k-1} + n_{k-2},   variance 6 s^2 along each axis,
+
+and whatever lasts longer than two odometries cancels.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.lie import Array, kernels
+
+# A vector of the variance [m^2/s^2], whether there was a change before, and that change.
+_VARIANCE, _KNOWN, _CHANGE, _SIZE = 0, 1, 2, 5
+
+_START, _MOST = 0.1, 1.0  # m/s
+LEAST = 0.05
+"""The least noise of a velocity that is believed [m/s]."""
+_FORGETTING = 2.0  # s
+_LARGEST = 9.0  # of the variance: a jump is no noise, and noise that rises is found in a second
+
+
+def begun() -> Array:
+    """Return what is believed of the noise at the start."""
+    noise = np.zeros(_SIZE)
+    noise[_VARIANCE] = _START**2
+    return noise
+
+
+@compiled
+def variance_in(noise: Array) -> float:
+    """Return the variance of a velocity along an axis [m^2/s^2], within bounds."""
+    return kernels.clamp(noise[_VARIANCE], LEAST**2, _MOST**2)
+
+
+@compiled
+def interrupt(noise: Array) -> None:
+    """Forget the last change: what was between is not known."""
+    noise[_KNOWN] = 0.0
+
+
+@compiled
+def follow(noise: Array, change: kernels.Vector, duration: float) -> None:
+    """Learn from the next change of the velocity that was not predicted, after a duration."""
+    square = 0.0
+    for i in range(3):
+        square += (change[i] - noise[_CHANGE + i]) ** 2
+        noise[_CHANGE + i] = change[i]
+    if noise[_KNOWN] > 0.0:
+        seen = min(square / 18.0, _LARGEST * variance_in(noise))
+        share = 1.0 - math.exp(-duration / _FORGETTING)
+        noise[_VARIANCE] += share * (seen - noise[_VARIANCE])
+    noise[_KNOWN] = 1.0
