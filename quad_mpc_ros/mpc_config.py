@@ -94,6 +94,28 @@ class EnvelopeParameters(Configuration):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SwingingParameters(Configuration):
+    """What counts as a limit cycle: the thrust leans to one side and the other, time and again."""
+
+    owner = "mpc.swinging"
+
+    tilt: float = _live(
+        0.2,
+        doc="Angle to both sides of what the reference asks for, six changes of side within 3 s.",
+        unit="rad",
+        above=0.0,
+        maximum=math.pi,
+    )
+    action: str = _live("hover", doc="When it swings: as for fence.action.", choices=_ACTIONS)
+    hold_time: float = _live(
+        10.0,
+        doc="How long the action lasts; three times as long each time that it swings again after.",
+        unit="s",
+        above=0.0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class SlewParameters(Configuration):
     """How fast a command may change; applied last, to every source, unknown to the plan."""
 
@@ -226,6 +248,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     solver: SolverParameters = dataclasses.field(default_factory=SolverParameters)
     fence: FenceParameters = dataclasses.field(default_factory=FenceParameters)
     envelope: EnvelopeParameters = dataclasses.field(default_factory=EnvelopeParameters)
+    swinging: SwingingParameters = dataclasses.field(default_factory=SwingingParameters)
     slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
     realtime: RealtimeParameters = dataclasses.field(default_factory=RealtimeParameters)
 

@@ -28,6 +28,7 @@ from quad_mpc_ros.safety.fallbacks import (
 from quad_mpc_ros.safety.flight_limits import FlightLimits
 from quad_mpc_ros.safety.input_monitor import InputMonitor
 from quad_mpc_ros.safety.ladder import Breach, Decision, LadderState, Source
+from quad_mpc_ros.safety.swinging import Swinging
 
 
 class Counts(NamedTuple):
@@ -70,6 +71,7 @@ class Supervisor:
         self._weight = self._vehicle.mass * self._vehicle.gravity
         self.inputs = InputMonitor(config)
         self._flight_limits = FlightLimits(config)
+        self._swinging = Swinging(config)
         self._ground = ground or GroundContact()
         self._hover = HoverFallback(config)
         self._blind = BlindFallback(config)
@@ -86,6 +88,7 @@ class Supervisor:
         self._timeouts = ladder.timeouts_of(config)
         self.inputs.reconfigure(config)
         self._flight_limits.reconfigure(config)
+        self._swinging.reconfigure(config)
         self._hover.reconfigure(config)
         self._blind.reconfigure(config)
 
@@ -155,11 +158,19 @@ class Supervisor:
         if plan is not None:
             self._plan = _HeldPlan(plan, now_ns)
         reference = self.inputs.reference
-        breach = self._flight_limits.check(
-            odometry,
-            p_reference=reference.p_WB[0] if reference is not None else None,
-            now_ns=now_ns,
+        breaches = (
+            self._flight_limits.check(
+                odometry,
+                p_reference=reference.p_WB[0] if reference is not None else None,
+                now_ns=now_ns,
+            ),
+            self._swinging.check(
+                odometry,
+                q_reference_xyzw=reference.q_WB_xyzw[0] if reference is not None else None,
+                now_ns=now_ns,
+            ),
         )
+        breach = max(filter(None, breaches), key=lambda each: each.action, default=None)
         return self._decision(now_ns, plan_fault=plan_fault, breach=breach)
 
     def decide_blind(self, *, now_ns: int) -> Decision | None:

@@ -1,0 +1,110 @@
+"""A vehicle that swings to and fro: a limit cycle, because it answers later than the model does.
+
+Where lags or delay are longer than those modelled, every correction comes too late and the next
+one has to undo it. Then the thrust leans to one side of what the reference asks for, and to the
+other, again and again. A controller whose gains bear that delay, the hover fallback, ends it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.safety.ladder import Action, Breach
+
+_SECOND = 1_000_000_000
+_WITHIN_NS = 3 * _SECOND
+_REVERSALS = 6  # within that: a step of the reference makes one, or two
+_LONGER, _LONGEST_NS = 3, 300 * _SECOND
+_FORGOTTEN_NS = 30 * _SECOND  # after so long without it is for the first time again
+
+
+class Swinging:
+    """Watches the tilt, and remembers for a while that it swung."""
+
+    def __init__(self, config: MpcConfig) -> None:
+        self._reversals = (_Reversals(), _Reversals())
+        self._until_ns: int | None = None
+        self._hold_ns = 0
+        self.reconfigure(config)
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed parameters."""
+        self._config = config.swinging
+        self._action = Action[self._config.action.upper()]
+
+    def check(
+        self, odometry: OdometrySample, *, q_reference_xyzw: Array | None, now_ns: int
+    ) -> Breach | None:
+        """Return the breach in force, given the reference's attitude (4,), if there is one."""
+        if self._until_ns is None or now_ns >= self._until_ns:
+            if q_reference_xyzw is None:
+                return None
+            if not self._is_swinging(odometry, q_reference_xyzw, now_ns):
+                return None
+            self._begin(now_ns)
+        return Breach(self._action, "it swings: lags or delay may be longer than the model's")
+
+    def _is_swinging(self, odometry: OdometrySample, q_reference_xyzw: Array, now_ns: int) -> bool:
+        leans = _lean(odometry.q_WB_xyzw, q_reference_xyzw)
+        counts = [
+            reversals.count(lean, threshold=self._config.tilt, now_ns=now_ns)
+            for reversals, lean in zip(self._reversals, leans, strict=True)
+        ]
+        return max(counts) >= _REVERSALS
+
+    def _begin(self, now_ns: int) -> None:
+        """Hold, and longer where it did not help the last time."""
+        again = self._until_ns is not None and now_ns - self._until_ns < _FORGOTTEN_NS
+        first_ns = round(self._config.hold_time * _SECOND)
+        self._hold_ns = min(_LONGER * self._hold_ns, _LONGEST_NS) if again else first_ns
+        self._until_ns = now_ns + self._hold_ns
+        for reversals in self._reversals:
+            reversals.forget()
+
+
+class _Reversals:
+    """When a value has changed from beyond a threshold to beyond it on the other side."""
+
+    def __init__(self) -> None:
+        self._times_ns: deque[int] = deque(maxlen=_REVERSALS)
+        self._side = 0.0
+
+    def forget(self) -> None:
+        self._times_ns.clear()
+        self._side = 0.0
+
+    def count(self, value: float, *, threshold: float, now_ns: int) -> int:
+        """Take a value, and return how many changes there were lately."""
+        if abs(value) > threshold:
+            side = math.copysign(1.0, value)
+            if side == -self._side:
+                self._times_ns.append(now_ns)
+            self._side = side
+        while self._times_ns and not 0 <= now_ns - self._times_ns[0] <= _WITHIN_NS:
+            self._times_ns.popleft()
+        return len(self._times_ns)
+
+
+def _lean(q_WB_xyzw: Array, q_reference_xyzw: Array) -> tuple[float, float]:
+    """Return how far the thrust leans from the reference's, about world x and y [rad].
+
+    The horizontal part of the rotation vector between the two. Plain numbers: it is asked each
+    tick, and of so few arrays would take ten times as long.
+    """
+    x, y, z = _thrust_axis(q_WB_xyzw)
+    asked_x, asked_y, asked_z = _thrust_axis(q_reference_xyzw)
+    about_x, about_y = asked_y * z - asked_z * y, asked_z * x - asked_x * z
+    sine = math.hypot(about_x, about_y, asked_x * y - asked_y * x)
+    angle = math.atan2(sine, asked_x * x + asked_y * y + asked_z * z)
+    share = angle / sine if sine > 0.0 else 1.0
+    return share * about_x, share * about_y
+
+
+def _thrust_axis(q_WB_xyzw: Array) -> tuple[float, float, float]:
+    """Return the body's z axis in the world."""
+    x, y, z, w = q_WB_xyzw.tolist()
+    return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)

@@ -1,0 +1,128 @@
+"""A limit cycle is noticed and ended by a rung that bears the delay; nothing else is taken for one."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.mpc_config import MpcConfig, SwingingParameters
+from quad_mpc_ros.safety.ladder import Action
+from quad_mpc_ros.safety.swinging import Swinging
+from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+
+PERIOD_NS = 20_000_000
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+# All of that unknown to the controller.
+LATE = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03, "command_delay": 0.02}
+AGILE = {"horizon_steps": 10, "R": (0.0, 0.001, 0.001, 0.001)}
+
+
+def odometry(attitude: Rotation, *, now_ns: int) -> OdometrySample:
+    return OdometrySample(
+        stamp_ns=now_ns,
+        p_WB=np.zeros(3),
+        q_WB_xyzw=attitude.as_quat(),
+        v_WB_B=np.zeros(3),
+        w_WB_B=np.zeros(3),
+    )
+
+
+def breaches(
+    swinging: Swinging,
+    *,
+    amplitude: float,
+    frequency: float,
+    seconds: float,
+    about: Rotation | None = None,
+) -> list[int]:
+    """Return the ticks with a breach while the vehicle swings about the reference's attitude."""
+    asked = about or Rotation.identity()
+    found = []
+    for tick in range(round(seconds * 50)):
+        now_ns = tick * PERIOD_NS
+        lean = amplitude * math.sin(2.0 * math.pi * frequency * 1e-9 * now_ns)
+        attitude = Rotation.from_rotvec([lean, 0.0, 0.0]) * asked
+        breach = swinging.check(
+            odometry(attitude, now_ns=now_ns), q_reference_xyzw=asked.as_quat(), now_ns=now_ns
+        )
+        if breach is not None:
+            assert breach.action is Action.HOVER
+            found.append(tick)
+    return found
+
+
+@pytest.mark.parametrize("about", [Rotation.identity(), Rotation.from_euler("yz", [0.7, 2.0])])
+def test_swings_are_found_within_three_seconds_and_held(about: Rotation) -> None:
+    found = breaches(
+        Swinging(MpcConfig()), amplitude=0.3, frequency=1.5, seconds=5.0, about=about
+    )
+    assert 50 < found[0] < 150
+    assert found == [*range(found[0], 250)]
+
+
+@pytest.mark.parametrize(("amplitude", "frequency"), [(0.15, 2.0), (0.6, 0.5), (0.0, 1.0)])
+def test_small_or_slow_swings_are_none(amplitude: float, frequency: float) -> None:
+    assert not breaches(
+        Swinging(MpcConfig()), amplitude=amplitude, frequency=frequency, seconds=20.0
+    )
+
+
+def test_what_comes_again_is_held_three_times_as_long() -> None:
+    config = MpcConfig(swinging=SwingingParameters(hold_time=1.0))
+    found = np.array(breaches(Swinging(config), amplitude=0.3, frequency=2.0, seconds=30.0))
+    ends = np.flatnonzero(np.diff(found) > 1)
+    begins = found[np.insert(ends + 1, 0, 0)]
+    held = found[ends] - begins[:-1] + 1
+    assert np.array_equal(held, 50 * 3 ** np.arange(len(held)))
+    assert len(held) == 3
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [
+        {"trajectory": "square"},
+        {"trajectory": "lemniscate", "angular_frequency": 2.6},
+        {"trajectory": "flip"},
+        {"trajectory": "vertical_loop"},
+    ],
+    ids=lambda reference: reference["trajectory"],
+)
+def test_agile_flight_is_not_taken_for_it(reference: dict[str, Any]) -> None:
+    lags = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
+    steps = fly(
+        mpc=MpcConfig(**AGILE, **lags, input_delay=0.02),
+        simulator=SimulatorConfig(**lags, command_delay=0.02, duration=12.0),
+        reference=ReferenceConfig(**reference),
+        on_reference=True,
+    )
+    assert {step.tick.stats.source for step in steps if step.tick is not None} == {"mpc"}
+
+
+def flown_late(action: str) -> list[LoopStep]:
+    start = {"initial_position": (0.4, -0.3, 2.2), "initial_throttle": 0.3}
+    return [
+        *fly(
+            mpc=MpcConfig(**AGILE, swinging=SwingingParameters(action=action)),
+            simulator=SimulatorConfig(**LATE, **start, duration=10.0),
+            reference=ReferenceConfig(trajectory="hover", height=2.0),
+        )
+    ]
+
+
+def test_a_vehicle_later_than_modelled_is_caught() -> None:
+    """Without it this vehicle is lost."""
+    caught, lost = flown_late("hover"), flown_late("warn")
+    assert max(tilt(step) for step in lost[-100:]) > math.radians(60.0)
+    assert max(tilt(step) for step in caught[-100:]) < math.radians(15.0)
+    assert min(float(step.truth.p_WB[2]) for step in caught) > 1.0
+
+
+def tilt(step: LoopStep) -> float:
+    return math.acos(min(max(step.truth.up, -1.0), 1.0))
