@@ -253,6 +253,14 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     realtime: RealtimeParameters = dataclasses.field(default_factory=RealtimeParameters)
 
     @property
+    def unmodelled_lags(self) -> list[str]:
+        """The names of the lags that are zero, as they are of no real vehicle."""
+        if self.formulation != "manifold":
+            return []
+        names = ("rate_time_constant", "thrust_time_constant", "input_delay")
+        return [name for name in names if getattr(self, name) == 0.0]
+
+    @property
     def deadline_seconds(self) -> float:
         """Time within which a plan has to be ready [s]; infinite where time waits for it."""
         return math.inf if self.lockstep else self.deadline / self.control_rate

@@ -47,6 +47,12 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Make the controller and listen."""
         for refusal in realtime.apply(config.realtime):
             self.get_logger().warning(refusal)
+        if config.unmodelled_lags and not config.lockstep:
+            self.get_logger().warning(
+                f"{', '.join(config.unmodelled_lags)} = 0: no real vehicle answers at once, and "
+                "one that answers later than modelled swings; quad_mpc identify tells from a "
+                "flight, until then guess"
+            )
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
         self._controller = warmed_up(config, deadline=config.deadline_seconds)

@@ -57,13 +57,15 @@ def test_ends_cleanly_on_a_signal(
     assert "Traceback" not in (tmp_path / f"{node}.log").read_text()
 
 
-def test_two_sources_of_odometry_are_warned_of(start: Start, peer: Any) -> None:
+def test_two_sources_of_odometry_and_lags_of_zero_are_warned_of(
+    start: Start, peer: Any, tmp_path: Path
+) -> None:
     told: list[DiagnosticArray] = []
     peer.node.create_subscription(DiagnosticArray, "/diagnostics", told.append, 10)
     rivals = [
         peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data) for _ in range(2)
     ]
-    start("mpc")
+    start("mpc", "-p", "input_delay:=0.0", "-p", "rate_time_constant:=0.03")
 
     def warned() -> bool:
         return bool(told) and told[-1].status[0].message.startswith("2 publishers on odom,")
@@ -72,6 +74,8 @@ def test_two_sources_of_odometry_are_warned_of(start: Start, peer: Any) -> None:
     assert told[-1].status[0].level == DiagnosticStatus.WARN
     peer.node.destroy_publisher(rivals[1])
     assert peer.wait(lambda: not warned())
+    log = (tmp_path / "mpc.log").read_text()
+    assert "input_delay = 0: no real vehicle answers at once" in log
 
 
 @pytest.mark.parametrize("node", NODES)

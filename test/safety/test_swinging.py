@@ -1,4 +1,4 @@
-"""A limit cycle is noticed and ended by a rung that bears the delay; nothing else is taken for one."""
+"""A limit cycle is noticed and ended by a rung that bears the delay; other flights are none."""
 
 from __future__ import annotations
 
@@ -60,9 +60,7 @@ def breaches(
 
 @pytest.mark.parametrize("about", [Rotation.identity(), Rotation.from_euler("yz", [0.7, 2.0])])
 def test_swings_are_found_within_three_seconds_and_held(about: Rotation) -> None:
-    found = breaches(
-        Swinging(MpcConfig()), amplitude=0.3, frequency=1.5, seconds=5.0, about=about
-    )
+    found = breaches(Swinging(MpcConfig()), amplitude=0.3, frequency=1.5, seconds=5.0, about=about)
     assert 50 < found[0] < 150
     assert found == [*range(found[0], 250)]
 
