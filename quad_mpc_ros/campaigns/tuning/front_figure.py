@@ -90,11 +90,20 @@ def _draw(
 
 def _scale(axes: Axes, pair: tuple[int, int], measured: Sequence[Trial]) -> None:
     """Show by its logarithm what spans orders of magnitude."""
-    for values, set_scale in zip(
-        _values(measured, pair), (axes.set_xscale, axes.set_yscale), strict=True
+    from matplotlib.ticker import LogFormatter
+
+    for values, set_scale, axis in zip(
+        _values(measured, pair),
+        (axes.set_xscale, axes.set_yscale),
+        (axes.xaxis, axes.yaxis),
+        strict=True,
     ):
         if min(values) > 0.0 and max(values) > _WIDE * min(values):
             set_scale("log")
+            # As plain numbers; those between the powers of ten where these are few.
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.6)))
+            axis.set_tick_params(which="minor", labelsize=7, labelcolor=style.INK)
 
 
 def _values(trials: Sequence[Trial], pair: tuple[int, int]) -> _Values:
