@@ -48,9 +48,10 @@ def real_time(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_lockstep_flights_are_repeatable_bit_for_bit(lockstep: Path, tmp_path: Path) -> None:
     # A flight starts its nodes whatever their parameters say.
-    again = _fly(tmp_path / "again", "--lockstep", "--set", "mpc.autostart=false")
-    assert len(_commands(lockstep)) == 500
-    assert _commands(lockstep) == _commands(again)
+    arguments = ("--lockstep", "--duration", "4", "--set", "mpc.autostart=false")
+    again = _commands(_fly(tmp_path / "again", *arguments))
+    assert (len(_commands(lockstep)), len(again)) == (500, 200)
+    assert _commands(lockstep)[:200] == again
 
 
 def test_simulate_commands_what_the_lockstep_flight_does(lockstep: Path, tmp_path: Path) -> None:
