@@ -164,11 +164,7 @@ class Supervisor:
                 p_reference=reference.p_WB[0] if reference is not None else None,
                 now_ns=now_ns,
             ),
-            self._swinging.check(
-                odometry,
-                q_reference_xyzw=reference.q_WB_xyzw[0] if reference is not None else None,
-                now_ns=now_ns,
-            ),
+            self._swinging.check(odometry, reference, now_ns=now_ns),
         )
         breach = max(filter(None, breaches), key=lambda each: each.action, default=None)
         return self._decision(now_ns, plan_fault=plan_fault, breach=breach)

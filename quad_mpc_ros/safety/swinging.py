@@ -11,13 +11,15 @@ import math
 from collections import deque
 
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.safety.ladder import Action, Breach
 
 _SECOND = 1_000_000_000
 _WITHIN_NS = 3 * _SECOND
-_REVERSALS = 6  # within that: a step of the reference makes one, or two
+_REVERSALS = 6  # within that, and since the reference jumped, after which it may well swing
+_JUMP = 0.5  # m from tick to tick
+_QUICKEST_NS = _SECOND // 10  # no vehicle leans to the other side faster; upside down sides blur
 _LONGER, _LONGEST_NS = 3, 300 * _SECOND
 _FORGOTTEN_NS = 30 * _SECOND  # after so long without it is for the first time again
 
@@ -27,6 +29,7 @@ class Swinging:
 
     def __init__(self, config: MpcConfig) -> None:
         self._reversals = (_Reversals(), _Reversals())
+        self._p_reference: list[float] | None = None
         self._until_ns: int | None = None
         self._hold_ns = 0
         self.reconfigure(config)
@@ -37,16 +40,24 @@ class Swinging:
         self._action = Action[self._config.action.upper()]
 
     def check(
-        self, odometry: OdometrySample, *, q_reference_xyzw: Array | None, now_ns: int
+        self, odometry: OdometrySample, reference: ReferenceWindow | None, *, now_ns: int
     ) -> Breach | None:
-        """Return the breach in force, given the reference's attitude (4,), if there is one."""
+        """Return the breach in force, if there is one."""
         if self._until_ns is None or now_ns >= self._until_ns:
-            if q_reference_xyzw is None:
+            if reference is None:
                 return None
-            if not self._is_swinging(odometry, q_reference_xyzw, now_ns):
+            self._follow(reference.p_WB[0])
+            if not self._is_swinging(odometry, reference.q_WB_xyzw[0], now_ns):
                 return None
             self._begin(now_ns)
         return Breach(self._action, "it swings: lags or delay may be longer than the model's")
+
+    def _follow(self, p_reference: Array) -> None:
+        """Forget what was before a jump of the reference."""
+        position = p_reference.tolist()
+        if math.dist(position, self._p_reference or position) > _JUMP:
+            self._forget()
+        self._p_reference = position
 
     def _is_swinging(self, odometry: OdometrySample, q_reference_xyzw: Array, now_ns: int) -> bool:
         leans = _lean(odometry.q_WB_xyzw, q_reference_xyzw)
@@ -62,6 +73,9 @@ class Swinging:
         first_ns = round(self._config.hold_time * _SECOND)
         self._hold_ns = min(_LONGER * self._hold_ns, _LONGEST_NS) if again else first_ns
         self._until_ns = now_ns + self._hold_ns
+        self._forget()
+
+    def _forget(self) -> None:
         for reversals in self._reversals:
             reversals.forget()
 
@@ -71,7 +85,7 @@ class _Reversals:
 
     def __init__(self) -> None:
         self._times_ns: deque[int] = deque(maxlen=_REVERSALS)
-        self._side = 0.0
+        self._side, self._since_ns = 0.0, 0
 
     def forget(self) -> None:
         self._times_ns.clear()
@@ -81,9 +95,10 @@ class _Reversals:
         """Take a value, and return how many changes there were lately."""
         if abs(value) > threshold:
             side = math.copysign(1.0, value)
-            if side == -self._side:
+            if side == -self._side and now_ns - self._since_ns >= _QUICKEST_NS:
                 self._times_ns.append(now_ns)
-            self._side = side
+            if side != self._side:
+                self._side, self._since_ns = side, now_ns
         while self._times_ns and not 0 <= now_ns - self._times_ns[0] <= _WITHIN_NS:
             self._times_ns.popleft()
         return len(self._times_ns)
