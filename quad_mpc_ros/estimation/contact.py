@@ -37,7 +37,7 @@ _SHORTEST, _LONGEST = 0.4, 0.8  # s, of the time T
 _LIFTING_NS = 1_500_000_000  # autopilots let the motors spool up for a second
 _LONGEST_GAP_NS = 500_000_000  # between odometries; beyond it what was between is not known
 
-_FILTER, _LIFT_FILTER, _GROUND_FILTER = 0.1, 0.3, 2.0  # s
+_FILTER, _LIFT_FILTER, _DRIFT_FILTER, _GROUND_FILTER = 0.1, 0.3, 0.5, 2.0  # s
 # m/s, filtered: with no more it may have come to stand. It flies when it is faster than the second
 # and has changed its height, or than the third.
 _RESTING, _MOVING, _FAST = 1.0, 1.5, 3.0
@@ -80,7 +80,7 @@ class GroundContact:
             self._forget()
 
     def _forget(self) -> None:
-        self.contact, self.touching = Contact.UNKNOWN, False
+        self.contact, self.touching, self._lands = Contact.UNKNOWN, False, False
         self._stood_at: float | None = None
         self._stamp_ns: int | None = None
         self._little_since_ns: int | None = None
@@ -108,8 +108,8 @@ class GroundContact:
 
     @property
     def may_touch(self) -> bool:
-        """Whether there is so little thrust that the ground might carry it, at any moment."""
-        return self._little_since_ns is not None
+        """Whether the ground might carry it, at any moment: with little thrust, or as it lands."""
+        return self._lands or self._little_since_ns is not None
 
     def update(
         self, odometry: OdometrySample, *, thrust: float, window: ReferenceWindow | None
@@ -134,7 +134,14 @@ class GroundContact:
             self._stood_at = height
         sinks = rests and window is not None and float(window.p_WB[0, 2]) < height - _BELOW
         self.touching = not self.standing and sinks and self._is_near_ground(height)
-        if not (self.contact is Contact.FLYING or self.asks_for_height):
+        self._lands = (
+            rests and window is not None and self._is_low(height) and _sinks(window, height)
+        )
+        if (
+            self.standing and self._little_since_ns is not None
+        ):  # it has not left, however its odometry drifts
+            self._p_ground += self._share(_DRIFT_FILTER) * (self._p - self._p_ground)
+        elif not (self.contact is Contact.FLYING or self.asks_for_height):
             self._p_ground += self._share(_GROUND_FILTER) * (self._p - self._p_ground)
         return self.contact
 
@@ -189,8 +196,12 @@ class GroundContact:
 
     def _is_near_ground(self, height: float) -> bool:
         """Whether it is slow, with little thrust, about as high as where it stood."""
-        near = self._landed or (self._stood_at is not None and height < self._stood_at + _NEAR)
-        return near and self._little_since_ns is not None and self._is_slow()
+        return self._is_low(height) and self._little_since_ns is not None and self._is_slow()
+
+    def _is_low(self, height: float) -> bool:
+        """Whether it is about as high as where it stood."""
+        stood = self._stood_at is not None and height < self._stood_at + _NEAR
+        return bool(self._landed) or stood
 
     def _is_moving(self) -> bool:
         """Whether it is faster than noise, which alone does not change the height as well."""
@@ -251,6 +262,13 @@ def _asks_for_height(window: ReferenceWindow, height: float) -> bool:
     heights = window.p_WB[:, 2]
     highest = float(heights.max())
     return highest > height + _ABOVE or highest > float(heights[0]) + _RISING
+
+
+def _sinks(window: ReferenceWindow, height: float) -> bool:
+    """Whether the reference goes down, or is below already."""
+    heights = window.p_WB[:, 2]
+    lowest, now = float(heights.min()), float(heights[0])
+    return lowest < now - _RISING or now < height - _BELOW
 
 
 def _moves_slowly(window: ReferenceWindow) -> bool:

@@ -31,6 +31,8 @@ _LONGEST_GAP_NS = 500_000_000
 # How long commands must have acted before they teach something, once they had not acted: the
 # actuators are on their way from wherever another had them.
 _SETTLING_NS = 300_000_000
+# How long it must have flown once it stood: at the lift-off throttle leaps as the ground lets go.
+_LIFTING_OFF_NS = 700_000_000
 # A landing is known only some time after the touchdown, and what was learned in between is of the
 # ground. So what is to be kept is from before: the oldest of so many states, one a second.
 _MEMORY_NS, _MEMORIES = 1_000_000_000, 5
@@ -72,6 +74,7 @@ class DelayCompensation:
         self._follows = self._learns or config.thrust_time_constant > 0.0
         self._throttle_sent = hover.throttle
         self._engaged, self._was_idle = True, False
+        self._stood_ns: int | None = None
         # States of this odometry and the one before, and the one ahead, across the delay.
         self._measured, self._previous = np.zeros(ROW_SIZE), np.zeros(ROW_SIZE)
         self._ahead = np.zeros(ROW_SIZE)
@@ -183,6 +186,9 @@ class DelayCompensation:
         if self._ground is not None and self._ground.standing:
             self._recall()
         if self._ground is not None and not self._ground.flies:
+            self._stood_ns = previous_ns if self._ground.standing else self._stood_ns
+            return HELD
+        if self._stood_ns is not None and 0 <= previous_ns - self._stood_ns < _LIFTING_OFF_NS:
             return HELD
         # Before that what acted is not known, or has not acted for long enough.
         known = self._history.knows(previous_ns - (_SETTLING_NS if self._was_idle else 0))

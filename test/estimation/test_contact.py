@@ -79,6 +79,17 @@ def test_a_hover_teaches_after_the_time_that_motors_spool_up_for(judge: Judge) -
     assert judge.ground.flies
 
 
+def test_odometry_that_drifts_lifts_nothing(standing: Judge) -> None:
+    """PX4's estimate climbs by 0.1 m/s while it stands; motors spool up half a second."""
+    said, height = [], 0.0
+    for k in range(300):
+        height += 0.12 * PERIOD
+        thrust = 0.0 if k < 275 else 0.6
+        said += standing.see(thrust=thrust, height=height, window=ABOVE)
+    assert set(said) == {Contact.STANDING}
+    assert standing.see(1.0, thrust=1.1, height=height + 0.3, window=ABOVE)[-1] is Contact.FLYING
+
+
 def test_what_leaves_its_place_flies(judge: Judge) -> None:
     judge.see(0.2, thrust=0.7, height=2.0)
     said = judge.see(0.4, thrust=0.7, height=1.8)
@@ -90,6 +101,21 @@ def test_little_thrust_teaches_nothing(judge: Judge) -> None:
     judge.see(thrust=0.2, height=2.0)
     assert judge.ground.flies
     assert judge.ground.may_touch
+
+
+def test_in_a_landing_the_ground_might_carry_it_from_half_a_metre_on(standing: Judge) -> None:
+    standing.see(1.0, thrust=1.1, height=2.0, window=ABOVE)
+    down = ReferenceWindow.through([0.0, 1.0, 2.0], [[0, 0, 0.3], [0, 0, 0.0], [0, 0, -0.3]])
+    for height, window, might in [
+        (1.0, down, False),
+        (0.3, down, True),
+        (0.25, down, True),
+        (0.3, ReferenceWindow.hover([0.0, 0.0, 0.3]), False),
+        (0.3, ABOVE, False),
+    ]:
+        standing.see(thrust=1.0, height=height, window=window)
+        assert standing.ground.flies
+        assert standing.ground.may_touch is might
 
 
 def test_a_reference_that_asks_for_height_lets_it_not_count_as_standing(judge: Judge) -> None:

@@ -170,6 +170,19 @@ def test_an_odometry_that_jumps_all_the_time_is_noticed() -> None:
     assert told[-1] == ("reset", 2)
 
 
+def test_a_lift_off_teaches_only_once_it_is_over() -> None:
+    ground = GroundContact()
+    compensation = DelayCompensation(MpcConfig(), ground=ground)
+    told = []
+    for k in range(150):
+        ground.contact = Contact.STANDING if k < 50 else Contact.FLYING
+        compensation.predict(_odometry(stamp_ns=20 * MS * k))
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+        told.append(compensation.status.text)
+    assert 0.6 < 0.02 * (told.index("learning") - 50) < 0.8
+    assert set(told[told.index("learning") :]) == {"learning"}
+
+
 def test_a_landing_brings_back_what_was_believed_before_it() -> None:
     """The last seconds before it is known were of the ground."""
     ground = GroundContact()
