@@ -129,6 +129,45 @@ class SlewParameters(Configuration):
     )
 
 
+_limit = functools.partial(_live, minimum=0.0, switch=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitParameters(Configuration):
+    """Soft limits inside the plan of ``manifold``; those at 0 are not in its problem at all.
+
+    They bound what the controller adds to the reference, which may ask for more by itself.
+    """
+
+    owner = "mpc.limits"
+
+    tilt_max: float = _limit(
+        0.0,
+        doc="manifold: largest angle between the thrust axis and up that is planned; 0 is any.",
+        unit="rad",
+        maximum=math.pi,
+    )
+    speed_max: float = _limit(0.0, doc="manifold: largest speed planned; 0 is any.", unit="m/s")
+    throttle_margin: float = _limit(
+        0.0,
+        doc="manifold: distance to throttle_min and throttle_max that is kept for control; 0 is "
+        "none.",
+        below=0.5,
+    )
+    rate_slew: float = _limit(
+        0.0,
+        doc="manifold: largest change planned of each body rate commanded; 0 is any.",
+        unit="rad/s^2",
+    )
+    pull_distance: float = _live(
+        1.5,
+        doc="manifold, with any of these limits: a reference further away than this, across or in "
+        "height, pulls as if it were here. Sets the speed of an approach.",
+        unit="m",
+        above=0.0,
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class RealtimeParameters(Configuration):
     """What to ask of the operating system and of Python, so that no tick is late."""
@@ -250,6 +289,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     envelope: EnvelopeParameters = dataclasses.field(default_factory=EnvelopeParameters)
     swinging: SwingingParameters = dataclasses.field(default_factory=SwingingParameters)
     slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
+    limits: LimitParameters = dataclasses.field(default_factory=LimitParameters)
     realtime: RealtimeParameters = dataclasses.field(default_factory=RealtimeParameters)
 
     @property
@@ -276,4 +316,11 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
                 f"{self.owner}.{name}",
                 getattr(self, name),
                 f"a number {side} the hover throttle {hover:.4f}",
+            )
+        room = min(hover - self.throttle_min, self.throttle_max - hover)
+        if not self.limits.throttle_margin < room:
+            raise ConfigurationError(
+                f"{self.limits.owner}.throttle_margin",
+                self.limits.throttle_margin,
+                f"a number below {room:.4f}, the distance of the hover throttle to its bounds",
             )

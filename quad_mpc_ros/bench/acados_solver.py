@@ -83,6 +83,12 @@ def _require_plain_model(config: MpcConfig) -> None:
         raise PeerUnavailableError(
             f"the acados peer has no {', '.join(wanted)}: --set mpc.{wanted[0]}=0, or false"
         )
+    limits = config.limits
+    for name in ("tilt_max", "speed_max", "throttle_margin", "rate_slew"):
+        if getattr(limits, name):
+            raise PeerUnavailableError(
+                f"the acados peer has no {limits.owner}.{name}: --set {limits.owner}.{name}=0"
+            )
 
 
 def _acados() -> Path:

@@ -38,6 +38,8 @@ class CvxpyPeer:
         self._delay_compensation = DelayCompensation(config)
         self._problem = FORMULATIONS[config.formulation](config)
         self._pattern = self._problem.pattern()
+        if len(self._pattern.soft.mask) > 0:
+            raise PeerUnavailableError("the cvxpy peer has no soft limits: --set mpc.limits.…=0")
         self._effort = Effort(solved=False, iterations=0, solve_time=0.0)
 
     def step(self, odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:

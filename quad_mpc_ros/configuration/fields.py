@@ -28,7 +28,8 @@ class ParameterSpec:
 
     ``above`` and ``below`` are exclusive bounds, ``minimum`` and ``maximum`` inclusive ones;
     for arrays they hold for every element. ``length`` is the required number of elements.
-    ``live`` tells whether the value may change in flight.
+    ``live`` tells whether the value may change in flight; with ``switch`` not from zero or to it,
+    which changes the structure of what uses it.
     """
 
     name: str = ""
@@ -43,6 +44,13 @@ class ParameterSpec:
     length: int | None = None
     choices: tuple[str, ...] | None = None
     live: bool = False
+    switch: bool = False
+
+    def may_change(self, before: Any, after: Any) -> bool:
+        """Whether the value may change so in flight; both are validated."""
+        if not self.live:
+            return bool(before == after)
+        return not self.switch or (before == 0) == (after == 0)
 
     def allowed(self) -> str:
         """Return the allowed values as a phrase: ``'9 numbers >= 0'``."""
@@ -100,7 +108,8 @@ def parameter(default: Any, *, doc: str, **constraints: Any) -> Any:
     """Declare a parameter as a dataclass field.
 
     ``constraints`` are the fields of :class:`ParameterSpec`: unit, minimum, maximum, above,
-    below, length, choices, live. The name comes from the field and the type from its annotation.
+    below, length, choices, live, switch. The name comes from the field and the type from its
+    annotation.
     """
     spec = ParameterSpec(default=default, doc=doc, **constraints)
     return dataclasses.field(default=default, metadata={_METADATA_KEY: spec})

@@ -7,6 +7,7 @@ the vehicle from odometry to odometry on the way.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import NamedTuple
 
@@ -72,7 +73,8 @@ class DelayCompensation:
         self._learns = config.estimate_disturbance
         # Without a lag the throttle is the command: nothing of it is to be followed.
         self._follows = self._learns or config.thrust_time_constant > 0.0
-        self._throttle_sent = hover.throttle
+        self._sent = hover.vector()
+        self._sent_ns: int | None = None
         self._engaged, self._was_idle = True, False
         self._stood_ns: int | None = None
         # States of this odometry and the one before, and the one ahead, across the delay.
@@ -98,7 +100,7 @@ class DelayCompensation:
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
         """Remember a command by the stamp of the odometry that it answers."""
-        self._throttle_sent = command.throttle
+        self._sent, self._sent_ns = command.vector(), stamp_ns
         self._history.record(command, stamp_ns=stamp_ns)
 
     def engage(self, engaged: bool) -> None:
@@ -145,7 +147,12 @@ class DelayCompensation:
                 end=self._ahead,
             )
             state = self._ahead
-        return PredictedState(stamp_ns + self._delay_ns, state, self._throttle_sent, parameters)
+        since_sent = math.inf
+        if self._sent_ns is not None and stamp_ns >= self._sent_ns:
+            since_sent = (stamp_ns - self._sent_ns) * 1e-9
+        return PredictedState(
+            stamp_ns + self._delay_ns, state, parameters, sent=self._sent, since_sent=since_sent
+        )
 
     def _follow(self, odometry: OdometrySample) -> None:
         """Bring the EKF from the odometry before to this one."""

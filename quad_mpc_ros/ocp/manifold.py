@@ -14,7 +14,8 @@ last plan, shifted by the time that has passed. After a jump of the reference th
 holds the reference's inputs competes with the shifted one, and a few iterations follow.
 
 The cost is the paper's: errors x_r ⊟ x weighted by Q, u_r - u by R, with the velocity in the world
-frame, whose norm is the same, and the exact Jacobian of the attitude error.
+frame, whose norm is the same, and the exact Jacobian of the attitude error. Where there are limits
+(:mod:`quad_mpc_ros.ocp.limits`), breaking them costs, in the QP and in the line search.
 """
 
 from __future__ import annotations
@@ -39,6 +40,17 @@ from quad_mpc_ros.model.rollout import P_WB, R_WB, SUBSTEPS, roll_out
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import INPUT_SIZE
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.ocp.limits import (
+    ALLOWED_SIZE,
+    LimitLayout,
+    allow,
+    damp,
+    draw_near,
+    penalty,
+    steepest_slope,
+    values_of,
+    write_limits,
+)
 from quad_mpc_ros.ocp.plan import Plan
 from quad_mpc_ros.ocp.problem import PredictedState
 from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages
@@ -80,7 +92,15 @@ class ManifoldProblem:
         self._target = self._sampler.buffer
         self._nominal, self._plan = np.zeros((2, buffer_size(self._steps)))
         self._planned = trajectory_in(self._plan)
-        self._stages = HorizonStages.zeros(self._steps, self._size, INPUT_SIZE)
+        self._layout = layout = LimitLayout(config.limits)
+        self._stages = HorizonStages.zeros(
+            self._steps, self._size, INPUT_SIZE, rows=layout.rows, slacks=layout.slacks
+        )
+        # What limits allow along the target, no stages without limits; of the present iterate the
+        # prices, and how close it is to a limit.
+        self._limited = layout.rows > 0
+        self._allowed = np.zeros((self._steps if self._limited else 0, ALLOWED_SIZE))
+        self._prices, self._closeness = np.zeros(4), 0.0
         self._no_deviation = np.zeros((self._steps, INPUT_SIZE))
         self._last: tuple[int, float] | None = None  # stamp and cost of the last plan
         # Of the present iterate: its cost, how many iterations are left, and whether the stages
@@ -91,6 +111,13 @@ class ManifoldProblem:
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over weights and bounds; the last plan stays."""
         self._settings = _settings_of(config)
+        self._limits, self._pull_distance = values_of(config.limits), config.limits.pull_distance
+        # The slope of the cost where the position is off by the distance at which the pull stays
+        # the same, per 3 m/s.
+        duration = config.horizon_steps * config.horizon_step
+        heaviest = max(config.terminal_weight, 1.0) * max(*config.Q[:3], 1e-9)
+        self._steep = 3.0 * duration * heaviest * self._pull_distance
+        self._R = np.array(config.R)
         _, _, self._u_min, self._u_max = settings_in(self._settings)
         self._stages.R[:] = config.R
 
@@ -118,6 +145,7 @@ class ManifoldProblem:
             H=H[:n, :n],
             state_size=_STATE_SIZES[:n],
             input_size=_INPUT_SIZES,
+            limits=self._layout.pattern(n),
         )
 
     def begin(self, state: PredictedState, window: ReferenceWindow) -> None:
@@ -130,9 +158,25 @@ class ManifoldProblem:
             u_min=self._u_min,
             u_max=self._u_max,
         )
+        if self._limited:
+            self._set_limits(state)
         self._cost, self._iterations = self._warm_start(state.stamp_ns)
         # What is rolled out for its cost has been linearised on the way.
         self._linearised = True
+
+    def _set_limits(self, state: PredictedState) -> None:
+        """Set what the limits allow along the target, and bring that near."""
+        draw_near(self._step, start=state.row, distance=self._pull_distance, target=self._target)
+        allow(
+            limits=self._limits,
+            step=self._step,
+            u_min=self._u_min,
+            u_max=self._u_max,
+            sent=state.sent,
+            since=state.since_sent,
+            target=self._target,
+            allowed=self._allowed,
+        )
 
     def _warm_start(self, stamp_ns: int) -> tuple[float, int]:
         """Linearise along the best start there is; return its cost and the iterations it needs."""
@@ -143,22 +187,33 @@ class ManifoldProblem:
         shifted_cost = self._linearise_along(self._planned.deviation, elapsed)
         if shifted_cost <= _JUMP_FACTOR * last_cost + _JUMP_FLOOR:
             return shifted_cost, 1
-        held_cost = self._linearise_along(self._no_deviation)
-        if not held_cost < shifted_cost:
-            self._linearise_along(self._planned.deviation, elapsed)
-        return min(held_cost, shifted_cost), _JUMP_ITERATIONS
+        cost = self._linearise_along(self._no_deviation)
+        if not cost < shifted_cost:
+            cost = self._linearise_along(self._planned.deviation, elapsed)
+        return cost, _JUMP_ITERATIONS
 
     def linearise(self) -> HorizonStages:
         """Return the QP in the change of the present iterate."""
         if not self._linearised:
-            self._linearise_along(self._planned.deviation)
+            cost = self._linearise_along(self._planned.deviation)
+            if self._limited:  # at other prices
+                self._cost = cost
         self._linearised = False
+        if self._limited:
+            steepest = steepest_slope(self._prices)
+            share = max(self._closeness, min(1.0, steepest / self._steep))
+            damp(
+                R=self._R,
+                steepest=share * steepest,
+                state_cost=self._stages.state_cost,
+                input_terms=self._stages.input_terms,
+            )
         return self._stages
 
     def _linearise_along(self, deviation: Array, elapsed: float = 0.0) -> float:
         """Roll out deviations as they are ``elapsed`` stages later, and linearise; return cost."""
         stages = self._stages
-        return _linearise(
+        cost = _linearise(
             parameters=self._state.parameters,
             start=self._state.row,
             settings=self._settings,
@@ -170,6 +225,21 @@ class ManifoldProblem:
             state_cost=stages.state_cost,
             input_terms=stages.input_terms,
         )
+        if self._limited:
+            paid, self._closeness = write_limits(
+                starts=self._layout.starts,
+                target=self._target,
+                nominal=self._nominal,
+                allowed=self._allowed,
+                dynamics=stages.dynamics,
+                state_cost=stages.state_cost,
+                input_terms=stages.input_terms,
+                prices=self._prices,
+                limits=stages.limits,
+                slack_cost=stages.slack_cost,
+            )
+            cost += paid
+        return cost
 
     def line_search(self, inputs: Array, states: Array) -> bool:
         """Take the longest step that lowers the true cost; return whether to leave it at that."""
@@ -182,6 +252,8 @@ class ManifoldProblem:
             change=inputs,
             cost=self._cost,
             plan=self._plan,
+            allowed=self._allowed,
+            prices=self._prices,
         )
         converged = not reached < _CONVERGED * self._cost
         self._cost, self._iterations = reached, self._iterations - 1
@@ -280,6 +352,8 @@ def _line_search(
     change: Array,
     cost: float,
     plan: Array,
+    allowed: Array,
+    prices: Array,
 ) -> float:
     """Write the plan after the longest of a few steps that lowers a cost; return the cost reached.
 
@@ -288,7 +362,7 @@ def _line_search(
     weights, step, u_min, u_max = settings_in(settings)
     model, tracked = parameters_in(parameters), target_in(target)
     before, tried = trajectory_in(nominal), trajectory_in(plan)
-    errors = np.empty((len(change), 9))
+    errors, inputs = np.empty((len(change), 9)), np.empty_like(change)
     for length in _STEP_LENGTHS:
         for i in range(len(change)):
             for k in range(INPUT_SIZE):
@@ -296,6 +370,9 @@ def _line_search(
         apply_bounds(tracked, tried, u_min=u_min, u_max=u_max)
         roll_out(model, step, inputs=tried.inputs, start=start, states=tried.states)
         reached = tracking_cost(weights, tried.states, tracked, tried.deviation, errors)
+        if len(allowed) > 0:
+            inputs[:] = tracked.mean_inputs + tried.deviation
+            reached += penalty(tried.states, inputs, allowed, prices)
         if reached < cost:
             return reached
     plan[:] = nominal

@@ -73,7 +73,7 @@ class PaperProblem:
     def begin(self, state: PredictedState, window: ReferenceWindow) -> None:
         """Take the reference of now, held over the horizon: no warm start is needed."""
         self._stamp_ns = state.stamp_ns
-        self._x, self._throttle = state.x, state.throttle_sent
+        self._x, self._throttle = state.x, float(state.sent[0])
         points = sample(window, state.stamp_ns)
         self._x_reference = State(p_WB=points.p_WB, v_WB_B=points.v_WB_B, R_WB=points.R_WB)
         self._u_reference = reference_input(points, self._vehicle).vector()

@@ -25,15 +25,17 @@ class PredictedState(NamedTuple):
     """The state at ``stamp_ns``, when the command that is computed now will act.
 
     ``row`` (19,) is laid out as in :mod:`quad_mpc_ros.model.rollout`, with the throttle and the
-    rates that the vehicle will have then; ``throttle_sent`` is the last one commanded;
-    ``parameters`` (12,) are what is believed of the vehicle
+    rates that the vehicle will have then; ``sent`` (4,) is what was commanded last, and
+    ``since_sent`` [s] the time since the odometry that it answered, infinity before the first
+    one; ``parameters`` (12,) are what is believed of the vehicle
     (:mod:`quad_mpc_ros.model.parameters`).
     """
 
     stamp_ns: int
     row: Array
-    throttle_sent: float
     parameters: Array
+    sent: Array
+    since_sent: float
 
     @property
     def x(self) -> State:

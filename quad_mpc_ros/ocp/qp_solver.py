@@ -49,7 +49,7 @@ class QpSolver:
     ) -> None:
         """``time_limit`` [s] ends a solve that takes longer, unsolved."""
         self._qp = qp
-        self._settings = _settings(parameters, time_limit)
+        self._settings = _settings(parameters, time_limit, soft=qp.is_soft)
         self._osqp: osqp_adapter.OsqpAdapter | None = None
         self._z = self._zero = np.zeros(qp.A.shape[1])
         self._y = np.zeros(qp.A.shape[0])
@@ -64,13 +64,17 @@ class QpSolver:
         if not self._qp.magnitude() < _LARGEST:
             self.forget()
             return _REFUSED
-        result = self._updated().solve(self._zero if from_zero else self._z, self._y)
+        qp, z, y = self._qp, self._zero if from_zero else self._z, self._y
+        if qp.is_soft:
+            y = qp.cost_scale * y  # they are kept as of the cost itself
+            qp.settle_slacks(z, y)
+        result = self._updated().solve(z, y)
         # A solver may say "solved" and return NaN; the plan is what flies, so look at the plan.
         finite = _are_finite(result.x, result.y)
         solved = finite and result.status == osqp_adapter.SOLVED
         late = finite and result.status == osqp_adapter.OUT_OF_TIME
         if solved or late:  # what has been gained so far is not lost for the next one
-            self._z, self._y = result.x, result.y
+            self._z, self._y = result.x, result.y / qp.cost_scale if qp.is_soft else result.y
         else:
             self.forget()
         return QpSolution(
@@ -100,14 +104,21 @@ class QpSolver:
         return self._osqp
 
 
-def _settings(parameters: SolverParameters, time_limit: float) -> dict[str, float]:
-    """Return OSQP's settings."""
+# What differs with soft rows, found on jumps and on random states and limits: half the iterations.
+_SOFT_SETTINGS = {"scaling": 3, "rho": 0.7, "alpha": 1.6}
+# Their cost is divided by its steepest slope, so that the tolerance is a share of that.
+_SOFT_TOLERANCE = 2.0
+
+
+def _settings(parameters: SolverParameters, time_limit: float, *, soft: bool) -> dict[str, float]:
+    """Return OSQP's settings, for problems with soft rows or without."""
+    tolerance = parameters.tolerance * (_SOFT_TOLERANCE if soft else 1.0)
     settings: dict[str, float] = {
         "verbose": False,
         "warm_starting": True,
         "polishing": False,
-        "eps_abs": parameters.tolerance,
-        "eps_rel": parameters.tolerance,
+        "eps_abs": tolerance,
+        "eps_rel": tolerance,
         "max_iter": parameters.max_iterations,
         # The variables are scaled by their natural sizes already; what is left to equilibrate
         # costs as much time as it saves iterations after one pass.
@@ -120,6 +131,8 @@ def _settings(parameters: SolverParameters, time_limit: float) -> dict[str, floa
         "adaptive_rho": 1,
         "adaptive_rho_interval": 10,
     }
+    if soft:
+        settings |= _SOFT_SETTINGS
     if math.isfinite(time_limit):  # it makes OSQP look at the clock in each iteration
         settings["time_limit"] = time_limit
     return settings

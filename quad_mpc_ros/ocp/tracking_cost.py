@@ -5,7 +5,7 @@
 with the errors of position, velocity in the world (whose norm is that in the body) and attitude at
 the ends of the stages, and the inputs' deviations δ from those that hold the reference. The
 Hessian is that of Gauss and Newton: the attitude error e moves by J_r^-1(e) for a turn of the
-body.
+body. What breaking soft limits costs is added by :func:`quad_mpc_ros.ocp.limits.penalty`.
 """
 
 from __future__ import annotations

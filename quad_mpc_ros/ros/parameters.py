@@ -129,16 +129,20 @@ class ManagedParameters(Generic[C]):
     def _changed(self, settled: C, changes: Mapping[str, object]) -> C:
         """Return a configuration with live parameters changed, validated as a whole.
 
-        A structural one may be given as it is, as a whole file does.
+        A structural one may be given as it is, as a whole file does; a switch stays on or off.
         """
         in_force = settled.flattened()
         for name, value in changes.items():
             spec = self._specs[name]
-            if not spec.live and spec.validated(value, owner=self._kind.owner) != in_force[name]:
+            wanted = spec.validated(value, owner=self._kind.owner)
+            if not spec.may_change(in_force[name], wanted):
+                kept = shown(in_force[name])
+                if spec.live and in_force[name] != 0:
+                    kept = "not 0"
                 raise ConfigurationError(
                     f"{self._kind.owner}.{name}",
                     value,
-                    f"{shown(in_force[name])} as long as the node is configured; to change it, "
+                    f"{kept} as long as the node is configured; to change it, "
                     "deactivate and clean up the node first, or set it in the parameter file and "
                     "start again",
                 )
@@ -148,6 +152,8 @@ class ManagedParameters(Generic[C]):
 def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
     unit = f" [{spec.unit}]" if spec.unit else ""
     when = "at any time" if spec.live else "while the node is unconfigured"
+    if spec.switch:
+        when += ", from 0 or to 0 while the node is unconfigured"
     descriptor = ParameterDescriptor(
         name=spec.name,
         description=f"{spec.doc}{unit}",

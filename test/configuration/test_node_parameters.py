@@ -102,6 +102,11 @@ def test_a_wrong_value_is_refused_in_one_line(
         ("mpc", {"mass": 2.0}, r"mpc\.mass: given 2\.0, expected .* 18\.69 N"),
         ("mpc", {"thrust_curve": (-1.0, 3.0, 0.0)}, r"mpc\.thrust_curve: given \[-1\.0, 3\.0"),
         ("simulator", {"mass": 2.0}, r"simulator\.mass: given 2\.0, expected .* 18\.69 N"),
+        (
+            "mpc",
+            {"limits.throttle_margin": 0.3},
+            r"mpc\.limits\.throttle_margin: given 0\.3, .*0\.2923",
+        ),
         ("simulator", {"mass_scale": 9.0}, r"simulator\.mass_scale: given 9\.0, expected "),
         (
             "simulator",
@@ -134,4 +139,16 @@ def test_live_parameters_are_weights_bounds_and_limits() -> None:
         "blind_time",
     }
     groups = {name.split(".")[0] for name in live if "." in name}
-    assert groups == {"fence", "envelope", "slew"}
+    assert groups == {"fence", "envelope", "slew", "swinging", "limits"}
+
+
+def test_limits_of_the_plan_change_in_flight_but_are_not_switched() -> None:
+    specs = {spec.name: spec for spec in MpcConfig.specs()}
+    tilt = specs["limits.tilt_max"]
+    assert tilt.may_change(0.6, 0.5)
+    assert tilt.may_change(0.0, 0.0)
+    assert not tilt.may_change(0.0, 0.6)
+    assert not tilt.may_change(0.6, 0.0)
+    assert specs["limits.pull_distance"].may_change(1.5, 3.0)
+    assert not specs["horizon_steps"].may_change(10, 20)
+    assert specs["throttle_min"].may_change(0.0, 0.1)

@@ -161,13 +161,22 @@ def test_parameters_are_free_until_they_are_configured(
     assert not mpc.to("configure")
     assert mpc.tells("unconfigured", "mpc.throttle_max: given 0.29, expected a number above")
     assert mpc.set(mass=0.3) == ""
-    assert mpc.set(horizon_steps=7, terminal_weight=20) == ""
+    assert mpc.set(horizon_steps=7, terminal_weight=20, **{"limits.speed_max": 5.0}) == ""
     assert mpc.to("configure")
 
     refusal = mpc.set(throttle_min=0.1, horizon_steps=9)
     assert refusal.startswith("mpc.horizon_steps: given 9, expected 7 as long as the node is ")
     assert "clean up the node first" in refusal
     assert mpc.set(horizon_steps=7, mass=0.3, throttle_min=0.1) == "", "what is the same is fine"
+    assert mpc.set(**{"limits.speed_max": 4.0}) == "", "on since it was configured"
+    refusal = mpc.set(**{"limits.tilt_max": 0.6})
+    assert refusal.startswith(
+        "mpc.limits.tilt_max: given 0.6, expected 0.0 as long as the node is "
+    )
+    refusal = mpc.set(**{"limits.speed_max": 0.0})
+    assert refusal.startswith(
+        "mpc.limits.speed_max: given 0.0, expected not 0 as long as the node"
+    )
     assert "hover throttle" in mpc.set(throttle_min=0.25, throttle_max=0.5)
 
     assert mpc.to("cleanup")

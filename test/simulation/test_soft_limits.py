@@ -1,0 +1,159 @@
+"""Soft limits in flight: jumps are approached within them, and flips are flown as without."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.control.tick import Tick
+from quad_mpc_ros.control.warm_up import warmed_up
+from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.safety.ladder import Source
+from quad_mpc_ros.simulation.closed_loop import fly
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+
+LAGS = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
+SOFTER = {"horizon_steps": 20, "terminal_weight": 30.0, "R": (0.0, 0.1, 0.1, 0.1)}
+TILT = {"limits.tilt_max": math.radians(35.0)}
+SPEED = {"limits.speed_max": 5.0}
+NOISE = {
+    "position_noise": 0.003,
+    "attitude_noise": 0.003,
+    "velocity_noise": 0.02,
+    "rate_noise": 0.02,
+    "seed": 3,
+}
+HEIGHT, JUMP_NS = 10.0, 1_000_000_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Jump:
+    """A flight with a jump after a second: the truth along it, and what was commanded."""
+
+    tilt: Array
+    height: Array
+    speed: Array
+    distance: Array
+    commands: Array
+    ticks: list[Tick]
+
+
+def jumped(changes: dict[str, Any], jump: tuple[float, ...], *, of: str = "reference") -> Jump:
+    """Hover, and let the reference or the estimate jump to where the vehicle has to go (3,)."""
+    controller, ticks = warmed_up(MpcConfig().updated({**LAGS, **changes})), []
+    simulator = SimulatorConfig.build(
+        {
+            **LAGS,
+            "duration": 5.0 + max(map(abs, jump)) / 2.0,
+            "initial_position": (0.0, 0.0, HEIGHT),
+            "initial_throttle": 0.2923,
+        }
+    )
+
+    def law(odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
+        if odometry.stamp_ns - 1_000_000_000 >= JUMP_NS:
+            if of == "reference":
+                window = dataclasses.replace(window, p_WB=window.p_WB + jump)
+            else:
+                odometry = dataclasses.replace(odometry, p_WB=odometry.p_WB - jump)
+        tick = controller.step(odometry, window)
+        if tick is not None:
+            ticks.append(tick)
+        return tick.command if tick is not None else None
+
+    hover = ReferenceConfig(trajectory="hover", height=HEIGHT)
+    steps = list(fly(simulator=simulator, reference=hover, controller=law))
+    p_WB = np.array([step.truth.p_WB for step in steps])
+    up = [so3.rotation_from_quaternion_xyzw(step.truth.q_WB_xyzw)[2, 2] for step in steps]
+    commands = [tick.command for tick in ticks if tick.command is not None]
+    return Jump(
+        tilt=np.degrees(np.arccos(np.clip(up, -1.0, 1.0))),
+        height=p_WB[:, 2] - HEIGHT,
+        speed=np.array([step.truth.speed for step in steps]),
+        distance=np.linalg.norm(p_WB - [0.0, 0.0, HEIGHT] - jump, axis=1),
+        commands=np.array([[command.throttle, *command.w_WB_B] for command in commands]),
+        ticks=ticks,
+    )
+
+
+def assert_calm(flight: Jump) -> None:
+    """No solve failed, and nobody but the MPC commanded."""
+    assert {tick.decision.source for tick in flight.ticks} == {Source.MPC}
+    assert flight.ticks[-1].stats.solver_failures == 0
+
+
+@pytest.mark.parametrize("weights", [{}, SOFTER], ids=["default", "softer"])
+@pytest.mark.parametrize("distance", [2.0, 10.0, 40.0])
+@pytest.mark.parametrize("of", ["reference", "estimate"])
+def test_jumps_are_approached_within_35_degrees(
+    weights: dict[str, Any], distance: float, of: str
+) -> None:
+    flight = jumped({**weights, **TILT, **SPEED}, (0.8 * distance, -0.6 * distance, 0.0), of=of)
+    assert_calm(flight)
+    assert flight.tilt.max() <= 37.0
+    assert flight.height.min() >= -0.3
+    assert flight.height.max() <= 0.6
+    assert flight.speed.max() <= 5.0 * 1.05
+    assert flight.distance[-1] < 0.02
+
+
+@pytest.mark.parametrize("weights", [{}, SOFTER], ids=["default", "softer"])
+def test_without_a_limit_on_speed_a_tilt_is_kept_as_well(weights: dict[str, Any]) -> None:
+    flight = jumped({**weights, **TILT}, (40.0, 0.0, 0.0))
+    assert flight.speed.max() <= 4.0, "by limits.pull_distance"
+    assert_calm(flight)
+    assert flight.tilt.max() <= 37.0
+    assert flight.height.min() >= -0.3
+
+
+@pytest.mark.parametrize("jump", [(0.0, 0.0, 8.0), (0.0, 0.0, -8.0), (20.0, 20.0, 8.0)])
+def test_the_limit_on_speed_holds_in_every_direction(jump: tuple[float, ...]) -> None:
+    flight = jumped({**SOFTER, **SPEED, "limits.pull_distance": 4.0}, jump)
+    assert_calm(flight)
+    assert 4.5 < flight.speed.max() <= 5.0 * 1.05
+    assert flight.distance[-1] < 0.02
+
+
+def test_commands_change_no_faster_than_their_limit() -> None:
+    """Soft, so a little more where the plan is corrected; without it they jump by 6 rad/s."""
+    limited = jumped({**TILT, "limits.rate_slew": 50.0}, (2.0, 1.0, 0.0))
+    assert_calm(limited)
+    assert np.abs(np.diff(limited.commands[:, 1:], axis=0)).max() <= 50.0 * 0.02 * 1.5
+    assert limited.distance[-1] < 0.02
+
+
+def test_throttle_keeps_its_margin() -> None:
+    limited = jumped({**TILT, "limits.throttle_margin": 0.15}, (5.0, 0.0, 2.0))
+    assert_calm(limited)
+    throttle = limited.commands[:, 0]
+    assert throttle.max() <= 0.87
+    assert throttle.min() >= 0.13
+    free = jumped(TILT, (5.0, 0.0, 2.0)).commands[:, 0]
+    assert free.max() > 0.95
+
+
+def errors(changes: dict[str, Any], trajectory: str, disturbed: dict[str, Any]) -> Array:
+    steps = fly(
+        mpc=MpcConfig().updated({**LAGS, **changes}),
+        simulator=SimulatorConfig.build({"duration": 6.0, **LAGS, **disturbed}),
+        reference=ReferenceConfig(trajectory=trajectory),
+        on_reference=True,
+    )
+    return np.array([np.linalg.norm(step.truth.p_WB - step.window.p_WB[0]) for step in steps])
+
+
+@pytest.mark.parametrize("trajectory", ["flip", "split_s", "vertical_loop"])
+@pytest.mark.parametrize("disturbed", [{}, NOISE], ids=["clean", "noisy"])
+def test_a_flip_is_a_flip(trajectory: str, disturbed: dict[str, Any]) -> None:
+    """A limit on tilt forbids nothing that the reference asks for."""
+    free, limited = (errors(limits, trajectory, disturbed) for limits in ({}, TILT))
+    assert np.sqrt(np.mean(limited**2)) <= 1.1 * np.sqrt(np.mean(free**2))
+    assert limited.max() <= 1.1 * free.max()
