@@ -3,19 +3,21 @@
 python bench/campaign_cost.py [--workers N | --scheduler ADDRESS] [--flights N]
 
 Flies many flights of one step, of which little is left but what is asked for, and subtracts what
-as many take in this process. *Once* is what remains of the first flight: processes that start,
-imports, compiled code that is loaded. Both are told as shares of a campaign of 500 hover flights
-of 12 s, of which some are flown in this process, as well.
+as many take in this process. *Once* is what it takes until each worker has flown one: processes
+that start, imports, compiled code that is loaded. Both are told as shares of a campaign of 500
+hover flights of 12 s, of which some are flown in this process, as well. All is processor time, of
+every process that takes part, so that other work on the machine does not count.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
+import importlib
+import multiprocessing
+import resource
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,28 +45,44 @@ def campaign(*, flights: int, duration: float, vary: dict[str, Any]) -> Campaign
     return campaign_from(content)
 
 
-def seconds(act: Callable[[], object]) -> float:
-    """Return how long it takes [s]."""
-    started = time.perf_counter()
-    act()
-    return time.perf_counter() - started
-
-
 def own_seconds(duration: float, *, flights: int) -> float:
     """Return what a flight of some duration [s] takes by itself, in this process [s]."""
     vary = _VARY if duration == _STEP else {}
     flown = campaign(flights=flights, duration=duration, vary=vary)
     fly_batch(flown, [0])  # loads compiled code
-    return min(seconds(lambda: fly_batch(flown, range(flights))) for _ in range(3)) / flights
+    taken = []
+    for _ in range(3):
+        started = time.process_time()
+        fly_batch(flown, range(flights))
+        taken.append(time.process_time() - started)
+    return min(taken) / flights
 
 
-def engine_seconds(make_engine: Callable[[], Engine], *, flights: int) -> tuple[float, float]:
-    """Return the time until each worker has flown, and then that of many flights [s]."""
-    started = time.perf_counter()
-    with tempfile.TemporaryDirectory() as folder, make_engine() as engine:
-        fly_in(Path(folder) / "first", engine, flights=engine.workers)
-        first = time.perf_counter() - started
-        return first, seconds(lambda: fly_in(Path(folder) / "many", engine, flights=flights))
+def used_seconds(scheduler: str | None) -> float:
+    """Return the processor time [s] of this process, those it ended, and those of a cluster."""
+    while multiprocessing.active_children():
+        time.sleep(0.01)
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    used = time.process_time() + children.ru_utime + children.ru_stime
+    if scheduler is None:
+        return used
+    with importlib.import_module("distributed").Client(scheduler, set_as_default=False) as client:
+        workers = sum(client.run(time.process_time).values())
+        return float(used + workers + client.run_on_scheduler(time.process_time))
+
+
+def engine_seconds(options: argparse.Namespace, *, flights: int) -> tuple[int, float]:
+    """Return the number of workers, and what it takes until each has flown, and ``flights`` more.
+
+    The latter is processor time [s], with that of the table.
+    """
+    before = used_seconds(options.scheduler)
+    with tempfile.TemporaryDirectory() as folder, engine_of(options) as engine:
+        workers = engine.workers
+        fly_in(Path(folder) / "first", engine, flights=workers)
+        if flights:
+            fly_in(Path(folder) / "many", engine, flights=flights)
+    return workers, used_seconds(options.scheduler) - before
 
 
 def fly_in(folder: Path, engine: Engine, *, flights: int) -> None:
@@ -81,24 +99,16 @@ def main() -> int:
     add_engine_options(parser)
     parser.add_argument("--flights", type=int, default=2000, help="of one step each")
     options = parser.parse_args()
-    workers = []
-
-    def make_engine() -> Engine:
-        engine = engine_of(options)
-        workers.append(engine.workers)
-        return engine
-
     short, whole = own_seconds(_STEP, flights=200), own_seconds(_WHOLE, flights=_OWN)
-    first, many = engine_seconds(make_engine, flights=options.flights)
-    cores = min(workers[0], len(os.sched_getaffinity(0)))
-    # Of the processors that fly, each flight has had its share.
-    cost = cores * many / options.flights - short
-    print(f"{workers[0]} workers on {cores} processors")
+    workers, once = engine_seconds(options, flights=0)
+    _, all_of_it = engine_seconds(options, flights=options.flights)
+    each = (all_of_it - once) / options.flights - short
+    print(f"{workers} workers")
     print(f"own time of a flight of one step  {1e3 * short:8.2f} ms")
     print(f"own time of a flight of 12 s      {1e3 * whole:8.2f} ms")
-    print(f"a campaign costs each flight      {1e3 * cost:8.2f} ms   {cost / whole:.2%}")
-    share = cores * first / (_USUAL * whole)
-    print(f"and once                          {1e3 * first:8.2f} ms   {share:.2%} of {_USUAL}")
+    print(f"a campaign costs each flight      {1e3 * each:8.2f} ms   {each / whole:.2%}")
+    share = once / (_USUAL * whole)
+    print(f"and once                          {1e3 * once:8.2f} ms   {share:.2%} of {_USUAL}")
     return 0
 
 
