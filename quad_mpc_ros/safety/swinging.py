@@ -19,6 +19,7 @@ _SECOND = 1_000_000_000
 _WITHIN_NS = 3 * _SECOND
 _REVERSALS = 6  # within that, and since the reference jumped, after which it may well swing
 _JUMP = 0.5  # m from tick to tick
+_NEAR = 5.0  # m from the reference; farther away it is on its way there, and tilts for that
 _QUICKEST_NS = _SECOND // 10  # no vehicle leans to the other side faster; upside down sides blur
 _LONGER, _LONGEST_NS = 3, 300 * _SECOND
 _FORGOTTEN_NS = 30 * _SECOND  # after so long without it is for the first time again
@@ -46,16 +47,17 @@ class Swinging:
         if self._until_ns is None or now_ns >= self._until_ns:
             if reference is None:
                 return None
-            self._follow(reference.p_WB[0])
+            self._follow(odometry.p_WB, reference.p_WB[0])
             if not self._is_swinging(odometry, reference.q_WB_xyzw[0], now_ns):
                 return None
             self._begin(now_ns)
         return Breach(self._action, "it swings: lags or delay may be longer than the model's")
 
-    def _follow(self, p_reference: Array) -> None:
-        """Forget what was before a jump of the reference."""
+    def _follow(self, p_WB: Array, p_reference: Array) -> None:
+        """Forget what was before a jump of the reference, or far from it."""
         position = p_reference.tolist()
-        if math.dist(position, self._p_reference or position) > _JUMP:
+        jumped = math.dist(position, self._p_reference or position) > _JUMP
+        if jumped or math.dist(p_WB.tolist(), position) > _NEAR:
             self._forget()
         self._p_reference = position
 

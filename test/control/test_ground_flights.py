@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from fixtures.presets import agile
 
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.warm_up import warmed_up
@@ -21,7 +22,7 @@ from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.live import LiveReference
 
 LAGS: dict[str, Any] = {"rate_time_constant": 0.04, "thrust_time_constant": 0.04}
-ROBUST = MpcConfig(**LAGS, input_delay=0.03, horizon_steps=20, R=(0.0, 0.1, 0.1, 0.1))
+ROBUST = agile(**LAGS, input_delay=0.03, horizon_steps=20, R=(0.0, 0.1, 0.1, 0.1))
 NOISE: dict[str, Any] = {"position_noise": 0.005, "attitude_noise": 0.005, "rate_noise": 0.02}
 SECOND = 1_000_000_000
 
@@ -150,7 +151,7 @@ def test_a_reference_that_is_lost_on_the_ground_lifts_nobody() -> None:
 
 def flown(reference: ReferenceConfig, **plant: Any) -> list[LoopStep]:
     simulator = SimulatorConfig(command_delay=0.03, **LAGS, **plant)
-    mpc = MpcConfig(**LAGS, input_delay=0.03)
+    mpc = agile(**LAGS, input_delay=0.03)
     return list(fly(mpc=mpc, simulator=simulator, reference=reference, on_reference=True))
 
 

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from fixtures.presets import agile
 
 from quad_mpc_ros.estimation.command_history import CommandHistory
 from quad_mpc_ros.estimation.contact import Contact, GroundContact
@@ -14,7 +15,6 @@ from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.mpc_config import MpcConfig
 
 MS = 1_000_000
 VEHICLE = Vehicle()
@@ -73,7 +73,7 @@ def test_the_intervals_fill_the_time_whatever_was_sent() -> None:
 
 
 def test_without_delay_the_state_is_the_odometry() -> None:
-    compensation = DelayCompensation(MpcConfig())
+    compensation = DelayCompensation(agile())
     odometry = _odometry(stamp_ns=20 * MS)
     state = compensation.predict(odometry)
     assert state.stamp_ns == 20 * MS
@@ -83,7 +83,7 @@ def test_without_delay_the_state_is_the_odometry() -> None:
 
 def test_free_fall_across_the_delay() -> None:
     """With the motors off for long enough, the state ahead is that of a stone."""
-    config = MpcConfig(input_delay=0.033, drag=0.0, thrust_curve=(1.88, 2.8, 0.0))
+    config = agile(input_delay=0.033, drag=0.0, thrust_curve=(1.88, 2.8, 0.0))
     compensation = DelayCompensation(config)
     compensation.record(throttle(0.0), stamp_ns=-100 * MS)
     state = compensation.predict(_odometry(stamp_ns=0, v_WB_B=np.array([1.0, 0.0, 0.0])))
@@ -93,7 +93,7 @@ def test_free_fall_across_the_delay() -> None:
 
 
 def test_rates_in_flight_turn_the_state_ahead() -> None:
-    compensation = DelayCompensation(MpcConfig(input_delay=0.03))
+    compensation = DelayCompensation(agile(input_delay=0.03))
     compensation.record(Input(throttle=0.3, w_WB_B=np.array([0.0, 0.0, 2.0])), stamp_ns=-10 * MS)
     state = compensation.predict(_odometry(stamp_ns=0))
     # Sent 10 ms ago with a delay of 30 ms: it acts for the last 10 ms of the 30 ahead.
@@ -101,7 +101,7 @@ def test_rates_in_flight_turn_the_state_ahead() -> None:
 
 
 def test_what_did_not_act_is_forgotten_when_commands_begin_to() -> None:
-    compensation = DelayCompensation(MpcConfig(input_delay=0.03))
+    compensation = DelayCompensation(agile(input_delay=0.03))
     spin = Input(throttle=0.9, w_WB_B=np.array([0.0, 0.0, 5.0]))
     compensation.engage(False)
     for stamp_ns in range(-100 * MS, 0, 20 * MS):
@@ -125,7 +125,7 @@ def test_only_commands_that_act_teach(
     engagements: dict[int, bool], first: int | None, last: int | None
 ) -> None:
     """A vehicle that drifts at a steady speed, whatever is asked of it."""
-    compensation = DelayCompensation(MpcConfig())
+    compensation = DelayCompensation(agile())
     learned = []
     for k in range(100):
         if k in engagements:
@@ -139,7 +139,7 @@ def test_only_commands_that_act_teach(
 
 def test_when_commands_act_no_more_what_was_believed_seconds_before_counts() -> None:
     """Who disarms at the touchdown leaves no time to see that the vehicle stands."""
-    compensation = DelayCompensation(MpcConfig())
+    compensation = DelayCompensation(agile())
     learned = []
     for k in range(600):
         if k == 550:
@@ -154,7 +154,7 @@ def test_when_commands_act_no_more_what_was_believed_seconds_before_counts() -> 
 
 
 def test_an_odometry_that_jumps_all_the_time_is_noticed() -> None:
-    compensation = DelayCompensation(MpcConfig())
+    compensation = DelayCompensation(agile())
     told = []
     for k in range(200):
         turned = 1.0 if k % 2 and k > 100 else 0.0  # half a turn to and fro
@@ -186,7 +186,7 @@ def test_a_lift_off_teaches_only_once_it_is_over() -> None:
 def test_a_landing_brings_back_what_was_believed_before_it() -> None:
     """The last seconds before it is known were of the ground."""
     ground = GroundContact()
-    compensation = DelayCompensation(MpcConfig(), ground=ground)
+    compensation = DelayCompensation(agile(), ground=ground)
     learned = []
     for k in range(600):
         ground.contact = Contact.FLYING if k < 500 else Contact.STANDING

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fixtures.plant_motion import integrate
+from fixtures.presets import agile
 
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
@@ -18,7 +19,7 @@ from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
-MANIFOLD = MpcConfig()
+MANIFOLD = agile()
 PERIOD = 0.02
 
 

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.configuration import BagError, UserError
 from quad_mpc_ros.evaluation.metrics import summarise
+from quad_mpc_ros.evaluation.simulated import load_config
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.flight import Flight, ReferenceSampler
@@ -327,7 +328,7 @@ class TestRefusals:
 
 def test_the_papers_square(make_bag: BagStarter) -> None:
     """The paper's flight: RMSE 0.788 m, at most 0.03 m off before each switch."""
-    mpc = MpcConfig(formulation="paper", terminal_weight=1.0)
+    mpc = load_config("paper").mpc
     simulator = SimulatorConfig(dynamics="paper", duration=10.0)
     bag = make_bag()
     steps = list(fly(mpc=mpc, simulator=simulator, reference=ReferenceConfig()))

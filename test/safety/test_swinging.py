@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.presets import agile
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig, SwingingParameters
+from quad_mpc_ros.mpc_config import SwingingParameters
 from quad_mpc_ros.safety.ladder import Action
 from quad_mpc_ros.safety.swinging import Swinging
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
@@ -22,7 +23,6 @@ PERIOD_NS = 20_000_000
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 # All of that unknown to the controller.
 LATE = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03, "command_delay": 0.02}
-AGILE = {"horizon_steps": 10, "R": (0.0, 0.001, 0.001, 0.001)}
 
 
 def odometry(attitude: Rotation, *, now_ns: int) -> OdometrySample:
@@ -63,20 +63,18 @@ def breaches(
 
 @pytest.mark.parametrize("about", [Rotation.identity(), Rotation.from_euler("yz", [0.7, 2.0])])
 def test_swings_are_found_within_three_seconds_and_held(about: Rotation) -> None:
-    found = breaches(Swinging(MpcConfig()), amplitude=0.3, frequency=1.5, seconds=5.0, about=about)
+    found = breaches(Swinging(agile()), amplitude=0.3, frequency=1.5, seconds=5.0, about=about)
     assert 50 < found[0] < 150
     assert found == [*range(found[0], 250)]
 
 
 @pytest.mark.parametrize(("amplitude", "frequency"), [(0.15, 2.0), (0.6, 0.5), (0.0, 1.0)])
 def test_small_or_slow_swings_are_none(amplitude: float, frequency: float) -> None:
-    assert not breaches(
-        Swinging(MpcConfig()), amplitude=amplitude, frequency=frequency, seconds=20.0
-    )
+    assert not breaches(Swinging(agile()), amplitude=amplitude, frequency=frequency, seconds=20.0)
 
 
 def test_what_comes_again_is_held_three_times_as_long() -> None:
-    config = MpcConfig(swinging=SwingingParameters(hold_time=1.0))
+    config = agile(swinging=SwingingParameters(hold_time=1.0))
     found = np.array(breaches(Swinging(config), amplitude=0.3, frequency=2.0, seconds=30.0))
     ends = np.flatnonzero(np.diff(found) > 1)
     begins = found[np.insert(ends + 1, 0, 0)]
@@ -98,7 +96,7 @@ def test_what_comes_again_is_held_three_times_as_long() -> None:
 def test_agile_flight_is_not_taken_for_it(reference: dict[str, Any]) -> None:
     lags = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
     steps = fly(
-        mpc=MpcConfig(**AGILE, **lags, input_delay=0.02),
+        mpc=agile(**lags, input_delay=0.02),
         simulator=SimulatorConfig(**lags, command_delay=0.02, duration=12.0),
         reference=ReferenceConfig(**reference),
         on_reference=True,
@@ -110,7 +108,7 @@ def flown_late(action: str) -> list[LoopStep]:
     start = {"initial_position": (0.4, -0.3, 2.2), "initial_throttle": 0.3}
     return [
         *fly(
-            mpc=MpcConfig(**AGILE, swinging=SwingingParameters(action=action)),
+            mpc=agile(swinging=SwingingParameters(action=action)),
             simulator=SimulatorConfig(**LATE, **start, duration=10.0),
             reference=ReferenceConfig(trajectory="hover", height=2.0),
         )

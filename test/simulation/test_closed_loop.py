@@ -7,6 +7,7 @@ import itertools
 
 import numpy as np
 import pytest
+from fixtures.presets import agile
 from numpy.testing import assert_array_equal
 
 from quad_mpc_ros.lie import Array
@@ -23,7 +24,7 @@ from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 @pytest.fixture(scope="module")
 def mpc() -> MpcConfig:
-    return MpcConfig(formulation="paper", terminal_weight=1.0, horizon_steps=10, horizon_step=0.05)
+    return agile(formulation="paper", terminal_weight=1.0, horizon_steps=10, horizon_step=0.05)
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fixtures.presets import agile
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.commands.run_configuration import run_configuration
@@ -47,10 +48,12 @@ class Flown:
 
 
 def flown(out: Path, *arguments: str) -> Flown:
-    """Fly what ``quad_mpc simulate`` would fly."""
+    """Fly what ``quad_mpc simulate --config agile`` would fly."""
     parser = argparse.ArgumentParser()
     add_run_options(parser)
-    run = run_configuration(parser.parse_args([*arguments, "--out", str(out)]), lockstep=True)
+    run = run_configuration(
+        parser.parse_args(["--config", "agile", *arguments, "--out", str(out)]), lockstep=True
+    )
     steps = list(
         fly(
             mpc=run.mpc,
@@ -185,8 +188,8 @@ def before_switches(run: Flown) -> Array:
 HEIGHT = 5.0
 TIME_TO_RECOVER, TIME_TO_STAY = 2.5, 0.5
 ACTUATORS = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
-IDEAL = (MpcConfig(), {})
-LAGGING = (MpcConfig(**ACTUATORS, input_delay=0.02), {**ACTUATORS, "command_delay": 0.02})
+IDEAL = (agile(), {})
+LAGGING = (agile(**ACTUATORS, input_delay=0.02), {**ACTUATORS, "command_delay": 0.02})
 
 
 def direction(random: np.random.Generator) -> Array:

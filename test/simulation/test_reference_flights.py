@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from fixtures.presets import agile
 
 from quad_mpc_ros.lie import so3
-from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -16,7 +16,7 @@ from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.director import Director
 
 LAG, DELAY = 0.03, 0.02
-MPC = MpcConfig(
+MPC = agile(
     formulation="manifold",
     terminal_weight=30.0,
     rate_time_constant=LAG,
