@@ -77,7 +77,8 @@ def campaign_text(campaign: Campaign) -> str:
             f"{node}.{name}": list(value) if isinstance(value, tuple) else value
             for node, values in campaign.given.items()
             for name, value in values.items()
-            if name != "lockstep"
+            # What varies is not set: a file that says both is refused.
+            if name != "lockstep" and f"{node}.{name}" not in campaign.vary
         },
         "settle_time": campaign.settle_time,
         "start": campaign.start,

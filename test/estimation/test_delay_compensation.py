@@ -172,7 +172,7 @@ def test_an_odometry_that_jumps_all_the_time_is_noticed() -> None:
 
 def test_a_lift_off_teaches_only_once_it_is_over() -> None:
     ground = GroundContact()
-    compensation = DelayCompensation(MpcConfig(), ground=ground)
+    compensation = DelayCompensation(agile(), ground=ground)
     told = []
     for k in range(150):
         ground.contact = Contact.STANDING if k < 50 else Contact.FLYING
