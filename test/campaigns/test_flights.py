@@ -184,7 +184,8 @@ def test_ctrl_c_ends_at_once_and_says_how_to_go_on(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [*command, "--out", str(out), "--workers", "1"], stderr=subprocess.PIPE, text=True
     )
-    wait_until(lambda: bool(children_of(process.pid)))
+    # Not while Python still imports, where others may swallow it.
+    wait_until(lambda: (out / "journal.jsonl").exists() and bool(children_of(process.pid)))
     process.send_signal(signal.SIGINT)
     _, told = process.communicate(timeout=30)
     assert process.returncode == 130
