@@ -15,7 +15,7 @@ import math
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import kernels
 
-Actuators = tuple[float, kernels.Vector]
+ActuatorState = tuple[float, kernels.Vector]
 """Throttle and body rates [rad/s]."""
 
 TimeConstants = tuple[float, float]
@@ -23,7 +23,9 @@ TimeConstants = tuple[float, float]
 
 
 @compiled
-def later(u: Actuators, command: Actuators, lags: TimeConstants, duration: float) -> Actuators:
+def later(
+    u: ActuatorState, command: ActuatorState, lags: TimeConstants, duration: float
+) -> ActuatorState:
     """Return the actuators after ``duration`` [s] under one command."""
     throttle, (x, y, z) = u
     to_throttle, (to_x, to_y, to_z) = command

@@ -13,7 +13,7 @@ import numpy as np
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.actuators import Actuators, TimeConstants, later, turn
+from quad_mpc_ros.simulation.actuators import ActuatorState, TimeConstants, later, turn
 from quad_mpc_ros.simulation.dynamics import Course, Drive, integrated
 
 P_WB, V_WB_B, R_WB, THROTTLE, W_WB_B = slice(0, 3), slice(3, 6), slice(6, 15), 15, slice(16, 19)
@@ -98,8 +98,8 @@ def odometry(row: Array) -> Array:
 
 @compiled
 def _driven(
-    u: Actuators, command: Actuators, lags: TimeConstants, lift: Lift, duration: float
-) -> tuple[Course, Actuators]:
+    u: ActuatorState, command: ActuatorState, lags: TimeConstants, lift: Lift, duration: float
+) -> tuple[Course, ActuatorState]:
     """Return how actuators drive the vehicle over a step, and what they are at its end."""
     half = 0.5 * duration
     middle = later(u, command=command, lags=lags, duration=half)
@@ -110,7 +110,7 @@ def _driven(
 
 
 @compiled
-def _drive(u: Actuators, lift: Lift) -> Drive:
+def _drive(u: ActuatorState, lift: Lift) -> Drive:
     return _lift(u[0], lift), u[1]
 
 
@@ -121,7 +121,7 @@ def _lift(throttle: float, lift: Lift) -> float:
 
 
 @compiled
-def _held(u: Actuators, lags: TimeConstants) -> Actuators:
+def _held(u: ActuatorState, lags: TimeConstants) -> ActuatorState:
     """Return actuators of a body that something holds: rates that lag start again from zero."""
     return (u[0], (0.0, 0.0, 0.0)) if lags[1] > 0.0 else u
 
