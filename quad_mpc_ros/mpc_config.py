@@ -167,6 +167,12 @@ class LimitParameters(Configuration):
         above=0.0,
     )
 
+    @property
+    def in_use(self) -> list[str]:
+        """The names of the limits that are in the problem."""
+        names = ("tilt_max", "speed_max", "throttle_margin", "rate_slew")
+        return [name for name in names if getattr(self, name) > 0.0]
+
 
 @dataclass(frozen=True, kw_only=True)
 class RealtimeParameters(Configuration):

@@ -83,12 +83,9 @@ def _require_plain_model(config: MpcConfig) -> None:
         raise PeerUnavailableError(
             f"the acados peer has no {', '.join(wanted)}: --set mpc.{wanted[0]}=0, or false"
         )
-    limits = config.limits
-    for name in ("tilt_max", "speed_max", "throttle_margin", "rate_slew"):
-        if getattr(limits, name):
-            raise PeerUnavailableError(
-                f"the acados peer has no {limits.owner}.{name}: --set {limits.owner}.{name}=0"
-            )
+    if config.limits.in_use:
+        name = f"{config.limits.owner}.{config.limits.in_use[0]}"
+        raise PeerUnavailableError(f"the acados peer has no {name}: --set {name}=0")
 
 
 def _acados() -> Path:

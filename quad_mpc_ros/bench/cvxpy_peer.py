@@ -38,8 +38,9 @@ class CvxpyPeer:
         self._delay_compensation = DelayCompensation(config)
         self._problem = FORMULATIONS[config.formulation](config)
         self._pattern = self._problem.pattern()
-        if len(self._pattern.soft.mask) > 0:
-            raise PeerUnavailableError("the cvxpy peer has no soft limits: --set mpc.limits.…=0")
+        if config.limits.in_use:
+            name = f"{config.limits.owner}.{config.limits.in_use[0]}"
+            raise PeerUnavailableError(f"the cvxpy peer has no {name}: --set {name}=0")
         self._effort = Effort(solved=False, iterations=0, solve_time=0.0)
 
     def step(self, odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:

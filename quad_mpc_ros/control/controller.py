@@ -87,6 +87,7 @@ class Controller:
         """Tell whether commands act on the vehicle: armed, and in the mode that takes them."""
         self._mpc.engage(engaged)
         self._ground.engage(engaged)
+        self._supervisor.engage(engaged)
 
     def landed(self, landed: bool | None) -> None:
         """Tell what the flight stack says of the ground, if it does: landed, or not."""

@@ -134,12 +134,10 @@ class GroundContact:
             self._stood_at = height
         sinks = rests and window is not None and float(window.p_WB[0, 2]) < height - _BELOW
         self.touching = not self.standing and sinks and self._is_near_ground(height)
-        self._lands = (
-            rests and window is not None and self._is_low(height) and _sinks(window, height)
-        )
-        if (
-            self.standing and self._little_since_ns is not None
-        ):  # it has not left, however its odometry drifts
+        lands = rests and window is not None and _sinks(window, height)
+        self._lands = lands and self._is_low(height)
+        if self.standing and self._little_since_ns is not None:
+            # It has not left, however its odometry drifts.
             self._p_ground += self._share(_DRIFT_FILTER) * (self._p - self._p_ground)
         elif not (self.contact is Contact.FLYING or self.asks_for_height):
             self._p_ground += self._share(_GROUND_FILTER) * (self._p - self._p_ground)

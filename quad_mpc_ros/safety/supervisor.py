@@ -92,6 +92,10 @@ class Supervisor:
         self._hover.reconfigure(config)
         self._blind.reconfigure(config)
 
+    def engage(self, engaged: bool) -> None:
+        """Tell whether commands act: while they do not, how it swings is nobody's fault here."""
+        self._swinging.engage(engaged)
+
     def take_warnings(self) -> list[str]:
         """Return what there is to tell the log since the last call."""
         twist = self.inputs.twist_warning()

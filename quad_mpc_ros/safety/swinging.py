@@ -33,6 +33,7 @@ class Swinging:
         self._p_reference: list[float] | None = None
         self._until_ns: int | None = None
         self._hold_ns = 0
+        self._engaged = True
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -40,10 +41,18 @@ class Swinging:
         self._config = config.swinging
         self._action = Action[self._config.action.upper()]
 
+    def engage(self, engaged: bool) -> None:
+        """Tell whether commands act; a pilot may swing as he likes."""
+        if engaged is not self._engaged:
+            self._engaged, self._until_ns = engaged, None
+            self._forget()
+
     def check(
         self, odometry: OdometrySample, reference: ReferenceWindow | None, *, now_ns: int
     ) -> Breach | None:
         """Return the breach in force, if there is one."""
+        if not self._engaged:
+            return None
         if self._until_ns is None or now_ns >= self._until_ns:
             if reference is None:
                 return None

@@ -83,6 +83,15 @@ def test_what_comes_again_is_held_three_times_as_long() -> None:
     assert len(held) == 3
 
 
+def test_a_pilot_may_swing_as_he_likes() -> None:
+    swinging = Swinging(agile())
+    assert breaches(swinging, amplitude=0.3, frequency=1.5, seconds=5.0)
+    swinging.engage(False)
+    assert not breaches(swinging, amplitude=0.6, frequency=1.5, seconds=5.0)
+    swinging.engage(True)
+    assert not breaches(swinging, amplitude=0.0, frequency=1.0, seconds=5.0), "nothing is held"
+
+
 @pytest.mark.parametrize(
     "reference",
     [
