@@ -12,6 +12,7 @@ from quad_mpc_ros.configuration import (
     ConfigurationError,
     ManagedConfiguration,
     parameter,
+    per_axis,
 )
 from quad_mpc_ros.model.vehicle import VehicleParameters
 
@@ -237,7 +238,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     )
     throttle_min: float = _live(0.0, doc="Lower bound on the throttle.", minimum=0.0, maximum=1.0)
     throttle_max: float = _live(1.0, doc="Upper bound on the throttle.", minimum=0.0, maximum=1.0)
-    rate_time_constant: float = parameter(
+    rate_time_constant: float | tuple[float, ...] = parameter(
         0.0,
         doc="manifold: first-order lag of the body rates behind their command.",
         unit="s",
@@ -304,7 +305,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         if self.formulation != "manifold":
             return []
         names = ("rate_time_constant", "thrust_time_constant", "input_delay")
-        return [name for name in names if getattr(self, name) == 0.0]
+        return [name for name in names if min(per_axis(getattr(self, name))) == 0.0]
 
     @property
     def deadline_seconds(self) -> float:

@@ -87,9 +87,11 @@ class AcadosPeer:
         references[1:, 3:6] = points.v_WB_W[ends]
         references[1:, 6:15] = points.R_WB[ends].reshape(-1, 9)
 
-        force = points.a_WB_W[middles] + self._vehicle.drag * points.v_WB_W[middles]
-        force[:, 2] += self._vehicle.gravity
-        thrust = self._vehicle.mass * np.einsum("ni,ni->n", points.R_WB[middles][..., 2], force)
+        thrust = self._vehicle.mass * self._vehicle.specific_thrust(
+            a_WB_W=points.a_WB_W[middles],
+            v_WB_W=points.v_WB_W[middles],
+            R_WB=points.R_WB[middles],
+        )
         throttles = [self._vehicle.nearest_throttle(t) for t in thrust.tolist()]
         inputs = np.column_stack((throttles, points.w_WB_B[middles]))
         references[:-1, 15:] = np.clip(inputs, self._u_min, self._u_max)

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.bench.peers import PeerUnavailableError
+from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
 
@@ -155,7 +156,13 @@ def _dynamics(casadi: Any, x: Any, u: Any, vehicle: Vehicle) -> Any:
     a, b, c = vehicle.thrust_curve
     thrust = vehicle.motor_count * ((a * u[0] + b) * u[0] + c)
     gravity = casadi.vertcat(0.0, 0.0, -vehicle.gravity)
-    acceleration = thrust / vehicle.mass * _rotation(casadi, q)[:, 2] + gravity - vehicle.drag * v
+    R, drag = _rotation(casadi, q), casadi.vertcat(*per_axis(vehicle.drag))
+    push, air = thrust / vehicle.mass, drag * v
+    if not vehicle.drags_alike:
+        v_B = R.T @ v
+        push += vehicle.translational_lift * (v_B[0] ** 2 + v_B[1] ** 2)
+        air = R @ (drag * v_B)
+    acceleration = push * R[:, 2] + gravity - air
     vector, scalar, w = q[:3], q[3], u[1:]
     turn = casadi.vertcat(
         0.5 * (scalar * w + casadi.cross(vector, w)), -0.5 * casadi.dot(vector, w)

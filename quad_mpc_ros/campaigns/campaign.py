@@ -62,7 +62,7 @@ class Target:
             return self.spec.validated(value, owner=self.node)
         name = f"{self.parameter}.{self.element}"
         kind = self.spec.kind.removesuffix("_array")
-        scalar = dataclasses.replace(self.spec, name=name, kind=kind, length=None)
+        scalar = dataclasses.replace(self.spec, name=name, kind=kind, length=None, per_axis=False)
         return scalar.validated(value, owner=self.node)
 
 
@@ -221,8 +221,9 @@ def target_of(name: str, base: Mapping[str, Configuration]) -> Target:
         return Target(node=node, parameter=parameter, element=None, spec=specs[parameter])
     array, _, element = parameter.rpartition(".")
     spec = specs.get(array)
-    if spec is not None and spec.kind.endswith("_array") and element.isdecimal():
-        count = len(base[node].flattened()[array])
+    value = base[node].flattened().get(array)
+    if spec is not None and isinstance(value, tuple) and element.isdecimal():
+        count = len(value)
         if int(element) < count:
             return Target(node=node, parameter=array, element=int(element), spec=spec)
         raise UserError(f"{name}: {node}.{array} has the elements 0 to {count - 1}")

@@ -90,13 +90,17 @@ def _suggestion(name: str, known: Iterable[str]) -> str:
     return f", did you mean {close[0]!r}?" if close else ""
 
 
+def _kind(spec: ParameterSpec) -> str:
+    return f"{spec.kind} or 3" if spec.per_axis else spec.kind
+
+
 def as_text(node: str, specs: Sequence[ParameterSpec]) -> str:
     """Return a table to read on a terminal."""
     rows = [("parameter", "type", "default", "unit", "range", "live")]
     rows += [
         (
             f"{node}.{spec.name}",
-            spec.kind,
+            _kind(spec),
             _value(spec.default),
             spec.unit,
             spec.allowed(),
@@ -116,7 +120,7 @@ def as_markdown(node: str, specs: Sequence[ParameterSpec]) -> str:
     rows = [
         (
             f"`{spec.name}`",
-            spec.kind,
+            _kind(spec),
             f"`{_value(spec.default)}`",
             spec.unit,
             spec.allowed(),

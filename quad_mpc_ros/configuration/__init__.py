@@ -6,7 +6,9 @@ from quad_mpc_ros.configuration.fields import (
     Configuration,
     ManagedConfiguration,
     ParameterSpec,
+    PerAxis,
     parameter,
+    per_axis,
 )
 
 __all__ = [
@@ -16,7 +18,9 @@ __all__ = [
     "ExtensibleConfiguration",
     "ManagedConfiguration",
     "ParameterSpec",
+    "PerAxis",
     "UserError",
     "parameter",
+    "per_axis",
     "registered",
 ]

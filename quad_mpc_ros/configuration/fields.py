@@ -21,6 +21,16 @@ from quad_mpc_ros.configuration.errors import ConfigurationError
 
 _METADATA_KEY = "quad_mpc_ros.parameter"
 
+PerAxis = float | tuple[float, ...]
+"""Type of a parameter that is one number for all body axes or three, one each for x, y and z."""
+_AXES = 3
+
+
+def per_axis(value: PerAxis) -> tuple[float, float, float]:
+    """Return the numbers of the body axes x, y, z."""
+    x, y, z = value if isinstance(value, tuple) else (value,) * _AXES
+    return x, y, z
+
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterSpec:
@@ -28,6 +38,7 @@ class ParameterSpec:
 
     ``above`` and ``below`` are exclusive bounds, ``minimum`` and ``maximum`` inclusive ones;
     for arrays they hold for every element. ``length`` is the required number of elements.
+    ``per_axis`` tells that a number may as well be three, one for each body axis.
     ``live`` tells whether the value may change in flight; with ``switch`` not from zero or to it,
     which changes the structure of what uses it.
     """
@@ -42,6 +53,7 @@ class ParameterSpec:
     above: float | None = None
     below: float | None = None
     length: int | None = None
+    per_axis: bool = False
     choices: tuple[str, ...] | None = None
     live: bool = False
     switch: bool = False
@@ -62,21 +74,27 @@ class ParameterSpec:
         else:
             noun = singular
         bounds = [f"{symbol} {bound:g}" for symbol, bound in self._bounds()]
-        return " ".join([noun, " and ".join(bounds)]).strip()
+        phrase = " ".join([noun, " and ".join(bounds)]).strip()
+        return f"{phrase}, or {_AXES} of them (body x, y, z)" if self.per_axis else phrase
 
     def validated(self, value: object, *, owner: str = "") -> Any:
         """Return ``value`` in its canonical type, or raise :class:`ConfigurationError`."""
         try:
+            listed = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+            if self.per_axis and listed:
+                return self._elements(value, _AXES)
             if not self.kind.endswith("_array"):
                 return self._canonical(value)
-            if isinstance(value, str | bytes) or not isinstance(value, Sequence):
-                raise ValueError
-            if self.length is not None and len(value) != self.length:
-                raise ValueError
-            return tuple(self._canonical(element) for element in value)
+            return self._elements(value if listed else None, self.length)
         except ValueError:
             name = f"{owner}.{self.name}" if owner else self.name
             raise ConfigurationError(name, value, self.allowed()) from None
+
+    def _elements(self, value: Any, length: int | None) -> tuple[Any, ...]:
+        """Return an array in its canonical type; ``ValueError`` for one that is not allowed."""
+        if value is None or length not in (None, len(value)):
+            raise ValueError
+        return tuple(self._canonical(element) for element in value)
 
     def _canonical(self, value: object) -> Any:
         """Return a scalar in its canonical type; ``ValueError`` for one that is not allowed."""
@@ -215,6 +233,8 @@ _KINDS: dict[Any, str] = {float: "double", int: "integer", bool: "bool", str: "s
 
 
 def _kind_of(annotation: Any) -> str:
+    if annotation == PerAxis:
+        return "double"
     if get_origin(annotation) is tuple:
         return f"{_KINDS[get_args(annotation)[0]]}_array"
     return _KINDS[annotation]
@@ -244,7 +264,9 @@ def _own_specs_of(cls: type[Configuration]) -> dict[str, ParameterSpec]:
     hints = _type_hints(cls)
     declared = {field.name: field.metadata.get(_METADATA_KEY) for field in dataclasses.fields(cls)}
     return {
-        name: dataclasses.replace(spec, name=name, kind=_kind_of(hints[name]))
+        name: dataclasses.replace(
+            spec, name=name, kind=_kind_of(hints[name]), per_axis=hints[name] == PerAxis
+        )
         for name, spec in declared.items()
         if spec is not None
     }

@@ -62,7 +62,7 @@ class TickStats:
     disturbance_y: float = 0.0  # the same
     disturbance_z: float = 0.0  # the same
     thrust_scale: float = 1.0  # estimated true thrust over the modelled
-    rate_time_constant_ms: float = 0.0  # in the model by now, of roll and pitch [ms]
+    rate_time_constant_ms: float = 0.0  # in the model by now, roll and pitch's mean [ms]
     yaw_time_constant_ms: float = 0.0  # the same of yaw
     thrust_time_constant_ms: float = 0.0  # the same of the throttle
     estimate: str = "held"  # learning, held, jumped, at bounds, reset: how what is estimated fares
@@ -108,6 +108,7 @@ def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
         none = ("primal_residual", "dual_residual", "solve_time_us", "step_time_us")
         return {"solver_status": "not run", "iterations": 0, **dict.fromkeys(none, 0.0)}
     model = step.state.model
+    roll_lag, pitch_lag, yaw_lag = model.rate_time_constants
     return {
         "solver_status": step.solution.status,
         "iterations": step.iterations,
@@ -119,8 +120,8 @@ def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
         "disturbance_y": float(model.a_W[1]),
         "disturbance_z": float(model.a_W[2]),
         "thrust_scale": model.thrust_scale,
-        "rate_time_constant_ms": 1e3 * model.rate_time_constant,
-        "yaw_time_constant_ms": 1e3 * model.yaw_time_constant,
+        "rate_time_constant_ms": 5e2 * (roll_lag + pitch_lag),
+        "yaw_time_constant_ms": 1e3 * yaw_lag,
         "thrust_time_constant_ms": 1e3 * model.thrust_time_constant,
         "estimate": step.estimate.text,
         "estimate_resets": step.estimate.resets,

@@ -67,10 +67,9 @@ from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.parameters import (
     DISTURBANCE,
     GRAVITY,
-    RATE_TIME_CONSTANT,
+    RATE_TIME_CONSTANTS,
     THRUST_SCALE,
     THRUST_TIME_CONSTANT,
-    YAW_TIME_CONSTANT,
 )
 from quad_mpc_ros.model.rollout import ACTUATORS
 
@@ -90,7 +89,7 @@ class DisturbanceEkf:
     """Follows a vehicle from odometry to odometry."""
 
     def __init__(self, nominal: Array, *, throttle: float) -> None:
-        """``nominal`` are the configured parameters (12,), ``throttle`` is where it begins."""
+        """``nominal`` are the configured parameters (17,), ``throttle`` is where it begins."""
         self._nominal = nominal
         self._initial_throttle = throttle
         self._estimate = np.zeros(ESTIMATE_SIZE)
@@ -138,11 +137,10 @@ class DisturbanceEkf:
         return bool(far or not SCALE_BOUNDS[0] < k < SCALE_BOUNDS[1])
 
     def parameters(self) -> Array:
-        """Return the parameters (12,) as believed by now."""
+        """Return the parameters (17,) as believed by now."""
         believed = self._nominal.copy()
         believed[THRUST_TIME_CONSTANT] = self._estimate[TAU]
-        believed[RATE_TIME_CONSTANT] = self._rate_lags.roll_pitch
-        believed[YAW_TIME_CONSTANT] = self._rate_lags.yaw
+        believed[RATE_TIME_CONSTANTS] = self._rate_lags.time_constants()
         believed[DISTURBANCE] = self._estimate[D:K]
         believed[THRUST_SCALE] = self._estimate[K]
         return believed

@@ -1,7 +1,7 @@
 """The time constants of the body rates, learned from how they follow their commands.
 
-Roll and pitch share one, yaw has its own: it is turned by the drag of the rotors, several times
-slower as a rule, and would pull the others' to its side.
+Roll and pitch share one, their mean, and keep their ratio; yaw has its own: it is turned by the
+drag of the rotors, several times slower as a rule, and would pull the others' to its side.
 
 A rate loop is no first-order lag, only like one as long as commands change slowly: at first it
 hardly answers, and commands that follow the noise of a velocity ask for little else. So it is not
@@ -24,7 +24,7 @@ from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.estimation.command_history import Acting
 from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.actuators import first_order_lag, first_order_lag_slopes
-from quad_mpc_ros.model.parameters import RATE_TIME_CONSTANT, YAW_TIME_CONSTANT
+from quad_mpc_ros.model.parameters import RATE_TIME_CONSTANTS
 
 # One vector: time constants and variances of roll and pitch, of yaw; the model's rates, their
 # derivatives; how far they are off and the derivatives, low-passed.
@@ -42,14 +42,22 @@ class RateLags:
     """Follows the body rates from odometry to odometry. A lag of zero is none and stays."""
 
     def __init__(self, nominal: Array) -> None:
-        """``nominal`` are the configured parameters (12,)."""
-        self._nominal = nominal[[RATE_TIME_CONSTANT, YAW_TIME_CONSTANT]]
+        """``nominal`` are the configured parameters (17,)."""
+        roll, pitch, yaw = nominal[RATE_TIME_CONSTANTS].tolist()
+        shared = 0.5 * (roll + pitch)
+        self._nominal = np.array([shared, yaw])
+        # Of the shared one what each axis has.
+        self._shares = np.array([roll, pitch, yaw]) / np.array([shared or 1.0] * 2 + [yaw or 1.0])
         self._state = np.zeros(_SIZE)
         self.reset()
 
+    def time_constants(self) -> Array:
+        """Return the time constants of roll, pitch and yaw (3,) [s]."""
+        return np.asarray(self._shares * self._state[[_ROLL_PITCH, _ROLL_PITCH, _YAW]])
+
     @property
     def roll_pitch(self) -> float:
-        """The time constant of roll and pitch [s]."""
+        """The time constant that roll and pitch have on average [s]."""
         return float(self._state[_ROLL_PITCH])
 
     @property
@@ -76,10 +84,11 @@ class RateLags:
 
         Without ``learns`` the time constants stay; what comes before it ``follows`` is forgotten.
         """
-        if self._nominal[0] > 0.0:
+        if self._nominal.max() > 0.0:
             _update(
                 state=self._state,
                 nominal=self._nominal,
+                shares=self._shares,
                 commands=acting.commands,
                 durations=acting.durations,
                 measured=measured,
@@ -92,6 +101,7 @@ class RateLags:
 def _update(
     state: Array,
     nominal: Array,
+    shares: Array,
     commands: Array,
     durations: Array,
     measured: Array,
@@ -104,7 +114,7 @@ def _update(
     for axis in range(3):
         place, group = (_YAW, 1) if axis == 2 else (_ROLL_PITCH, 0)
         for k in range(len(durations)):
-            _follow(state, axis, state[place], commands[k, 1 + axis], durations[k])
+            _follow(state, axis, shares[axis] * state[place], commands[k, 1 + axis], durations[k])
         off, slope = measured[axis] - state[_RATE + axis], state[_SLOPE + axis]
         state[_OFF + axis] += share * (off - state[_OFF + axis])
         state[_OFF_SLOPE + axis] += share * (slope - state[_OFF_SLOPE + axis])
@@ -116,7 +126,7 @@ def _update(
             slowest = _SLOWEST_YAW if axis == 2 else _SLOWEST
             state[place + _VARIANCE] += _walked(axis, nominal[group]) * duration
             bounds = _FASTEST * nominal[group], slowest * nominal[group]
-            _correct(state, place, axis, bounds)
+            _correct(state, place, axis, shares[axis], bounds)
 
 
 @compiled
@@ -136,12 +146,15 @@ def _follow(state: Array, axis: int, lag: float, command: float, duration: float
 
 
 @compiled
-def _correct(state: Array, place: int, axis: int, bounds: tuple[float, float]) -> None:
-    """Correct a time constant by what an axis is off, and with it the model."""
-    variance, slope, before = state[place + _VARIANCE], state[_OFF_SLOPE + axis], state[place]
+def _correct(
+    state: Array, place: int, axis: int, share: float, bounds: tuple[float, float]
+) -> None:
+    """Correct a time constant by what an axis with a share in it is off, and with it the model."""
+    variance, before = state[place + _VARIANCE], state[place]
+    slope = share * state[_OFF_SLOPE + axis]
     gain = variance * slope / (slope**2 * variance + _NOISE**2)
     state[place] = kernels.clamp(before + gain * state[_OFF + axis], bounds[0], bounds[1])
     state[place + _VARIANCE] = variance - gain * slope * variance
     change = state[place] - before
     state[_OFF + axis] -= slope * change
-    state[_RATE + axis] += state[_SLOPE + axis] * change
+    state[_RATE + axis] += share * state[_SLOPE + axis] * change

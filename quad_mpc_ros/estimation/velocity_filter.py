@@ -124,10 +124,11 @@ def _predict(
         modelled.drag,
         modelled.gravity,
         estimate[TAU],
-        modelled.rate_time_constant,
-        modelled.yaw_time_constant,
+        modelled.rate_time_constants,
         kernels.vector(estimate[D:K]),
         estimate[K],
+        modelled.uneven_drag,
+        modelled.translational_lift,
     )
     throttle = Throttle(estimate[THROTTLE], estimate[THROTTLE_SLOPE])
     start = body_in(before)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, per_axis
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.estimation.velocity_filter import SCALE_BOUNDS
 from quad_mpc_ros.identification import vehicle_file
@@ -18,18 +20,21 @@ from quad_mpc_ros.mpc_config import MpcConfig
 _FEWEST_TICKS = 25
 _MOST_WANDERING = 0.1  # of a value, either way
 _AT_BOUND = 0.005
-_LAGS = ("rate_time_constant", "thrust_time_constant")
+_YAW_APART = 0.1  # of a time constant; what has moved by less has hardly been told
+_TIMES = ("rate_time_constant", "yaw_time_constant", "thrust_time_constant")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Learned:
     """The estimates over some ticks: their medians, and how far they wandered.
 
-    Time constants [s] are None where the model has no lag, of which nothing is learned.
+    Time constants [s] are None where the model has no lag, of which nothing is learned; that of
+    the rates is the mean of roll and pitch.
     """
 
     thrust_scale: Estimate
     rate_time_constant: Estimate | None
+    yaw_time_constant: Estimate | None
     thrust_time_constant: Estimate | None
     ticks: int
 
@@ -54,12 +59,8 @@ def learned(ticks: Sequence[TickStats], given: MpcConfig) -> Learned:
     believed = np.array([tick.thrust_scale for tick in flying])
     scale = _estimate(_thrust_scales(flying, given))
     _check(scale, believed=float(np.median(believed)))
-    lags = {
-        name: _estimate(np.array([1e-3 * getattr(tick, f"{name}_ms") for tick in flying]))
-        if getattr(given, name) > 0.0
-        else None
-        for name in _LAGS
-    }
+    times = {name: np.array([getattr(tick, f"{name}_ms") for tick in flying]) for name in _TIMES}
+    lags = {name: _estimate(1e-3 * time) if time.any() else None for name, time in times.items()}
     return Learned(thrust_scale=scale, ticks=len(flying), **lags)
 
 
@@ -70,13 +71,45 @@ def learned_file(found: Learned, given: MpcConfig, *, head: str, keep: vehicle_f
     refuse the values.
     """
     entries = vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
-    for name in (*_LAGS, "gravity", "drag", "torque_curve", "input_delay"):
+    entries["rate_time_constant"] = _rate_entry(found, given)
+    for name in (
+        "thrust_time_constant",
+        "gravity",
+        "drag",
+        "translational_lift",
+        "torque_curve",
+        "input_delay",
+    ):
         entries[name] = (getattr(given, name), vehicle_file.KEPT)
-    for name in _LAGS:
-        estimate: Estimate | None = getattr(found, name)
-        if estimate is not None:
-            entries[name] = vehicle_file.found_entry(estimate)
+    if found.thrust_time_constant is not None:
+        entries["thrust_time_constant"] = vehicle_file.found_entry(found.thrust_time_constant)
     return vehicle_file.content(entries, given, remarks=[head])
+
+
+def _rate_entry(found: Learned, given: MpcConfig) -> tuple[Any, str]:
+    """Return the lags of the rates: one number, unless yaw's is another or three are given.
+
+    Roll and pitch keep their ratio.
+    """
+    roll, pitch, yaw = per_axis(given.rate_time_constant)
+    shared, of_yaw = found.rate_time_constant, found.yaw_time_constant
+    apart = of_yaw is not None and all(
+        abs(of_yaw.value - other) > _YAW_APART * other
+        for other in (yaw, yaw if shared is None else shared.value)
+    )
+    if isinstance(given.rate_time_constant, float) and not apart:
+        if shared is None:
+            return given.rate_time_constant, vehicle_file.KEPT
+        return vehicle_file.found_entry(shared)
+    shares = [2.0 * lag / ((roll + pitch) or 1.0) for lag in (roll, pitch)]
+    of_axes = [None if shared is None else _scaled(shared, share) for share in shares]
+    return vehicle_file.axes_entry([*of_axes, of_yaw], given.rate_time_constant)
+
+
+def _scaled(estimate: Estimate, factor: float) -> Estimate:
+    return dataclasses.replace(
+        estimate, value=factor * estimate.value, half_width=factor * estimate.half_width
+    )
 
 
 def _thrust_scales(ticks: Sequence[TickStats], given: MpcConfig) -> Array:

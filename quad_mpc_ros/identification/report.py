@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
+from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.identification import vehicle_file
 from quad_mpc_ros.identification.result import Estimate, Identification
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -32,11 +33,16 @@ def identification_table(found: Identification, given: MpcConfig, *, command_age
     """
     values = [
         ("", "given", "found", "+- 95 %"),
-        _row("rate_time_constant", "ms", given.rate_time_constant, found.rate_time_constant),
+        _row(
+            "rate_time_constant",
+            "ms",
+            per_axis(given.rate_time_constant)[0],
+            found.rate_time_constant,
+        ),
         _row("thrust_time_constant", "ms", given.thrust_time_constant, found.thrust_time_constant),
         _row("input_delay", "ms", given.input_delay, found.input_delay),
         _row("thrust per mass", "", 1.0, found.thrust_scale),
-        _row("drag", "1/s", given.drag, found.drag),
+        _row("drag", "1/s", per_axis(given.drag)[0], found.drag),
     ]
     rows = [
         *text_table(values, align="lrrr", widths=(26, 8, 12, 12), gap=""),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
+from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.identification.result import Estimate
 from quad_mpc_ros.mpc_config import MpcConfig
 
@@ -21,6 +22,16 @@ _DIGITS, _DECIMALS = 4, 7  # of what is written
 def found_entry(estimate: Estimate) -> tuple[float, str]:
     """Return a found value and how far off it may be."""
     return rounded(estimate.value), f"+- {estimate.half_width:.2g}"
+
+
+def axes_entry(estimates: Sequence[Estimate | None], given: PerAxis) -> tuple[Any, str]:
+    """Return a value for each body axis, and how far off each may be; None is kept as given."""
+    values, notes = [], []
+    for estimate, kept in zip(estimates, per_axis(given), strict=True):
+        value, note = (kept, KEPT) if estimate is None else found_entry(estimate)
+        values.append(value)
+        notes.append(note)
+    return values, ", ".join(notes)
 
 
 def thrust_entries(scale: Estimate, given: MpcConfig, *, keep: Kept) -> Entries:

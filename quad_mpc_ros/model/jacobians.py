@@ -24,6 +24,7 @@ from quad_mpc_ros.model.rollout import (
     discretised,
     store_body,
     substep,
+    uneven_air,
 )
 
 POSITION = slice(0, 3)
@@ -33,16 +34,30 @@ RATE = slice(9, 12)
 THROTTLE = 12
 STATE_SIZE = 13
 
-# Columns of the sensitivities to what turns the body: attitude, rates, commanded rates.
-_FROM_RATE, _FROM_COMMAND, _TURNING = 3, 6, 9
+# Columns of the sensitivities to what turns the body: attitude, rates, commanded rates; and to the
+# velocity, for which they are needed where the air is uneven.
+_FROM_RATE, _FROM_COMMAND, _TURNING, _COLUMNS = 3, 6, 9, 12
 
 
 class _Turning(NamedTuple):
-    """Sensitivities to what turns the body, (9, 3) each: of attitude, velocity and position."""
+    """Sensitivities to what turns the body, (12, 3) each: of attitude, velocity and position."""
 
     R: Array
     v: Array
     p: Array
+
+
+class _Air(NamedTuple):
+    """Derivatives of what uneven air does, by the velocity half way and by a turn of the body.
+
+    ``kept`` is what the velocity half way has of that before, ``half`` of an acceleration.
+    """
+
+    uneven: bool
+    by_v: kernels.Matrix
+    by_turn: kernels.Matrix
+    kept: float
+    half: float
 
 
 @compiled
@@ -67,7 +82,7 @@ def jacobians(
     d = discretised(model, step / substeps)
     x = body_in(start)
     store_body(x, states[0])
-    turning = _Turning(np.empty((_TURNING, 3)), np.empty((_TURNING, 3)), np.empty((_TURNING, 3)))
+    turning = _Turning(np.empty((_COLUMNS, 3)), np.empty((_COLUMNS, 3)), np.empty((_COLUMNS, 3)))
     for i in range(steps):
         _begin(turning)
         kept, gained = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0)
@@ -78,17 +93,20 @@ def jacobians(
             x, midpoint = substep(model, d, command, x)
             mean_kept = followed(d.share, kept, (0.0, 0.0, 0.0, 0.0))
             mean_gained = followed(d.share, gained, let)
-            _turn_on(d, midpoint, mean_kept, mean_gained, lagging, turning)
+            air = _air(model, d, midpoint)
+            _turn_on(d, midpoint, air, mean_kept, mean_gained, lagging, turning)
             slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[0] + model.b)
             push = kernels.scaled(slope, kernels.column(midpoint.R, 2))
-            by_throttle = _push_on(d, kernels.scaled(mean_kept[0], push), by_throttle)
-            by_command = _push_on(d, kernels.scaled(mean_gained[0], push), by_command)
+            by_throttle = _push_on(d, air, kernels.scaled(mean_kept[0], push), by_throttle)
+            by_command = _push_on(d, air, kernels.scaled(mean_gained[0], push), by_command)
             kept = followed(d.decay, kept, (0.0, 0.0, 0.0, 0.0))
             gained = followed(d.decay, gained, let)
             own_p += d.phi1 * own_v
             own_v *= d.velocity_decay
         store_body(x, states[i + 1])
         _fill(A[i], B[i], own_p, own_v, turning, by_command)
+        if d.uneven:
+            _fill_velocity(A[i], turning)
         if lagging:
             _fill_actuators(A[i], B[i], kept, gained, turning, by_throttle)
 
@@ -97,18 +115,57 @@ def jacobians(
 def _begin(turning: _Turning) -> None:
     """Write the sensitivities at the start of a stage."""
     dR, dv, dp = turning
-    for n in range(_TURNING):
+    for n in range(_COLUMNS):
         for k in range(3):
             dR[n, k] = 1.0 if n == k else 0.0
-            dv[n, k] = dp[n, k] = 0.0
+            dv[n, k] = 1.0 if n - _TURNING == k else 0.0
+            dp[n, k] = 0.0
+
+
+@compiled
+def _air(model: ModelParameters, d: Discretisation, midpoint: Midpoint) -> _Air:
+    """Return the derivatives of what uneven air does, zero for air that is not."""
+    none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if not d.uneven:
+        return _Air(False, none, none, 0.0, 0.0)
+    u, drag, R = midpoint.v_B, model.uneven_drag, midpoint.R
+    x, y, z = uneven_air(model, u)
+    lift = 2.0 * model.translational_lift
+    slope = (-drag[0], 0.0, 0.0, 0.0, -drag[1], 0.0, lift * u[0], lift * u[1], -drag[2])
+    # Of R e(R' v) by a turn phi of the body: R (phi x e) + R e' (u x phi).
+    turned = kernels.multiply(slope, (0.0, -u[2], u[1], u[2], 0.0, -u[0], -u[1], u[0], 0.0))
+    by_turn = (
+        turned[0],
+        turned[1] + z,
+        turned[2] - y,
+        turned[3] - z,
+        turned[4],
+        turned[5] + x,
+        turned[6] + y,
+        turned[7] - x,
+        turned[8],
+    )
+    return _Air(
+        True,
+        kernels.multiply(kernels.multiply(R, slope), kernels.transposed(R)),
+        kernels.multiply(R, by_turn),
+        1.0 - 0.5 * d.dt * model.drag,
+        0.5 * d.dt,
+    )
 
 
 @compiled
 def _push_on(
-    d: Discretisation, acceleration: kernels.Vector, moved: tuple[kernels.Vector, kernels.Vector]
+    d: Discretisation,
+    air: _Air,
+    acceleration: kernels.Vector,
+    moved: tuple[kernels.Vector, kernels.Vector],
 ) -> tuple[kernels.Vector, kernels.Vector]:
     """Return velocity and position after a substep with an acceleration."""
     v, p = moved
+    if air.uneven:
+        v_mid = kernels.plus(kernels.scaled(air.kept, v), kernels.scaled(air.half, acceleration))
+        acceleration = kernels.plus(acceleration, kernels.apply(air.by_v, v_mid))
     return (
         kernels.plus(kernels.scaled(d.velocity_decay, v), kernels.scaled(d.phi1, acceleration)),
         kernels.plus(
@@ -121,12 +178,13 @@ def _push_on(
 def _turn_on(
     d: Discretisation,
     midpoint: Midpoint,
+    air: _Air,
     mean_kept: Actuators,
     mean_gained: Actuators,
     lagging: bool,
     turning: _Turning,
 ) -> None:
-    """Carry the sensitivities to what turns the body over a substep.
+    """Carry the sensitivities to what turns the body over a substep, and to the velocity.
 
     Those to rates that do not lag are zero.
     """
@@ -150,12 +208,22 @@ def _turn_on(
             midpoint.push,
             kernels.plus(kernels.scaled(turned[1], x_axis), kernels.scaled(-turned[0], y_axis)),
         )
-        v, p = _push_on(d, acceleration, (kernels.vector(dv[n]), kernels.vector(dp[n])))
+        moved = kernels.vector(dv[n]), kernels.vector(dp[n])
+        v, p = _push_on(d, air, acceleration, moved)
+        if air.uneven:
+            direct = kernels.apply(air.by_turn, turned)
+            v = kernels.plus(v, kernels.scaled(d.phi1, direct))
+            p = kernels.plus(p, kernels.scaled(d.phi2, direct))
         kernels.store_vector(v, dv[n])
         kernels.store_vector(p, dp[n])
         kernels.store_vector(
             kernels.plus(kernels.apply_transposed(midpoint.half, turned), half), dR[n]
         )
+    for n in range(_TURNING, _COLUMNS if air.uneven else _TURNING):
+        moved = kernels.vector(dv[n]), kernels.vector(dp[n])
+        v, p = _push_on(d, air, (0.0, 0.0, 0.0), moved)
+        kernels.store_vector(v, dv[n])
+        kernels.store_vector(p, dp[n])
 
 
 # Entries of the attitude, and of the state without actuators.
@@ -185,6 +253,16 @@ def _fill(
             B[k, 1 + n] = dp[_FROM_COMMAND + n, k]
             B[3 + k, 1 + n] = dv[_FROM_COMMAND + n, k]
             B[_ATTITUDE + k, 1 + n] = dR[_FROM_COMMAND + n, k]
+
+
+@compiled
+def _fill_velocity(A: Array, turning: _Turning) -> None:
+    """Write what the velocity does in uneven air, where it moves on across itself."""
+    _, dv, dp = turning
+    for k in range(3):
+        for n in range(3):
+            A[k, 3 + n] = dp[_TURNING + n, k]
+            A[3 + k, 3 + n] = dv[_TURNING + n, k]
 
 
 @compiled

@@ -11,24 +11,28 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model import vehicle as vehicles
 from quad_mpc_ros.model.vehicle import Vehicle
 
 # Places in the vector: three numbers of the thrust curve, drag, and
-GRAVITY = 4
-THRUST_TIME_CONSTANT, RATE_TIME_CONSTANT, YAW_TIME_CONSTANT = 5, 6, 7
-DISTURBANCE = slice(8, 11)
-THRUST_SCALE = 11
+GRAVITY, THRUST_TIME_CONSTANT = 4, 5
+RATE_TIME_CONSTANTS = slice(6, 9)
+DISTURBANCE = slice(9, 12)
+THRUST_SCALE = 12
 
 
 class ModelParameters(NamedTuple):
     """The numbers of the equations in :mod:`quad_mpc_ros.model.rollout`.
 
-    Thrust over mass is ``thrust_scale`` ((a s + b) s + c) [m/s^2] at throttle s; ``drag`` [1/s],
-    ``gravity`` [m/s^2]; time constants of the actuators [s], 0 without a lag, that of the rates
-    for roll and pitch, as yaw has its own; ``a_W`` [m/s^2] is the disturbance, the acceleration
-    that nothing else explains.
+    Thrust over mass is ``thrust_scale`` ((a s + b) s + c) [m/s^2] at throttle s; ``gravity``
+    [m/s^2]; time constants of the actuators [s], 0 without a lag, those of the rates for roll,
+    pitch and yaw; ``a_W`` [m/s^2] is the disturbance, the acceleration that nothing else explains.
+
+    Of the linear drag [1/s] ``drag`` is the mean over the body axes, alike in all directions and
+    integrated exactly, and ``uneven_drag`` what each axis has more or less than that;
+    ``translational_lift`` [1/m] is k_h.
     """
 
     a: float
@@ -37,43 +41,44 @@ class ModelParameters(NamedTuple):
     drag: float
     gravity: float
     thrust_time_constant: float
-    rate_time_constant: float
-    yaw_time_constant: float
+    rate_time_constants: kernels.Vector
     a_W: kernels.Vector = (0.0, 0.0, 0.0)
     thrust_scale: float = 1.0
+    uneven_drag: kernels.Vector = (0.0, 0.0, 0.0)
+    translational_lift: float = 0.0
 
 
 def parameters_of(
-    vehicle: Vehicle, *, rate_time_constant: float, thrust_time_constant: float
+    vehicle: Vehicle, *, rate_time_constant: PerAxis, thrust_time_constant: float
 ) -> Array:
-    """Return the vector of an undisturbed vehicle whose actuators lag by time constants [s].
-
-    Yaw lags as roll and pitch do, as long as nothing else is known.
-    """
+    """Return the vector of an undisturbed vehicle whose actuators lag by time constants [s]."""
+    drag = per_axis(vehicle.drag)
+    # Equal numbers have no mean other than themselves, whatever rounding says.
+    mean = drag[0] if min(drag) == max(drag) else sum(drag) / 3.0
     a, b, c = (vehicle.motor_count * k / vehicle.mass for k in vehicle.thrust_curve)
     return packed(
         ModelParameters(
             a=a,
             b=b,
             c=c,
-            drag=vehicle.drag,
+            drag=mean,
             gravity=vehicle.gravity,
             thrust_time_constant=thrust_time_constant,
-            rate_time_constant=rate_time_constant,
-            yaw_time_constant=rate_time_constant,
+            rate_time_constants=per_axis(rate_time_constant),
+            uneven_drag=(drag[0] - mean, drag[1] - mean, drag[2] - mean),
+            translational_lift=vehicle.translational_lift,
         )
     )
 
 
 def packed(parameters: ModelParameters) -> Array:
-    """Return the vector (12,)."""
-    *numbers, a_W, thrust_scale = parameters
-    return np.array([*numbers, *a_W, thrust_scale])
+    """Return the vector (17,)."""
+    return np.hstack(parameters)
 
 
 @compiled
 def parameters_in(vector: Array) -> ModelParameters:
-    """Return what is in the vector (12,)."""
+    """Return what is in the vector (17,)."""
     return ModelParameters(
         vector[0],
         vector[1],
@@ -81,10 +86,11 @@ def parameters_in(vector: Array) -> ModelParameters:
         vector[3],
         vector[4],
         vector[5],
-        vector[6],
-        vector[7],
-        (vector[8], vector[9], vector[10]),
-        vector[11],
+        (vector[6], vector[7], vector[8]),
+        (vector[9], vector[10], vector[11]),
+        vector[12],
+        (vector[13], vector[14], vector[15]),
+        vector[16],
     )
 
 

@@ -4,17 +4,20 @@ State: position and velocity in the world, attitude R_WB, and the actuators, thr
 (4,), in the order of the inputs. They follow their commands with a first-order lag
 (:mod:`quad_mpc_ros.model.actuators`),
 
-    dp/dt = v,  dv/dt = g + k (T(s)/m) R_WB e3 - mu v + d,  dR/dt = R [w],
-    dw/dt = (w_c - w) / tau_w,  ds/dt = (s_c - s) / tau_s,
+    dp/dt = v,  dv/dt = g + k (T(s)/m) R_WB e3 - R D R' v + k_h (u_x^2 + u_y^2) R e3 + d,
+    dR/dt = R [w],  dw/dt = (w_c - w) / tau_w,  ds/dt = (s_c - s) / tau_s,
 
-with a tau_w for roll and pitch and one for yaw, which is turned by drag of the rotors alone and is
+with u = R' v, drag D = diag(mu_x, mu_y, mu_z), the thrust k_h gained by flying across the rotors
+(Faessler, Franchi, Scaramuzza, "Differential flatness of quadrotor dynamics subject to rotor
+drag", RA-L 2018), and a tau_w for each axis: yaw, which is turned by drag of the rotors alone, is
 often several times slower.
 
 The simulated plant (:mod:`quad_mpc_ros.simulation.dynamics`) has equations of its own on purpose:
 a mistake in one of them shows in flight.
 
 Over a substep, under one command, the turn is the exact integral of the lagging rate, and the
-thrust is that of the mean throttle along the attitude half way; drag is exact.
+thrust is that of the mean throttle along the attitude half way. The mean of the drag over the axes
+is exact; what differs from it, and the lift, act as they do half way.
 
 Outside of compiled code a state is a row of 19 numbers, whose parts are named here.
 """
@@ -82,7 +85,8 @@ class Discretisation(NamedTuple):
 
     After it an actuator keeps ``decay`` of its distance to the command, ``share`` on the average
     over it; the velocity keeps ``velocity_decay`` and gains ``phi1`` times the acceleration, the
-    position ``phi1`` times the velocity and ``phi2`` times the acceleration.
+    position ``phi1`` times the velocity and ``phi2`` times the acceleration. ``uneven`` tells
+    whether the air does anything beyond that.
     """
 
     dt: float
@@ -91,6 +95,7 @@ class Discretisation(NamedTuple):
     velocity_decay: float
     phi1: float
     phi2: float
+    uneven: bool
 
 
 @compiled
@@ -101,21 +106,32 @@ def discretised(model: ModelParameters, dt: float) -> Discretisation:
     phi1 = dt * (1.0 - x / 2.0 + x * x / 6.0 - x**3 / 24.0 + x**4 / 120.0)
     phi2 = dt * dt * (0.5 - x / 6.0 + x * x / 24.0 - x**3 / 120.0 + x**4 / 720.0)
     s_decay, s_share = first_order_lag(model.thrust_time_constant, dt)
-    w_decay, w_share = first_order_lag(model.rate_time_constant, dt)
-    yaw_decay, yaw_share = first_order_lag(model.yaw_time_constant, dt)
+    roll_decay, roll_share = first_order_lag(model.rate_time_constants[0], dt)
+    pitch_decay, pitch_share = first_order_lag(model.rate_time_constants[1], dt)
+    yaw_decay, yaw_share = first_order_lag(model.rate_time_constants[2], dt)
     return Discretisation(
         dt,
-        (s_decay, w_decay, w_decay, yaw_decay),
-        (s_share, w_share, w_share, yaw_share),
+        (s_decay, roll_decay, pitch_decay, yaw_decay),
+        (s_share, roll_share, pitch_share, yaw_share),
         math.exp(-x),
         phi1,
         phi2,
+        model.uneven_drag != (0.0, 0.0, 0.0) or model.translational_lift != 0.0,
     )
+
+
+@compiled
+def uneven_air(model: ModelParameters, u: kernels.Vector) -> kernels.Vector:
+    """Return what the air does at a velocity ``u``, both in the body, beyond the mean drag."""
+    d = model.uneven_drag
+    lift = model.translational_lift * (u[0] * u[0] + u[1] * u[1])
+    return -d[0] * u[0], -d[1] * u[1], lift - d[2] * u[2]
 
 
 class Midpoint(NamedTuple):
     """A substep half way: mean of the actuators, the thrust's acceleration, half of the turn as a
-    vector and as a rotation, attitude. The Jacobians are made of it.
+    vector and as a rotation, attitude; velocity in the body, where the air is uneven. The
+    Jacobians are made of it.
     """
 
     mean: Actuators
@@ -123,6 +139,7 @@ class Midpoint(NamedTuple):
     half_turn: kernels.Vector
     half: kernels.Matrix
     R: kernels.Matrix
+    v_B: kernels.Vector
 
 
 @compiled
@@ -136,7 +153,13 @@ def substep(
     R_mid = kernels.multiply(x.R, half)
     push = model.thrust_scale * ((model.a * mean[0] + model.b) * mean[0] + model.c)
     force = kernels.plus(kernels.scaled(push, kernels.column(R_mid, 2)), model.a_W)
-    a = force[0], force[1], force[2] - model.gravity
+    a, v_B = (force[0], force[1], force[2] - model.gravity), (0.0, 0.0, 0.0)
+    if step.uneven:
+        slowed = kernels.plus(a, kernels.scaled(-model.drag, x.v))
+        v_B = kernels.apply_transposed(
+            R_mid, kernels.plus(x.v, kernels.scaled(0.5 * step.dt, slowed))
+        )
+        a = kernels.plus(a, kernels.apply(R_mid, uneven_air(model, v_B)))
     after = Body(
         kernels.plus(
             x.p, kernels.plus(kernels.scaled(step.phi1, x.v), kernels.scaled(step.phi2, a))
@@ -145,7 +168,7 @@ def substep(
         kernels.multiply(R_mid, half),
         followed(step.decay, x.actuators, command),
     )
-    return after, Midpoint(mean, push, half_turn, half, R_mid)
+    return after, Midpoint(mean, push, half_turn, half, R_mid, v_B)
 
 
 @compiled

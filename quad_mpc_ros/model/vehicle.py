@@ -9,7 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
+from quad_mpc_ros.configuration import (
+    Configuration,
+    ConfigurationError,
+    parameter,
+    per_axis,
+)
 from quad_mpc_ros.lie import Array
 
 ARM = 0.11
@@ -26,8 +31,15 @@ class VehicleParameters(Configuration):
         0.396893, doc="Mass M, the paper's 14 oz with battery.", unit="kg", above=0.0
     )
     gravity: float = parameter(9.81, doc="Gravity g.", unit="m/s^2", above=0.0)
-    drag: float = parameter(
+    drag: float | tuple[float, ...] = parameter(
         0.2, doc="Linear drag mu: acceleration per velocity.", unit="1/s", minimum=0.0
+    )
+    translational_lift: float = parameter(
+        0.0,
+        doc="Thrust gained by flying across the rotors, k_h: acceleration along body z per square "
+        "of the velocity along body x and y.",
+        unit="1/m",
+        minimum=0.0,
     )
     motor_count: int = parameter(4, doc="Number of motors.", minimum=1)
     thrust_curve: tuple[float, ...] = parameter(
@@ -70,6 +82,11 @@ class VehicleParameters(Configuration):
         a, b, c = self.thrust_curve
         return self.motor_count * ((a * throttle + b) * throttle + c)
 
+    @property
+    def drags_alike(self) -> bool:
+        """Whether the air acts alike along all body axes: attitude does not change its force."""
+        return len(set(per_axis(self.drag))) == 1 and self.translational_lift == 0.0
+
     def vehicle(self) -> Vehicle:
         """Return the vehicle that these parameters describe."""
         fields = dataclasses.fields(VehicleParameters)
@@ -81,6 +98,17 @@ class Vehicle(VehicleParameters):
     """The inverse of the throttle curve; thrust is the sum over the motors, along body z."""
 
     owner = "vehicle"
+
+    def specific_thrust(self, *, a_WB_W: Array, v_WB_W: Array, R_WB: Array) -> Array:
+        """Return the thrust over mass along body z (n,) [m/s^2] of motions through still air.
+
+        Of the specific force a + R D R' v + g e3 - k_h (v_x^2 + v_y^2) z_B what lies along body
+        z. Shapes: ``a_WB_W`` and ``v_WB_W`` (n, 3), ``R_WB`` (n, 3, 3).
+        """
+        along = np.einsum("ni,ni->n", R_WB[:, :, 2], a_WB_W) + self.gravity * R_WB[:, 2, 2]
+        v_WB_B = np.einsum("nji,nj->ni", R_WB, v_WB_W)
+        lift = self.translational_lift * np.sum(v_WB_B[:, :2] ** 2, axis=1)
+        return np.asarray(along + per_axis(self.drag)[2] * v_WB_B[:, 2] - lift)
 
     def thrust_slope(self, throttle: float) -> float:
         """Return d thrust / d throttle [N]."""

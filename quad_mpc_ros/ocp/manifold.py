@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.jacobians import (
     ATTITUDE,
@@ -85,7 +86,9 @@ class ManifoldProblem:
 
     def __init__(self, config: MpcConfig) -> None:
         self._steps, self._step = config.horizon_steps, config.horizon_step
-        lagging = config.rate_time_constant > 0.0 or config.thrust_time_constant > 0.0
+        lags = *per_axis(config.rate_time_constant), config.thrust_time_constant
+        lagging = max(lags) > 0.0
+        self._uneven = not config.drags_alike
         # Without lags rate and throttle are their commands and need no states of their own.
         self._size = STATE_SIZE if lagging else ATTITUDE.stop
         self._sampler = TargetSampler(steps=self._steps, step=self._step)
@@ -126,6 +129,7 @@ class ManifoldProblem:
         n, diagonal = self._size, np.eye(3, dtype=bool)
         A = np.zeros((STATE_SIZE, STATE_SIZE), dtype=bool)
         A[POSITION, POSITION] = A[POSITION, VELOCITY] = A[VELOCITY, VELOCITY] = diagonal
+        A[:6, VELOCITY] |= self._uneven  # drag that differs between axes acts across
         A[:6, 6:] = True
         A[ATTITUDE, 6:12] = True
         A[RATE, RATE] = diagonal

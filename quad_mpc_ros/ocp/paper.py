@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.reference_window import ReferencePoints, sample
 from quad_mpc_ros.model.samples import ReferenceWindow
@@ -61,9 +62,11 @@ class PaperProblem:
         """Return the sparsity of I + dt A, dt B and the weights."""
         block = np.ones((3, 3), dtype=bool)
         eye, none = np.eye(3, dtype=bool), np.zeros((3, 3), dtype=bool)
+        kept = eye.copy()
+        kept[2, :2] = self._vehicle.translational_lift > 0.0
         return HorizonPattern(
             steps=self._steps,
-            A=np.block([[eye, block, block], [none, eye, block], [none, none, eye]]),
+            A=np.block([[eye, block, block], [none, kept, block], [none, none, eye]]),
             B=np.vstack((np.zeros((5, 4), dtype=bool), np.eye(4, dtype=bool))),
             H=np.eye(TANGENT_SIZE, dtype=bool),
             state_size=_STATE_SIZE,
@@ -124,7 +127,8 @@ def error_dynamics(
     A = np.zeros((TANGENT_SIZE, TANGENT_SIZE))
     A[POSITION, VELOCITY] = x.R_WB
     A[POSITION, ATTITUDE] = -x.R_WB @ so3.hat(x.v_WB_B)
-    A[VELOCITY, VELOCITY] = -vehicle.drag * _EYE_3
+    A[VELOCITY, VELOCITY] = -np.diag(per_axis(vehicle.drag))
+    A[VELOCITY.stop - 1, VELOCITY][:2] += 2.0 * vehicle.translational_lift * x.v_WB_B[:2]
     A[VELOCITY, ATTITUDE] = so3.hat(-vehicle.gravity * x.R_WB[2])
 
     a, b, _ = vehicle.thrust_curve
@@ -138,18 +142,18 @@ def error_dynamics(
 def reference_input(reference: ReferencePoints, vehicle: Vehicle) -> Input:
     """Return the input that holds the reference (paper, u_r), from its acceleration and drag.
 
-    The throttle carries the part of m (a + mu v + g) along the reference's thrust axis, as far as
-    the motors can.
+    The throttle carries the part of m (a + R D R' v + g) along the reference's thrust axis, as far
+    as the motors can.
     """
-    specific_force = reference.a_WB_W + vehicle.drag * reference.v_WB_W
-    specific_force[2] += vehicle.gravity
-    thrust = vehicle.mass * float(reference.R_WB[:, 2] @ specific_force)
-    return Input(throttle=vehicle.nearest_throttle(thrust), w_WB_B=reference.w_WB_B)
+    thrust = vehicle.mass * vehicle.specific_thrust(
+        a_WB_W=reference.a_WB_W[None], v_WB_W=reference.v_WB_W[None], R_WB=reference.R_WB[None]
+    )
+    return Input(throttle=vehicle.nearest_throttle(float(thrust[0])), w_WB_B=reference.w_WB_B)
 
 
 def reference_throttles(references: ReferencePoints, vehicle: Vehicle) -> Array:
     """Return the throttles (n,) of :func:`reference_input` at n points."""
-    specific_force = references.a_WB_W + vehicle.drag * references.v_WB_W
-    specific_force[:, 2] += vehicle.gravity
-    thrust = vehicle.mass * np.einsum("ni,ni->n", references.R_WB[:, :, 2], specific_force)
+    thrust = vehicle.mass * vehicle.specific_thrust(
+        a_WB_W=references.a_WB_W, v_WB_W=references.v_WB_W, R_WB=references.R_WB
+    )
     return np.array([vehicle.nearest_throttle(each) for each in thrust.tolist()])

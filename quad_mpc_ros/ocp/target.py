@@ -1,9 +1,10 @@
 """What the horizon is to track: the reference along it, and the inputs that would hold it.
 
 The reference gives positions, attitudes and their derivatives. The inputs that hold it are the
-vehicle's: the throttle carries the specific force a + mu v + g e3, less the disturbance, for which
-the attitude tilts; throttle and rates lead by what the actuators lag. They vary within a stage as
-the reference does, so that a vehicle on a reference it can fly needs no correction.
+vehicle's: the throttle carries the specific force a + R D R' v + g e3, less the lift of the air
+and the disturbance, for which the attitude tilts; throttle and rates lead by what the actuators
+lag. They vary within a stage as the reference does, so that a vehicle on a reference it can fly
+needs no correction.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.actuators import lead
 from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, throttle_for
 from quad_mpc_ros.model.reference_window import POINT_SIZE, packed, point_parts, sample_into
-from quad_mpc_ros.model.rollout import SUBSTEPS
+from quad_mpc_ros.model.rollout import SUBSTEPS, uneven_air
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import INPUT_SIZE
 
@@ -74,7 +75,7 @@ class TargetSampler:
     ) -> Array:
         """Write the target of a horizon from ``stamp_ns`` on into the buffer, and return that.
 
-        ``parameters`` (12,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
+        ``parameters`` (17,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
         """
         _sample(
             elapsed_ns=stamp_ns - window.stamp_ns,
@@ -142,8 +143,8 @@ def _lead(
     model: ModelParameters, dt: float, held: Array, target: Target, u_min: Array, u_max: Array
 ) -> None:
     """Write the commands that make actuators follow inputs (N M + 1, 4), and their means."""
-    roll_pitch = model.rate_time_constant
-    lags = model.thrust_time_constant, roll_pitch, roll_pitch, model.yaw_time_constant
+    roll, pitch, yaw = model.rate_time_constants
+    lags = model.thrust_time_constant, roll, pitch, yaw
     for n in range(INPUT_SIZE):
         for i in range(len(target.inputs)):
             total = 0.0
@@ -165,6 +166,9 @@ def _hold(
     """Return the attitude, tilted against a disturbance, and the throttle for a reference."""
     d_W = model.a_W
     x, y, z = kernels.plus(a_WB_W, kernels.scaled(model.drag, v_WB_W))
+    if model.uneven_drag != (0.0, 0.0, 0.0) or model.translational_lift != 0.0:
+        air = kernels.apply(R_WB, uneven_air(model, kernels.apply_transposed(R_WB, v_WB_W)))
+        x, y, z = x - air[0], y - air[1], z - air[2]
     force = x, y, z + model.gravity
     against = kernels.plus(force, kernels.scaled(-1.0, d_W))
     if d_W[0] != 0.0 or d_W[1] != 0.0 or d_W[2] != 0.0:

@@ -50,7 +50,9 @@ def declare(node: Node, configuration: type[C], *, managed: bool = False) -> C:
         node.declare_parameter(
             spec.name,
             # An empty array has no type of its own, so the type is given apart.
-            Parameter(spec.name, _type_of(spec), _plain(values[spec.name])).value,
+            Parameter(
+                spec.name, _type_of(spec, values[spec.name]), _plain(values[spec.name])
+            ).value,
             _descriptor(spec, managed=managed),
             ignore_override=True,
         )
@@ -100,7 +102,8 @@ class ManagedParameters(Generic[C]):
         return [self._real(p) if p.name in self._specs else p for p in parameters]
 
     def _real(self, given: Parameter) -> Parameter:
-        declared = _type_of(self._specs[given.name])
+        spec = self._specs[given.name]
+        declared = _type_of(spec, given.value)
         if declared is Parameter.Type.DOUBLE and given.type_ is Parameter.Type.INTEGER:
             return Parameter(given.name, declared, float(given.value))
         whole = given.type_ is Parameter.Type.INTEGER_ARRAY
@@ -157,6 +160,8 @@ def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=spec.name,
         description=f"{spec.doc}{unit}",
+        # A parameter has one type, unless it says that it may have another: a number or three.
+        dynamic_typing=spec.per_axis,
         additional_constraints=spec.allowed() + (f"; may be set {when}" if managed else ""),
         read_only=not (managed or spec.live),
     )
@@ -172,7 +177,10 @@ def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
     return descriptor
 
 
-def _type_of(spec: ParameterSpec) -> Parameter.Type:
+def _type_of(spec: ParameterSpec, value: Any) -> Parameter.Type:
+    """Return the type that a parameter is to have for a value."""
+    if spec.per_axis and isinstance(value, array.array | tuple | list):
+        return Parameter.Type[f"{spec.kind}_array".upper()]
     return Parameter.Type[spec.kind.upper()]
 
 

@@ -18,8 +18,8 @@ from quad_mpc_ros.lie import kernels
 ActuatorState = tuple[float, kernels.Vector]
 """Throttle and body rates [rad/s]."""
 
-TimeConstants = tuple[float, float]
-"""Of the throttle and of the body rates [s]."""
+TimeConstants = tuple[float, kernels.Vector]
+"""Of the throttle and of each body rate [s]."""
 
 
 @compiled
@@ -29,34 +29,65 @@ def later(
     """Return the actuators after ``duration`` [s] under one command."""
     throttle, (x, y, z) = u
     to_throttle, (to_x, to_y, to_z) = command
-    kept, kept_rate = _kept(lags[0], duration), _kept(lags[1], duration)
-    return to_throttle + kept * (throttle - to_throttle), (
-        to_x + kept_rate * (x - to_x),
-        to_y + kept_rate * (y - to_y),
-        to_z + kept_rate * (z - to_z),
+    of_x, of_y, of_z = lags[1]
+    return to_throttle + _kept(lags[0], duration) * (throttle - to_throttle), (
+        to_x + _kept(of_x, duration) * (x - to_x),
+        to_y + _kept(of_y, duration) * (y - to_y),
+        to_z + _kept(of_z, duration) * (z - to_z),
     )
 
 
 @compiled
 def turn(
-    w_WB_B: kernels.Vector, command: kernels.Vector, time_constant: float, duration: float
+    w_WB_B: kernels.Vector,
+    command: kernels.Vector,
+    time_constants: kernels.Vector,
+    duration: float,
 ) -> kernels.Matrix:
-    """Return the rotation over ``duration`` [s] of the body rate c + d exp(-t / tau).
+    """Return the rotation over ``duration`` [s] of body rates c + d exp(-t / tau) of each axis.
 
     The Magnus expansion of R' = R [omega] to its second term, both integrals in closed form: the
     integral of omega, and half that of omega(s) x omega(t) over s < t. What is left out is of
     order h^5 (Blanes, Casas, Oteo, Ros, "The Magnus expansion and some of its applications",
     2009; its sign of the second term is for R' = [omega] R).
     """
-    h, tau = duration, time_constant
+    h, (of_x, of_y, of_z) = duration, time_constants
     held = kernels.scaled(h, command)
-    if tau == 0.0:
+    if of_x == of_y == of_z == 0.0:
         return kernels.exp(held)
     d = kernels.plus(w_WB_B, kernels.scaled(-1.0, command))
-    decay = math.exp(-h / tau)
-    first = kernels.plus(held, kernels.scaled(tau * (1.0 - decay), d))
-    second = tau * tau * (1.0 - decay) - 0.5 * tau * h * (1.0 + decay)
-    return kernels.exp(kernels.plus(first, kernels.scaled(second, kernels.cross(command, d))))
+    if of_x == of_y == of_z:
+        tau, decay = of_x, math.exp(-h / of_x)
+        first = kernels.plus(held, kernels.scaled(tau * (1.0 - decay), d))
+        second = tau * tau * (1.0 - decay) - 0.5 * tau * h * (1.0 + decay)
+        return kernels.exp(kernels.plus(first, kernels.scaled(second, kernels.cross(command, d))))
+    x, y, z = (command[0], d[0], of_x), (command[1], d[1], of_y), (command[2], d[2], of_z)
+    return kernels.exp(
+        (
+            held[0] + d[0] * _gained(of_x, h) + 0.5 * (_ordered(y, z, h) - _ordered(z, y, h)),
+            held[1] + d[1] * _gained(of_y, h) + 0.5 * (_ordered(z, x, h) - _ordered(x, z, h)),
+            held[2] + d[2] * _gained(of_z, h) + 0.5 * (_ordered(x, y, h) - _ordered(y, x, h)),
+        )
+    )
+
+
+@compiled
+def _ordered(first: kernels.Vector, second: kernels.Vector, duration: float) -> float:
+    """Return the integral of first(s) second(t) over 0 < s < t < duration.
+
+    Each is c + d exp(-t / tau), given as (c, d, tau).
+    """
+    (c, d, tau), (to_c, to_d, to_tau) = first, second
+    h, gained, to_gained = duration, _gained(tau, duration), _gained(to_tau, duration)
+    both = tau * to_tau / (tau + to_tau) if tau > 0.0 and to_tau > 0.0 else 0.0
+    held = c * (0.5 * to_c * h * h + to_d * (to_tau * to_gained - to_tau * h + h * to_gained))
+    return held + d * tau * (to_c * (h - gained) + to_d * (to_gained - _gained(both, duration)))
+
+
+@compiled
+def _gained(time_constant: float, duration: float) -> float:
+    """Return the integral of exp(-t / tau)."""
+    return time_constant * (1.0 - _kept(time_constant, duration))
 
 
 @compiled

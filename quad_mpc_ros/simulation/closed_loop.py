@@ -115,13 +115,13 @@ def start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, An
     start = trajectory.at([0])
     R_WB = so3.rotation_from_quaternion_xyzw(start.q_WB_xyzw[0])
     vehicle = simulator.vehicle()
-    force = start.a_WB_W[0] + vehicle.drag * start.v_WB_W[0] + [0.0, 0.0, vehicle.gravity]
+    thrust = vehicle.specific_thrust(a_WB_W=start.a_WB_W, v_WB_W=start.v_WB_W, R_WB=R_WB[None])
     return {
         "initial_position": start.p_WB[0].tolist(),
         "initial_velocity": start.v_WB_W[0].tolist(),
         "initial_attitude": start.q_WB_xyzw[0].tolist(),
         "initial_body_rates": (R_WB.T @ start.w_WB_W[0]).tolist(),
-        "initial_throttle": vehicle.throttle_for(vehicle.mass * float(R_WB[:, 2] @ force)),
+        "initial_throttle": vehicle.throttle_for(vehicle.mass * float(thrust[0])),
     }
 
 

@@ -18,8 +18,9 @@ Drive = tuple[float, kernels.Vector]
 Course = tuple[Drive, Drive, Drive, kernels.Matrix, kernels.Matrix]
 """The drive at start, middle and end of a step, and the turns over its first and second half."""
 
-World = tuple[bool, float, float, kernels.Vector]
-"""Whether the true rigid body flies, gravity [m/s^2], drag [1/s], velocity of the air [m/s]."""
+World = tuple[bool, float, kernels.Vector, float, kernels.Vector]
+"""Whether the true rigid body flies, gravity [m/s^2], drag of each body axis [1/s], thrust gained
+by flying across the rotors [1/m], velocity of the air [m/s]."""
 
 
 @compiled
@@ -28,15 +29,16 @@ def paper_dynamics(
 ) -> kernels.Vector:
     """Return dv/dt of Eq. (3) literally: nothing transports the velocity as body axes turn.
 
-    Drag acts on the velocity relative to the air.
+    Drag and what flying across the rotors lifts act on the velocity relative to the air.
     """
     lift, _ = drive
-    _, gravity, drag, wind_W = world
+    _, gravity, drag, gained, wind_W = world
     wind_B = kernels.apply_transposed(R_WB, wind_W)
+    u, v, w = v_WB_B[0] - wind_B[0], v_WB_B[1] - wind_B[1], v_WB_B[2] - wind_B[2]
     return (
-        -gravity * R_WB[6] - drag * (v_WB_B[0] - wind_B[0]),
-        -gravity * R_WB[7] - drag * (v_WB_B[1] - wind_B[1]),
-        lift - gravity * R_WB[8] - drag * (v_WB_B[2] - wind_B[2]),
+        -gravity * R_WB[6] - drag[0] * u,
+        -gravity * R_WB[7] - drag[1] * v,
+        lift + gained * (u * u + v * v) - gravity * R_WB[8] - drag[2] * w,
     )
 
 

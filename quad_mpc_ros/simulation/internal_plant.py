@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.configuration import parameter, per_axis
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input, State
@@ -33,7 +33,7 @@ class InternalParameters(PlantParameters):
         doc="Equations of motion: the true rigid body, or the paper's Eq. (3) literally.",
         choices=("rigid_body", "paper"),
     )
-    rate_time_constant: float = parameter(
+    rate_time_constant: float | tuple[float, ...] = parameter(
         0.0,
         doc="First-order lag of the body rates behind the commanded ones.",
         unit="s",
@@ -58,7 +58,7 @@ class InternalPlant(DelayedPlant):
     def __init__(self, config: InternalParameters) -> None:
         super().__init__(config)
         self._config = config
-        lags = config.rate_time_constant, config.thrust_time_constant
+        lags = *per_axis(config.rate_time_constant), config.thrust_time_constant
         shortest = min((lag for lag in lags if lag > 0.0), default=math.inf)
         following = max(shortest / _STEPS_PER_LAG, _SHORTEST_STEP)
         self._longest_step_ns = round(1e9 * min(config.integration_step, following))
@@ -117,8 +117,9 @@ class InternalPlant(DelayedPlant):
         self._command[0], self._command[1:] = command.throttle, command.w_WB_B
         if self._config.thrust_time_constant == 0.0:
             self._row[motion.THROTTLE] = command.throttle
-        if self._config.rate_time_constant == 0.0:
-            self._row[motion.W_WB_B] = command.w_WB_B
+        for axis, lag in enumerate(per_axis(self._config.rate_time_constant)):
+            if lag == 0.0:
+                self._row[motion.W_WB_B.start + axis] = command.w_WB_B[axis]
 
     def _integrate(self, duration_ns: int) -> None:
         steps = -(-duration_ns // self._longest_step_ns)

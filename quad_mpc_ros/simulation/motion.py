@@ -1,7 +1,7 @@
 """The motion of the package's own vehicle while neither command nor wind changes, compiled.
 
 One call moves it over any number of steps of the integrator: actuators, equations of motion,
-ground. A state is a row of 19 numbers and the vehicle a vector of 8, both named here.
+ground. A state is a row of 19 numbers and the vehicle a vector of 13, both named here.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.actuators import ActuatorState, TimeConstants, later, turn
@@ -26,22 +27,23 @@ Lift = tuple[float, float, float]
 
 
 def constants(
-    vehicle: Vehicle, *, dynamics: str, rate_time_constant: float, thrust_time_constant: float
+    vehicle: Vehicle, *, dynamics: str, rate_time_constant: PerAxis, thrust_time_constant: float
 ) -> Array:
-    """Return a vehicle as the compiled code takes it (8,).
+    """Return a vehicle as the compiled code takes it (13,).
 
-    Its equations (1 for the true rigid body), gravity, drag, the coefficients of thrust over
-    mass [m/s^2], and the time constants of throttle and body rates [s].
+    Its equations (1 for the true rigid body), gravity, the coefficients of thrust over mass
+    [m/s^2], the time constants of throttle and body rates [s], drag and translational lift.
     """
     curve = vehicle.motor_count / vehicle.mass * np.array(vehicle.thrust_curve)
     return np.array(
         [
             float(dynamics == "rigid_body"),
             vehicle.gravity,
-            vehicle.drag,
             *curve,
             thrust_time_constant,
-            rate_time_constant,
+            *per_axis(rate_time_constant),
+            *per_axis(vehicle.drag),
+            vehicle.translational_lift,
         ]
     )
 
@@ -55,9 +57,11 @@ def advance(
     The command (4,), throttle and body rates, and the wind (3,) are those in force; ``vehicle``
     is one of :func:`constants`.
     """
-    is_rigid_body, gravity, drag = vehicle[0] != 0.0, vehicle[1], vehicle[2]
-    lift, lags = (vehicle[3], vehicle[4], vehicle[5]), (vehicle[6], vehicle[7])
-    world = is_rigid_body, gravity, drag, kernels.vector(wind_W)
+    is_rigid_body, gravity = vehicle[0] != 0.0, vehicle[1]
+    lift = vehicle[2], vehicle[3], vehicle[4]
+    lags = vehicle[5], (vehicle[6], vehicle[7], vehicle[8])
+    drag = vehicle[9], vehicle[10], vehicle[11]
+    world = is_rigid_body, gravity, drag, vehicle[12], kernels.vector(wind_W)
     followed = command[0], (command[1], command[2], command[3])
     p, v = kernels.vector(row[0:3]), kernels.vector(row[3:6])
     R = kernels.matrix_in_row(row[6:15])
@@ -104,8 +108,8 @@ def _driven(
     half = 0.5 * duration
     middle = later(u, command=command, lags=lags, duration=half)
     end = later(middle, command=command, lags=lags, duration=half)
-    first = turn(u[1], command=command[1], time_constant=lags[1], duration=half)
-    second = turn(middle[1], command=command[1], time_constant=lags[1], duration=half)
+    first = turn(u[1], command=command[1], time_constants=lags[1], duration=half)
+    second = turn(middle[1], command=command[1], time_constants=lags[1], duration=half)
     return (_drive(u, lift), _drive(middle, lift), _drive(end, lift), first, second), end
 
 
@@ -123,7 +127,12 @@ def _lift(throttle: float, lift: Lift) -> float:
 @compiled
 def _held(u: ActuatorState, lags: TimeConstants) -> ActuatorState:
     """Return actuators of a body that something holds: rates that lag start again from zero."""
-    return (u[0], (0.0, 0.0, 0.0)) if lags[1] > 0.0 else u
+    x, y, z = u[1]
+    return u[0], (
+        0.0 if lags[1][0] > 0.0 else x,
+        0.0 if lags[1][1] > 0.0 else y,
+        0.0 if lags[1][2] > 0.0 else z,
+    )
 
 
 @compiled

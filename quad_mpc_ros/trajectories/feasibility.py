@@ -164,8 +164,9 @@ def judged(trajectory: Trajectory, limits: LimitParameters, *, ground: float = 0
 def needs_of(samples: TrajectorySamples, vehicle: Vehicle, *, seconds: Array) -> Needs:
     """Return what samples at times (n,) [s] need."""
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
-    force = samples.a_WB_W + vehicle.drag * samples.v_WB_W + [0.0, 0.0, vehicle.gravity]
-    thrust = vehicle.mass * np.einsum("ni,ni->n", R_WB[:, :, 2], force)
+    thrust = vehicle.mass * vehicle.specific_thrust(
+        a_WB_W=samples.a_WB_W, v_WB_W=samples.v_WB_W, R_WB=R_WB
+    )
     return Needs(
         seconds=seconds,
         throttle=_throttle(vehicle, thrust),

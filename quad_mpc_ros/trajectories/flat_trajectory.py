@@ -6,15 +6,22 @@ import dataclasses
 
 import numpy as np
 
+from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.trajectories.flatness import ThrustFrames, flat_inputs, thrust_axis
-from quad_mpc_ros.trajectories.path import Path
+from quad_mpc_ros.trajectories.flatness import (
+    FlatInputs,
+    ThrustFrames,
+    flat_inputs,
+    thrust_axis,
+)
+from quad_mpc_ros.trajectories.path import Path, PathSamples
 from quad_mpc_ros.trajectories.trajectory import TrajectorySamples, at_rest, combined
 
 # Between knots the attitude comes from the path itself; at 20 rad/s they are 0.04 rad apart.
 _KNOT_STEP = 0.002  # s
 _LEAST_KNOTS, _MOST_KNOTS = 1000, 20_000
 _AT_REST = 1e-6
+_FRAME_ROUNDS = 3
 
 
 class FlatTrajectory:
@@ -28,7 +35,7 @@ class FlatTrajectory:
     smooth = True
     fixed = True
 
-    def __init__(self, path: Path, *, gravity: float, drag: float, yaw: float = 0.0) -> None:
+    def __init__(self, path: Path, *, gravity: float, drag: PerAxis, yaw: float = 0.0) -> None:
         """Prepare the frames; raises ``ValueError`` with the time of free fall."""
         self._path = path
         self._gravity, self._drag, self._yaw = gravity, drag, yaw
@@ -73,16 +80,8 @@ class FlatTrajectory:
 
     def _moving(self, seconds: Array) -> TrajectorySamples:
         path = self._path.at(seconds)
-        inputs = flat_inputs(
-            v_WB_W=path.v_WB_W,
-            a_WB_W=path.a_WB_W,
-            j_WB_W=path.j_WB_W,
-            yaw=self._yaw + np.asarray(path.yaw),
-            yaw_rate=path.yaw_rate,
-            gravity=self._gravity,
-            drag=self._drag,
-            chart=None if self._frames is None else self._frames.at(seconds),
-        )
+        chart = None if self._frames is None else self._frames.at(seconds)
+        inputs = self._flat_inputs(path, chart)
         return TrajectorySamples(
             p_WB=path.p_WB,
             q_WB_xyzw=so3.quaternion_xyzw_from_rotation(inputs.R_WB),
@@ -91,11 +90,24 @@ class FlatTrajectory:
             w_WB_W=np.einsum("nij,nj->ni", inputs.R_WB, inputs.w_WB_B),
         )
 
+    def _flat_inputs(self, path: PathSamples, chart: Array | None) -> FlatInputs:
+        return flat_inputs(
+            v_WB_W=path.v_WB_W,
+            a_WB_W=path.a_WB_W,
+            j_WB_W=path.j_WB_W,
+            yaw=self._yaw + np.asarray(path.yaw),
+            yaw_rate=path.yaw_rate,
+            gravity=self._gravity,
+            drag=self._drag,
+            chart=chart,
+        )
+
     def _prepared_frames(self) -> ThrustFrames | None:
         """Return the frames of a path that is flown upside down; raise as :func:`thrust_axis`."""
         duration = self._path.duration
         steps = np.clip(np.ceil(duration / _KNOT_STEP), _LEAST_KNOTS, _MOST_KNOTS)
         knots = np.linspace(0.0, duration, int(steps) + 1)
+        x_drag, y_drag, _ = per_axis(self._drag)
         with np.errstate(over="ignore", invalid="ignore"):
             path = self._path.at(knots)
             z, _, _ = thrust_axis(
@@ -103,9 +115,13 @@ class FlatTrajectory:
                 a_WB_W=path.a_WB_W,
                 j_WB_W=path.j_WB_W,
                 gravity=self._gravity,
-                drag=self._drag,
+                drag=0.5 * (x_drag + y_drag),
                 seconds=knots,
             )
         if self._path.periodic or z[:, 2].min() >= 0.0:
             return None
-        return ThrustFrames(knots, z)
+        frames = ThrustFrames(knots, z)
+        for _ in range(_FRAME_ROUNDS if x_drag != y_drag else 0):
+            # The thrust's direction depends on the frame then, a little.
+            frames = ThrustFrames(knots, self._flat_inputs(path, frames.at(knots)).R_WB[..., 2])
+        return frames

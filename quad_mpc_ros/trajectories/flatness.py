@@ -4,6 +4,12 @@ The model is the core's: dv/dt = g + (T/m) z_B - mu v, so the thrust over mass m
 force f = a + mu v + g e_3. It fixes the direction z_B = f/|f| of the body's z axis and, through
 df/dt = j + mu a, how that axis turns. What is left is the turn about it.
 
+With a drag -R D R' v, D = diag(mu_x, mu_y, mu_z), the body's x axis must be across
+a + mu_x v + g e_3 and its y axis across a + mu_y v + g e_3 (Faessler, Franchi, Scaramuzza,
+"Differential flatness of quadrotor dynamics subject to rotor drag", RA-L 2018): the attitude
+depends on the yaw, and is found by iteration from that for the mean of the two. What acts along
+the body's z axis, mu_z and the lift k_h (v_x^2 + v_y^2), changes the thrust and nothing else.
+
 Attitude is the shortest rotation that takes the world's z axis to z_B, followed by the yaw about
 z_B: the Hopf fibration of Watterson and Kumar, "Control of quadrotors using the Hopf fibration on
 SO(3)" (ISRR 2017). Level and at yaw 0 the vehicle heads east. Unlike a heading, which is lost when
@@ -28,6 +34,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.lie import Array, so3
 
 # Below this thrust over mass [m/s^2] the vehicle falls freely, and may do so in any attitude.
@@ -35,6 +42,7 @@ _FREE_FALL = 1e-3
 _ABOUT = -0.99  # cosine of a turn in 2 ms that is none
 _UPSIDE_DOWN = -1.0 + 1e-9  # cosine of the tilt
 _UP = np.array([[0.0, 0.0, 1.0]])
+_SETTLED, _MOST_ITERATIONS = 1e-13, 100
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,30 +66,110 @@ def flat_inputs(
     yaw: ArrayLike = 0.0,
     yaw_rate: ArrayLike = 0.0,
     gravity: float,
-    drag: float,
+    drag: PerAxis,
+    translational_lift: float = 0.0,
     chart: Array | None = None,
 ) -> FlatInputs:
     """Return what flies a path: velocity, acceleration and jerk (n, 3) each, in the world.
 
     ``yaw`` [rad] and ``yaw_rate`` [rad/s], (n,) or one number, turn about the body's z axis;
-    ``gravity`` [m/s^2] and ``drag`` [1/s] are the vehicle's. ``chart`` (n, 3, 3) are the
-    rotations from which the tilt is the shortest, instead of level and heading east. Raises
-    ``ValueError`` in free fall and where the thrust points exactly against the chart's z axis,
-    downwards without a chart: there is no attitude in the path.
+    ``gravity`` [m/s^2], ``drag`` [1/s] and ``translational_lift`` [1/m] are the vehicle's.
+    ``chart`` (n, 3, 3) are the rotations from which the tilt is the shortest, instead of level and
+    heading east. Raises ``ValueError`` in free fall, where the thrust points exactly against the
+    chart's z axis, downwards without a chart, and where drag that differs between the axes leaves
+    no attitude: there is none in the path.
     """
+    x_drag, y_drag, z_drag = per_axis(drag)
+    mean = x_drag if x_drag == y_drag else 0.5 * (x_drag + y_drag)
     z, z_rate, thrust = thrust_axis(
-        v_WB_W=v_WB_W, a_WB_W=a_WB_W, j_WB_W=j_WB_W, gravity=gravity, drag=drag
+        v_WB_W=v_WB_W, a_WB_W=a_WB_W, j_WB_W=j_WB_W, gravity=gravity, drag=mean
     )
     if chart is not None:
         z, z_rate = (np.einsum("nji,nj->ni", chart, vector) for vector in (z, z_rate))
-    tilt, tilt_rate = _shortest_tilt(z, z_rate)
     turn = so3.exp(_along_z(yaw, z))
-    R_WB = tilt @ turn if chart is None else chart @ tilt @ turn
+    uneven = None
+    if x_drag != y_drag:
+        up = _along_z(gravity, z)
+        parts = (v_WB_W, a_WB_W + up, a_WB_W, j_WB_W)
+        if chart is not None:
+            parts = tuple(np.einsum("nji,nj->ni", chart, vector) for vector in parts)
+        uneven = _UnevenDrag(*parts, x_drag=x_drag, y_drag=y_drag)
+        z, thrust = uneven.axis(z, turn)
+        z_rate = uneven.axis_rate(z, turn, yaw_rate)
+    tilt, tilt_rate = _shortest_tilt(z, z_rate)
+    R_WB = np.asarray(tilt @ turn if chart is None else chart @ tilt @ turn)
+    if z_drag != mean or translational_lift != 0.0:
+        v_WB_B = np.einsum("nji,nj->ni", R_WB, v_WB_W)
+        across = np.sum(v_WB_B[:, :2] ** 2, axis=1)
+        thrust = thrust + (z_drag - mean) * v_WB_B[:, 2] - translational_lift * across
     return FlatInputs(
-        R_WB=np.asarray(R_WB),
+        R_WB=R_WB,
         w_WB_B=np.einsum("...ji,...j->...i", turn, tilt_rate) + _along_z(yaw_rate, z),
         specific_thrust=thrust,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _UnevenDrag:
+    """Motions (n, 3) in a chart: velocity, acceleration with and without gravity, and jerk.
+
+    ``x_drag`` and ``y_drag`` [1/s] are those along the body axes.
+    """
+
+    v: Array
+    force: Array
+    a: Array
+    j: Array
+    x_drag: float
+    y_drag: float
+
+    def axis(self, z: Array, turn: Array) -> tuple[Array, Array]:
+        """Return the thrust's direction (n, 3), and the force along it but for the lift (n,).
+
+        ``z`` (n, 3) is where it is looked for. An iteration shortens what is missing by the drag's
+        difference times the speed over the force, a tenth at most as a rule.
+        """
+        mean, half = 0.5 * (self.x_drag + self.y_drag), 0.5 * (self.x_drag - self.y_drag)
+        for _ in range(_MOST_ITERATIONS):
+            tilt, _ = _shortest_tilt(z, np.zeros_like(z))
+            R = tilt @ turn
+            x, y = R[..., 0], R[..., 1]
+            sideways = _along(x, self.v) * x - _along(y, self.v) * y
+            force = self.force + mean * self.v + half * sideways
+            length = np.sqrt(np.sum(force * force, axis=-1, keepdims=True))
+            before, z = z, force / np.maximum(length, _FREE_FALL)
+            if np.max(np.abs(z - before), initial=0.0) < _SETTLED:
+                return z, length[..., 0]
+        raise ValueError(
+            f"drag of {self.x_drag:g} and {self.y_drag:g} 1/s along body x and y leaves no "
+            "attitude for the path: too fast for so little thrust"
+        )
+
+    def axis_rate(self, z: Array, turn: Array, yaw_rate: ArrayLike) -> Array:
+        """Return the time derivative (n, 3) of the thrust's direction.
+
+        That of x'(force + mu_x v) = 0 and y'(force + mu_y v) = 0, in which the body turns by
+        (w_x, w_y) about its x and y axes and, by what the tilt and the yaw have along z, about it.
+        """
+        tilt, _ = _shortest_tilt(z, np.zeros_like(z))
+        R = tilt @ turn
+        x, y = R[..., 0], R[..., 1]
+        across_x, across_y = self.force + self.x_drag * self.v, self.force + self.y_drag * self.v
+        # w_z = yaw_rate + along_x w_x + along_y w_y, from dz = w_y x - w_x y.
+        _, by_x = _shortest_tilt(z, -y)
+        _, by_y = _shortest_tilt(z, x)
+        along_x, along_y = by_x[..., 2:], by_y[..., 2:]
+        spin = np.broadcast_to(np.asarray(yaw_rate, dtype=np.float64), z.shape[:-1])[..., None]
+        # w_y z'a - w_z y'a = x'da,   w_x z'b - w_z x'b = -y'db
+        ya, xb = _along(y, across_x), _along(x, across_y)
+        right_y = _along(x, self.j + self.x_drag * self.a) + spin * ya
+        right_x = -_along(y, self.j + self.y_drag * self.a) + spin * xb
+        yy, yx = _along(z, across_x) - along_y * ya, -along_x * ya
+        xx, xy = _along(z, across_y) - along_x * xb, -along_y * xb
+        determinant = xx * yy - xy * yx
+        w_x = (right_x * yy - right_y * xy) / determinant
+        w_y = (right_y * xx - right_x * yx) / determinant
+        return np.asarray(w_y * x - w_x * y)
 
 
 def thrust_axis(
@@ -178,6 +266,11 @@ def _shortest_tilt(z: Array, z_rate: Array) -> tuple[Array, Array]:
         axis=-1,
     )
     return tilt, tilt_rate
+
+
+def _along(axis: Array, vector: Array) -> Array:
+    """Return components (n, 1)."""
+    return np.asarray(np.sum(axis * vector, axis=-1, keepdims=True))
 
 
 def _along_z(amount: ArrayLike, like: Array) -> Array:

@@ -1,7 +1,9 @@
 """A path given by its thrust: what the vehicle does when it is told where to push, not to be.
 
 Where a vehicle turns over with little thrust no curve in space is natural; it falls. The thrust
-over time is given instead, and the path is what the true dynamics, drag included, make of it.
+over time is given instead, and the path is what the true dynamics, drag included, make of it. Of
+drag that differs between the body axes that is the mean across the thrust, and without lift: the
+path remains one that can be flown, only its thrust is not exactly the given one.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.configuration import parameter, per_axis
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.trajectories.minimum_snap import End, Leg
 from quad_mpc_ros.trajectories.path import PathSamples
@@ -65,7 +67,7 @@ class ThrustPath:
         from scipy.integrate import solve_ivp
 
         self.duration = duration
-        self._thrust, self._drag = thrust, config.drag
+        self._thrust, self._drag = thrust, _drag(config)
         self._weight = np.array([0.0, 0.0, config.gravity])
 
         def rate(time: float, state: Array) -> Array:
@@ -99,6 +101,11 @@ class ThrustPath:
         )
 
 
+def _drag(config: TurnParameters) -> float:
+    x, y, _ = per_axis(config.drag)
+    return x if x == y else 0.5 * (x + y)
+
+
 def turning_over(
     turn: SmoothTurn, v_WB_W: Array, config: TurnParameters, *, towards: Array, entry: float
 ) -> tuple[Leg, ThrustPath]:
@@ -107,7 +114,7 @@ def turning_over(
     The leg ends as the turn begins: moving freely but for the coasting thrust, upwards. In the
     turn that keeps its size and turns by way of a direction ``towards`` (3,).
     """
-    gravity, drag = config.gravity, config.drag
+    gravity, drag = config.gravity, _drag(config)
     force = config.coasting_thrust * gravity
     acceleration = (force - gravity) * _UP - drag * v_WB_W
     leg = Leg(

@@ -17,6 +17,7 @@ from quad_mpc_ros.configuration import (
     ParameterSpec,
     UserError,
     parameter,
+    per_axis,
 )
 
 
@@ -39,6 +40,7 @@ class Room(Configuration):
     corner: tuple[float, ...] = parameter((0.0, 0.0), doc="A corner.", length=2, minimum=-5.0)
     numbers: tuple[int, ...] = parameter((1,), doc="Some numbers.")
     names: tuple[str, ...] = parameter((), doc="Names of the windows.")
+    draught: float | tuple[float, ...] = parameter(0.0, doc="Draught.", minimum=0.0)
     lamp: Lamp = dataclasses.field(default_factory=Lamp)
 
     def check(self) -> None:
@@ -84,6 +86,14 @@ def refused(name: str, value: object) -> str:
         ("corner", 1.0, "given 1.0, expected 2 numbers >= -5"),
         ("numbers", (1, 2.5), "given [1, 2.5], expected a list of whole numbers"),
         ("names", "abc", "given 'abc', expected a list of texts"),
+        ("draught", -1.0, "given -1.0, expected a number >= 0, or 3 of them (body x, y, z)"),
+        ("draught", (1.0,), "given [1.0], expected a number >= 0, or 3 of them (body x, y, z)"),
+        (
+            "draught",
+            (1.0, 2.0, -3.0),
+            "given [1.0, 2.0, -3.0], expected a number >= 0, or 3 of them (body x, y, z)",
+        ),
+        ("draught", "123", "given '123', expected a number >= 0, or 3 of them (body x, y, z)"),
         ("lamp.colour", "green", "given 'green', expected one of white, red"),
         ("lamp.colour", 3, "given 3, expected one of white, red"),
         ("lamp.brightness", 1.01, "given 1.01, expected a number >= 0 and <= 1"),
@@ -136,7 +146,7 @@ def test_lists_become_tuples() -> None:
         ("lenght", "did you mean length?"),
         ("lamp.color", "did you mean lamp.colour?"),
         ("brightness", "did you mean lamp.brightness?"),
-        ("zzz", "one of corner, doors, heated, lamp.brightness, lamp.colour"),
+        ("zzz", "one of corner, doors, draught, heated, lamp.brightness, lamp.colour"),
     ],
 )
 def test_an_unknown_name_is_refused_with_a_suggestion(name: str, suggested: str) -> None:
@@ -226,10 +236,29 @@ def test_specs_tell_everything_in_order() -> None:
         "corner": "double_array",
         "numbers": "integer_array",
         "names": "string_array",
+        "draught": "double",
         "lamp.colour": "string",
         "lamp.brightness": "double",
     }
     assert [name for name, spec in specs.items() if spec.live] == ["lamp.brightness"]
+    assert [name for name, spec in specs.items() if spec.per_axis] == ["draught"]
+
+
+@pytest.mark.parametrize(
+    ("given", "kept", "axes"),
+    [
+        (2, 2.0, (2.0, 2.0, 2.0)),
+        (0.5, 0.5, (0.5, 0.5, 0.5)),
+        ([1, 2.0, 0], (1.0, 2.0, 0.0), (1.0, 2.0, 0.0)),
+    ],
+)
+def test_a_number_or_one_for_each_axis_is_kept_as_it_is_given(
+    given: Any, kept: Any, axes: tuple[float, ...]
+) -> None:
+    room = Room(draught=given)
+    assert room.draught == kept
+    assert Room.build(room.flattened()) == room
+    assert per_axis(room.draught) == axes
 
 
 def test_a_field_that_is_no_parameter_is_a_mistake_of_the_programmer() -> None:

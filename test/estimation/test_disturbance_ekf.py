@@ -119,7 +119,7 @@ def test_wind_and_thrust_scale_are_told_apart(scale: float) -> None:
 def test_time_constants_are_found(rate: float, thrust: float) -> None:
     ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     learned = believed(flown(ekf, rate=rate, thrust=thrust, scale=0.9))
-    assert learned.rate_time_constant == pytest.approx(rate, rel=0.02)
+    assert learned.rate_time_constants[0] == pytest.approx(rate, rel=0.02)
     assert learned.thrust_time_constant == pytest.approx(thrust, rel=0.1)
     assert believed(ekf).thrust_scale == pytest.approx(0.9, abs=0.02)
     assert ekf.throttle == pytest.approx(_lagging(thrust), abs=0.01)
@@ -129,21 +129,21 @@ def test_time_constants_are_found(rate: float, thrust: float) -> None:
 def test_a_slow_yaw_does_not_pull_roll_and_pitch(slower: float) -> None:
     ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     learned = believed(flown(ekf, rate=0.04, thrust=0.03, slower_yaw=slower))
-    assert learned.rate_time_constant == pytest.approx(0.04, rel=0.02)
-    assert learned.yaw_time_constant == pytest.approx(slower * 0.04, rel=0.05)
+    assert learned.rate_time_constants[0] == pytest.approx(0.04, rel=0.02)
+    assert learned.rate_time_constants[2] == pytest.approx(slower * 0.04, rel=0.05)
 
 
 def test_noise_costs_accuracy_only() -> None:
     ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     learned = believed(flown(ekf, rate=0.045, thrust=0.045, noise=0.03))
-    assert learned.rate_time_constant == pytest.approx(0.045, rel=0.1)
+    assert learned.rate_time_constants[0] == pytest.approx(0.045, rel=0.1)
     assert learned.thrust_time_constant == pytest.approx(0.045, rel=0.3)
 
 
 def test_without_lags_in_the_model_none_are_learned() -> None:
     ekf = DisturbanceEkf(parameters(), throttle=0.29)
     learned = believed(flown(ekf, rate=0.02, thrust=0.02))
-    assert learned.rate_time_constant == learned.thrust_time_constant == 0.0
+    assert (*learned.rate_time_constants, learned.thrust_time_constant) == (0.0, 0.0, 0.0, 0.0)
 
 
 def test_frozen_it_learns_nothing() -> None:
@@ -231,7 +231,7 @@ def test_let_go_it_carries_the_vehicle_on() -> None:
     carried = found.thrust_scale * VEHICLE.gravity / (VEHICLE.gravity - found.a_W[2])
     assert after.thrust_scale == pytest.approx(carried, rel=1e-12)
     np.testing.assert_array_equal(after.a_W, 0.0)
-    assert after.rate_time_constant == after.yaw_time_constant == 0.03
+    assert after.rate_time_constants == (0.03, 0.03, 0.03)
     assert after.thrust_time_constant == 0.03
 
 
@@ -290,7 +290,7 @@ def test_estimates_are_bounded() -> None:
         learned = believed(ekf)
         assert np.abs(learned.a_W).max() <= 5.0
         assert 0.5 <= learned.thrust_scale <= 1.5
-        assert 0.015 <= learned.rate_time_constant <= 0.06
+        assert 0.015 <= learned.rate_time_constants[0] <= 0.06
         assert 0.015 <= learned.thrust_time_constant <= 0.06
 
 

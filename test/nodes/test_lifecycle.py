@@ -188,6 +188,19 @@ def test_parameters_are_free_until_they_are_configured(
     assert "Traceback" not in log
 
 
+@pytest.mark.parametrize("given", ["0.2", "1", "[0.2, 0.3, 0.4]", "[1, 1, 2]"])
+def test_drag_is_one_number_or_three(given: str, start: Start, managed: Any) -> None:
+    start("mpc", *WAIT, "-p", f"drag:={given}")
+    mpc = managed("mpc")
+    for drag in (0.3, [0.2, 0.3, 0.4], 1, [1, 1, 2]):
+        assert mpc.set(drag=drag) == ""
+    for wrong in ("much", [0.2, 0.3], -0.1, [0.2, 0.3, -0.1], True):
+        assert "expected a number >= 0, or 3 of them" in mpc.set(drag=wrong)
+    assert mpc.to("configure")
+    assert mpc.set(drag=[1, 1, 2]) == "", "what is the same is fine"
+    assert mpc.set(drag=0.2).startswith("mpc.drag: given 0.2, expected [1.0, 1.0, 2.0] as long")
+
+
 @pytest.mark.parametrize("steps", [(), ("configure",), ("configure", "activate")])
 def test_a_shutdown_from_every_state_ends_the_process(
     steps: tuple[str, ...], start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path

@@ -71,6 +71,42 @@ def unexplained(ticks: list[TickStats]) -> float:
     return float(np.mean([abs(tick.thrust_scale - 1.0) for tick in ticks]))
 
 
+TICK = TickStats(
+    stamp_ns=0,
+    source="mpc",
+    reason="",
+    solver_status="solved",
+    iterations=10,
+    primal_residual=0.0,
+    dual_residual=0.0,
+    solve_time_us=1.0,
+    step_time_us=1.0,
+    thrust_scale=0.8,
+    odom_age_ms=1.0,
+    reference_age_ms=1.0,
+    commands=1,
+    fallbacks=0,
+    solver_failures=0,
+    rejected_inputs=0,
+)
+
+
+@pytest.mark.parametrize(
+    ("lags", "yaw", "saved"),
+    [
+        (0.03, 31.0, 0.04),
+        (0.03, 110.0, (0.04, 0.04, 0.11)),
+        ((0.02, 0.04, 0.1), 101.0, (0.02667, 0.05333, 0.101)),
+    ],
+)
+def test_the_lag_of_each_axis_is_saved_once_it_is_told(lags: Any, yaw: float, saved: Any) -> None:
+    given = MpcConfig(rate_time_constant=lags)
+    tick = dataclasses.replace(TICK, rate_time_constant_ms=40.0, yaw_time_constant_ms=yaw)
+    text = learned_file(learned([tick] * 100, given), given, head="Learned.", keep="mass")
+    parameters = yaml.safe_load(text)["/**/mpc"]["ros__parameters"]
+    assert MpcConfig.build(parameters).rate_time_constant == pytest.approx(saved, rel=1e-3)
+
+
 REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "estimates nothing": ({"estimate_disturbance": False}, {}, "the MPC estimates nothing"),
     "the paper's": ({"formulation": "paper"}, {}, "given paper"),
@@ -83,29 +119,11 @@ REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_tells_nothing_is_refused(case: str) -> None:
     parameters, changes, told = REFUSED[case]
-    tick = TickStats(
-        stamp_ns=0,
-        source="mpc",
-        reason="",
-        solver_status="solved",
-        iterations=10,
-        primal_residual=0.0,
-        dual_residual=0.0,
-        solve_time_us=1.0,
-        step_time_us=1.0,
-        thrust_scale=0.8,
-        odom_age_ms=1.0,
-        reference_age_ms=1.0,
-        commands=1,
-        fallbacks=0,
-        solver_failures=0,
-        rejected_inputs=0,
-    )
-    ticks = [dataclasses.replace(tick, **changes)] * 100
-    assert learned([tick] * 100, MpcConfig()).thrust_scale.value == pytest.approx(0.8)
+    ticks = [dataclasses.replace(TICK, **changes)] * 100
+    assert learned([TICK] * 100, MpcConfig()).thrust_scale.value == pytest.approx(0.8)
     with pytest.raises(UserError, match=told):
         learned(ticks, MpcConfig(**parameters))
-    moving = [dataclasses.replace(tick, thrust_scale=0.7 + 0.003 * k) for k in range(100)]
+    moving = [dataclasses.replace(TICK, thrust_scale=0.7 + 0.003 * k) for k in range(100)]
     with pytest.raises(UserError, match="has not settled"):
         learned(moving, MpcConfig())
 

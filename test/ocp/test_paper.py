@@ -18,14 +18,17 @@ from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.ocp.paper import error_dynamics
 
 VEHICLE = Vehicle()
+UNEVEN = Vehicle(drag=(0.3, 0.15, 0.45), translational_lift=0.015)
 
 
-def error_rate(x: State, u: Input, x_error: Array, u_error: Array) -> Array:
+def error_rate(
+    x: State, u: Input, x_error: Array, u_error: Array, vehicle: Vehicle = VEHICLE
+) -> Array:
     """Return d/dt (x_r ⊟ x) with x_r = x ⊞ x_error and u_r = u + u_error, both flying Eq. (3)."""
     x_r = boxplus(x, x_error)
     u_r = Input(throttle=u.throttle + u_error[0], w_WB_B=u.w_WB_B + u_error[1:])
-    f = rate(x, u, VEHICLE, dynamics="paper")
-    f_r = rate(x_r, u_r, VEHICLE, dynamics="paper")
+    f = rate(x, u, vehicle, dynamics="paper")
+    f_r = rate(x_r, u_r, vehicle, dynamics="paper")
 
     def error_after(step: float) -> Array:
         return boxminus(boxplus(x_r, step * f_r), boxplus(x, step * f))
@@ -54,13 +57,15 @@ cases = st.integers(0, 2**32 - 1).map(drawn)
 
 
 @settings(deadline=None, max_examples=50)
-@given(cases)
-def test_A_and_B_are_the_derivatives_at_zero_body_rate(case: tuple[State, float, Array]) -> None:
+@given(cases, st.sampled_from([VEHICLE, UNEVEN]))
+def test_A_and_B_are_the_derivatives_at_zero_body_rate(
+    case: tuple[State, float, Array], vehicle: Vehicle
+) -> None:
     x, throttle, _ = case
     u = Input(throttle=throttle, w_WB_B=np.zeros(3))
-    A, B = error_dynamics(x, VEHICLE, throttle=throttle, throttle_error=0.0)
-    by_state = derivative(lambda error: error_rate(x, u, error, np.zeros(4)), 9)
-    by_input = derivative(lambda error: error_rate(x, u, np.zeros(9), error), 4)
+    A, B = error_dynamics(x, vehicle, throttle=throttle, throttle_error=0.0)
+    by_state = derivative(lambda error: error_rate(x, u, error, np.zeros(4), vehicle), 9)
+    by_input = derivative(lambda error: error_rate(x, u, np.zeros(9), error, vehicle), 4)
     assert_allclose(A, by_state, rtol=0.0, atol=1e-5)
     assert_allclose(B, by_input, rtol=0.0, atol=1e-5)
 

@@ -24,22 +24,30 @@ from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.server import ReferenceServer
 
 VEHICLE = Vehicle()
+UNEVEN = Vehicle(drag=(0.3, 0.15, 0.45), translational_lift=0.015)
 STEPS, STEP = 10, 0.05
 U_MIN, U_MAX = np.array([0.0, -30.0, -30.0, -30.0]), np.array([1.0, 30.0, 30.0, 30.0])
 START = 10**9
 
 
-def eight(angular_frequency: float) -> ReferenceWindow:
+def eight(angular_frequency: float, vehicle: Vehicle = VEHICLE) -> ReferenceWindow:
     """Return a window of a lemniscate, a third of the way into it."""
-    config = ReferenceConfig(trajectory="lemniscate", angular_frequency=angular_frequency)
+    config = ReferenceConfig(
+        trajectory="lemniscate",
+        angular_frequency=angular_frequency,
+        drag=vehicle.drag,
+        translational_lift=vehicle.translational_lift,
+        yaw=0.7,
+    )
     server = ReferenceServer(config)
     server.start(0)
     return server.window(START)
 
 
-def model_of(*, rate: float, thrust: float) -> ModelParameters:
+def model_of(*, rate: float, thrust: float, vehicle: Vehicle = VEHICLE) -> ModelParameters:
+    lags = (rate, 0.8 * rate, 1.2 * rate)
     return parameters_in(
-        parameters_of(VEHICLE, rate_time_constant=rate, thrust_time_constant=thrust)
+        parameters_of(vehicle, rate_time_constant=lags, thrust_time_constant=thrust)
     )
 
 
@@ -69,19 +77,20 @@ def on_reference(window: ReferenceWindow, target: Target, model: ModelParameters
     now = sample(window, window.stamp_ns)
     # What the command of the first substep leads away from at the lag's pace.
     first, second = target.inputs[0, 0], target.inputs[0, 1]
-    lags = np.array([model.thrust_time_constant, *[model.rate_time_constant] * 3])
+    lags = np.array([model.thrust_time_constant, *model.rate_time_constants])
     slope = (second - first) / (STEP / SUBSTEPS)
     actuators = first - (lags + 0.5 * STEP / SUBSTEPS) * slope
     return row(now.p_WB, now.v_WB_W, now.R_WB, actuators)
 
 
+@pytest.mark.parametrize("vehicle", [VEHICLE, UNEVEN])
 @pytest.mark.parametrize("lags", [(0.0, 0.0), (0.03, 0.03), (0.05, 0.02)])
 @pytest.mark.parametrize("angular_frequency", [1.0, 2.2])
 def test_nothing_needs_to_be_corrected_on_a_reference_that_can_be_flown(
-    lags: tuple[float, float], angular_frequency: float
+    lags: tuple[float, float], angular_frequency: float, vehicle: Vehicle
 ) -> None:
-    model = model_of(rate=lags[0], thrust=lags[1])
-    window = eight(angular_frequency)
+    model = model_of(rate=lags[0], thrust=lags[1], vehicle=vehicle)
+    window = eight(angular_frequency, vehicle)
     target = target_of(window, model)
     states = np.zeros((STEPS + 1, ROW_SIZE))
     start = on_reference(window, target, model)

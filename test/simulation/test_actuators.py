@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.model.vehicle import Vehicle
@@ -38,26 +40,31 @@ class World:
     """The vehicle in world coordinates, with a quaternion, integrated by DOP853 to 1e-12."""
 
     y: Array
-    rate_tau: float = 0.0
+    rate_tau: PerAxis = 0.0
+    vehicle: Vehicle = dataclasses.field(default_factory=Vehicle)
     thrust_tau: float = 0.0
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def fly(self, throttle: float, rates: tuple[float, float, float], duration: float) -> None:
-        target_w, vehicle = np.array(rates), Vehicle()
-        if self.rate_tau == 0.0:
-            self.y[10:13] = target_w
+        target_w, vehicle = np.array(rates), self.vehicle
+        drag, rate_tau = np.array(per_axis(vehicle.drag)), np.array(per_axis(self.rate_tau))
+        at_once = rate_tau == 0.0
+        self.y[10:13][at_once] = target_w[at_once]
         if self.thrust_tau == 0.0:
             self.y[13] = throttle
 
         def derivative(_: float, y: Array) -> Array:
             v, (x, yy, z, w), rate, s = y[3:6], y[6:10], y[10:13], y[13]
             a, b, c = rate
-            up = Rotation.from_quat([x, yy, z, w]).apply([0.0, 0.0, 1.0])
+            attitude = Rotation.from_quat([x, yy, z, w])
+            up = attitude.apply([0.0, 0.0, 1.0])
+            through_air = attitude.inv().apply(v - np.array(self.wind))
+            lift = vehicle.translational_lift * (through_air[0] ** 2 + through_air[1] ** 2)
             curve = np.polyval(vehicle.thrust_curve, s)
             acceleration = (
-                4.0 * curve / vehicle.mass * up
+                (4.0 * curve / vehicle.mass + lift) * up
                 - np.array([0.0, 0.0, vehicle.gravity])
-                - vehicle.drag * (v - np.array(self.wind))
+                - attitude.apply(drag * through_air)
             )
             spin = 0.5 * np.array(
                 [
@@ -67,7 +74,7 @@ class World:
                     -x * a - yy * b - z * c,
                 ]
             )
-            lag_w = (target_w - rate) / self.rate_tau if self.rate_tau else np.zeros(3)
+            lag_w = (target_w - rate) / np.where(at_once, np.inf, rate_tau)
             lag_s = (throttle - s) / self.thrust_tau if self.thrust_tau else 0.0
             return np.concatenate((v, acceleration, spin, lag_w, [lag_s]))
 
@@ -85,10 +92,10 @@ SEQUENCE = [
 ]
 
 
-def start(**lags: float) -> World:
+def start(**parts: Any) -> World:
     q = Rotation.from_euler("xyz", [0.4, -0.6, 1.9]).as_quat()
     y = np.concatenate(([0.0, 0.0, 50.0, 3.0, -2.0, 1.0], q, [2.0, -1.0, 0.5, HOVER]))
-    return World(y, **lags)  # type: ignore[arg-type]
+    return World(y, **parts)
 
 
 def started_plant(**changes: Any) -> InternalPlant:
@@ -112,11 +119,20 @@ def assert_agrees(body: InternalPlant, world: World, *, atol: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("rate_tau", "thrust_tau"), [(0.03, 0.03), (0.03, 0.0), (0.0, 0.03), (0.008, 0.2), (0.0, 0.0)]
+    ("rate_tau", "thrust_tau"),
+    [
+        (0.03, 0.03),
+        (0.03, 0.0),
+        (0.0, 0.03),
+        (0.008, 0.2),
+        (0.0, 0.0),
+        ((0.03, 0.04, 0.1), 0.03),
+        ((0.0, 0.05, 0.02), 0.0),
+    ],
 )
 @pytest.mark.parametrize(("step", "atol"), [(0.0005, 1e-8), (0.005, 3e-6)])
 def test_lagged_flight_agrees_with_another_integrator(
-    rate_tau: float, thrust_tau: float, step: float, atol: float
+    rate_tau: PerAxis, thrust_tau: float, step: float, atol: float
 ) -> None:
     world = start(rate_tau=rate_tau, thrust_tau=thrust_tau)
     body = started_plant(
@@ -129,6 +145,20 @@ def test_lagged_flight_agrees_with_another_integrator(
         body.advance_to(time_ns)
         world.fly(throttle, rates, milliseconds * 1e-3)
         assert_agrees(body, world, atol=atol)
+
+
+def test_drag_of_each_axis_and_lift_agree_with_another_integrator() -> None:
+    air: dict[str, Any] = {"drag": (0.3, 0.1, 0.6), "translational_lift": 0.02}
+    world = start(rate_tau=0.03, vehicle=Vehicle(**air))
+    world.wind = (5.0, -2.0, 1.0)
+    body = started_plant(rate_time_constant=0.03, wind=world.wind, integration_step=0.0005, **air)
+    time_ns = 0
+    for throttle, rates, milliseconds in SEQUENCE:
+        body.apply(command(throttle, rates))
+        time_ns += milliseconds * MILLISECOND
+        body.advance_to(time_ns)
+        world.fly(throttle, rates, milliseconds * 1e-3)
+        assert_agrees(body, world, atol=1e-8)
 
 
 def test_lags_delay_and_wind_together_agree_with_another_integrator() -> None:

@@ -105,6 +105,13 @@ FAST = [*LEMNISCATE, *settings("reference", angular_frequency=2.6), "--duration"
 WIND = settings("simulator", wind=[5.0, 0.0, 0.0])
 CROSSWIND = settings("simulator", wind=[0.0, 5.0, 0.0])
 HEAVY = settings("simulator", mass_scale=1.2)
+UNEVEN_AIR = [
+    part
+    for node in ("mpc", "simulator", "reference")
+    for part in settings(node, drag=[0.35, 0.2, 0.55], translational_lift=0.015)
+]
+SLOW_YAW = settings("simulator", rate_time_constant=[0.03, 0.035, 0.1], command_delay=0.02)
+MODELLED_YAW = settings("mpc", rate_time_constant=[0.03, 0.035, 0.1], input_delay=0.02)
 NOISE = settings("simulator", position_noise=0.01, attitude_noise=0.00873, velocity_noise=0.05)
 
 
@@ -116,6 +123,8 @@ NOISE = settings("simulator", position_noise=0.01, attitude_noise=0.00873, veloc
         ([*FAST, *MODELLED, *lagging(0.045)], 0.015),
         (LEMNISCATE, 0.001),
         ([*LEMNISCATE, *MODELLED, *lagging(0.03)], 0.001),
+        ([*FAST, *UNEVEN_AIR], 0.012),
+        ([*LEMNISCATE, *UNEVEN_AIR, *MODELLED_YAW, *SLOW_YAW], 0.001),
     ],
     ids=[
         "fast",
@@ -123,6 +132,8 @@ NOISE = settings("simulator", position_noise=0.01, attitude_noise=0.00873, veloc
         "fast with larger lags than modelled",
         "slow",
         "slow with lags",
+        "fast in uneven air",
+        "slow in uneven air with a lag of each axis",
     ],
 )
 def test_lemniscate(arguments: list[str], rmse: float, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.model.vehicle import Vehicle
@@ -21,9 +22,10 @@ GRAVITY = 9.81
 STILL = np.zeros((1, 3))
 
 
-def strong(drag: float) -> Vehicle:
+def strong(drag: PerAxis, lift: float) -> Vehicle:
     """Return a vehicle that lacks no thrust."""
-    return Vehicle(drag=drag, thrust_curve=(20.0, 10.0, 0.0), gravity=GRAVITY)
+    curve = (20.0, 10.0, -5.0)  # some lift is more than the path needs
+    return Vehicle(drag=drag, translational_lift=lift, thrust_curve=curve, gravity=GRAVITY)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +37,8 @@ class Path:
     phase: Array
     yaw: float
     yaw_rate: float
-    drag: float
+    drag: PerAxis
+    lift: float = 0.0
 
     def derivative(self, order: int, times: Array) -> Array:
         angle = np.outer(times, self.frequency) + self.phase + 0.5 * np.pi * order
@@ -50,12 +53,13 @@ class Path:
             yaw_rate=self.yaw_rate,
             gravity=GRAVITY,
             drag=self.drag,
+            translational_lift=self.lift,
         )
 
 
 def miss(path: Path, *, duration: float, step: float) -> float:
     """Return how far [m] the path is missed when its inputs are flown open loop from its start."""
-    vehicle = strong(path.drag)
+    vehicle = strong(path.drag, path.lift)
     starts = step * np.arange(round(duration / step) + 1)
     start, middle = path.inputs(starts[:1]), path.inputs(starts[:-1] + 0.5 * step)
     R_WB = start.R_WB[0]
@@ -74,13 +78,14 @@ def miss(path: Path, *, duration: float, step: float) -> float:
 
 
 upright = st.builds(
-    lambda ax, ay, az, wx, wy, wz, phase, yaw, yaw_rate, drag: Path(
+    lambda ax, ay, az, wx, wy, wz, phase, yaw, yaw_rate, drag, lift: Path(
         amplitude=np.array([ax, ay, az]),
         frequency=np.array([wx, wy, wz]),
         phase=np.array([0.0, phase, -phase]),
         yaw=yaw,
         yaw_rate=yaw_rate,
         drag=drag,
+        lift=lift,
     ),
     *[st.floats(0.0, 4.0)] * 2,
     st.floats(0.0, 0.8),
@@ -89,7 +94,8 @@ upright = st.builds(
     st.floats(-np.pi, np.pi),
     st.floats(-np.pi, np.pi),
     st.floats(-2.0, 2.0),
-    st.floats(0.0, 1.0),
+    st.floats(0.0, 1.0) | st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.0, 1.0)),
+    st.floats(0.0, 0.01),
 )
 
 # Upwards it accelerates by up to twice gravity downwards, so that the thrust points down there,
@@ -132,6 +138,17 @@ def test_rates_are_the_derivative_of_the_attitude(path: Path) -> None:
     assert_allclose(rates, found, atol=1e-4 * (1.0 + np.abs(rates).max()))
 
 
+def test_drag_that_leaves_no_attitude_is_refused() -> None:
+    with pytest.raises(ValueError, match="no attitude for the path"):
+        flat_inputs(
+            v_WB_W=np.array([[20.0, 15.0, -20.0]]),
+            a_WB_W=np.array([[0.0, 0.0, -9.0]]),
+            j_WB_W=STILL,
+            gravity=GRAVITY,
+            drag=(1.0, 0.0, 0.0),
+        )
+
+
 def test_rates_are_the_derivative_of_the_attitude_in_inverted_flight() -> None:
     times = np.linspace(0.0, 2.0, 80)
     rates = INVERTED.inputs(times).w_WB_B
@@ -148,8 +165,11 @@ def test_newtons_law_holds_with_a_rotation(path: Path) -> None:
     assert_allclose(np.swapaxes(R_WB, -1, -2) @ R_WB, np.tile(np.eye(3), (40, 1, 1)), atol=1e-12)
     assert_allclose(np.linalg.det(R_WB), np.ones(40))
     force = inputs.specific_thrust[:, None] * R_WB[:, :, 2]
-    gravity_and_drag = [0.0, 0.0, -GRAVITY] - path.drag * path.derivative(1, times)
-    assert_allclose(force + gravity_and_drag, path.derivative(2, times), atol=1e-10)
+    v_WB_B = np.einsum("nji,nj->ni", R_WB, path.derivative(1, times))
+    air = -np.array(per_axis(path.drag)) * v_WB_B
+    air[:, 2] += path.lift * (v_WB_B[:, 0] ** 2 + v_WB_B[:, 1] ** 2)
+    outer = np.array([0.0, 0.0, -GRAVITY]) + np.einsum("nij,nj->ni", R_WB, air)
+    assert_allclose(force + outer, path.derivative(2, times), atol=1e-10)
 
 
 def one(

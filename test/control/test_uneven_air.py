@@ -1,0 +1,59 @@
+"""Drag that differs between the body axes, and lift: what it costs to know it, and not to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from fixtures.presets import agile
+
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly, start_on
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
+
+AIR: dict[str, Any] = {"drag": (0.35, 0.2, 0.55), "translational_lift": 0.015}
+LAGS: dict[str, Any] = {"rate_time_constant": (0.03, 0.035, 0.1), "thrust_time_constant": 0.03}
+
+
+def flown(*, known: bool, formulation: str = "manifold", **reference: Any) -> tuple[float, Array]:
+    """Return the RMSE [m] of the true position, and the disturbances believed (n, 3) [m/s^2]."""
+    air = AIR if known else {}
+    lags = LAGS if formulation == "manifold" else {}
+    wanted = ReferenceConfig(trajectory="lemniscate", yaw=0.6, **reference, **air)
+    trajectory = configured_trajectory(wanted)
+    simulator = SimulatorConfig(lockstep=True, duration=8.0, **lags, **AIR)
+    steps = list(
+        fly(
+            mpc=agile(formulation=formulation, lockstep=True, **lags, **air),
+            simulator=simulator.updated(start_on(trajectory, simulator)),
+            reference=wanted,
+            trajectory=trajectory,
+        )
+    )
+    times = [step.truth.stamp_ns - SIMULATION_START_NS for step in steps]
+    off = [step.truth.p_WB for step in steps] - trajectory.at(times).p_WB
+    stats = [step.tick.stats for step in steps if step.tick is not None]
+    believed = [[s.disturbance_x, s.disturbance_y, s.disturbance_z] for s in stats]
+    return float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), np.array(believed)
+
+
+@pytest.mark.parametrize(("angular_frequency", "rmse"), [(1.0, 0.0003), (1.8, 0.001)])
+def test_air_that_is_known_costs_nothing(angular_frequency: float, rmse: float) -> None:
+    error, believed = flown(known=True, angular_frequency=angular_frequency)
+    assert error < rmse
+    assert np.abs(believed).max() < 0.06
+
+
+def test_air_that_is_not_known_is_taken_for_a_disturbance() -> None:
+    error, believed = flown(known=False, angular_frequency=2.0)
+    assert error > 0.005
+    assert np.abs(believed).max() > 0.5
+
+
+def test_the_papers_formulation_flies_in_it_too() -> None:
+    known, _ = flown(known=True, formulation="paper", angular_frequency=1.0)
+    unknown, _ = flown(known=False, formulation="paper", angular_frequency=1.0)
+    assert known < 0.8 * unknown
