@@ -77,8 +77,10 @@ def dump(node: str, values: Mapping[str, Any]) -> str:
 
 
 def presets() -> dict[str, Path]:
-    """Return the shipped parameter files by name."""
-    return {path.stem: path for path in sorted(_config_directory().glob("*.yaml"))}
+    """Return the shipped parameter files by name; those in a folder as ``folder/name``."""
+    folder = _config_directory()
+    found = sorted([*folder.glob("*.yaml"), *folder.glob("vehicles/*.yaml")])
+    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in found}
 
 
 def _config_directory() -> Path:

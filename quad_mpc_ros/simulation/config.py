@@ -1,7 +1,7 @@
 """Every plant by its name, and the parameters of the simulator node.
 
 A plant is entered here: its name in ``PLANTS``, and its parameters, if it has any of its own, as a
-base of :class:`SimulatorConfig`.
+base of :class:`OwnParameters`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from quad_mpc_ros.model.vehicle import VehicleParameters
 from quad_mpc_ros.simulation.internal_plant import InternalParameters, InternalPlant
 from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.rotorpy_plant import RotorpyParameters, RotorpyPlant
+from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
+from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 
 P_contra = TypeVar("P_contra", contravariant=True)
 
@@ -42,13 +44,16 @@ class PlantEntry(Generic[P_contra]):
     has_own: tuple[str, ...] = ()
 
 
+_OWN_LAGS = ("dynamics", "rate_time_constant", "thrust_time_constant")
+
 PLANTS: dict[str, PlantEntry[SimulatorConfig]] = {
     "internal": PlantEntry(make=InternalPlant),
     "rotorpy": PlantEntry(
         make=RotorpyPlant,
         preset="rotorpy",
-        has_own=("dynamics", "rate_time_constant", "thrust_time_constant"),
+        has_own=_OWN_LAGS,
     ),
+    "rotors": PlantEntry(make=RotorsPlant, preset="vehicles/paper", has_own=_OWN_LAGS),
 }
 
 
@@ -77,14 +82,20 @@ class ChoiceParameters(ExtensibleConfiguration, VehicleParameters):
 
     plant: str = parameter(
         "internal",
-        doc="What flies: the package's own vehicle, or the Hummingbird of rotorpy (optional).",
+        doc="What flies: a vehicle as the MPC's model has it, one of rotors, body, battery and "
+        "rate loop, or the Hummingbird of rotorpy (optional).",
         choices=tuple(PLANTS),
     )
 
 
 # The parameters are listed in the order of the bases, the last one first.
 @dataclass(frozen=True, kw_only=True)
-class SimulatorConfig(RotorpyParameters, InternalParameters, ChoiceParameters):
+class OwnParameters(RotorsPlantParameters, RotorpyParameters, InternalParameters):
+    """What plants have of their own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatorConfig(OwnParameters, ChoiceParameters):
     """The plant, on parameters of its own so that it can differ from the controller's model.
 
     By default it has no lag, delay, wind, noise or losses.

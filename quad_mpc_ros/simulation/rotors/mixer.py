@@ -1,0 +1,121 @@
+"""The mixer: which thrust of each rotor gives a total thrust and a torque.
+
+What the rotors give is linear in their thrusts; the pseudo-inverse of that shares a wish among
+any number of them. Where a rotor would have to give more or less than it can, something has to
+go: with airmode thrust before torque, without it torque before thrust; in either case the
+torque about yaw, of which rotors have the least, before roll and pitch.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.simulation.rotors.craft import AXIS, PLACE, SPIN, rotor_rows
+from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
+
+Limits = tuple[float, float]
+"""Least and greatest thrust of a rotor [N]."""
+
+
+def allocation(rotors: RotorParameters) -> Array:
+    """Return what thrusts (n,) [N] of the rotors give together (4, n): thrust [N], torque [N m].
+
+    As the autopilot knows it, about the origin of the body.
+    """
+    rows = rotor_rows(rotors, center_B=np.zeros(3))
+    axis = rows[:, AXIS]
+    drag = rotors.torque_coefficient / rotors.thrust_coefficient * rows[:, [SPIN]] * axis
+    return np.vstack((axis[:, 2], (np.cross(rows[:, PLACE], axis) - drag).T))
+
+
+def mixing(rotors: RotorParameters) -> Array:
+    """Return the thrusts for thrust and torque, (n, 4).
+
+    Raises :class:`ConfigurationError` for rotors that cannot make them.
+    """
+    given = allocation(rotors)
+    mix = np.linalg.pinv(given)
+    if not np.allclose(given @ mix, np.eye(4), atol=1e-6) or (mix[:, 0] <= 0.0).any():
+        raise ConfigurationError(
+            "simulator.rotors.x",
+            rotors.x,
+            "rotors that all lift, and together make thrust and every torque",
+        )
+    return np.ascontiguousarray(mix, dtype=np.float64)
+
+
+@compiled
+def mixed(
+    thrust: float, torque: kernels.Vector, mix: Array, limits: Limits, airmode: bool, out: Array
+) -> tuple[float, float]:
+    """Write the rotors' thrusts (n,) [N]; return the shares of the torques that are left.
+
+    First that about roll and pitch, then that about yaw, each in [0, 1].
+    """
+    least, greatest = limits
+    rotor_count = mix.shape[0]
+    wish = np.empty((3, rotor_count))
+    for rotor in range(rotor_count):
+        wish[0, rotor] = mix[rotor, 0]
+        wish[1, rotor] = mix[rotor, 1] * torque[0] + mix[rotor, 2] * torque[1]
+        wish[2, rotor] = mix[rotor, 3] * torque[2]
+    out[:] = 0.0
+    low, high = _thrusts_between(out, lift=wish[0], limits=limits)
+    total = kernels.clamp(thrust, low, high)
+    if not airmode:
+        out += total * wish[0]
+    shares = np.empty(2)
+    for part in range(2):
+        turn = wish[part + 1]
+        if airmode:
+            shares[part] = _share_with_any_thrust(out, turn=turn, lift=wish[0], limits=limits)
+        else:
+            shares[part] = _share(out, turn=turn, limits=limits)
+        out += shares[part] * turn
+    if airmode:
+        low, high = _thrusts_between(out, lift=wish[0], limits=limits)
+        out += min(max(thrust, low), high) * wish[0]
+    for rotor in range(rotor_count):  # within the limits to the last bit
+        out[rotor] = kernels.clamp(out[rotor], least, greatest)
+    return shares[0], shares[1]
+
+
+@compiled
+def _thrusts_between(given: Array, lift: Array, limits: Limits) -> tuple[float, float]:
+    """Return the least and the greatest total thrust with which no rotor saturates."""
+    low, high = -np.inf, np.inf
+    for rotor in range(given.shape[0]):
+        low = max(low, (limits[0] - given[rotor]) / lift[rotor])
+        high = min(high, (limits[1] - given[rotor]) / lift[rotor])
+    return low, high
+
+
+@compiled
+def _share(given: Array, turn: Array, limits: Limits) -> float:
+    """Return the greatest share of a torque with which no rotor saturates."""
+    share = 1.0
+    for rotor in range(given.shape[0]):
+        if turn[rotor] > 0.0:
+            share = min(share, (limits[1] - given[rotor]) / turn[rotor])
+        elif turn[rotor] < 0.0:
+            share = min(share, (limits[0] - given[rotor]) / turn[rotor])
+    return max(share, 0.0)
+
+
+@compiled
+def _share_with_any_thrust(given: Array, turn: Array, lift: Array, limits: Limits) -> float:
+    """Return the greatest share of a torque for which there is a thrust that saturates no rotor.
+
+    Of every two rotors, what the one needs at least must not be above what the other bears.
+    """
+    share = 1.0
+    for i in range(given.shape[0]):
+        for j in range(given.shape[0]):
+            steeper = turn[j] / lift[j] - turn[i] / lift[i]
+            if steeper > 0.0:
+                room = (limits[1] - given[j]) / lift[j] - (limits[0] - given[i]) / lift[i]
+                share = min(share, room / steeper)
+    return max(share, 0.0)

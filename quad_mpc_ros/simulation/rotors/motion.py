@@ -1,0 +1,127 @@
+"""The motion of the plant ``rotors`` while neither command nor wind changes, compiled.
+
+One call moves it over any time: the rate loop runs at its own regular times, and between two of
+them Runge-Kutta steps of order 4 integrate the equations. The ground is at height 0.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.simulation.rotors import rate_loop
+from quad_mpc_ros.simulation.rotors.craft import craft_in
+from quad_mpc_ros.simulation.rotors.equations import derivative
+from quad_mpc_ros.simulation.rotors.state import origin_height, put, rotation_in, stands
+
+_BODY = slice(0, 13)  # all of a state that the ground holds
+
+
+@compiled
+def advance(
+    x: Array,
+    memory: Array,
+    wanted: Array,
+    inputs: Array,
+    craft: Array,
+    rotors: Array,
+    loop: Array,
+    mix: Array,
+    times_ns: Array,
+) -> None:
+    """Move a state (14 + n,), the loop's memory (3, 5) and the wanted speeds (n,) over a time.
+
+    ``inputs`` (7,) are throttle and rates commanded and the wind [m/s]; ``times_ns`` (4,) [ns]
+    are how long to go on, how long until the loop runs next (renewed), its period, and the
+    longest step of the integrator.
+    """
+    wind_W = kernels.vector(inputs[4:7])
+    center_B = craft_in(craft).center_B
+    left = times_ns[0]
+    while left > 0:
+        if times_ns[1] == 0:
+            standing = stands(x, center_B)
+            rate_loop.run(
+                memory,
+                w_WB_B=x[10:13],
+                command=inputs[0:4],
+                stands=standing,
+                loop=loop,
+                mix=mix,
+                out=wanted,
+            )
+            times_ns[1] = times_ns[2]
+        until = min(left, times_ns[1])
+        steps = -(-until // times_ns[3])
+        for _ in range(steps):
+            step(x, wanted, wind_W, craft=craft, rotors=rotors, duration=until * 1e-9 / steps)
+        left -= until
+        times_ns[1] -= until
+
+
+@compiled
+def step(
+    x: Array, wanted: Array, wind_W: kernels.Vector, craft: Array, rotors: Array, duration: float
+) -> None:
+    """Move a state (14 + n,) by one step [s] of the integrator; nothing sinks into the ground."""
+    center_B = craft_in(craft).center_B
+    stood = stands(x, center_B)
+    before = x[_BODY].copy()
+    runge_kutta(x, wanted, wind_W, craft=craft, rotors=rotors, duration=duration)
+    above = origin_height(x, center_B) > 0.0
+    if stood and not (above and x[5] > 0.0):  # lifted, and not just tipped about its centre
+        x[_BODY] = before
+    elif not above:
+        _land(x, center_B)
+
+
+@compiled
+def runge_kutta(
+    x: Array, wanted: Array, wind_W: kernels.Vector, craft: Array, rotors: Array, duration: float
+) -> None:
+    """Move a state (14 + n,) in free flight by one Runge-Kutta step of order 4 [s]."""
+    rates = np.empty((4, x.shape[0]))
+    at = x
+    for stage in range(4):
+        if stage > 0:
+            share = duration if stage == 3 else 0.5 * duration
+            at = x + share * rates[stage - 1]
+        derivative(at, wanted, wind_W, craft=craft, rotors=rotors, out=rates[stage])
+    x += duration / 6.0 * (rates[0] + 2.0 * rates[1] + 2.0 * rates[2] + rates[3])
+    length = math.sqrt(x[6] * x[6] + x[7] * x[7] + x[8] * x[8] + x[9] * x[9])
+    x[6:10] /= length
+
+
+@compiled
+def odometry(x: Array, craft: Array) -> Array:
+    """Return what there is to be measured of the body's origin in a state (14 + n,): (13,).
+
+    Position in the world, attitude as a quaternion x, y, z, w, velocity and body rates in the
+    body.
+    """
+    R_WB, w, center_B = rotation_in(x), kernels.vector(x[10:13]), craft_in(craft).center_B
+    seen = np.empty(13)
+    to_origin = kernels.scaled(-1.0, center_B)
+    p = kernels.plus(kernels.vector(x[0:3]), kernels.apply(R_WB, to_origin))
+    v = kernels.apply_transposed(R_WB, kernels.vector(x[3:6]))
+    kernels.store_vector(p, seen[0:3])
+    seen[3], seen[4], seen[5], seen[6] = kernels.quaternion(R_WB)
+    kernels.store_vector(kernels.plus(v, kernels.cross(w, to_origin)), seen[7:10])
+    kernels.store_vector(w, seen[10:13])
+    return seen
+
+
+@compiled
+def _land(x: Array, center_B: kernels.Vector) -> None:
+    """Let the ground make of a body what it does: at rest, level, heading kept."""
+    R_WB = rotation_in(x)
+    half_yaw = 0.5 * math.atan2(R_WB[3], R_WB[0])
+    origin = kernels.plus(
+        kernels.vector(x[0:3]), kernels.scaled(-1.0, kernels.apply(R_WB, center_B))
+    )
+    x[_BODY] = 0.0
+    x[8], x[9] = math.sin(half_yaw), math.cos(half_yaw)
+    put(x, (origin[0], origin[1], 0.0), center_B)

@@ -1,0 +1,107 @@
+"""What physics conserves, and what it takes and gives; the order of the integrator."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+from fixtures.rotors import NO_AIR, Equations, configured, rotation
+from numpy.testing import assert_allclose
+
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.simulation.rotors.state import P_WC, SPEEDS, V_WC_W, W_WB_B
+
+TENSOR = (8.2e-4, 6.9e-4, 1.41e-3, 1.0e-4, -0.5e-4, 0.8e-4)
+CROOKED: dict[str, Any] = {
+    "airframe.inertia": TENSOR,
+    "airframe.center_of_mass": (0.01, -0.02, 0.005),
+    "rotors.inertia": 2.0e-5,
+    "rotors.z": (0.02, -0.01, 0.03, 0.0),
+    "rotors.tilt_x": (0.3, -0.2, 0.1, 0.0),
+    "rotors.tilt_y": (-0.1, 0.2, 0.25, -0.3),
+}
+# As little thrust as is allowed.
+NO_THRUST = {"rotors.thrust_coefficient": 1e-30, "rotors.torque_coefficient": 1e-30}
+
+
+def equations(**changes: Any) -> Equations:
+    return Equations.of(configured().updated({**NO_AIR, **CROOKED, **changes}))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_angular_momentum_of_body_and_rotors_is_conserved(seed: int) -> None:
+    """Rotors that speed up and turn with a tumbling body hand on what they take."""
+    body = equations(**NO_THRUST)
+    x, wanted = body.random(seed)
+    later = body.after(x, wanted, duration=0.5, steps=2000)
+    assert np.abs(later[SPEEDS:] - x[SPEEDS:]).max() > 100.0
+    assert np.abs(later[W_WB_B] - x[W_WB_B]).max() > 1.0
+    before = body.angular_momentum(x)
+    assert_allclose(
+        body.angular_momentum(later), before, rtol=0.0, atol=1e-8 * np.linalg.norm(before)
+    )
+
+
+def test_without_air_and_thrust_it_is_thrown_along_a_parabola() -> None:
+    body = equations(**NO_THRUST)
+    x, wanted = body.random(1)
+    later = body.after(x, wanted, duration=1.0, steps=100)
+    fallen = np.array([0.0, 0.0, -0.5 * 9.81])
+    assert_allclose(later[P_WC], x[P_WC] + x[V_WC_W] + fallen, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_energy_changes_by_the_work_of_motors_and_air(seed: int) -> None:
+    """Each motor turns its rotor against its drag and its inertia, the body's turning included."""
+    drag = (0.1, 0.2, 0.3)
+    body = equations(**{"airframe.drag_linear": drag})
+    x, wanted = body.random(seed)
+    step = 1e-5
+    ahead, back = (body.after(x, wanted, duration=sign * step) for sign in (1.0, -1.0))
+    found = (body.energy(ahead) - body.energy(back)) / (2.0 * step)
+    assert found == pytest.approx(work(body, x, body.rate(x, wanted), np.array(drag)), rel=1e-6)
+
+
+def work(body: Equations, x: Array, rate: Array, drag: Array) -> float:
+    """Return the power of motors and air on a vehicle that moves as its state and rate say [W]."""
+    R_WB, w, rotors = rotation(x), x[W_WB_B], body.config.rotors
+    v_B = R_WB.T @ x[V_WC_W]
+    total = -float(drag @ (v_B * v_B))
+    for row, speed, faster in zip(body.rotors, x[SPEEDS:], rate[SPEEDS:], strict=True):
+        place, axis, spin = row[0:3], row[3:6], row[6]
+        resisted = rotors.torque_coefficient * speed**2
+        turned = speed + spin * w @ axis  # of the rotor in the world, about its axis
+        motor = resisted + rotors.inertia * (faster + spin * rate[W_WB_B] @ axis)
+        thrust = rotors.thrust_coefficient * speed**2 * axis
+        total += motor * speed - resisted * turned + thrust @ (v_B + np.cross(w, place))
+    return float(total)
+
+
+def test_air_only_takes_energy_from_a_body_that_tumbles() -> None:
+    body = Equations.of(
+        configured("hummingbird").updated(
+            {"rotors.thrust_coefficient": 1e-30, "rotors.torque_coefficient": 1e-30}
+            | {"airframe.translational_lift": 0.0}
+        )
+    )
+    x, _ = body.random(2)
+    energies = [body.energy(x)]
+    for _ in range(50):
+        x = body.after(x, x[SPEEDS:].copy(), duration=0.01)
+        energies.append(body.energy(x))
+    assert (np.diff(energies) < 0.0).all()
+
+
+def test_the_integrator_is_of_fourth_order() -> None:
+    """Half the step, a sixteenth of the error."""
+    body = Equations.of(configured("sun_2022").updated({"rotors.inertia": 1e-5}))
+    x, wanted = body.random(4)
+    exact = body.after(x, wanted, duration=0.2, steps=2560)
+    errors = [
+        np.abs(body.after(x, wanted, duration=0.2, steps=steps) - exact)[:13].max()
+        for steps in (20, 40, 80)
+    ]
+    for coarse, fine in itertools.pairwise(errors):
+        assert coarse / fine == pytest.approx(16.0, rel=0.15)

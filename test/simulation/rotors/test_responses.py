@@ -1,0 +1,223 @@
+"""Flights whose outcome is known in closed form."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from fixtures.rotors import (
+    MILLISECOND,
+    NO_AIR,
+    SECOND,
+    VEHICLES,
+    command,
+    configured,
+    plant,
+    vehicle_config,
+)
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.evaluation.simulated import simulate
+from quad_mpc_ros.simulation.config import make_plant
+from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
+
+GRAVITY = 9.81
+DRAGLESS: dict[str, Any] = {name.replace(".", "__"): value for name, value in NO_AIR.items()}
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_at_the_throttle_of_hover_it_hovers(name: str) -> None:
+    body = plant(name)
+    body.advance_to(SECOND)
+    assert_allclose(body.state.p_WB, [0.0, 0.0, 50.0], atol=1e-6)
+    assert_allclose(body.state.v_WB_B, np.zeros(3), atol=1e-6)
+
+
+@pytest.mark.parametrize("tau", [0.005, 0.03, 0.1])
+def test_rotors_follow_with_their_lag(tau: float) -> None:
+    body = plant(rotors__time_constant=tau)
+    before = body.rotor_speeds
+    body.apply(command(0.6))
+    body.advance_to(5 * SECOND)
+    settled = body.rotor_speeds
+    body = plant(rotors__time_constant=tau)
+    body.apply(command(0.6))
+    for time_ms in (1, 7, 40):
+        body.advance_to(time_ms * MILLISECOND)
+        left = math.exp(-time_ms * 1e-3 / tau)
+        assert_allclose(body.rotor_speeds, settled + left * (before - settled), rtol=1e-4)
+
+
+def test_without_thrust_it_falls_freely() -> None:
+    body = plant(initial_throttle=0.0, **DRAGLESS)
+    body.advance_to(2 * SECOND)
+    assert_allclose(body.state.p_WB, [0.0, 0.0, 50.0 - 0.5 * GRAVITY * 4.0], atol=1e-9)
+    assert_allclose(body.state.v_WB_B, [0.0, 0.0, -GRAVITY * 2.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("linear", "quadratic"), [(0.4, 0.0), (0.0, 0.05)])
+def test_it_falls_no_faster_than_drag_allows(linear: float, quadratic: float) -> None:
+    body = plant(
+        **{
+            **DRAGLESS,
+            "initial_position": (0.0, 0.0, 2000.0),
+            "initial_throttle": 0.0,
+            "airframe__drag_linear": (0.0, 0.0, linear),
+            "airframe__drag_quadratic": (0.0, 0.0, quadratic),
+        }
+    )
+    body.advance_to(30 * SECOND)
+    weight = 0.396893 * GRAVITY
+    fastest = weight / linear if linear else math.sqrt(weight / quadratic)
+    assert_allclose(body.state.v_WB_B, [0.0, 0.0, -fastest], atol=1e-6)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_drag_slows_each_axis_at_its_own_rate(axis: int) -> None:
+    drag, velocity = (0.1, 0.3, 0.5), np.zeros(3)
+    velocity[axis] = 5.0
+    body = plant(
+        **{**DRAGLESS, "airframe__drag_linear": drag, "initial_velocity": tuple(velocity)}
+    )
+    body.advance_to(SECOND)
+    kept = math.exp(-drag[axis] / 0.396893)
+    assert_allclose(body.state.v_WB_B, kept * velocity, atol=1e-6)
+
+
+def test_wind_drags_it_along() -> None:
+    body = plant(wind=(5.0, 0.0, 0.0))
+    body.advance_to(SECOND)
+    assert_allclose(body.state.v_WB_W[0], 5.0 * (1.0 - math.exp(-0.0794 / 0.396893)), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("scale", "climb"), [({"mass_scale": 1.25}, 1.0 / 1.25 - 1.0), ({"thrust_scale": 0.7}, -0.3)]
+)
+def test_mass_and_thrust_that_differ_make_it_sink(scale: dict[str, float], climb: float) -> None:
+    body = plant(**DRAGLESS, **scale, initial_throttle=configured().vehicle().hover_throttle)
+    body.advance_to(SECOND // 2)
+    assert body.state.v_WB_W[2] == pytest.approx(0.5 * GRAVITY * climb, rel=1e-6)
+
+
+@pytest.mark.parametrize("d", [0.0, 0.8])
+def test_a_small_step_of_the_rate_is_answered_as_by_second_order(d: float) -> None:
+    """p / tau over s^2 + (1 + d) s / tau + p / tau: the rotors' lag within the loop."""
+    p, tau, step = 40.0, 0.03, 0.01
+    body = plant(
+        **{
+            **DRAGLESS,
+            "rotors__time_constant": tau,
+            "rate_loop__rate": 8000.0,
+            "rate_loop__p": (p, p, 1.0),
+            "rate_loop__i": (0.0, 0.0, 0.0),
+            "rate_loop__d": (d, d, 0.0),
+            "rate_loop__d_cutoff": 0.0,
+        }
+    )
+    body.apply(command(configured().vehicle().hover_throttle, (step, 0.0, 0.0)))
+    decay = (1.0 + d) / (2.0 * tau)
+    frequency = math.sqrt(p / tau - decay * decay)
+    for time_ms in range(5, 200, 5):
+        body.advance_to(time_ms * MILLISECOND)
+        t = time_ms * 1e-3
+        ringing = math.cos(frequency * t) + decay / frequency * math.sin(frequency * t)
+        expected = step * (1.0 - math.exp(-decay * t) * ringing)
+        assert body.odometry(0).w_WB_B[0] == pytest.approx(expected, abs=0.01 * step)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("name", VEHICLES)
+def test_the_rates_settle_at_what_is_commanded(name: str, axis: int) -> None:
+    rates = np.zeros(3)
+    rates[axis] = 0.5
+    body = plant(name, **DRAGLESS)
+    body.apply(command(configured(name).vehicle().hover_throttle, tuple(rates)))
+    body.advance_to(2 * SECOND)
+    found = body.odometry(0).w_WB_B
+    assert_allclose(found, rates, atol=0.02)
+
+
+@pytest.mark.parametrize("integral", [0.0, 100.0])
+def test_the_integral_bears_a_centre_of_mass_that_is_off(integral: float) -> None:
+    """Without it the error is what makes the torque: m g c over P and the inertia."""
+    offset = 0.001
+    body = plant(
+        **{
+            **DRAGLESS,
+            "airframe__center_of_mass": (offset, 0.0, 0.0),
+            "rate_loop__i": (integral, integral, 0.0),
+        }
+    )
+    body.advance_to(3 * SECOND)
+    torque = 0.396893 * GRAVITY * offset
+    expected = 0.0 if integral else torque / (60.0 * 6.9e-4)
+    assert body.odometry(0).w_WB_B[1] == pytest.approx(expected, abs=2e-3)
+
+
+def test_the_odometry_is_of_the_origin_and_turns_about_the_centre_of_mass() -> None:
+    """Thrown without forces, the centre flies straight and the origin circles it."""
+    body = plant(
+        **{
+            **DRAGLESS,
+            "airframe__center_of_mass": (0.2, 0.0, 0.0),
+            "initial_throttle": 0.0,
+            "initial_body_rates": (0.0, 0.0, 2.0),
+            "rate_loop__p": (0.0, 0.0, 0.0),
+            "rate_loop__d": (0.0, 0.0, 0.0),
+            "rate_loop__i": (0.0, 0.0, 0.0),
+        }
+    )
+    assert_allclose(body.odometry(0).p_WB, [0.0, 0.0, 50.0], atol=1e-12)
+    assert_allclose(body.odometry(0).v_WB_B, np.zeros(3), atol=1e-12)
+    body.advance_to(round(math.pi / 2.0 * 1e9))  # half a turn
+    seen = body.odometry(0)
+    assert_allclose(seen.p_WB[:2], [0.2 + 0.2, 0.4 * math.pi / 2.0], atol=1e-6)
+    assert_allclose(seen.v_WB_B[:2], [0.0, -0.8], atol=1e-6)
+
+
+def test_how_the_time_is_divided_does_not_matter() -> None:
+    whole, split = plant("racer"), plant("racer")
+    for body in (whole, split):
+        body.apply(command(0.5, (3.0, -2.0, 1.0)))
+    whole.advance_to(SECOND // 2)
+    for time_ns in (1, 333_333, 12_345_678, 100_000_000, SECOND // 2):
+        split.advance_to(time_ns)
+    assert_allclose(split.state.p_WB, whole.state.p_WB, atol=1e-9)
+    assert_allclose(split.state.R_WB, whole.state.R_WB, atol=1e-9)
+
+
+def test_two_flights_are_the_same_to_the_last_bit() -> None:
+    noisy = {
+        "simulator__gust_intensity": 1.0,
+        "simulator__position_noise": 0.01,
+        "simulator__battery__capacity": 1.3,
+        "simulator__command_delay": 0.013,
+    }
+    config = vehicle_config("paper", **noisy)
+    one, other = (simulate(*config, duration=2.0) for _ in range(2))
+    assert_array_equal(one.p_WB, other.p_WB)
+    assert one.commands.throttle.tobytes() == other.commands.throttle.tobytes()
+    assert one.commands.w_WB_B.tobytes() == other.commands.w_WB_B.tobytes()
+
+
+def test_as_many_rotors_as_the_curve_counts() -> None:
+    with pytest.raises(ConfigurationError, match=r"^simulator\.motor_count: given 6, expected 4"):
+        make_plant(configured(motor_count=6))
+
+
+def test_six_rotors_hover() -> None:
+    angles = np.arange(6) * math.pi / 3.0
+    six: dict[str, Any] = {
+        "motor_count": 6,
+        "rotors__x": tuple(0.15 * np.cos(angles)),
+        "rotors__y": tuple(0.15 * np.sin(angles)),
+        "rotors__spin": (1.0, -1.0) * 3,
+        **{f"rotors__{name}": (0.0,) * 6 for name in ("z", "tilt_x", "tilt_y")},
+    }
+    config = configured(**six)
+    body = RotorsPlant(config.updated({"initial_throttle": config.vehicle().hover_throttle}))
+    body.advance_to(SECOND)
+    assert_allclose(body.state.p_WB, [0.0, 0.0, 50.0], atol=1e-6)

@@ -1,0 +1,100 @@
+"""The shipped vehicles: their files agree with themselves, and the MPC flies each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from fixtures.rotors import (
+    MILLISECOND,
+    SECOND,
+    VEHICLES,
+    command,
+    configured,
+    plant,
+    vehicle_config,
+)
+
+from quad_mpc_ros.configuration import files
+from quad_mpc_ros.evaluation.simulated import load_config, simulate
+
+FOLDER = Path(__file__).resolve().parents[3] / "config" / "vehicles"
+SHARED = ("mass", "gravity", "drag", "motor_count", "thrust_curve")
+
+
+def test_they_are_presets() -> None:
+    found = {name for name in files.presets() if name.startswith("vehicles/")}
+    assert found == {f"vehicles/{name}" for name in VEHICLES}
+
+
+def test_each_says_of_every_parameter_that_another_says() -> None:
+    """So that a vehicle given after another one leaves nothing of it."""
+    said = [names(yaml.safe_load((FOLDER / f"{name}.yaml").read_text())) for name in VEHICLES]
+    assert all(each == said[0] for each in said)
+
+
+def names(tree: object, prefix: str = "") -> set[str]:
+    if not isinstance(tree, dict):
+        return {prefix}
+    return {name for key, value in tree.items() for name in names(value, f"{prefix}.{key}")}
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_its_nodes_agree_and_it_is_told_where_it_is_from(name: str) -> None:
+    config = load_config(f"vehicles/{name}")
+    assert config.simulator.plant == "rotors"
+    for parameter in SHARED:
+        values = [getattr(node, parameter) for node in config]
+        assert values[1:] == values[:-1]
+    assert (FOLDER / f"{name}.yaml").read_text().startswith("# ")
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_its_rotors_make_the_thrust_of_its_curve(name: str) -> None:
+    """From idling to full throttle, within a thousandth of the greatest."""
+    config = configured(name)
+    rotors = config.rotors
+    idle = len(rotors.x) * rotors.thrust_coefficient * rotors.speed_min**2
+    for throttle in np.linspace(0.0, 1.0, 11):
+        body = plant(name, initial_throttle=throttle)
+        made = rotors.thrust_coefficient * float(body.rotor_speeds @ body.rotor_speeds)
+        wanted = max(config.thrust(throttle), idle)
+        assert made == pytest.approx(wanted, abs=1e-3 * config.thrust(1.0))
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_the_lags_that_the_mpc_is_told_are_those_of_a_step(name: str) -> None:
+    """63 % of a step of the roll rate come after lag and delay; thrust lags as the rotors do."""
+    mpc = vehicle_config(name).mpc
+    body = plant(name)
+    body.apply(command(configured(name).vehicle().hover_throttle, (0.5, 0.0, 0.0)))
+    reached = 0
+    while body.odometry(0).w_WB_B[0] < 0.5 * 0.63 and body.time_ns < SECOND:
+        body.advance_to(body.time_ns + MILLISECOND)
+        reached += 1
+    assert mpc.rate_time_constant + mpc.input_delay == pytest.approx(reached * 1e-3, rel=0.15)
+    assert mpc.thrust_time_constant == configured(name).rotors.time_constant
+
+
+@pytest.mark.parametrize("sources", [("robust",), ("robust", "VEHICLE"), ("agile", "VEHICLE")])
+@pytest.mark.parametrize("name", VEHICLES)
+def test_the_mpc_takes_off_and_hovers(name: str, sources: tuple[str, ...]) -> None:
+    """By the guess for all vehicles, and by its own lags with soft and with hard weights."""
+    vehicle = f"vehicles/{name}"
+    given = [vehicle, *(vehicle if source == "VEHICLE" else source for source in sources)]
+    config = load_config(
+        *given, assignments=["reference.trajectory=hover", "reference.height=1.5"]
+    )
+    flight = simulate(*config, duration=8.0)
+    error = np.linalg.norm(flight.p_WB - flight.reference.p_WB, axis=1)
+    assert error[-100:].max() < 0.005
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_the_mpc_follows_a_lemniscate(name: str) -> None:
+    assignments = {"reference__trajectory": "lemniscate"}
+    flight = simulate(*vehicle_config(name, **assignments), duration=6.0, on_reference=True)
+    error = np.linalg.norm(flight.p_WB - flight.reference.p_WB, axis=1)
+    assert error.max() < 0.03
