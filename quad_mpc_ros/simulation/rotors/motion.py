@@ -83,16 +83,19 @@ def runge_kutta(
     x: Array, wanted: Array, wind_W: kernels.Vector, craft: Array, rotors: Array, duration: float
 ) -> None:
     """Move a state (14 + n,) in free flight by one Runge-Kutta step of order 4 [s]."""
-    rates = np.empty((4, x.shape[0]))
-    at = x
+    rate, at, mean = np.empty_like(x), x.copy(), np.zeros_like(x)
     for stage in range(4):
-        if stage > 0:
-            share = duration if stage == 3 else 0.5 * duration
-            at = x + share * rates[stage - 1]
-        derivative(at, wanted, wind_W, craft=craft, rotors=rotors, out=rates[stage])
-    x += duration / 6.0 * (rates[0] + 2.0 * rates[1] + 2.0 * rates[2] + rates[3])
+        derivative(at, wanted, wind_W, craft=craft, rotors=rotors, out=rate)
+        weight = (1.0 if stage in (0, 3) else 2.0) / 6.0
+        ahead = 0.5 * duration if stage < 2 else duration
+        for k in range(x.shape[0]):
+            mean[k] += weight * rate[k]
+            at[k] = x[k] + ahead * rate[k]
+    for k in range(x.shape[0]):
+        x[k] += duration * mean[k]
     length = math.sqrt(x[6] * x[6] + x[7] * x[7] + x[8] * x[8] + x[9] * x[9])
-    x[6:10] /= length
+    for k in range(6, 10):
+        x[k] /= length
 
 
 @compiled
