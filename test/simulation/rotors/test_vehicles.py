@@ -17,7 +17,7 @@ from fixtures.rotors import (
     vehicle_config,
 )
 
-from quad_mpc_ros.configuration import files
+from quad_mpc_ros.configuration import files, per_axis
 from quad_mpc_ros.evaluation.simulated import load_config, simulate
 
 FOLDER = Path(__file__).resolve().parents[3] / "config" / "vehicles"
@@ -64,17 +64,19 @@ def test_its_rotors_make_the_thrust_of_its_curve(name: str) -> None:
         assert made == pytest.approx(wanted, abs=1e-3 * config.thrust(1.0))
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("name", VEHICLES)
-def test_the_lags_that_the_mpc_is_told_are_those_of_a_step(name: str) -> None:
-    """63 % of a step of the roll rate come after lag and delay; thrust lags as the rotors do."""
+def test_the_lags_that_the_mpc_is_told_are_those_of_a_step(name: str, axis: int) -> None:
+    """63 % of a step of a rate come after lag and delay; thrust lags as the rotors do."""
     mpc = vehicle_config(name).mpc
+    rates = np.zeros(3)
+    rates[axis] = 0.5
     body = plant(name)
-    body.apply(command(configured(name).vehicle().hover_throttle, (0.5, 0.0, 0.0)))
-    reached = 0
-    while body.odometry(0).w_WB_B[0] < 0.5 * 0.63 and body.time_ns < SECOND:
+    body.apply(command(configured(name).vehicle().hover_throttle, tuple(rates)))
+    while body.odometry(0).w_WB_B[axis] < 0.63 * 0.5 and body.time_ns < SECOND:
         body.advance_to(body.time_ns + MILLISECOND)
-        reached += 1
-    assert mpc.rate_time_constant + mpc.input_delay == pytest.approx(reached * 1e-3, rel=0.15)
+    told = per_axis(mpc.rate_time_constant)[axis] + mpc.input_delay
+    assert told == pytest.approx(body.time_ns * 1e-9, rel=0.15)
     assert mpc.thrust_time_constant == configured(name).rotors.time_constant
 
 
