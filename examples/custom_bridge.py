@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros import CommandSample, Controller, MpcConfig, OdometrySample, ReferenceWindow
-from quad_mpc_ros.bridges.bridge import OutgoingMessage, Response, Subscription, SwitchedBridge
+from quad_mpc_ros.bridges.bridge import OutgoingMessage, Subscription, SwitchedBridge
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
@@ -38,10 +38,6 @@ class ToyBridge(SwitchedBridge):
         super().__init__(config, new)
         self.subscriptions = [Subscription(topic=STATE, receive=self._on_state)]
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Response:
-        """Refuse: this stack knows no arming."""
-        return Response(accepted=False, text="there is nothing to arm")
-
     def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:
         odometry = OdometrySample.at_rest(message.position_enu, stamp_ns=message.time_ns)
         return self._passed_on(odometry, now_ns=now_ns)
@@ -62,11 +58,12 @@ for now_ns in range(0, 100_000_000, 20_000_000):
         print(bridge.engage(True, now_ns=now_ns).text)
     odometry = state.receive(SimpleNamespace(position_enu=[0, 0, 1], time_ns=now_ns), now_ns)
     assert odometry is not None
-    tick = controller.step(odometry, ReferenceWindow.hover([0, 0, 2], stamp_ns=now_ns))
+    tick = controller.step(odometry, ReferenceWindow.hover([0, 0, 1], stamp_ns=now_ns))
     assert tick is not None and tick.command is not None
-    messages = bridge.receive_command(tick.command, now_ns=now_ns)
-    sent += [each.message for each in messages]
-    print(messages[0].message if messages else f"silent: {bridge.silence}")
+    outgoing = bridge.receive_command(tick.command, now_ns=now_ns)
+    messages = [each.message for each in outgoing if isinstance(each, OutgoingMessage)]
+    sent += messages
+    print(messages[0] if messages else f"silent: {bridge.silence}")
 
 broken = SimpleNamespace(position_enu=[0, 0, float("nan")], time_ns=100_000_000)
 refused = state.receive(broken, 100_000_000) is None

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from quad_mpc_ros.bridges.autopilot import LatestStatus
-from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
+from quad_mpc_ros.bridges.bridge import Bridge, Outgoing, OutgoingMessage, Response, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
+from quad_mpc_ros.bridges.handover import Stack
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds
@@ -111,39 +112,32 @@ class Aerostack2Bridge(Bridge):
         self._mode = self._service("set_platform_control_mode", "as2_msgs/srv/SetControlMode")
         self.services = self._arming, self._offboard, self._mode
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Response:
-        """Ask the platform to arm or disarm."""
+    def _stack(self, now_ns: int) -> Stack:
+        info = self._info.value(now_ns=now_ns)
+        if info is None:
+            return Stack(fault=f"no platform info within {_INFO_TIMEOUT:g} s on {self._info_name}")
+        if not info.connected:
+            return Stack(fault="the platform is not connected")
+        mode = info.current_control_mode.control_mode
+        return Stack(
+            takes_setpoints=bool(info.offboard) and mode == CONTROL_MODE_BODY_RATES,
+            armed=bool(info.armed),
+        )
+
+    def _arm(self, wanted: bool) -> Response:
         what = "arming" if wanted else "disarming"
         call = self._call(self._arming, data=wanted)
         return Response(accepted=True, text=f"asked for {what}", calls=[call])
 
-    def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Ask the platform for body rates and offboard mode, or to leave offboard mode."""
-        offboard = self._call(self._offboard, data=wanted)
-        if not wanted:
-            return Response(accepted=True, text="asked to leave offboard mode", calls=[offboard])
+    def _switch(self) -> list[Outgoing]:
         mode = self._call(self._mode)
         mode.request.control_mode.control_mode = CONTROL_MODE_BODY_RATES
         mode.request.control_mode.yaw_mode = YAW_MODE_YAW_SPEED
-        text = "asked for body rates in offboard mode"
-        return Response(accepted=True, text=text, calls=[mode, offboard])
+        return [mode, self._call(self._offboard, data=True)]
 
-    def _reason_for_silence(self, now_ns: int) -> str | None:
-        info = self._info.value(now_ns=now_ns)
-        if info is None:
-            return f"no platform info within {_INFO_TIMEOUT:g} s on {self._info_name}"
-        if not info.connected:
-            return "the platform is not connected"
-        if not info.offboard:
-            return "the platform is not in offboard mode"
-        mode = info.current_control_mode.control_mode
-        if mode != CONTROL_MODE_BODY_RATES:
-            return f"the platform is in control mode {mode}, not 6 (body rates)"
-        return None
-
-    def _acts(self, now_ns: int) -> bool:
-        info = self._info.value(now_ns=now_ns)
-        return info is not None and bool(info.armed)
+    def _switch_back(self, now_ns: int) -> Response:
+        offboard = self._call(self._offboard, data=False)
+        return Response(accepted=True, text="asked to leave offboard mode", calls=[offboard])
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         thrust, rates = self._new(self._thrust.type_name), self._new(self._rates.type_name)

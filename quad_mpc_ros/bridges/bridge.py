@@ -12,8 +12,11 @@ Every bridge obeys these rules:
   hears nothing more, no heartbeat either, and its own failsafe acts.
 - It refuses, with a reason, what is not finite or not in a known frame.
 - It passes on a reset of the estimator: same frame, next stamp, another position.
-- It arms and switches modes only when asked to.
-- It says whether the vehicle acts on commands. Otherwise the MPC learns nothing from them.
+- It arms and switches modes only when asked to, and sends nothing until it was asked to engage.
+- It refuses to engage and to arm where the vehicle would leap, and lets go for good when somebody
+  else takes over or commands have stopped (:mod:`.handover`).
+- It says whether the vehicle acts on commands: until then the reference waits at the vehicle, and
+  the MPC learns nothing. Where the stack knows it, it says whether the vehicle stands.
 """
 
 from __future__ import annotations
@@ -26,14 +29,16 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from quad_mpc_ros.bridges.config import BridgeConfig
+from quad_mpc_ros.bridges.handover import Ground, Handover, Stack, State, Surroundings
 from quad_mpc_ros.bridges.odometry import OdometryStamps, PositionJumps
 from quad_mpc_ros.bridges.thrust import ThrustMap
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.safety.validation import odometry_fault
 
 _FASTEST_TURN = 100.0  # rad/s: more than the gyroscope of a vehicle can measure
+_ASKED_AGAIN_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +86,9 @@ class Response:
     calls: Sequence[ServiceCall] = ()
 
 
+Outgoing = OutgoingMessage | ServiceCall
+
+
 class Bridge(ABC):
     """Base of every bridge. Messages are sent in the order in which they are returned."""
 
@@ -93,6 +101,13 @@ class Bridge(ABC):
     how_to_get: ClassVar[str]
     """How to install them when they are missing."""
     Config: ClassVar[type[BridgeConfig]]
+
+    warm_up: float = 0.0
+    """How long [s] setpoints must have run before the stack may be asked to act on them."""
+    streams: bool = False
+    """Whether setpoints are sent before the stack acts on them."""
+    patient: bool = False
+    """Whether it is a pilot who lets the stack act on setpoints, whenever he likes."""
 
     subscriptions: Sequence[Subscription]
     """What the bridge listens to."""
@@ -125,44 +140,104 @@ class Bridge(ABC):
         self._stamps = OdometryStamps(tolerance=config.clock_tolerance)
         self._jumps = PositionJumps()
         self._warnings: list[str] = []
+        self._handover = Handover(config.handover, patient=self.patient)
+        self._surroundings = Surroundings(config.handover)
+        self._ground = Ground()
+        self._asked_ns: int | None = None
 
     @abstractmethod
-    def arm(self, wanted: bool, *, now_ns: int) -> Response:
-        """Arm or disarm, because somebody asked for it."""
+    def _stack(self, now_ns: int) -> Stack:
+        """Return what the stack says of itself now."""
 
-    @abstractmethod
-    def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Hand the vehicle to the MPC, or take it away, because somebody asked for it."""
+    def _switch(self) -> Sequence[Outgoing]:
+        """Return what asks the stack to act on setpoints."""
+        return ()
 
-    @abstractmethod
-    def _reason_for_silence(self, now_ns: int) -> str | None:
-        """Return why nothing must be sent to the stack now, or None."""
+    def _switch_back(self, now_ns: int) -> Response:
+        """Return what lets the stack fly by itself again."""
+        return Response(accepted=True, text="released")
 
-    def _acts(self, now_ns: int) -> bool:
-        """Return whether the vehicle acts on setpoints, as far as the stack tells."""
-        return True
+    def _arm(self, wanted: bool) -> Response:
+        """Return what arms or disarms, or that this bridge cannot."""
+        return Response(accepted=False, text="arm the vehicle by the means of its own stack")
 
     @abstractmethod
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         """Return what is to be sent to the stack for a fresh command."""
 
-    def receive_command(self, command: CommandSample, *, now_ns: int) -> list[OutgoingMessage]:
+    def engage(self, wanted: bool, *, now_ns: int) -> Response:
+        """Hand the vehicle to the MPC, or take it away, because somebody asked for it.
+
+        Handing over takes as long as the stack needs; what it then says is in ``handover``.
+        """
+        if not wanted:
+            self._handover.release("released on request")
+            return self._switch_back(now_ns)
+        self._advance(now_ns)
+        if self._handover.state is not State.RELEASED:
+            text = f"asked for before: {self._handover.state.value}"
+            return Response(accepted=True, text=text)
+        obstacle = self._stack(now_ns).fault or self._obstacle(now_ns)
+        if obstacle:
+            return Response(accepted=False, text=obstacle)
+        self._handover.offer(now_ns=now_ns)
+        self._asked_ns = None
+        self._advance(now_ns)
+        return Response(accepted=True, text=f"{self._handover.state.value}: the MPC is to fly")
+
+    def arm(self, wanted: bool, *, now_ns: int) -> Response:
+        """Arm or disarm, because somebody asked for it.
+
+        Nothing is in the way of disarming; the motors of a flying vehicle stop.
+        """
+        self._advance(now_ns)
+        response = self._arm(wanted)
+        obstacle = self._obstacle_to_arming(now_ns) if wanted and response.accepted else ""
+        return Response(accepted=False, text=obstacle) if obstacle else response
+
+    def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
+        """Take what is to be flown, to see whether the vehicle may be handed over to it."""
+        self._surroundings.see_reference(window, now_ns=now_ns)
+
+    def receive_command(self, command: CommandSample, *, now_ns: int) -> list[Outgoing]:
         """Return what is to be sent for a command that arrives now, which may be nothing.
 
         Afterwards ``silence`` says why nothing was sent, or is empty.
         """
         self.commands += 1
-        fault = self._command_fault(command, now_ns) or self._reason_for_silence(now_ns)
-        if fault is not None:
+        fault = self._command_fault(command, now_ns)
+        if fault is None:
+            share = self.thrust.specific_thrust(command.throttle) / self._config.gravity
+            self._surroundings.see_command(command, share=share, now_ns=now_ns)
+            self._advance(now_ns)
+            self._handover.commanded(now_ns=now_ns)
+        if fault is None:
+            fault = self._handover.reason or self._stack(now_ns).fault
+        if fault:
             self.silence = fault
             return []
+        stack = self._stack(now_ns)
+        if not (stack.takes_setpoints or self.streams):
+            self.silence = "the stack is asked to act on setpoints"
+            return self._asked_to_switch(now_ns)
         self.silence = ""
         self.passed += 1
-        return self._messages(command, now_ns)
+        messages: list[Outgoing] = [*self._messages(command, now_ns)]
+        return messages if stack.takes_setpoints else messages + self._asked_to_switch(now_ns)
 
     def engaged(self, *, now_ns: int) -> bool:
         """Return whether the vehicle acts on commands: armed, in the mode that takes them."""
-        return self._reason_for_silence(now_ns) is None and self._acts(now_ns)
+        self._advance(now_ns)
+        return self._handover.state is State.ENGAGED
+
+    @property
+    def handover(self) -> tuple[str, str]:
+        """Who flies, in a word of :class:`.handover.State`, and why it is released, if it is."""
+        return self._handover.state.value, self._handover.reason
+
+    def landed(self, *, now_ns: int) -> bool | None:
+        """Return whether the vehicle stands on the ground, None where the stack does not tell."""
+        return self._ground.landed
 
     @property
     def jumps(self) -> int:
@@ -173,6 +248,45 @@ class Bridge(ABC):
         """Return the warnings since the last call."""
         warnings, self._warnings = self._warnings, []
         return warnings
+
+    def _advance(self, now_ns: int) -> None:
+        """Let the handover go on, or end, as the stack and what comes say."""
+        before = self._handover.state
+        if before is State.RELEASED:
+            return
+        waits = before in (State.OFFERED, State.STANDBY)
+        obstacle = self._obstacle(now_ns) if waits else ""
+        self._handover.advance(self._stack(now_ns), obstacle=obstacle, now_ns=now_ns)
+        if self._handover.state is State.RELEASED:
+            self._warnings.append(self._handover.reason)
+
+    def _obstacle(self, now_ns: int) -> str:
+        return self._surroundings.obstacle(landed=self.landed(now_ns=now_ns), now_ns=now_ns)
+
+    def _obstacle_to_arming(self, now_ns: int) -> str:
+        """Return why the vehicle must not be armed now, or nothing."""
+        stack = self._stack(now_ns)
+        match self._handover.state:
+            case State.RELEASED if stack.takes_setpoints:
+                return (
+                    "engage it first: it is left in the mode that takes setpoints, and would fly "
+                    "whatever comes"
+                )
+            case State.OFFERED:
+                return "it is being engaged: ask again"
+            case State.STANDBY:
+                return stack.fault or self._obstacle(now_ns)
+            case _:
+                return ""
+
+    def _asked_to_switch(self, now_ns: int) -> list[Outgoing]:
+        """Return what asks the stack to act on setpoints, once they have run for long enough."""
+        if self._handover.offered_for(now_ns=now_ns) < round(self.warm_up * 1e9):
+            return []
+        if self._asked_ns is not None and now_ns - self._asked_ns < _ASKED_AGAIN_NS:
+            return []
+        self._asked_ns = now_ns
+        return [*self._switch()]
 
     def _topic(self, path: str, type_name: str, **quality: Any) -> Topic:
         """Return a topic in the stack's namespace; ``quality`` is what else a topic takes."""
@@ -227,7 +341,15 @@ class Bridge(ABC):
         warning = self._jumps.check(odometry, cause=cause)
         if warning is not None:
             self._warnings.append(warning)
+        self._surroundings.see_odometry(odometry, now_ns=now_ns)
+        self._see_ground(odometry, now_ns)
         return odometry
+
+    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+        """Find out whether the vehicle stands, of a stack that says whether it is armed."""
+        stack = self._stack(now_ns)
+        if not stack.fault:
+            self._ground.update(odometry.p_WB, armed=stack.armed)
 
     def _refuse(self, reason: str) -> None:
         self.refused += 1
@@ -258,14 +380,10 @@ class Bridge(ABC):
 
 
 class SwitchedBridge(Bridge):
-    """A bridge to a stack without modes: it sends nothing until it was asked to engage."""
+    """A bridge to a stack without modes, which acts on whatever it hears, armed or not."""
 
-    _engaged = False
+    def _stack(self, now_ns: int) -> Stack:
+        return Stack(takes_setpoints=True, armed=True)
 
-    def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Let commands through, or no longer."""
-        self._engaged = wanted
-        return Response(accepted=True, text="engaged" if wanted else "released")
-
-    def _reason_for_silence(self, now_ns: int) -> str | None:
-        return None if self._engaged else "not engaged: call the service engage"
+    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+        """Nothing is known of it."""

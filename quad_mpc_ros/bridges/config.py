@@ -70,6 +70,38 @@ class ThrustParameters(Configuration):
 
 
 @dataclass(frozen=True, kw_only=True)
+class HandoverParameters(Configuration):
+    """What must hold before the MPC may fly, and when that ends."""
+
+    owner = "handover"
+
+    tilt_max: float = parameter(
+        0.35, doc="Engaging and arming are refused with more tilt.", unit="rad", above=0.0
+    )
+    distance_max: float = parameter(
+        1.0,
+        doc="Engaging and arming are refused with a reference further away; on the ground it may "
+        "be any way below.",
+        unit="m",
+        above=0.0,
+    )
+    rate_max: float = parameter(
+        2.0,
+        doc="Engaging and arming are refused while the MPC commands faster turns.",
+        unit="rad/s",
+        above=0.0,
+    )
+    release_after: float = parameter(
+        0.5,
+        doc="Without a fresh command for so long the vehicle is released, until it is engaged "
+        "anew.",
+        unit="s",
+        minimum=0.1,
+        maximum=2.0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class BridgeConfig(VehicleParameters):
     """What every bridge must know; the vehicle is that of the MPC's model."""
 
@@ -92,6 +124,7 @@ class BridgeConfig(VehicleParameters):
         above=0.0,
     )
     thrust_map: ThrustParameters = dataclasses.field(default_factory=ThrustParameters)
+    handover: HandoverParameters = dataclasses.field(default_factory=HandoverParameters)
 
 
 def _rises(values: tuple[float, ...]) -> bool:

@@ -1,8 +1,9 @@
 """Crazyswarm2 (geometry_msgs, nav_msgs).
 
 The firmware keeps the thrust locked until a setpoint of thrust 0 has come, levels after half a
-second without setpoints and cuts the motors after two. It takes rates only with
-``flightmode.stabModeRoll`` and ``stabModePitch`` set to 0, which is the user's to set.
+second without setpoints and cuts the motors after two, unless it was told that they stop. It takes
+rates only with ``flightmode.stabModeRoll`` and ``stabModePitch`` set to 0, which is the user's to
+set.
 
 ``cmd_vel_legacy`` carries the four numbers of the Crazyflie's oldest setpoint. The server negates
 linear.x to its pitch, and the firmware counts pitch nose-up and, in this setpoint alone, yaw
@@ -20,8 +21,9 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.bridges.autopilot import LatestStatus
-from quad_mpc_ros.bridges.bridge import OutgoingMessage, Response, Subscription, SwitchedBridge
+from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
+from quad_mpc_ros.bridges.handover import Stack
 from quad_mpc_ros.bridges.odometry import PoseDifferentiator
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds, odometry_from_message
@@ -31,6 +33,7 @@ from quad_mpc_ros.model.state import with_body_twist
 PWM_FULL = 65535.0
 PWM_LARGEST = 60000.0  # where the server cuts
 SUPERVISOR_IS_ARMED = 2
+SUPERVISOR_IS_FLYING = 16
 SUPERVISOR_IS_TUMBLED = 32
 SUPERVISOR_IS_LOCKED = 64
 
@@ -38,6 +41,7 @@ _LOCKS_AFTER_NS = 2_000_000_000
 # The radio may lose one; on the ground they cost nothing.
 _UNLOCKING_SETPOINTS = 3
 _STATUS_TIMEOUT = 10.0  # s: the server logs it once a second or less
+_LAST_SETPOINT_MILLISECONDS = 100  # until the firmware's own commander takes over
 
 
 def odometry_from_odom(message: Any) -> OdometrySample:
@@ -94,7 +98,7 @@ class Crazyswarm2Config(BridgeConfig):
     )
 
 
-class Crazyswarm2Bridge(SwitchedBridge):
+class Crazyswarm2Bridge(Bridge):
     """Legacy setpoints with rates in degrees and thrust in PWM out, odom or pose in."""
 
     name = "crazyswarm2_bridge"
@@ -111,7 +115,11 @@ class Crazyswarm2Bridge(SwitchedBridge):
         self._setpoint = self._topic("cmd_vel_legacy", "geometry_msgs/msg/Twist", reliable=True)
         self.publications = (self._setpoint,)
         self._arming = self._service("arm", "crazyflie_interfaces/srv/Arm")
-        self.services = (self._arming,)
+        self._stop = self._service(
+            "notify_setpoints_stop", "crazyflie_interfaces/srv/NotifySetpointsStop"
+        )
+        self._go_to = self._service("go_to", "crazyflie_interfaces/srv/GoTo")
+        self.services = self._arming, self._stop, self._go_to
         # What is heard unreliably matches whatever the server publishes.
         type_name, self._odometry_of = _STATES[config.state]
         state = self._topic(config.state, type_name)
@@ -125,34 +133,54 @@ class Crazyswarm2Bridge(SwitchedBridge):
         self._unlocking = 0
         self._sent_ns: int | None = None
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Response:
-        """Ask the server to arm or disarm, which vehicles with brushless motors need."""
+    def landed(self, *, now_ns: int) -> bool | None:
+        """Return whether the supervisor says that it does not fly."""
+        status = self._status.value(now_ns=now_ns)
+        return None if status is None else not status.supervisor_info & SUPERVISOR_IS_FLYING
+
+    def _stack(self, now_ns: int) -> Stack:
+        """Return whether it is fit and, where its status comes, armed."""
+        status = self._status.value(now_ns=now_ns)
+        if status is None:
+            return Stack(takes_setpoints=True, armed=self._unlocked)
+        if status.supervisor_info & SUPERVISOR_IS_TUMBLED:
+            return Stack(fault="the Crazyflie lies upside down")
+        if status.supervisor_info & SUPERVISOR_IS_LOCKED:
+            return Stack(fault="the Crazyflie is locked: restart it")
+        armed = bool(status.supervisor_info & SUPERVISOR_IS_ARMED)
+        return Stack(takes_setpoints=True, armed=armed and self._unlocked)
+
+    @property
+    def _unlocked(self) -> bool:
+        return self._sent_ns is not None and self._unlocking == 0
+
+    def _arm(self, wanted: bool) -> Response:
         what = "arming" if wanted else "disarming"
         call = self._call(self._arming, arm=wanted)
         return Response(accepted=True, text=f"asked for {what}", calls=[call])
 
-    def _reason_for_silence(self, now_ns: int) -> str | None:
-        status = self._status.value(now_ns=now_ns)
-        if status is not None and status.supervisor_info & SUPERVISOR_IS_TUMBLED:
-            return "the Crazyflie lies upside down"
-        if status is not None and status.supervisor_info & SUPERVISOR_IS_LOCKED:
-            return "the Crazyflie is locked: restart it"
-        return super()._reason_for_silence(now_ns)
+    def _switch_back(self, now_ns: int) -> Response:
+        """Let the firmware's own commander hold it: mere silence would cut the motors."""
+        if self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS:
+            return Response(accepted=True, text="released")
+        stop = self._call(
+            self._stop, group_mask=0, remain_valid_millisecs=_LAST_SETPOINT_MILLISECONDS
+        )
+        stay = self._call(self._go_to, group_mask=0, relative=True, yaw=0.0)
+        stay.request.duration.sec = 1
+        calls = [stop] if self.landed(now_ns=now_ns) else [stop, stay]
+        return Response(accepted=True, text="asked to hold by itself", calls=calls)
 
-    def _acts(self, now_ns: int) -> bool:
-        """Return whether it is unlocked and, where its status comes, armed."""
-        status = self._status.value(now_ns=now_ns)
-        armed = status is None or bool(status.supervisor_info & SUPERVISOR_IS_ARMED)
-        locked = self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS
-        return armed and not locked and self._unlocking == 0
+    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+        """Its own supervisor tells."""
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         if self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS:
             self._unlocking = _UNLOCKING_SETPOINTS
         self._sent_ns = now_ns
         message = self._new(self._setpoint.type_name)
-        if self._unlocking > 0:
-            self._unlocking -= 1
+        if self._unlocking > 0 or not self._stack(now_ns).armed:
+            self._unlocking = max(self._unlocking - 1, 0)
             fill_unlock(message)
         else:
             throttle = self.thrust.stack_throttle(command.throttle)

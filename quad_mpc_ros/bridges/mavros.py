@@ -1,8 +1,8 @@
 """MAVROS with PX4 or ArduPilot (mavros_msgs), ENU and FLU, which MAVROS converts.
 
 With PX4 the setpoints are the heartbeat: they must run before the switch to OFFBOARD, and PX4
-acts on them only in that mode. ArduPilot needs no stream before the switch to GUIDED and is sent
-none outside of it.
+acts on them only in that mode, to which it returns by itself when they come back. ArduPilot needs
+no stream before the switch to GUIDED and is sent none outside of it.
 
 Fields and constants after https://github.com/mavlink/mavros (mavros_msgs/msg/AttitudeTarget).
 """
@@ -12,9 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from quad_mpc_ros.bridges.autopilot import LatestStatus, SetpointStream
-from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
+from quad_mpc_ros.bridges.autopilot import LatestStatus
+from quad_mpc_ros.bridges.bridge import Bridge, Outgoing, OutgoingMessage, Response, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
+from quad_mpc_ros.bridges.handover import Stack
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
@@ -62,7 +63,8 @@ class MavrosBridge(Bridge):
         super().__init__(config, new, namespace=config.mavros)
         self._modes = _ENGAGED[config.autopilot]
         self._state = LatestStatus(timeout=_STATE_TIMEOUT)
-        self._stream = SetpointStream()
+        if config.autopilot == "px4":
+            self.warm_up, self.streams = 1.1, True
         odometry = self._topic("local_position/odom", "nav_msgs/msg/Odometry")
         state = self._topic("state", "mavros_msgs/msg/State", reliable=True, depth=10)
         battery = self._topic("battery", "sensor_msgs/msg/BatteryState")
@@ -81,38 +83,29 @@ class MavrosBridge(Bridge):
         self._arming = self._service("cmd/arming", "mavros_msgs/srv/CommandBool")
         self.services = self._set_mode, self._arming
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Response:
-        """Arm or disarm through MAVROS."""
+    def _stack(self, now_ns: int) -> Stack:
+        state = self._state.value(now_ns=now_ns)
+        if state is None:
+            fault = f"no state within {_STATE_TIMEOUT:g} s on {self._config.mavros}/state"
+            return Stack(fault=fault)
+        if not state.connected:
+            return Stack(fault="MAVROS is not connected to the autopilot")
+        return Stack(takes_setpoints=state.mode in self._modes, armed=bool(state.armed))
+
+    def _arm(self, wanted: bool) -> Response:
         what = "arming" if wanted else "disarming"
         call = self._call(self._arming, value=wanted)
         return Response(accepted=True, text=f"asked for {what}", calls=[call])
 
-    def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Switch to OFFBOARD or GUIDED, or from it to a mode that holds the position."""
-        if wanted and self._config.autopilot == "px4":
-            refusal = self._stream.refusal(now_ns=now_ns, silence=self.silence)
-            if refusal:
-                return Response(accepted=False, text=refusal)
-        mode = self._modes[0] if wanted else _RELEASED[self._config.autopilot]
+    def _switch(self) -> list[Outgoing]:
+        return [self._call(self._set_mode, custom_mode=self._modes[0])]
+
+    def _switch_back(self, now_ns: int) -> Response:
+        mode = _RELEASED[self._config.autopilot]
         call = self._call(self._set_mode, custom_mode=mode)
         return Response(accepted=True, text=f"asked for mode {mode}", calls=[call])
 
-    def _reason_for_silence(self, now_ns: int) -> str | None:
-        state = self._state.value(now_ns=now_ns)
-        if state is None:
-            return f"no state within {_STATE_TIMEOUT:g} s on {self._config.mavros}/state"
-        if not state.connected:
-            return "MAVROS is not connected to the autopilot"
-        if self._config.autopilot == "ardupilot" and state.mode not in self._modes:
-            return f"the mode is {state.mode}, not {self._modes[0]}"
-        return None
-
-    def _acts(self, now_ns: int) -> bool:
-        state = self._state.value(now_ns=now_ns)
-        return state is not None and bool(state.armed) and state.mode in self._modes
-
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
-        self._stream.sent(now_ns=now_ns)
         message = self._new(self._target.type_name)
         fill_attitude_target(
             message,

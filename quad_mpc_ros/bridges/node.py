@@ -9,13 +9,21 @@ from typing import Any
 
 from std_srvs.srv import SetBool
 
-from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
+from quad_mpc_ros.bridges.bridge import (
+    Bridge,
+    Outgoing,
+    OutgoingMessage,
+    Response,
+    ServiceCall,
+    Subscription,
+)
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
-from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, ODOMETRY
+from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, LANDED, ODOMETRY, REFERENCE
 from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.spin import run
@@ -39,6 +47,9 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._engaged = self.health.publisher(ENGAGED)
         self._engaged_message = new_message(ENGAGED.type_name)
         self._tell_engaged(False)
+        self._landed = self.health.publisher(LANDED)
+        self._told_landed: bool | None = None
+        self._time = SteadyTime(self.get_clock())
         self._stack = {
             topic.name: self.health.publisher(topic) for topic in self._bridge.publications
         }
@@ -46,6 +57,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             name: self.create_client(message_class(type_name), name)
             for name, type_name in self._bridge.services
         }
+        self.health.subscription(REFERENCE, self._on_reference, expected=False)
         self.health.subscription(COMMAND, self._on_command)
         for subscription in self._bridge.subscriptions:
             self.health.subscription(
@@ -55,7 +67,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             self.create_service(SetBool, f"~/{name}", functools.partial(self._serve, ask))
 
     def _on_command(self, message: Any) -> None:
-        self._command_ns = now_ns = self._now_ns()
+        self._command_ns = now_ns = self._time.now_ns()
         command = conversions.command_from_message(message)
         for outgoing in self._bridge.receive_command(command, now_ns=now_ns):
             self._send(outgoing)
@@ -67,8 +79,15 @@ class BridgeNode(ReportingNode[BridgeConfig]):
                 self._silence or "commands pass", throttle_duration_sec=_WARNING_PERIOD
             )
 
+    def _on_reference(self, message: Any) -> None:
+        try:
+            window = conversions.reference_from_message(message)
+        except ValueError:
+            return  # the controller warns of it
+        self._bridge.receive_reference(window, now_ns=self._time.now_ns())
+
     def _on_stack(self, subscription: Subscription, message: Any) -> None:
-        now_ns = self._now_ns()
+        now_ns = self._time.now_ns()
         odometry = subscription.receive(message, now_ns)
         self._follow_engagement(now_ns)
         if odometry is not None:
@@ -86,6 +105,12 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         engaged = self._bridge.engaged(now_ns=now_ns)
         if engaged is not self._engaged_message.data:
             self._tell_engaged(engaged)
+        landed = self._bridge.landed(now_ns=now_ns)
+        if landed is not None and landed is not self._told_landed:
+            self._told_landed = landed
+            message = new_message(LANDED.type_name)
+            message.data = landed
+            self._landed.publish(message)
 
     def _tell_engaged(self, engaged: bool) -> None:
         self._engaged_message.data = engaged
@@ -93,7 +118,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
 
     def _serve(self, ask: Callable[..., Response], request: Any, response: Any) -> Any:
         """Send what was asked for; the stack's own response is logged when it comes."""
-        decided = ask(bool(request.data), now_ns=self._now_ns())
+        decided = ask(bool(request.data), now_ns=self._time.now_ns())
         missing = [
             call.service
             for call in decided.calls
@@ -102,24 +127,35 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         response.success = decided.accepted and not missing
         response.message = f"nobody offers the service {missing[0]}" if missing else decided.text
         if response.success:
-            for outgoing in decided.messages:
-                self._send(outgoing)
+            for message in decided.messages:
+                self._send(message)
             for call in decided.calls:
-                future = self._clients_by_name[call.service].call_async(call.request)
-                future.add_done_callback(functools.partial(self._on_answered, call.service))
+                self._send(call)
+        self._follow_engagement(self._time.now_ns())
         self.get_logger().info(response.message)
         return response
 
     def _on_answered(self, service: str, future: Any) -> None:
         self.get_logger().info(f"{service} answers {future.result()}")
 
-    def _send(self, outgoing: OutgoingMessage) -> None:
-        self._stack[outgoing.topic.name].publish(outgoing.message)
+    def _send(self, outgoing: Outgoing) -> None:
+        if isinstance(outgoing, OutgoingMessage):
+            self._stack[outgoing.topic.name].publish(outgoing.message)
+        else:
+            self._request(outgoing)
+
+    def _request(self, call: ServiceCall) -> None:
+        client = self._clients_by_name[call.service]
+        if not client.service_is_ready():
+            self.get_logger().warning(f"nobody offers the service {call.service}")
+            return
+        future = client.call_async(call.request)
+        future.add_done_callback(functools.partial(self._on_answered, call.service))
 
     def report(self) -> Health:
         """Return what is sent to the stack, or why nothing is."""
         bridge = self._bridge
-        quiet = self._now_ns() - self._command_ns > _QUIET_NS
+        quiet = self._time.now_ns() - self._command_ns > _QUIET_NS
         text = "silent: no command comes" if quiet else bridge.silence
         return Health(
             level=WARN if text else OK,
@@ -131,12 +167,14 @@ class BridgeNode(ReportingNode[BridgeConfig]):
                 ("commands", str(bridge.commands)),
                 ("passed_commands", str(bridge.passed)),
                 ("engaged", str(self._engaged_message.data).lower()),
+                ("handover", bridge.handover[0]),
+                (
+                    "landed",
+                    "not told" if self._told_landed is None else str(self._told_landed).lower(),
+                ),
                 ("battery_scale", f"{bridge.thrust.battery_scale:.3f}"),
             ],
         )
-
-    def _now_ns(self) -> int:
-        return int(self.get_clock().now().nanoseconds)
 
 
 def run_bridge(kind: type[Bridge], args: list[str] | None = None) -> int:

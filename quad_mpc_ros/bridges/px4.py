@@ -1,8 +1,10 @@
 """PX4 over uXRCE-DDS (px4_msgs), NED and FRD.
 
-The heartbeat ``offboard_control_mode`` must run for a second before PX4 arms or switches to
-offboard. PX4 does not fail safe when setpoints stop while the heartbeat runs on, so a heartbeat
-is sent only together with a fresh command.
+The heartbeat ``offboard_control_mode`` must run for a second before PX4 switches to offboard. PX4
+does not fail safe when setpoints stop while the heartbeat runs on, so a heartbeat is sent only
+together with a fresh command. And PX4 keeps the intention to fly offboard through a failsafe and
+through disarming: a heartbeat that comes back is enough to be flown. So there is none unless
+somebody has asked to engage.
 
 Fields and constants after the definitions in https://github.com/PX4/px4_msgs.
 """
@@ -14,14 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.bridges.autopilot import LatestStatus, SetpointStream
-from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
+from quad_mpc_ros.bridges.autopilot import LatestStatus
+from quad_mpc_ros.bridges.bridge import Bridge, Outgoing, OutgoingMessage, Response, Subscription
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.frames import (
     enu_from_ned,
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
+from quad_mpc_ros.bridges.handover import Stack
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.messages.conversions import NewMessage
@@ -42,6 +45,8 @@ _SUB_MODE_LOITER = 3.0
 _POSE_FRAMES = {POSE_FRAME_NED: "NED", POSE_FRAME_FRD: "FRD"}
 
 _STATUS_TIMEOUT = 1.5  # s: PX4 sends it twice a second, and at every change
+_MODE_TIMEOUT = 0.5  # s: 50 times a second
+_LAND_TIMEOUT = 2.5  # s: once a second, and at every change
 _FROM_MESSAGE = -1
 _ACCEPTED, _IN_PROGRESS = 0, 5
 
@@ -156,6 +161,8 @@ class Px4Config(BridgeConfig):
     )
     status_version: int = _version("VehicleStatus")
     rates_version: int = _version("VehicleRatesSetpoint")
+    mode_version: int = _version("VehicleControlMode")
+    land_version: int = _version("VehicleLandDetected")
     command_version: int = _version("VehicleCommand")
     ack_version: int = _version("VehicleCommandAck")
     battery_version: int = _version("BatteryStatus")
@@ -172,21 +179,28 @@ class Px4Bridge(Bridge):
         "the workspace and build it with colcon"
     )
     Config = Px4Config
+    warm_up = 1.1  # for more than a second
+    streams = True
 
     def __init__(self, config: Px4Config, new: NewMessage) -> None:
         super().__init__(config, new, namespace=config.fmu)
         self._target = config.target_system
         self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
-        self._stream = SetpointStream()
+        self._mode = LatestStatus(timeout=_MODE_TIMEOUT)
+        self._land = LatestStatus(timeout=_LAND_TIMEOUT)
         self._resets: tuple[int, int] | None = None
         odometry = self._versioned("out/vehicle_odometry", "VehicleOdometry", "odometry")
         status = self._versioned("out/vehicle_status", "VehicleStatus", "status")
         self._status_name = status.name
+        mode = self._versioned("out/vehicle_control_mode", "VehicleControlMode", "mode")
+        land = self._versioned("out/vehicle_land_detected", "VehicleLandDetected", "land")
         ack = self._versioned("out/vehicle_command_ack", "VehicleCommandAck", "ack")
         battery = self._versioned("out/battery_status", "BatteryStatus", "battery")
         self.subscriptions = [
             Subscription(topic=odometry, receive=self._on_odometry),
             Subscription(topic=status, receive=self._status.receive),
+            Subscription(topic=mode, receive=self._mode.receive),
+            Subscription(topic=land, receive=self._land.receive),
             Subscription(topic=ack, receive=self._on_ack),
             *self._battery_subscription(battery, field="voltage_v"),
         ]
@@ -195,45 +209,46 @@ class Px4Bridge(Bridge):
         self._command = self._versioned("in/vehicle_command", "VehicleCommand", "command")
         self.publications = self._heartbeat, self._rates, self._command
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Response:
-        """Arm once the heartbeat has run long enough; disarm at any time."""
-        if wanted and (refusal := self._not_ready(now_ns)):
-            return Response(accepted=False, text=refusal)
+    def landed(self, *, now_ns: int) -> bool | None:
+        """Return what PX4's land detector says, or what arming tells where it is not heard."""
+        land = self._land.value(now_ns=now_ns)
+        return super().landed(now_ns=now_ns) if land is None else bool(land.landed)
+
+    def _stack(self, now_ns: int) -> Stack:
+        status, mode = self._status.value(now_ns=now_ns), self._mode.value(now_ns=now_ns)
+        if mode is None and status is None:
+            fault = f"no vehicle_status within {_STATUS_TIMEOUT:g} s on {self._status_name}"
+            return Stack(fault=fault)
+        # Both where both are heard: either may be the first to tell of a change.
+        offboard, armed = [], []
+        if status is not None:
+            offboard.append(status.nav_state == NAVIGATION_STATE_OFFBOARD)
+            armed.append(status.arming_state == ARMING_STATE_ARMED)
+        if mode is not None:
+            offboard.append(bool(mode.flag_control_offboard_enabled))
+            armed.append(bool(mode.flag_armed))
+        return Stack(takes_setpoints=all(offboard), armed=all(armed))
+
+    def _arm(self, wanted: bool) -> Response:
         message = self._new(self._command.type_name)
         fill_arming(message, wanted=wanted, target_system=self._target)
         return self._asked("arming" if wanted else "disarming", message)
 
-    def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Switch to offboard mode, or from it to hold."""
-        if wanted and (refusal := self._not_ready(now_ns)):
-            return Response(accepted=False, text=refusal)
+    def _switch(self) -> list[Outgoing]:
         message = self._new(self._command.type_name)
-        if wanted:
-            fill_offboard_mode(message, target_system=self._target)
-        else:
-            fill_hold_mode(message, target_system=self._target)
-        return self._asked("offboard mode" if wanted else "hold mode", message)
+        fill_offboard_mode(message, target_system=self._target)
+        return [OutgoingMessage(topic=self._command, message=message)]
 
-    def _reason_for_silence(self, now_ns: int) -> str | None:
-        if self._status.value(now_ns=now_ns) is None:
-            return f"no vehicle_status within {_STATUS_TIMEOUT:g} s on {self._status_name}"
-        return None
-
-    def _acts(self, now_ns: int) -> bool:
-        status = self._status.value(now_ns=now_ns)
-        return (
-            status is not None
-            and status.nav_state == NAVIGATION_STATE_OFFBOARD
-            and status.arming_state == ARMING_STATE_ARMED
-        )
+    def _switch_back(self, now_ns: int) -> Response:
+        message = self._new(self._command.type_name)
+        fill_hold_mode(message, target_system=self._target)
+        return self._asked("hold mode", message)
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         heartbeat = self._new(self._heartbeat.type_name)
         fill_offboard_control_mode(heartbeat)
-        self._stream.sent(now_ns=now_ns)
         messages = [OutgoingMessage(topic=self._heartbeat, message=heartbeat)]
-        status = self._status.value(now_ns=now_ns)
-        if status is not None and status.nav_state == NAVIGATION_STATE_OFFBOARD:
+        if self._stack(now_ns).takes_setpoints:
             rates = self._new(self._rates.type_name)
             fill_vehicle_rates_setpoint(
                 rates, command, throttle=self.thrust.stack_throttle(command.throttle)
@@ -265,9 +280,6 @@ class Px4Bridge(Bridge):
                 f"PX4 answers command {message.command} with result {message.result}"
             )
 
-    def _not_ready(self, now_ns: int) -> str | None:
-        return self._stream.refusal(now_ns=now_ns, silence=self.silence)
-
     def _asked(self, what: str, message: Any) -> Response:
         outgoing = OutgoingMessage(topic=self._command, message=message)
         return Response(accepted=True, text=f"asked for {what}", messages=[outgoing])
@@ -280,5 +292,5 @@ class Px4Bridge(Bridge):
         if version == _FROM_MESSAGE:
             version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
         suffix = f"_v{version}" if version > 0 else ""
-        # PX4 listens without history, but some agents ask for it.
-        return self._topic(f"{path}{suffix}", type_name, latched=path.startswith("in/"))
+        # Never latched: an agent that starts later would be given what was asked for long ago.
+        return self._topic(f"{path}{suffix}", type_name)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from quad_mpc_ros.bridges.bridge import OutgoingMessage, Response, Subscription, SwitchedBridge
+from quad_mpc_ros.bridges.bridge import OutgoingMessage, Subscription, SwitchedBridge
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.frames import flu_from_frd
 from quad_mpc_ros.configuration import parameter
@@ -94,10 +94,6 @@ class RatesBridge(SwitchedBridge):
             Subscription(topic=odometry, receive=self._on_odometry),
             *self._battery_subscription(battery),
         ]
-
-    def arm(self, wanted: bool, *, now_ns: int) -> Response:
-        """Refuse: a topic of rates knows no arming."""
-        return Response(accepted=False, text="arm the vehicle by the means of its own stack")
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         message = self._new(self._setpoint.type_name)

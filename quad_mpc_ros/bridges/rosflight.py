@@ -1,8 +1,8 @@
 """ROSflight 2 (rosflight_msgs, roscopter_msgs), NED and FRD.
 
-The safety pilot arms and hands over by switches of the RC transmitter; no topic can. ROSflight
-drops back to RC when no command has come for 100 ms, so commands are sent whenever they are
-fresh, and the firmware decides whether to act on them.
+The safety pilot arms and hands over by switches of the RC transmitter; no topic can. Once engaged,
+commands are sent whenever they are fresh, and the firmware decides whether to act on them: it
+drops back to RC when none has come for 100 ms, and takes them again when they come back.
 
 Fields and constants after https://github.com/rosflight/rosflight_ros_pkgs (rosflight_msgs) and
 https://github.com/rosflight/roscopter (roscopter_msgs/msg/State).
@@ -23,6 +23,7 @@ from quad_mpc_ros.bridges.frames import (
     flu_from_frd,
     q_enu_flu_xyzw_from_ned_frd_wxyz,
 )
+from quad_mpc_ros.bridges.handover import Stack
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.messages.conversions import NewMessage, fill_time, nanoseconds
 from quad_mpc_ros.messages.topics import Topic
@@ -118,6 +119,8 @@ class RosflightBridge(Bridge):
         "https://github.com/rosflight/roscopter into the workspace and build them with colcon"
     )
     Config = RosflightConfig
+    streams = True
+    patient = True
 
     def __init__(self, config: RosflightConfig, new: NewMessage) -> None:
         super().__init__(config, new)
@@ -138,27 +141,17 @@ class RosflightBridge(Bridge):
         )
         self.publications = (self._command,)
 
-    def arm(self, wanted: bool, *, now_ns: int) -> Response:
-        """Refuse: only the safety pilot arms."""
+    def _arm(self, wanted: bool) -> Response:
         return Response(accepted=False, text="ROSflight is armed by the RC transmitter only")
 
-    def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Refuse: only the safety pilot hands over."""
-        return Response(
-            accepted=False,
-            text="ROSflight is handed over by the RC override switches (RC_ATT_OVRD_CHN, "
-            "RC_THR_OVRD_CHN) only",
-        )
-
-    def _reason_for_silence(self, now_ns: int) -> str | None:
+    def _stack(self, now_ns: int) -> Stack:
         status = self._status.value(now_ns=now_ns)
         if status is None:
-            return f"no status within {_STATUS_TIMEOUT:g} s on {self._config.status_topic}"
-        return "ROSflight is in failsafe" if status.failsafe else None
-
-    def _acts(self, now_ns: int) -> bool:
-        status = self._status.value(now_ns=now_ns)
-        return status is not None and bool(status.armed) and bool(status.offboard)
+            fault = f"no status within {_STATUS_TIMEOUT:g} s on {self._config.status_topic}"
+            return Stack(fault=fault)
+        if status.failsafe:
+            return Stack(fault="ROSflight is in failsafe")
+        return Stack(takes_setpoints=bool(status.offboard), armed=bool(status.armed))
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         message = self._new(self._command.type_name)

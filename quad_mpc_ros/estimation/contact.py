@@ -70,18 +70,22 @@ class GroundContact:
         """Whether it may just have come down: not yet certain, but nothing should turn it."""
         self._landed: bool | None = None
         self._engaged = True
+        self._stood_at: float | None = None
         self._thrust = 0.0
         self._forget()
 
     def engage(self, engaged: bool) -> None:
         """Tell whether commands act: as long as they do not, their thrust says nothing."""
         if engaged is not self._engaged:
+            stood, height = self.standing and engaged, self._stood_at
             self._engaged = engaged
             self._forget()
+            if stood:  # as the flight stack told until now
+                self.contact, self._stood_at = Contact.STANDING, height
 
     def _forget(self) -> None:
         self.contact, self.touching, self._lands = Contact.UNKNOWN, False, False
-        self._stood_at: float | None = None
+        self._stood_at = None
         self._stamp_ns: int | None = None
         self._little_since_ns: int | None = None
         self._lifting_since_ns: int | None = None
@@ -121,7 +125,10 @@ class GroundContact:
             thrust: What the command in force makes by the model, as a share of the weight.
             window: The reference, if there is one.
         """
-        if self._stamp_ns == odometry.stamp_ns or not self._engaged:
+        if not self._engaged:
+            self._wait(odometry, window)
+            return self.contact
+        if self._stamp_ns == odometry.stamp_ns:
             return self.contact
         x = state_from_odometry(odometry)
         self._follow(odometry.stamp_ns, x.p_WB, x.v_WB_W)
@@ -142,6 +149,13 @@ class GroundContact:
         elif not (self.contact is Contact.FLYING or self.asks_for_height):
             self._p_ground += self._share(_GROUND_FILTER) * (self._p - self._p_ground)
         return self.contact
+
+    def _wait(self, odometry: OdometrySample, window: ReferenceWindow | None) -> None:
+        """While commands do not act nothing but the flight stack knows: it is believed."""
+        self.contact = Contact.STANDING if self._landed else Contact.UNKNOWN
+        height = float(odometry.p_WB[2])
+        self.asks_for_height = window is not None and _asks_for_height(window, height)
+        self._stood_at = height if self._landed else None
 
     def _follow(self, stamp_ns: int, p_WB: Array, v_WB_W: Array) -> None:
         """Filter position and velocity."""

@@ -28,6 +28,8 @@ ODOMETRY = Topic(name="odom", type_name="nav_msgs/msg/Odometry", single_source=T
 COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", single_source=True)
 # Whether the vehicle acts on commands. Where nobody says so, it does.
 ENGAGED = Topic(name="engaged", type_name="std_msgs/msg/Bool", reliable=True, latched=True)
+# Whether it stands on the ground. Where nobody says so, that is found out.
+LANDED = Topic(name="landed", type_name=ENGAGED.type_name, reliable=True, latched=True)
 
 REFERENCE = Topic(
     name="reference",
@@ -62,6 +64,7 @@ RECORDED = (
     REFERENCE,
     COMMAND,
     ENGAGED,
+    LANDED,
     PREDICTED_PATH,
     REFERENCE_PATH,
     STATS,

@@ -58,6 +58,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._controller = warmed_up(config, deadline=config.deadline_seconds)
         self._standby = Standby()
         self._engaged: bool | None = None  # where no bridge says it, commands act
+        self._landed: bool | None = None
         self._command = self.health.publisher(topics.COMMAND)
         self._stats = self.health.publisher(topics.STATS)
         self._predicted_path = self.health.publisher(topics.PREDICTED_PATH)
@@ -70,6 +71,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.ODOMETRY, self._on_odometry)
         self.managed_subscription(topics.REFERENCE, self._on_reference)
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
+        self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
         self.managed_timer(1.0 / config.control_rate, self._on_watch, steady=True)
 
     def obstacle(self) -> str | None:
@@ -85,6 +87,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._controller, self._tick = self._controller.renewed(), None
         if self._engaged is not None:
             self._controller.engage(self._engaged)
+        self._controller.landed(self._landed)
 
     def cleanup(self) -> None:
         """Release the controller."""
@@ -124,6 +127,10 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.get_logger().info(
                 "commands act" if engaged else "commands do not act: nothing is learned of them"
             )
+
+    def _on_landed(self, message: Any) -> None:
+        self._landed = bool(message.data)
+        self._controller.landed(self._landed)
 
     def _on_watch(self) -> None:
         if self.active:

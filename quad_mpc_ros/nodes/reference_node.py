@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import sys
+import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,22 +15,36 @@ from std_srvs.srv import Trigger
 
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
-from quad_mpc_ros.messages.topics import GOAL_POSE, ODOMETRY, REFERENCE, REFERENCE_PATH, TRAJECTORY
+from quad_mpc_ros.messages.topics import (
+    ENGAGED,
+    GOAL_POSE,
+    LANDED,
+    ODOMETRY,
+    REFERENCE,
+    REFERENCE_PATH,
+    TRAJECTORY,
+)
 from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
-from quad_mpc_ros.ros.messages import decoded, new_message
+from quad_mpc_ros.ros.messages import decoded, new_message, stamp_of
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.safety.validation import odometry_fault
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory, joined_trajectory
-from quad_mpc_ros.trajectories.director import Reply
+from quad_mpc_ros.trajectories.director import TOO_LATE, Reply
 from quad_mpc_ros.trajectories.live import LiveReference
 from quad_mpc_ros.trajectories.point_table import PointTable
-from quad_mpc_ros.trajectories.timeline import FlightTime
+from quad_mpc_ros.trajectories.timeline import FlightTime, StampClock
 from quad_mpc_ros.trajectories.trajectory import TrajectorySamples
 
 _BODY_FRAME = "base_link"
+# What is asked for begins a little later, as it has to be planned first; what takes longer is
+# planned once more, to begin later by how long it took, and a half.
+_LEAD_NS = 100_000_000
+_LONGER = 1.5
+_TRIALS = 3
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
 
 
@@ -36,8 +52,12 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     """Wires the reference of a live flight to its topics and services.
 
     The trajectory begins with the first odometry; until then its first sample is held. In the mode
-    ``on_request`` nothing is published until then, and the vehicle stands. While the node is
-    inactive the time of the flight stands still.
+    ``on_request`` nothing is published until then, and the vehicle stands. Where somebody tells
+    that commands do not act, it waits at the vehicle. While the node is inactive the time of the
+    flight stands still.
+
+    The flight goes by a clock that is never set, and windows come out of a thread of their own,
+    while the executor plans.
     """
 
     _config: ReferenceConfig
@@ -46,6 +66,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def __init__(self) -> None:
         super().__init__("reference", ReferenceConfig)
         self._newest_ns = 0
+        self._steady = SteadyTime(self.get_clock())
+        self._publishing = threading.Lock()
         self.start()
 
     def configure(self, config: ReferenceConfig) -> None:
@@ -54,12 +76,15 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         # Compiled code is loaded when it is first called: now, not when the flight begins.
         odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id=config.frame_id)
         self._live = self._prepared()
-        self._time = FlightTime()
+        self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
+        self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
         self._reference = self.health.publisher(REFERENCE)
         self._message = new_message(REFERENCE.type_name)
         self._path = self.health.publisher(REFERENCE_PATH)
         self.managed_subscription(ODOMETRY, self._on_odometry, raw=True)
+        self.managed_subscription(ENGAGED, self._on_engaged, expected=False)
+        self.managed_subscription(LANDED, self._on_landed, expected=False)
         self.managed_subscription(GOAL_POSE, self._on_goal)
         self.managed_subscription(TRAJECTORY, self._on_trajectory)
         for name, request in (
@@ -71,7 +96,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             serve = functools.partial(self._serve, name, request)
             self.managed_service(Trigger, f"~/{name}", serve)
         if not config.lockstep:
-            self.managed_timer(1.0 / config.publish_rate, self._on_timer)
+            self.managed_beat(1.0 / config.publish_rate, self._on_beat)
 
     def activate(self) -> None:
         """Begin, or go on where it stopped."""
@@ -80,7 +105,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def deactivate(self) -> None:
         """Stop the time of the flight."""
-        self._time.pause(self._now_ns())
+        with self._publishing:  # what is being published now still belongs to it
+            self._time.pause(self._now_ns())
 
     def cleanup(self) -> None:
         """Release the trajectory."""
@@ -100,22 +126,35 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def _on_odometry(self, data: bytes) -> None:
         if not self.active:
             return
-        if not self._config.lockstep and not self._live.needs_odometry(self._flight_ns()):
-            return  # not decoded: in real time most are not needed
+        if not self._config.lockstep:
+            self._stamps.note(stamp_of(data), now_ns=self._now_ns())
+            if not self._live.needs_odometry(self._flight_ns()):
+                return  # not decoded: in real time most are not needed
         odometry = conversions.odometry_from_message(decoded(ODOMETRY, data))
         if odometry_fault(odometry, frame_id=self._config.frame_id) is not None:
             return  # the controller warns of it
         starting = not self._live.started
-        reply = self._live.observe(replace(odometry, stamp_ns=self._time.at(odometry.stamp_ns)))
+        now_ns = odometry.stamp_ns - self._stamps.ahead_ns
+        reply = self._live.observe(replace(odometry, stamp_ns=self._time.at(now_ns)))
         if reply is not None:
             self._tell_request("touchdown" if reply.accepted else "odometry", reply)
         if starting or self._config.lockstep:
             self._newest_ns = odometry.stamp_ns
-            self._publish(odometry.stamp_ns)
+            with self._publishing:
+                self._publish(now_ns)
 
-    def _on_timer(self) -> None:
-        if self.active:
-            self._publish(self._now_ns())
+    def _on_beat(self) -> None:
+        with self._publishing:
+            if self.active:
+                self._publish(self._now_ns())
+
+    def _on_engaged(self, message: Any) -> None:
+        reply = self._live.engage(bool(message.data))
+        if reply is not None:
+            self._tell_request("handover", reply)
+
+    def _on_landed(self, message: Any) -> None:
+        self._live.landed(bool(message.data))
 
     def _serve(self, name: str, request: Callable[[int], Reply], _: Any, response: Any) -> Any:
         reply = self._handle(name, request)
@@ -141,11 +180,24 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def _handle(self, name: str, request: Callable[[int], Reply]) -> Reply:
         """Pass a request to the flight, tell its result, and show the new course."""
-        now_ns = self._flight_ns()
-        reply = request(now_ns) if self.active else _INACTIVE
+        reply = self._planned(request) if self.active else _INACTIVE
         self._tell_request(name, reply)
         if reply.accepted:
-            self._publish_path(self._live.course(now_ns))
+            self._publish_path(self._live.course(self._flight_ns()))
+        return reply
+
+    def _planned(self, request: Callable[[int], Reply]) -> Reply:
+        """Ask the flight for what shall begin so late that it is planned by then."""
+        if self._config.lockstep:  # time waits
+            return request(self._flight_ns())
+        lead_ns = _LEAD_NS
+        reply = TOO_LATE
+        for _ in range(_TRIALS):
+            begun_ns = time.monotonic_ns()
+            reply = request(self._flight_ns() + lead_ns)
+            if reply is not TOO_LATE:
+                break
+            lead_ns = _LEAD_NS + round(_LONGER * (time.monotonic_ns() - begun_ns))
         return reply
 
     def _tell_request(self, name: str, reply: Reply) -> None:
@@ -160,11 +212,11 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             return
         self.health.report()
 
-    def _publish(self, stamp_ns: int) -> None:
-        window = self._live.window(self._time.at(stamp_ns))
+    def _publish(self, now_ns: int) -> None:
+        window = self._live.window(self._time.at(now_ns))
         if window is None:
             return
-        window = replace(window, stamp_ns=stamp_ns)
+        window = replace(window, stamp_ns=now_ns + self._stamps.ahead_ns)
         message = self._message
         conversions.fill_reference(message, window, child_frame_id=_BODY_FRAME, new=new_message)
         self._reference.publish(message)
@@ -187,15 +239,15 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         return self._time.at(self._now_ns())
 
     def _now_ns(self) -> int:
-        """Return the time of the stamps: in lockstep that of the newest odometry."""
-        return (
-            self._newest_ns if self._config.lockstep else int(self.get_clock().now().nanoseconds)
-        )
+        """Return the time by which is flown: in lockstep the stamp of the newest odometry."""
+        return self._newest_ns if self._config.lockstep else self._steady.now_ns()
 
     def report(self) -> Health:
         """Return what is flown."""
         if self._live.started:
             text, level = "flying", OK
+        elif self._live.waits:
+            text, level = "waiting at the vehicle until commands act", OK
         elif self._config.mode == "at_once":
             text, level = "waiting for odometry, holding the start", OK
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 
@@ -13,6 +14,31 @@ from rclpy.timer import Timer
 def create_steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
     """Create a timer [s] that neither simulated time nor a clock that is set can disturb."""
     return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+class Metronome:
+    """Calls back every ``period`` seconds, in a thread of its own, until it is stopped.
+
+    Beats that were missed are not made up for.
+    """
+
+    def __init__(self, period: float, callback: Callable[[], None]) -> None:
+        self._period, self._callback = period, callback
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End it, after the call that runs now."""
+        self._stopped.set()
+        if threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    def _run(self) -> None:
+        due = time.monotonic() + self._period
+        while not self._stopped.wait(max(due - time.monotonic(), 0.0)):
+            self._callback()
+            due = max(due + self._period, time.monotonic())
 
 
 class SteadyTime:

@@ -13,13 +13,14 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any, Generic, TypeVar
 
+import rclpy
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 from quad_mpc_ros.configuration import ManagedConfiguration, UserError
 from quad_mpc_ros.messages.diagnostics import WARN
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.realtime import settle_memory
-from quad_mpc_ros.ros.clocks import create_steady_timer
+from quad_mpc_ros.ros.clocks import Metronome, create_steady_timer
 from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.parameters import ManagedParameters
 from quad_mpc_ros.ros.rclpy_internals import (
@@ -134,6 +135,26 @@ class ManagedNode(LifecycleNode, Generic[C]):
         create = functools.partial(create_steady_timer, self) if steady else self.create_timer
         timer = create(period, guarded)
         self._made.callback(self.destroy_timer, timer)
+
+    def managed_beat(self, period: float, callback: Callable[[], None]) -> None:
+        """Call back every so many seconds until the cleanup, whatever the executor is busy with.
+
+        In simulated time it is a timer of the executor.
+        """
+        if self.get_clock().ros_time_is_active:
+            self.managed_timer(period, callback)
+            return
+
+        def guarded() -> None:
+            try:
+                callback()
+            except Exception:
+                if rclpy.ok():  # else it has been told to end meanwhile
+                    self.get_logger().fatal(traceback.format_exc())
+                    self.exit_code = 1
+                    stop()
+
+        self._made.callback(Metronome(period, guarded).stop)
 
     def managed_service(self, kind: type[Any], name: str, callback: Callable[..., Any]) -> None:
         """Create a service until the cleanup."""

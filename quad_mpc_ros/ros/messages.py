@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import struct
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -34,6 +35,13 @@ def new_message(type_name: str) -> Any:
 def decoded(topic: Topic, data: bytes) -> Any:
     """Return the message of a topic that was received raw."""
     return deserialize_message(data, message_class(topic.type_name))
+
+
+def stamp_of(data: bytes) -> int:
+    """Return the stamp [ns] of a message with a header that was received raw; none is decoded."""
+    order = "<" if data[1] & 1 else ">"  # of CDR, as its second byte says
+    seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
 def qos_of(topic: Topic) -> QoSProfile:

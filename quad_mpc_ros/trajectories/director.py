@@ -3,7 +3,8 @@
 A state machine over a :class:`Timeline`, told the time and without ROS. Every request either is
 accepted, and then what it asks for is joined to the present reference without a jump, or is
 refused with the reason and changes nothing: a transition is judged against the vehicle's limits
-as a trajectory is.
+as a trajectory is. Only to come to rest and to land is never refused in the air: what exceeds a
+limit least is flown then, and what is upside down first flies on until it is not.
 
 On the ground the reference rests ``IDLE_DEPTH`` below it. That is more than a controller needs to
 give up all thrust, and so the motors idle; should the vehicle not stand there after all, it sinks
@@ -13,15 +14,16 @@ by that depth and no further.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.feasibility import judged
+from quad_mpc_ros.trajectories.feasibility import Verdict, judged
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
-from quad_mpc_ros.trajectories.minimum_snap import End
+from quad_mpc_ros.trajectories.minimum_snap import End, Leg
 from quad_mpc_ros.trajectories.path import Path, Rest, Straight
 from quad_mpc_ros.trajectories.timeline import Phase, Timeline
 from quad_mpc_ros.trajectories.trajectory import Trajectory
@@ -33,7 +35,14 @@ IDLE_DEPTH = 0.5  # m; with 0.3 m both formulations command no throttle
 _VERTICAL_SPEED = 1.0  # m/s, from and to the ground
 _FLARE = 0.5  # m above the ground: from here on down at the touchdown speed
 _YAW_SHARE = 0.5  # of the limit
+_GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)  # shares of the acceleration, for who has to come to rest
+_UPRIGHT_STEP_NS, _UPRIGHT_WITHIN_NS = 20_000_000, 10_000_000_000
+_LATER_NS, _LATER_TRIALS = 100_000_000, 6
+_UPSIDE_DOWN = 1e3  # worse than any excess
 _BEFORE_ALL = -(2**62)
+_RESTS = 0.05  # m/s: it need not come to rest
+_STOP_PEAK = 1.9  # greatest acceleration of a stop over the mean, and a little
+_SHORTEST_STOP = 0.5  # s
 
 _Wanted = tuple[str, FlatState, FlatState]
 """The name of a leg, and the flat states that it leads from and to."""
@@ -47,6 +56,9 @@ class Reply:
     text: str
 
 
+TOO_LATE = Reply(accepted=False, text="planning took too long")
+
+
 class Director:
     """Directs one vehicle over ground of the height ``ground`` [m]."""
 
@@ -54,6 +66,8 @@ class Director:
         self._config = config
         self.ground = ground
         """Its height [m]."""
+        self.too_late: Callable[[int], bool] = lambda start_ns: False
+        """Whether it is too late to follow what begins at a time, asked when it is planned."""
         self.timeline = Timeline(first)
 
     @classmethod
@@ -68,6 +82,25 @@ class Director:
         """Return the director of a vehicle that flies a trajectory, over ground of height 0."""
         first = Phase(start_ns=start_ns, name=TRACKING, trajectory=trajectory)
         return cls(config, first, ground=0.0)
+
+    @classmethod
+    def stopping(
+        cls, config: ReferenceConfig, start: FlatState, *, start_ns: int, ground: float
+    ) -> Director:
+        """Return the director of a vehicle that flies in a state, and is to come to rest."""
+        assert start.end.p_WB is not None
+        here = _at_rest(config, start.end.p_WB, start.yaw)
+        director = cls(
+            config, Phase(start_ns=_BEFORE_ALL, name=HOLD, trajectory=here), ground=ground
+        )
+        speed = float(np.linalg.norm(start.end.v_WB_W))
+        if speed > _RESTS:  # at once and not as quickly as can be: asked for at every window
+            seconds = max(_STOP_PEAK * speed / config.max_acceleration, _SHORTEST_STOP)
+            path = Leg(start.end, End.at_rest(None), duration=seconds)
+            leg = _flat(config, path, start.yaw)
+            phase = Phase(start_ns=start_ns, name=GOING, trajectory=leg)
+            director._follow(start_ns, [phase], HOLD, None)
+        return director
 
     def mode(self, now_ns: int) -> str:
         """Return what is being flown."""
@@ -103,9 +136,8 @@ class Director:
         """Come to rest as soon as the limits let it, and stay there."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "hold")
-        start = flat_state_of(self.timeline, now_ns)
-        rest = FlatState.at_rest(None, yaw=start.yaw)
-        return self._go(now_ns, [(GOING, start, rest)], then=HOLD)
+        stop = self._stop(now_ns, GOING)
+        return self._follow(now_ns, [stop], HOLD, None)
 
     def go_to(self, now_ns: int, *, p_WB: Array, yaw: float) -> Reply:
         """Go to a place (3,) [m] and heading [rad], and stay there."""
@@ -120,20 +152,22 @@ class Director:
         """Come to rest, descend to the ground where that is, and sink until it is touched."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "landing")
-        start = flat_state_of(self.timeline, now_ns)
-        stop = [(LANDING, start, FlatState.at_rest(None, yaw=start.yaw))]
-        planned = self._planned(now_ns, stop)
-        if isinstance(planned, Reply):
-            return planned
-        above = _end_of(planned[-1].trajectory)
+        stop = self._stop(now_ns, LANDING)
+        above = _end_of(stop.trajectory)
         sinking = self._sinking(above)
-        planned = self._planned(now_ns, [*stop, (LANDING, above, sinking)])
-        if isinstance(planned, Reply):
-            return planned
+        leg = self._leg(LANDING, above, sinking)
+        planned = [
+            stop,
+            Phase(
+                start_ns=stop.start_ns + stop.trajectory.period_ns, name=LANDING, trajectory=leg
+            ),
+        ]
         # A leg that is too low for a descent ends wherever it has the speed to sink.
         lowest = planned[-1].trajectory.at([planned[-1].trajectory.period_ns - 1]).p_WB[0]
         down = Straight(lowest, v_WB_W=sinking.end.v_WB_W)
-        self._follow(now_ns, planned, LANDING, _flat(self._config, down, above.yaw))
+        reply = self._follow(now_ns, planned, LANDING, _flat(self._config, down, above.yaw))
+        if not reply.accepted:
+            return reply
         still = max(float(lowest[2]) - self.ground, 0.0) / self._config.touchdown_speed
         seconds = 1e-9 * (self.timeline.last.start_ns - now_ns) + still
         return Reply(accepted=True, text=f"ground in about {seconds:.1f} s")
@@ -174,17 +208,22 @@ class Director:
         phases = self._planned(now_ns, legs)
         if isinstance(phases, Reply):
             return phases
-        if trajectory is None:
-            end = _end_of(phases[-1].trajectory)
-            assert end.end.p_WB is not None
-            trajectory = _at_rest(self._config, end.end.p_WB, end.yaw)
         return self._follow(now_ns, phases, then, trajectory)
 
     def _follow(
-        self, now_ns: int, phases: list[Phase], then: str, trajectory: Trajectory
+        self, now_ns: int, phases: list[Phase], then: str, trajectory: Trajectory | None
     ) -> Reply:
-        """Follow phases, and then a trajectory under a name."""
+        """Follow phases, and then a trajectory under a name, or stay where the last one ends.
+
+        What took longer to plan than until it was to begin is not followed.
+        """
+        if self.too_late(now_ns):
+            return TOO_LATE
         last = phases[-1]
+        if trajectory is None:
+            end = _end_of(last.trajectory)
+            assert end.end.p_WB is not None
+            trajectory = _at_rest(self._config, end.end.p_WB, end.yaw)
         arrival_ns = last.start_ns + last.trajectory.period_ns
         self.timeline.follow(
             [*phases, Phase(start_ns=arrival_ns, name=then, trajectory=trajectory)]
@@ -208,22 +247,68 @@ class Director:
             time_ns += leg.period_ns
         return phases
 
+    def _stop(self, now_ns: int, name: str) -> Phase:
+        """Return the phase that leads to rest: what exceeds the limits least, and soon.
+
+        It begins when the reference is not upside down, and a little later if it would else turn
+        upside down again.
+        """
+        first_ns = self._upright_from(now_ns)
+        stops = [self._stop_from(first_ns, name)]
+        for k in range(1, _LATER_TRIALS):
+            if stops[-1][0] < _UPSIDE_DOWN:
+                break
+            stops.append(self._stop_from(first_ns + k * _LATER_NS, name))
+        return min(stops, key=lambda stop: stop[0])[1]
+
+    def _stop_from(self, begin_ns: int, name: str) -> tuple[float, Phase]:
+        """Return the best way to rest from a time on, and by how much it exceeds the limits."""
+        start = flat_state_of(self.timeline, begin_ns)
+        rest = FlatState.at_rest(None, yaw=start.yaw)
+        found: list[tuple[float, FlatTrajectory]] = []
+        for share in _GENTLER:
+            leg = self._leg(name, start, rest, share=share)
+            found.append((self._excess(name, leg), leg))
+            if found[-1][0] == 0.0:
+                break
+        excess, leg = min(found, key=lambda each: each[0])
+        return excess, Phase(start_ns=begin_ns, name=name, trajectory=leg)
+
+    def _upright_from(self, now_ns: int) -> int:
+        """Return the first time from now on at which the reference is not upside down."""
+        for time_ns in range(now_ns, now_ns + _UPRIGHT_WITHIN_NS, _UPRIGHT_STEP_NS):
+            if not flat_state_of(self.timeline, time_ns).inverted:
+                return time_ns
+        return now_ns
+
+    def _excess(self, name: str, leg: FlatTrajectory) -> float:
+        """Return by how much of a limit a leg exceeds the limits in all; 0 if it can be flown."""
+        needs = self._judged(name, leg).exceeded
+        share = sum(abs(need.margin) / max(abs(need.limit), 1.0) for need in needs)
+        return float(share) + (0.0 if leg.upright else _UPSIDE_DOWN)
+
     def _objection(self, name: str, leg: FlatTrajectory) -> str:
         """Return why a leg cannot be flown, or nothing."""
-        ground = -np.inf if _is_vertical(name) else self.ground
-        verdict = judged(leg, self._config, ground=ground)
+        verdict = self._judged(name, leg)
         if not verdict.feasible:
             return verdict.reason()
         return "" if leg.upright else "it would have to be flown upside down"
 
-    def _leg(self, name: str, start: FlatState, goal: FlatState) -> FlatTrajectory:
+    def _judged(self, name: str, leg: FlatTrajectory) -> Verdict:
+        ground = -np.inf if _is_vertical(name) else self.ground
+        return judged(leg, self._config, ground=ground)
+
+    def _leg(
+        self, name: str, start: FlatState, goal: FlatState, *, share: float = 1.0
+    ) -> FlatTrajectory:
+        """Return a leg with a ``share`` of the acceleration that a request may ask for."""
         path = transition(
             start,
             goal,
             max_speed=min(
                 self._config.max_speed, _VERTICAL_SPEED if _is_vertical(name) else np.inf
             ),
-            max_acceleration=self._config.max_acceleration,
+            max_acceleration=share * self._config.max_acceleration,
             max_yaw_rate=_YAW_SHARE * self._config.omega_max[2],
         )
         return _flat(self._config, path, 0.0)

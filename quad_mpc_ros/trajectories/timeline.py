@@ -10,6 +10,8 @@ import numpy as np
 from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples, combined
 
 _KEPT = 8  # phases that are over, for windows from a little while ago
+# Stamps that are further away from the clock are of another one, if they are alike for a while.
+_APART_NS, _ALIKE_NS, _WHILE_NS = 200_000_000, 100_000_000, 50_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +34,8 @@ class Timeline:
 
     def phase(self, time_ns: int) -> Phase:
         """Return the phase of a time, the first one before all."""
-        return self._phases[self._owner(time_ns)]
+        phases = self._phases
+        return phases[_owner(phases, time_ns)]
 
     @property
     def last(self) -> Phase:
@@ -47,10 +50,11 @@ class Timeline:
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:
         """Return the samples at these times."""
-        owners = np.array([self._owner(time_ns) for time_ns in times_ns])
+        phases = self._phases  # as it is now: another thread may follow something else meanwhile
+        owners = np.array([_owner(phases, time_ns) for time_ns in times_ns])
         parts, places = [], []
         for number in np.unique(owners).tolist():
-            phase, mine = self._phases[number], np.flatnonzero(owners == number).tolist()
+            phase, mine = phases[number], np.flatnonzero(owners == number).tolist()
             parts.append(phase.trajectory.at([times_ns[i] - phase.start_ns for i in mine]))
             places += mine
         order = np.argsort(places)
@@ -58,18 +62,19 @@ class Timeline:
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the jumps inside the phases in (start, end]; between phases there are none."""
-        found = []
-        ends = [*(phase.start_ns - 1 for phase in self._phases[1:]), end_ns]
-        for phase, last in zip(self._phases, ends, strict=True):
+        found, phases = [], self._phases
+        ends = [*(phase.start_ns - 1 for phase in phases[1:]), end_ns]
+        for phase, last in zip(phases, ends, strict=True):
             first, last = max(start_ns, phase.start_ns), min(last, end_ns)
             if first < last:
                 inside = phase.trajectory.jumps(first - phase.start_ns, last - phase.start_ns)
                 found += [phase.start_ns + time_ns for time_ns in inside]
         return found
 
-    def _owner(self, time_ns: int) -> int:
-        started = bisect.bisect_right(self._phases, time_ns, key=lambda phase: phase.start_ns)
-        return max(started - 1, 0)
+
+def _owner(phases: list[Phase], time_ns: int) -> int:
+    started = bisect.bisect_right(phases, time_ns, key=lambda phase: phase.start_ns)
+    return max(started - 1, 0)
 
 
 class FlightTime:
@@ -96,3 +101,26 @@ class FlightTime:
     def at(self, stamp_ns: int) -> int:
         """Return the time of the flight at a stamp."""
         return stamp_ns - self._paused_ns
+
+
+class StampClock:
+    """How far the clock of the odometry's stamps is ahead of the clock by which is flown.
+
+    Zero as long as they agree. Where the stamps are of another clock, or their clock is set, the
+    flight goes on by its own, and its windows are stamped by theirs.
+    """
+
+    def __init__(self) -> None:
+        self.ahead_ns = 0
+        self._odd: tuple[int, int] | None = None  # since when, and how far ahead then
+
+    def note(self, stamp_ns: int, *, now_ns: int) -> None:
+        """Take the stamp of an odometry that arrives now."""
+        ahead_ns = stamp_ns - now_ns
+        if abs(ahead_ns - self.ahead_ns) <= _APART_NS:
+            self._odd = None
+        elif self._odd is None or abs(ahead_ns - self._odd[1]) > _ALIKE_NS:
+            self._odd = now_ns, ahead_ns
+        elif now_ns - self._odd[0] >= _WHILE_NS:
+            self.ahead_ns = 0 if abs(ahead_ns) <= _APART_NS else ahead_ns
+            self._odd = None

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.bridges.aerostack2 import Aerostack2Bridge
-from quad_mpc_ros.bridges.bridge import Bridge
+from quad_mpc_ros.bridges.bridge import Bridge, Outgoing, ServiceCall
 from quad_mpc_ros.bridges.crazyswarm2 import Crazyswarm2Bridge
 from quad_mpc_ros.bridges.mavros import MavrosBridge
 from quad_mpc_ros.bridges.px4 import Px4Bridge
@@ -24,7 +24,7 @@ from quad_mpc_ros.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.vehicle import VehicleParameters
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.safety.ladder import Source
@@ -32,14 +32,15 @@ from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.sensors import OdometryStream
 from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.server import ReferenceServer
+from quad_mpc_ros.trajectories.configured import configured_trajectory, joined_trajectory
+from quad_mpc_ros.trajectories.live import LiveReference
 
 New = Callable[[str], Any]
 Spoken = Iterator[tuple[str, Any]]
 
 SECOND = 1_000_000_000
 GROUND_TIME_NS = int(1.5 * SECOND)  # before the pilot asks for anything
-DURATION = 9.0
+DURATION = 10.5
 VEHICLE = VehicleParameters().vehicle()
 SQUARE = ReferenceConfig()
 
@@ -442,25 +443,38 @@ class Bridged:
     def command(self, command: CommandSample, now_ns: int) -> CommandSample | None:
         done = None
         for sending in self.bridge.receive_command(command, now_ns=now_ns):
-            self.sent_ns.append(now_ns)
-            assert sending.topic in self.bridge.publications
-            done = self.stack.hear(sending.topic.name, sending.message, now_ns) or done
+            done = self.send(sending, now_ns) or done
         self.stack.check_timeout(now_ns)
         return done if self.stack.acts else None
+
+    def send(self, sending: Outgoing, now_ns: int) -> CommandSample | None:
+        if isinstance(sending, ServiceCall):
+            assert (sending.service, sending.type_name) in self.bridge.services
+            self.stack.serve(sending.service, sending.request, now_ns)
+            return None
+        assert sending.topic in self.bridge.publications
+        self.sent_ns.append(now_ns)
+        return self.stack.hear(sending.topic.name, sending.message, now_ns)
+
+    def landed(self, now_ns: int) -> bool | None:
+        return self.bridge.landed(now_ns=now_ns)
+
+    def see(self, window: ReferenceWindow, now_ns: int) -> None:
+        self.bridge.receive_reference(window, now_ns=now_ns)
 
     def engaged(self, now_ns: int) -> bool:
         return self.bridge.engaged(now_ns=now_ns)
 
     def ask(self, now_ns: int) -> None:
-        for response in (
-            self.bridge.engage(True, now_ns=now_ns),
-            self.bridge.arm(True, now_ns=now_ns),
-        ):
-            for call in response.calls:
-                assert (call.service, call.type_name) in self.bridge.services
-                self.stack.serve(call.service, call.request, now_ns)
-            for sending in response.messages:
-                self.stack.hear(sending.topic.name, sending.message, now_ns)
+        """Engage and, as soon as that is possible, arm."""
+        if self.bridge.handover[0] == "released":
+            answer = self.bridge.engage(True, now_ns=now_ns)
+            assert answer.accepted, answer.text
+        if self.bridge.handover[0] == "standby":
+            response = self.bridge.arm(True, now_ns=now_ns)
+            assert response.accepted, response.text
+            for sending in (*response.calls, *response.messages):
+                self.send(sending, now_ns)
 
 
 class Direct:
@@ -478,13 +492,19 @@ class Direct:
     def engaged(self, now_ns: int) -> bool:
         return now_ns >= self.acts_from_ns
 
+    def landed(self, now_ns: int) -> bool | None:
+        return None
+
+    def see(self, window: ReferenceWindow, now_ns: int) -> None:
+        pass
+
     def ask(self, now_ns: int) -> None:
         pass
 
 
 @dataclasses.dataclass
 class Flight:
-    """``errors`` (n,) [m] from the first command that acted, at ``acting_ns``.
+    """``errors`` (n,) [m] from when the reference was told that commands act, ``acting_ns``.
 
     ``thrust_scales`` are what the MPC believed, from its first command on.
     """
@@ -510,24 +530,31 @@ def fly(
     reference: ReferenceConfig = SQUARE,
     at: Callable[[int], None] = lambda now_ns: None,
 ) -> Flight:
-    """Fly the square, which begins when the vehicle first acts; ``at`` is called every time."""
+    """Fly the square, which begins when commands act; ``at`` is called every time."""
     simulator = SimulatorConfig(duration=duration, odom_rate=odom_rate)
     plant = make_plant(simulator)
     controller = warmed_up(MpcConfig(throttle_max=throttle_max))
-    server = ReferenceServer(reference)
+    live = LiveReference(
+        reference,
+        configured_trajectory(reference),
+        joined=lambda: joined_trajectory(reference),
+    )
+    live.engage(False)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     flight = Flight(errors=[], acting_ns=0, controller=controller, sources=set(), thrust_scales=[])
-    asked = False
     while (sent := stream.step()) is not None:
         now_ns = SIMULATION_START_NS + sent.time_ns
         at(now_ns)
-        if not asked and sent.time_ns >= ground_time_ns:
+        live.observe(sent.truth)
+        window = live.window(sent.truth.stamp_ns)
+        assert window is not None
+        way.see(window, now_ns)
+        if sent.time_ns >= ground_time_ns and not flight.acting_ns:
             way.ask(now_ns)
-            asked = True
-        window = server.window(sent.truth.stamp_ns)
         controller.receive_reference(window, now_ns=now_ns)
         for odometry in way.odometries(sent.truth, now_ns):
             controller.engage(way.engaged(now_ns))
+            controller.landed(way.landed(now_ns))
             tick = controller.receive_odometry(odometry, now_ns=now_ns)
             if tick is None or tick.command is None:
                 continue
@@ -536,10 +563,10 @@ def fly(
             done = way.command(tick.command, now_ns)
             if done is not None:
                 plant.apply(done)
-                if not server.started:
-                    server.start(now_ns)
-                    flight.acting_ns = now_ns
-        if server.started:
+        if not flight.acting_ns and way.engaged(now_ns):
+            flight.acting_ns = now_ns
+            live.engage(True)
+        elif flight.acting_ns:
             flight.errors.append(float(np.linalg.norm(window.p_WB[0] - sent.truth.p_WB)))
     return flight
 
@@ -568,7 +595,7 @@ def test_the_square_is_flown_as_well_as_without_the_bridge(case: str, new: New) 
     flight = fly(way, odom_rate=stack.odom_rate, throttle_max=throttle_max)
     plain = fly(Direct(flight.acting_ns), odom_rate=stack.odom_rate, throttle_max=throttle_max)
 
-    assert len(flight.errors) > 0.75 * DURATION * stack.odom_rate
+    assert len(flight.errors) > 0.6 * DURATION * stack.odom_rate
     assert flight.sources == {Source.MPC}
     assert plain.acting_ns == flight.acting_ns
     assert flight.rmse <= 1.05 * plain.rmse
@@ -614,15 +641,15 @@ def test_ten_seconds_disarmed_under_commands_leave_the_estimate_and_the_flight_u
         odom_rate=way.stack.odom_rate,
         throttle_max=0.9,
         ground_time_ns=10 * SECOND,
-        duration=14.0,
-        reference=ReferenceConfig(trajectory="hover", height=0.1),
+        duration=18.0,
+        reference=ReferenceConfig(trajectory="hover", height=0.5, takeoff_height=0.5),
     )
     assert len(flight.thrust_scales) > 13.0 * min(way.stack.odom_rate, 50.0)
     assert flight.sources == {Source.MPC}
     assert max(abs(scale - 1.0) for scale in flight.thrust_scales) < 0.01
-    # The error of the height at which it began, and no more, soon gone.
-    assert max(flight.errors) <= 0.101
-    assert max(flight.errors[-50:]) <= 0.001
+    # The depth at which the reference rests, and what it rises while the motors spool up.
+    assert max(flight.errors) <= 0.55
+    assert max(flight.errors[-50:]) <= 0.005
 
 
 def test_a_reset_of_the_estimator_is_flown_on_from(new: New) -> None:
@@ -645,7 +672,7 @@ def test_a_reset_of_the_estimator_is_flown_on_from(new: New) -> None:
     assert tick is not None
     assert tick.stats.rejected_inputs == 0
     # Where the estimator says that the square is, it is flown: shifted by the reset.
-    assert max(flight.errors) < 3.0
+    assert max(flight.errors) < 3.1
 
 
 def test_px4_hears_nothing_when_its_status_is_lost(new: New) -> None:
@@ -658,4 +685,4 @@ def test_px4_hears_nothing_when_its_status_is_lost(new: New) -> None:
 
     with pytest.raises(AssertionError, match="setpoints timed out"):
         fly(way, odom_rate=100.0, at=lose)
-    assert way.bridge.silence.startswith("no vehicle_status within 1.5 s")
+    assert "no vehicle_status within 1.5 s" in way.bridge.silence

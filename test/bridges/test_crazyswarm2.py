@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from fixtures.bridges import SECOND, T0, command, ready_to_fly, set_q, tell
+from fixtures.bridges import SECOND, T0, command, engage, ready_to_fly, set_q, tell
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.bridges import crazyswarm2
@@ -68,8 +68,25 @@ def test_a_crazyflie_is_unlocked_first_and_again_after_it_cut(new: New) -> None:
     assert thrusts[:3] == [0.0] * 3
     assert min(thrusts[3:]) > 0.0
     # A gap in flight that the firmware bridges must not cut the motors.
-    assert thrust(T0 + SECOND) > 0.0
+    assert thrust(T0 + SECOND // 2) > 0.0
+    assert bridge.receive_command(command(T0 + 4 * SECOND), now_ns=T0 + 4 * SECOND) == []
+    assert engage(bridge, T0 + 4 * SECOND).accepted
     assert thrust(T0 + 4 * SECOND) == 0.0
+
+
+def test_a_crazyflie_that_is_released_in_flight_is_told_to_hold_by_itself(new: New) -> None:
+    bridge = ready_to_fly(Crazyswarm2Bridge, T0)
+    bridge.receive_command(command(T0), now_ns=T0)
+    calls = bridge.engage(False, now_ns=T0).calls
+    assert [call.service for call in calls] == ["/cf231/notify_setpoints_stop", "/cf231/go_to"]
+    assert calls[0].request.remain_valid_millisecs == 100
+    stay = calls[1].request
+    assert (stay.relative, stay.goal.x, stay.goal.y, stay.goal.z, stay.yaw) == (True, 0, 0, 0, 0)
+    assert bridge.receive_command(command(T0), now_ns=T0) == []
+
+
+def test_a_crazyflie_without_setpoints_is_not_told_that_they_stop(new: New) -> None:
+    assert Crazyswarm2Bridge(Crazyswarm2Bridge.Config(), new).engage(False, now_ns=T0).calls == ()
 
 
 @pytest.mark.parametrize("bit", [32, 64])

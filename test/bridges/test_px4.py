@@ -9,18 +9,31 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fixtures.bridges import SECOND, T0, command, ready_to_fly, tell, topics
+from fixtures.bridges import (
+    HOVER,
+    SECOND,
+    T0,
+    command,
+    engage,
+    message_of,
+    ready_to_fly,
+    tell,
+    topics,
+)
+from fixtures.stack_messages import new_message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.bridges import px4
+from quad_mpc_ros.bridges.bridge import Outgoing
 from quad_mpc_ros.bridges.frames import enu_from_ned, flu_from_frd
 from quad_mpc_ros.bridges.px4 import Px4Bridge
 from quad_mpc_ros.lie import so3
 
 New = Callable[[str], Any]
 
+PX4 = "px4_msgs/msg"
 NORTH_ENU, EAST_ENU = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -242,38 +255,136 @@ def px4_odometry(new: New, now_ns: int, **fields: Any) -> Any:
     return message
 
 
+def told(bridge: Px4Bridge, now_ns: int, *, nav_state: int = 14, armed: bool = True) -> None:
+    """Let PX4 say its mode and whether it is armed, by both its messages."""
+    status, mode = px4_status(new_message, nav_state), new_message(f"{PX4}/VehicleControlMode")
+    status.arming_state = 2 if armed else 1
+    mode.flag_control_offboard_enabled, mode.flag_armed = nav_state == 14, armed
+    tell(bridge, "/fmu/out/vehicle_status_v4", status, now_ns)
+    tell(bridge, "/fmu/out/vehicle_control_mode", mode, now_ns)
+
+
+def flown(
+    bridge: Px4Bridge, begin_ns: int, *, seconds: float, throttle: float = HOVER, **state: Any
+) -> list[tuple[int, Outgoing]]:
+    """Let PX4 and the MPC speak for a while; return what was sent, and when."""
+    sent: list[tuple[int, Outgoing]] = []
+    for now_ns in range(begin_ns, begin_ns + round(seconds * SECOND), SECOND // 50):
+        tell(bridge, "/fmu/out/vehicle_odometry", px4_odometry(new_message, now_ns), now_ns)
+        told(bridge, now_ns, **state)
+        made = bridge.receive_command(command(now_ns, throttle), now_ns=now_ns)
+        sent += [(now_ns, each) for each in made]
+    return sent
+
+
+def names_of(sent: list[tuple[int, Outgoing]]) -> set[str]:
+    return set(topics([each for _, each in sent]))
+
+
+HEARTBEAT, RATES, COMMAND = (
+    f"/fmu/in/{name}"
+    for name in ("offboard_control_mode", "vehicle_rates_setpoint", "vehicle_command")
+)
+
+
 @pytest.mark.parametrize("nav_state", [0, 2, 4, 10, 13, 15, 17, 18])
 def test_px4_gets_the_heartbeat_but_no_rates_outside_of_offboard(new: New, nav_state: int) -> None:
     bridge = made(new)
-    tell(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, nav_state), T0)
-    sent = bridge.receive_command(command(T0), now_ns=T0)
-    assert topics(sent) == ["/fmu/in/offboard_control_mode"]
+    assert flown(bridge, T0, seconds=0.1, nav_state=nav_state) == []  # nor a heartbeat unasked
+    assert bridge.engage(True, now_ns=T0 + SECOND // 10).accepted
+    sent = flown(bridge, T0 + SECOND // 10, seconds=0.5, nav_state=nav_state)
+    assert names_of(sent) == {HEARTBEAT}
     assert "not in offboard mode" in bridge.silence
 
 
 def test_px4_gets_the_heartbeat_before_the_rates(new: New) -> None:
     bridge = ready_to_fly(Px4Bridge, T0)
     sent = bridge.receive_command(command(T0), now_ns=T0)
-    assert topics(sent) == ["/fmu/in/offboard_control_mode", "/fmu/in/vehicle_rates_setpoint"]
+    assert topics(sent) == [HEARTBEAT, RATES]
 
 
-@pytest.mark.parametrize("wish", ["arm", "engage"])
-def test_px4_is_asked_only_after_a_second_of_heartbeats(new: New, wish: str) -> None:
+def test_px4_is_asked_for_offboard_after_a_second_of_heartbeats_and_only_then(new: New) -> None:
     bridge = made(new)
-    ask = getattr(bridge, wish)
-    assert not ask(True, now_ns=T0).accepted
-    assert ask(False, now_ns=T0).accepted  # away from the MPC at any time
-    tell(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, 4), T0)
-    accepted_after = None
-    for now_ns in range(T0, T0 + 2 * SECOND, SECOND // 50):
-        tell(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, 4), now_ns)
-        bridge.receive_command(command(now_ns), now_ns=now_ns)
-        if accepted_after is None and ask(True, now_ns=now_ns).accepted:
-            accepted_after = now_ns - T0
-    assert accepted_after is not None
-    assert SECOND < accepted_after < 1.3 * SECOND
-    # A pause, and it begins again.
-    assert not ask(True, now_ns=T0 + 3 * SECOND).accepted
+    assert "no vehicle_status" in bridge.engage(True, now_ns=T0).text
+    assert bridge.engage(False, now_ns=T0).accepted  # away from the MPC at any time
+    flown(bridge, T0, seconds=0.5, nav_state=4)
+    begun = T0 + SECOND // 2
+    assert bridge.engage(True, now_ns=begun).accepted
+    sent = flown(bridge, begun, seconds=2.0, nav_state=4)
+    (first, *_) = [now_ns for now_ns, each in sent if topics([each]) == [COMMAND]]
+    assert SECOND < first - begun < 1.3 * SECOND
+    # Another second later it is asked again, and after five it is given up.
+    sent = flown(bridge, begun + 2 * SECOND, seconds=4.0, nav_state=4)
+    assert max(now_ns for now_ns, _ in sent) <= begun + 5.1 * SECOND
+    assert bridge.handover[0] == "released"
+    assert "not switched" in bridge.handover[1]
+
+
+def test_px4_is_released_by_the_first_message_that_tells_of_another_mode(new: New) -> None:
+    for tells in ("status", "control_mode"):
+        bridge = ready_to_fly(Px4Bridge, T0)
+        assert bridge.engaged(now_ns=T0)
+        if tells == "status":
+            tell(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, 2), T0)
+        else:
+            mode = new(f"{PX4}/VehicleControlMode")
+            mode.flag_armed = True
+            tell(bridge, "/fmu/out/vehicle_control_mode", mode, T0)
+        assert not bridge.engaged(now_ns=T0)
+        assert bridge.receive_command(command(T0), now_ns=T0) == []
+
+
+def test_after_the_mpc_was_away_no_heartbeat_brings_px4_back(new: New) -> None:
+    """Its intention stays offboard: one heartbeat, and it would fly whatever comes."""
+    bridge = ready_to_fly(Px4Bridge, T0)
+    assert flown(bridge, T0, seconds=1.0)
+    back = T0 + 3 * SECOND
+    assert flown(bridge, back, seconds=2.0, nav_state=18) == []
+    assert flown(bridge, back + 2 * SECOND, seconds=2.0, nav_state=14) == []
+    assert "without a fresh command" in bridge.handover[1]
+    assert bridge.engage(True, now_ns=back + 4 * SECOND).accepted
+    assert names_of(flown(bridge, back + 4 * SECOND, seconds=1.0)) == {HEARTBEAT, RATES}
+
+
+def test_after_a_landing_nothing_is_armed_into_offboard(new: New) -> None:
+    bridge = ready_to_fly(Px4Bridge, T0)
+    flown(bridge, T0, seconds=1.0)
+    down = T0 + SECOND
+    assert flown(bridge, down, seconds=1.0, armed=False) == []
+    assert "disarming" in bridge.handover[1]
+    later = down + SECOND
+    assert "engage it first" in bridge.arm(True, now_ns=later).text
+    land = new(f"{PX4}/VehicleLandDetected")
+    land.landed = True
+    tell(bridge, "/fmu/out/vehicle_land_detected", land, later)
+    # Engaged on the ground, but the MPC would take off at once, and turn at once.
+    assert "of the weight as thrust" in bridge.engage(True, now_ns=later).text
+    flown(bridge, later, seconds=0.1, throttle=0.0, armed=False)
+    later += SECOND // 10
+    assert bridge.engage(True, now_ns=later).accepted
+    flown(bridge, later, seconds=1.5, throttle=0.0, armed=False)
+    later += round(1.5 * SECOND)
+    assert bridge.handover[0] == "standby"
+    bridge.receive_command(command(later, 0.0, w=(0.0, 16.0, 0.0)), now_ns=later)
+    assert "16.0 rad/s" in bridge.arm(True, now_ns=later).text
+    bridge.receive_command(command(later, 0.0), now_ns=later)
+    (arming,) = bridge.arm(True, now_ns=later).messages
+    assert (arming.message.command, arming.message.param1) == (400, 1.0)
+    flown(bridge, later, seconds=0.1, throttle=0.0)
+    assert bridge.handover[0] == "engaged"
+
+
+def test_px4s_land_detector_is_believed_before_what_arming_tells(new: New) -> None:
+    bridge = ready_to_fly(Px4Bridge, T0)
+    assert bridge.landed(now_ns=T0) is False
+    land = new(f"{PX4}/VehicleLandDetected")
+    land.landed = True
+    tell(bridge, "/fmu/out/vehicle_land_detected", land, T0)
+    assert bridge.landed(now_ns=T0) is True
+
+
+def test_nothing_that_px4_is_sent_waits_for_an_agent_that_starts_later(new: New) -> None:
+    assert not any(topic.latched for topic in made(new).publications)
 
 
 def test_px4_topics_end_in_the_version_of_their_message(new: New) -> None:
@@ -322,9 +433,9 @@ def test_commands_take_the_newest_battery_into_account(new: New) -> None:
     config = Px4Bridge.Config()
     reference = dataclasses.replace(config.thrust_map, battery_voltage=16.0)
     bridge = Px4Bridge(dataclasses.replace(config, thrust_map=reference), new)
-    tell(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, 14), T0)
+    engage(bridge, T0)
     battery = new("px4_msgs/msg/BatteryStatus")
     battery.voltage_v = 15.0
     tell(bridge, "/fmu/out/battery_status_v1", battery, T0)
-    rates = bridge.receive_command(command(T0), now_ns=T0)[1].message
+    rates = message_of(bridge.receive_command(command(T0), now_ns=T0), "vehicle_rates_setpoint")
     assert 0.3 < -rates.thrust_body[2] < 0.4

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from fixtures.bridges import AXES, FRD, T0, command, ready_to_fly, set_q
+from fixtures.bridges import AXES, FRD, HOVER, SECOND, T0, command, hear, ready_to_fly, set_q, tell
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.bridges import rosflight
@@ -77,4 +77,22 @@ def test_rosflight_without_an_attitude_is_refused(new: New) -> None:
 def test_rosflight_leaves_arming_and_handing_over_to_the_pilot(new: New) -> None:
     bridge = ready_to_fly(RosflightBridge, T0)
     assert not bridge.arm(True, now_ns=T0).accepted
-    assert not bridge.engage(True, now_ns=T0).accepted
+    status = new("rosflight_msgs/msg/Status")
+    status.armed = True
+    bridge = RosflightBridge(RosflightBridge.Config(), new)
+    hear(bridge, T0)
+    bridge.receive_command(command(T0, HOVER), now_ns=T0)
+    tell(bridge, "/status", status, T0)
+    assert bridge.engage(True, now_ns=T0).accepted
+    now_ns = T0
+    for now_ns in range(T0, T0 + 10 * SECOND, SECOND // 50):  # he takes his time
+        hear(bridge, now_ns)
+        tell(bridge, "/status", status, now_ns)
+        assert bridge.receive_command(command(now_ns, HOVER), now_ns=now_ns)
+        assert not bridge.engaged(now_ns=now_ns)
+    status.offboard = True
+    tell(bridge, "/status", status, now_ns)
+    assert bridge.engaged(now_ns=now_ns)
+    status.offboard = False
+    tell(bridge, "/status", status, now_ns)
+    assert bridge.receive_command(command(now_ns, HOVER), now_ns=now_ns) == []

@@ -230,3 +230,19 @@ def test_no_fall_is_ever_taken_for_standing(
             velocity=np.array([0.0, 0.0, speed]) + noise * rng.normal(size=3),
         )
         assert not judge.ground.standing
+
+
+def test_before_commands_act_the_stack_is_believed_and_in_the_moment_when_they_do(
+    judge: Judge,
+) -> None:
+    judge.ground.engage(False)
+    assert set(judge.see(1.0, thrust=0.9)) == {Contact.UNKNOWN}
+    judge.ground.tell_landed(True)
+    assert judge.see()[-1] is Contact.STANDING
+    judge.ground.engage(True)
+    assert set(judge.see(1.0)) == {Contact.STANDING}
+    judge.ground.engage(False)
+    judge.ground.tell_landed(False)
+    assert judge.see(height=2.0)[-1] is Contact.UNKNOWN
+    judge.ground.engage(True)
+    assert judge.see(thrust=1.0, height=2.0)[-1] is Contact.UNKNOWN

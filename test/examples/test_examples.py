@@ -79,7 +79,7 @@ def check_reference(names: Names) -> None:
 
 def custom_bridge(names: Names) -> None:
     assert len(names["sent"]) == 3 and names["refused"]
-    assert all(message.thrust_newton > 15.0 for message in names["sent"])
+    assert all(message.thrust_newton > 3.0 for message in names["sent"])
 
 
 def ros_node(names: Names) -> None:

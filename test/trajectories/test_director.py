@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from numpy.testing import assert_allclose
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
-from quad_mpc_ros.trajectories.director import IDLE_DEPTH, Director, Reply
+from quad_mpc_ros.trajectories.director import IDLE_DEPTH, TOO_LATE, Director, Reply
 from quad_mpc_ros.trajectories.flatness import yaw_of
 from quad_mpc_ros.trajectories.minimum_snap import End
 from quad_mpc_ros.trajectories.timeline import Timeline
@@ -57,7 +58,7 @@ def assert_nothing_jumps(timeline: Timeline, start_ns: int, end_ns: int) -> None
         left, right = timeline.at([start - 1]), timeline.at([start])
         for name, tolerance in (("p_WB", 1e-7), ("v_WB_W", 1e-6), ("a_WB_W", 1e-5)):
             assert_allclose(getattr(left, name), getattr(right, name), atol=tolerance)
-        assert_allclose(left.w_WB_W, right.w_WB_W, atol=2e-3)  # from a differentiated jerk
+        assert_allclose(left.w_WB_W, right.w_WB_W, atol=1e-2)  # from a differentiated jerk
         R_left, R_right = (so3.rotation_from_quaternion_xyzw(s.q_WB_xyzw) for s in (left, right))
         assert_allclose(R_left, R_right, atol=1e-6)
 
@@ -171,20 +172,50 @@ def test_a_landing_may_be_broken_off() -> None:
     assert_nothing_jumps(director.timeline, now - SECOND, later)
 
 
-def test_upside_down_it_flies_on() -> None:
+def test_upside_down_it_flies_on_until_it_can_stop() -> None:
     director, now = airborne()
     assert director.fly(now, flown("vertical_loop")).accepted
     while director.mode(now) != "tracking":
         now += SECOND // 100
     top = now + round(1.3 * SECOND)
     assert at(director, top)[2][2, 2] < -0.9
-    answer = director.hold(top)
-    assert not answer.accepted
-    assert "upside down" in answer.text
-    assert director.mode(top + SECOND) == "tracking"
-    assert_nothing_jumps(director.timeline, now - SECOND, top + 3 * SECOND)
-    later = top + 3 * SECOND
-    assert director.hold(later).accepted
+    for request in ("goal", "start"):
+        answer = REQUESTS[request](director, top)
+        assert not answer.accepted
+        assert "upside down" in answer.text
+    assert director.hold(top).accepted
+    assert director.mode(top) == "tracking"
+    assert at(director, top)[2][2, 2] < -0.9
+    later = top + 10 * SECOND
+    assert director.mode(later) == "hold"
+    assert_allclose(at(director, later)[1], 0.0)
+    assert_nothing_jumps(director.timeline, now - SECOND, later)
+
+
+@pytest.mark.parametrize("request_", ["hold", "land"])
+@pytest.mark.parametrize("moment", np.linspace(0.0, 4.0, 9))
+def test_to_hold_and_to_land_a_way_is_always_found(request_: str, moment: float) -> None:
+    """Though the trajectory itself already needs more than the limits leave."""
+    changes = {"trajectory": "lemniscate", "angular_frequency": 2.2}
+    trajectory = configured_trajectory(ReferenceConfig.build(changes))
+    config = ReferenceConfig.build({**changes, "max_acceleration": 20.0})
+    director = Director.flying(config, trajectory, start_ns=START)
+    director._config = dataclasses.replace(config, omega_max=(0.4, 0.4, 0.4))
+    now = START + round(moment * SECOND)
+    assert not director.go_to(now, p_WB=np.array([3.0, 0.0, 2.0]), yaw=0.0).accepted
+    assert REQUESTS[request_](director, now).accepted
+    assert_nothing_jumps(director.timeline, now - SECOND, now + 10 * SECOND)
+    speed = float(np.linalg.norm(at(director, now + 10 * SECOND)[1]))
+    assert speed == pytest.approx(0.3 if request_ == "land" else 0.0, abs=1e-6)
+
+
+def test_what_is_planned_too_late_is_not_begun() -> None:
+    director, now = airborne()
+    director.too_late = lambda start_ns: start_ns < now + SECOND
+    for request in REQUESTS.values():
+        assert request(director, now) == TOO_LATE
+        assert director.mode(now + SECOND // 2) == "hold"
+    assert director.hold(now + SECOND).accepted
 
 
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory, joined_trajectory
@@ -254,3 +254,141 @@ def test_what_is_drawn_leads_from_here_to_the_end() -> None:
     assert_allclose(drawn[-1], [3.0, 0.0, 2.5], atol=1e-6)
     assert reference.start(now).accepted
     assert 100 < len(reference.course(now).p_WB) <= 502
+
+
+def moving(stamp_ns: int, p_WB: object, v_WB_W: object, *, yaw: float = 0.0) -> OdometrySample:
+    R_WB = so3.exp([0.0, 0.0, yaw])
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        p_WB=np.array(p_WB, dtype=float),
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+        v_WB_B=R_WB.T @ np.array(v_WB_W, dtype=float),
+        w_WB_B=np.zeros(3),
+    )
+
+
+def waiting(**changes: object) -> LiveReference:
+    reference = live(**changes)
+    reference.engage(False)
+    return reference
+
+
+MODES = [
+    {"mode": "on_request"},
+    {"mode": "at_once", "trajectory": "lemniscate"},
+    {"mode": "at_once", "trajectory": "square"},
+]
+
+
+@pytest.mark.parametrize("changes", MODES)
+def test_while_commands_do_not_act_the_reference_waits_at_the_vehicle(
+    changes: dict[str, object],
+) -> None:
+    reference = waiting(**changes)
+    assert reference.window(START) is None
+    reference.landed(False)
+    for k in range(200):  # carried about, at 2 m/s
+        now = START + k * SECOND // 50
+        reference.observe(moving(now, [0.04 * k, 1.0, 2.0], [2.0, 0.0, 0.0], yaw=0.5))
+        window = reference.window(now)
+        assert window is not None
+        assert_allclose(window.p_WB[0], [0.04 * k, 1.0, 2.0], atol=1e-9)
+        assert_allclose(window.v_WB_W[0], [2.0, 0.0, 0.0], atol=1e-9)
+        assert np.linalg.norm(window.p_WB[-1] - window.p_WB[0]) < 2.5
+        assert reference.mode(now) == "waiting"
+        assert not reference.started
+    for request in (reference.start, reference.hold, reference.land, reference.take_off):
+        assert "engage" in request(now).text
+    reference.landed(True)
+    window = reference.window(now)
+    assert window is not None
+    assert_allclose(window.p_WB - [7.96, 1.0, 2.0], [[0.0, 0.0, -0.5]] * len(window.p_WB))
+
+
+@pytest.mark.parametrize("changes", [{"mode": "on_request"}])
+@pytest.mark.parametrize("speed", [0.0, 0.3, 4.0])
+def test_engaged_in_the_air_it_comes_to_rest_from_how_the_vehicle_moves(
+    changes: dict[str, object], speed: float
+) -> None:
+    reference = waiting(**changes)
+    reference.landed(False)
+    reference.observe(moving(START, [1.0, 2.0, 3.0], [0.0, speed, 0.0], yaw=-1.0))
+    before = reference.window(START + SECOND // 50)
+    answer = reference.engage(True)
+    assert answer is not None and answer.accepted
+    assert_same_windows(reference.window(START + SECOND // 50), before)
+    window = reference.window(START)
+    assert window is not None
+    assert_allclose(window.p_WB[0], [1.0, 2.0, 3.0], atol=1e-9)
+    assert_allclose(window.v_WB_W[0], [0.0, speed, 0.0], atol=1e-9 if speed != 0.0 else 0.0)
+    later = START + 10 * SECOND
+    assert reference.mode(later) == "hold"
+    assert place(reference, later)[2] == pytest.approx(3.0)
+    assert reference.start(later).accepted
+
+
+def test_engaged_on_the_ground_it_stands_until_asked() -> None:
+    reference = waiting()
+    reference.landed(True)
+    reference.observe(odometry(START, 3.0, 4.0, 1.0))
+    reference.engage(True)
+    later = START + 60 * SECOND
+    assert reference.mode(later) == "ground"
+    assert_allclose(place(reference, later), [3.0, 4.0, 0.5])
+    assert reference.take_off(later).accepted
+    assert_allclose(place(reference, later + 10 * SECOND), [3.0, 4.0, 2.5], atol=1e-6)
+
+
+def test_at_once_on_the_ground_it_takes_off_and_then_flies_the_trajectory() -> None:
+    reference = waiting(mode="at_once", trajectory="lemniscate")
+    reference.observe(odometry(START))
+    reference.engage(True)
+    assert reference.mode(START) == "takeoff"
+    seen = [reference.mode(START + k * SECOND // 10) for k in range(300)]
+    assert list(dict.fromkeys(seen)) == ["takeoff", "going", "tracking"]
+    steps = np.diff([place(reference, START + k * SECOND // 100) for k in range(3000)], axis=0)
+    assert np.linalg.norm(steps, axis=1).max() < 0.06
+
+
+def test_what_jumps_by_itself_begins_when_commands_begin_to_act() -> None:
+    reference = waiting(mode="at_once", trajectory="square")
+    reference.observe(odometry(START))
+    reference.engage(True)
+    server = ReferenceServer(ReferenceConfig())
+    server.start(START)
+    assert_same_windows(reference.window(START + 3 * SECOND), server.window(START + 3 * SECOND))
+
+
+def test_released_in_flight_it_waits_at_the_vehicle_and_does_not_go_on_by_itself() -> None:
+    reference = waiting()
+    reference.observe(odometry(START))
+    reference.engage(True)
+    reference.take_off(START)
+    now = START + 10 * SECOND
+    reference.start(now)
+    now += 5 * SECOND
+    assert reference.engage(False) is not None
+    assert reference.engage(False) is None
+    # The stack says nothing of the ground: it has left it, as its height tells.
+    reference.observe(moving(now, [20.0, 0.0, 7.0], [0.0, 0.0, 0.0]))
+    assert_allclose(place(reference, now), [20.0, 0.0, 7.0])
+    reference.engage(True)
+    assert_allclose(place(reference, now + 10 * SECOND), [20.0, 0.0, 7.0])
+    assert reference.land(now).accepted
+
+
+def test_told_late_that_commands_do_not_act_it_waits_as_well() -> None:
+    reference = live(mode="at_once", trajectory="circle")
+    reference.observe(odometry(START))
+    assert reference.started
+    reference.engage(False)
+    reference.observe(odometry(START + SECOND, 5.0, 5.0, 0.0))
+    assert_allclose(place(reference, START + SECOND), [5.0, 5.0, -0.5])
+
+
+def test_told_that_commands_act_it_flies_on() -> None:
+    reference = live(mode="at_once", trajectory="circle")
+    reference.observe(odometry(START))
+    before = reference.window(START + SECOND)
+    assert reference.engage(True) is None
+    assert_same_windows(reference.window(START + SECOND), before)
