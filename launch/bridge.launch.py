@@ -2,7 +2,8 @@
 
 ros2 launch quad_mpc_ros bridge.launch.py bridge:=px4 config:=my_vehicle.yaml
 ros2 launch quad_mpc_ros bridge.launch.py bridge:=mavros config:=my_vehicle.yaml namespace:=uav1
-Nothing is armed and no mode switched: ros2 service call /px4_bridge/engage and /px4_bridge/arm.
+Nothing is armed, no mode switched and nothing flown until asked for: ros2 service call
+/px4_bridge/engage, /px4_bridge/arm and /reference/takeoff.
 """
 
 from pathlib import Path
@@ -28,6 +29,7 @@ def generate_launch_description() -> LaunchDescription:
         "parameters": [LaunchConfiguration("config")],
         "output": "screen",
     }
+    mode = LaunchConfiguration("mode")
     bridges = bridge_packages()
     choices = [name.removesuffix(SUFFIX) for name in bridges]
     return LaunchDescription(
@@ -40,6 +42,12 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 "namespace", default_value="", description="namespace of the vehicle"
+            ),
+            DeclareLaunchArgument(
+                "mode",
+                default_value="on_request",
+                choices=["on_request", "at_once"],
+                description="of the reference: what is flown once engaged",
             ),
             DeclareLaunchArgument(
                 "with_reference", default_value="true", description="start the reference node"
@@ -64,7 +72,7 @@ def generate_launch_description() -> LaunchDescription:
                 executable="reference_node",
                 name="reference",
                 condition=IfCondition(LaunchConfiguration("with_reference")),
-                **common,
+                **{**common, "parameters": [*common["parameters"], {"mode": mode}]},
             ),
         ]
     )

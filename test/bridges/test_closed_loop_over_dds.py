@@ -33,8 +33,8 @@ from quad_mpc_ros.trajectories.server import ReferenceServer
 
 Process = subprocess.Popen[bytes]
 
-# A lap and more until everybody has heard of everybody, and a lap that counts.
-DURATION = 18.0
+# A lap and more until everybody has heard of everybody and it is engaged, and one that counts.
+DURATION = 20.0
 LAP_NS = 8_000_000_000
 VEHICLE = Vehicle()
 TIMEOUT_NS = 500_000_000
@@ -149,9 +149,12 @@ def test_a_stack_of_other_units_flies_the_square_as_well_as_without_a_bridge(
     stack: FakeStack, processes: dict[str, Process], matching: float
 ) -> None:
     assert stack.spin(stack.hears_everybody, timeout=120.0)
-    engage = SetBool.Request(data=True)
-    assert stack.call(SetBool, "rates_bridge/engage", engage, matching=matching).success
     assert stack.call(Trigger, "simulator/start", Trigger.Request(), matching=matching).success
+    engage, refusals = SetBool.Request(data=True), []
+    while not (answer := stack.call(SetBool, "rates_bridge/engage", engage, matching=0.0)).success:
+        refusals.append(answer.message)
+        assert len(refusals) < 100, refusals[-1]
+        stack.spin(lambda: False, timeout=0.05)
     assert stack.spin(lambda: processes["simulator_node"].poll() is not None)
     assert processes["simulator_node"].returncode == 0
 

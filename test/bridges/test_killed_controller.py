@@ -81,10 +81,17 @@ class Listener:
         return True
 
     def take_over(self, *, matching: float) -> None:
+        """Ask the bridge to engage until the MPC commands and it does."""
         assert self.spin(self.engage.service_is_ready)
         self.spin(lambda: False, timeout=matching)
-        future = self.engage.call_async(SetBool.Request(data=True))
-        assert self.spin(future.done)
+        deadline = time.monotonic() + _PATIENCE
+        while time.monotonic() < deadline:
+            future = self.engage.call_async(SetBool.Request(data=True))
+            assert self.spin(future.done)
+            if future.result().success:
+                return
+            self.spin(lambda: False, timeout=0.2)
+        raise AssertionError(future.result().message)
 
 
 @pytest.fixture
@@ -122,4 +129,10 @@ def test_the_stack_hears_nothing_more_when_the_controller_is_killed_or_hangs(
     if number == signal.SIGSTOP:
         heard = len(listener.sent_ns)
         processes["mpc_node"].send_signal(signal.SIGCONT)
+        # It commands again, and nothing comes of it until somebody asks for it.
+        assert listener.spin(lambda: "engage" in listener.told["text"])
+        listener.spin(lambda: False, timeout=1.0)
+        assert len(listener.sent_ns) == heard
+        assert listener.told["handover"] == "released"
+        listener.take_over(matching=matching)
         assert listener.spin(lambda: len(listener.sent_ns) > heard + 10), "it does not fly again"
