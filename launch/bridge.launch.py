@@ -13,6 +13,7 @@ from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
 from launch.substitutions import EqualsSubstitution, LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
 from quad_mpc_ros.bridges.registry import bridge_packages
@@ -29,7 +30,7 @@ def generate_launch_description() -> LaunchDescription:
         "parameters": [LaunchConfiguration("config")],
         "output": "screen",
     }
-    mode = LaunchConfiguration("mode")
+    mode = ParameterValue(LaunchConfiguration("mode"), value_type=str)
     bridges = bridge_packages()
     choices = [name.removesuffix(SUFFIX) for name in bridges]
     return LaunchDescription(

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fixtures.setup_py import declared, write_metadata
+from fixtures.stack_messages import sound_message
 
-from quad_mpc_ros.bridges.bridge import Bridge
+from quad_mpc_ros.bridges.bridge import Bridge, OutgoingMessage
 from quad_mpc_ros.bridges.registry import GROUP, bridge_packages, registered_bridges
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.model.samples import CommandSample
@@ -64,13 +65,16 @@ def test_the_bridge_of_contributing_passes_commands_on() -> None:
     sys.modules["kite"] = module  # where dataclasses look
     exec("\n".join(line[1:] for line in lines), module.__dict__)
     bridge: Bridge = module.KiteBridge(module.KiteConfig(), lambda _: types.SimpleNamespace())
-    command = CommandSample(stamp_ns=1, throttle=0.3, w_WB_B=np.array([1.0, 2.0, 3.0]))
+    command = CommandSample(stamp_ns=1, throttle=0.3, w_WB_B=np.array([0.5, 1.0, 1.5]))
 
+    (odometry,) = bridge.subscriptions
+    odometry.receive(sound_message("nav_msgs/msg/Odometry", 1), 1)
     assert bridge.receive_command(command, now_ns=1) == []
     assert bridge.engage(True, now_ns=1).accepted
     (outgoing,) = bridge.receive_command(command, now_ns=1)
+    assert isinstance(outgoing, OutgoingMessage)
     assert outgoing.topic.name == "/kite/pull"
-    assert vars(outgoing.message) == {"p": 1.0, "q": 2.0, "r": 3.0, "throttle": 0.3}
+    assert vars(outgoing.message) == {"p": 0.5, "q": 1.0, "r": 1.5, "throttle": 0.3}
     assert [each.topic.name for each in bridge.subscriptions] == ["/kite/odometry"]
 
 
