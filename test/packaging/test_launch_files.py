@@ -309,7 +309,8 @@ def test_one_vehicle_file_serves_every_node_beside_a_bridge(
     vehicle.write_text("/**:\n  ros__parameters: {mass: 0.5, thrust_curve: [2.0, 3.0, 0.0]}\n")
     names = set()
     for node in launch("bridge.launch.py", bridge=bridge, config=str(vehicle)):
-        assert node.parameters == (vehicle,)
+        waits = ({"mode": "on_request"},) if node.name == "reference" else ()
+        assert node.parameters == (vehicle, *waits)
         config = files.load([str(vehicle)], [], schema={node.name: CONFIGS[node.name]})[node.name]
         assert config.flattened()["mass"] == 0.5
         names.add(node.name)
