@@ -21,13 +21,16 @@ else:
 
 found = identify(Recording(bag))
 for name in ("rate_time_constant", "thrust_time_constant", "input_delay", "thrust_scale", "drag"):
-    estimate = getattr(found, name)
-    print(f"{name:22}{estimate.value:8.4f} +- {estimate.half_width:.4f}")
+    estimates = getattr(found, name)
+    for estimate in estimates if isinstance(estimates, tuple) else (estimates,):
+        told = "" if estimate.observable else "  not told"
+        print(f"{name:22}{estimate.value:8.4f} +- {estimate.half_width:.4f}{told}")
 
-# The controller that knows them.
+# The controller that knows them; yaw, which did not turn, lags as roll does as far as we know.
+roll, pitch, yaw = found.rate_time_constant
 mpc = dataclasses.replace(
     MpcConfig(),
-    rate_time_constant=found.rate_time_constant.value,
+    rate_time_constant=(roll.value, pitch.value, yaw.value if yaw.observable else roll.value),
     thrust_time_constant=found.thrust_time_constant.value,
     input_delay=found.input_delay.value,
 )

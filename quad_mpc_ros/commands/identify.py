@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     run = bag.run(recording.topic_names(options), topics=(topics.COMMAND, topics.ENGAGED))
     mpc = cast("MpcConfig", recording.configuration(options, run)["mpc"])
     data = measurements_of(run, vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame)
-    found = fit(data)
+    found = fit(data, given=mpc)
     # In lockstep a command takes no time of its own.
     lockstep = bag.parameters_of(MpcConfig).get("lockstep", False)
     age = float("nan") if lockstep else data.command_age

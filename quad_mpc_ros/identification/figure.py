@@ -9,7 +9,7 @@ import numpy as np
 from quad_mpc_ros.figures import style
 from quad_mpc_ros.figures.over_time import write_panels
 from quad_mpc_ros.figures.panels import Curve, Panel
-from quad_mpc_ros.identification.result import FittedCourse, Identification
+from quad_mpc_ros.identification.result import Estimate, FittedCourse, Identification
 
 _LONGEST = 10.0  # s, of a flight, shown where the rates change most
 
@@ -47,14 +47,15 @@ def _curves(course: FittedCourse, axis: int, *, start: float) -> list[Curve]:
 def _title(found: Identification) -> str:
     names = {
         "rates lag": found.rate_time_constant,
-        "thrust lags": found.thrust_time_constant,
-        "delay": found.input_delay,
+        "thrust lags": (found.thrust_time_constant,),
+        "delay": (found.input_delay,),
     }
-    parts = [
-        f"{name} {1e3 * estimate.value:.0f} ms" if estimate.observable else f"{name} unknown"
-        for name, estimate in names.items()
-    ]
-    return ", ".join(parts)
+    return ", ".join(f"{name} {_milliseconds(each)}" for name, each in names.items())
+
+
+def _milliseconds(estimates: tuple[Estimate, ...]) -> str:
+    told = [f"{1e3 * each.value:.0f}" if each.observable else "?" for each in estimates]
+    return f"{' / '.join(told)} ms"
 
 
 def _liveliest(rates: FittedCourse) -> float:

@@ -9,15 +9,17 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
-from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.configuration import BagError, per_axis
 from quad_mpc_ros.identification.measurements import Measurements, measurements_of
 from quad_mpc_ros.identification.model import (
     ACCELERATION,
     DELAY,
     DRAG,
+    LIFT,
     LINEAR_IN_VELOCITY,
     PARAMETERS,
     RATE_BIAS,
+    RATE_GAIN,
     RATE_TAU,
     SCALE,
     THRUST_TAU,
@@ -33,12 +35,14 @@ from quad_mpc_ros.recordings.recording import Recording
 _TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
 _DELAYS = np.arange(0.0, 0.301, 0.02)
 
-_LOWEST = np.array([0.0, 0.0, 0.0, 0.1, 0.0, -20.0, -20.0, -5.0, -5.0, -5.0])
-_HIGHEST = np.array([1.0, 1.0, 0.5, 10.0, 10.0, 20.0, 20.0, 5.0, 5.0, 5.0])
-_SIZES = np.array([0.03, 0.03, 0.03, 1.0, 0.3, 1.0, 1.0, 0.1, 0.1, 0.1])
+# In the order of the model's parameters.
+_LOWEST = np.repeat([0.0, 0.2, 0.0, 0.1, 0.0, -0.5, -20.0, -5.0], [3, 3, 2, 1, 3, 1, 2, 3])
+_HIGHEST = np.repeat([1.0, 3.0, 1.0, 0.5, 10.0, 0.5, 20.0, 5.0], [3, 3, 1, 1, 4, 1, 2, 3])
+_SIZES = np.repeat([0.03, 0.3, 0.03, 1.0, 0.3, 0.02, 1.0, 0.1], [3, 3, 2, 1, 3, 1, 2, 3])
 
 # Residuals smaller than these are no knowledge: rounding, and what the model leaves out.
 _LEAST_SPREAD_RATE, _LEAST_SPREAD_VELOCITY = 0.02, 0.005  # rad/s, m/s
+_LEAST_VARIED_RATE, _LEAST_VARIED_VELOCITY = 0.3, 0.1  # rad/s, m/s
 _MAD_TO_SIGMA = 1.4826
 _OUTLIER = 2.0  # spreads from where a residual counts less
 _ROUNDS = 2
@@ -46,13 +50,17 @@ _AT_BOUND = 1e-3  # of the size of a parameter
 _UNKNOWN = 1e-6  # what is known of a parameter beforehand, in its size
 _ALIKE_WINDOWS = 4  # in a row whose residuals may be alike
 _TIME_DIFFERENCE = 0.005  # s; a shorter one sees nothing of lags faster than the odometry
-_FEWEST_WINDOWS = PARAMETERS + 2
+# A window weighs on those parameters together that the velocity shows, of which there are so many.
+_TOGETHER = 10
+_FEWEST_WINDOWS = _TOGETHER + 2
 
 # No interval is narrower than this share of the value: the model is not truer than that.
 _LEAST_SHARE = 0.01
 # Half of a 95 % interval above both is no answer: share of the value, and its natural size.
-_VAGUE_SHARE = 0.5
-_VAGUE = {RATE_TAU: 0.01, THRUST_TAU: 0.01, DELAY: 0.01, SCALE: 0.1, DRAG: 0.1}
+_SHARES = np.repeat([0.5, 0.0, 0.5], [3, 3, 7])
+_VAGUE = np.repeat([0.01, 0.1, 0.01, 0.1, 0.1, 0.01], [3, 3, 2, 1, 3, 1])
+_ARE_TIMES = np.isin(np.arange(PARAMETERS), [*range(3), THRUST_TAU, DELAY])
+_TOLD = len(_VAGUE)  # the parameters before these may be told; those after are beside the point
 
 _MOST_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and tells no more
 _AVERAGED_OVER = 0.08  # s, of the specific force shown
@@ -62,6 +70,42 @@ _AVERAGED_OVER = 0.08  # s, of the specific force shown
 class _Spread:
     rate: float
     velocity: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Fit:
+    """Parameters (18,), half of their 95 % intervals, and of each were it the only one (13,)."""
+
+    theta: Array
+    half_width: Array
+    alone: Array
+
+    @property
+    def enough(self) -> Array:
+        """Half of an interval that is narrow enough to be of use."""
+        return np.asarray(np.maximum(_SHARES * self.theta[:_TOLD], _VAGUE))
+
+    @property
+    def at_bound(self) -> NDArray[np.bool_]:
+        """What is as large, or as small, as anything searched; but for what may be nothing."""
+        theta, margin = self.theta[:_TOLD], _AT_BOUND * _SIZES[:_TOLD]
+        low = (theta <= _LOWEST[:_TOLD] + margin) & (_LOWEST[:_TOLD] != 0.0)
+        return np.asarray(low | (theta >= _HIGHEST[:_TOLD] - margin))
+
+    def estimates(self, parameters: NDArray[np.intp]) -> dict[int, Estimate]:
+        """Return what is told of parameters."""
+        least = _LEAST_SHARE * np.abs(self.theta[:_TOLD])
+        width, enough, at_bound = np.maximum(self.half_width, least), self.enough, self.at_bound
+        return {
+            p: Estimate(
+                value=float(self.theta[p]),
+                half_width=float(width[p]),
+                seen=bool(self.alone[p] <= enough[p]),
+                observable=bool(width[p] <= enough[p] and not at_bound[p]),
+                at_bound=bool(at_bound[p]),
+            )
+            for p in parameters.tolist()
+        }
 
 
 def identify(recording: Recording) -> Identification:
@@ -80,13 +124,14 @@ def identify(recording: Recording) -> Identification:
     given = MpcConfig.build(recording.parameters_of(MpcConfig))
     run = recording.run(topics=(COMMAND, ENGAGED))
     frame = given.odometry.twist_frame
-    return fit(measurements_of(run, vehicle=given.vehicle(), twist_frame=frame))
+    return fit(measurements_of(run, vehicle=given.vehicle(), twist_frame=frame), given=given)
 
 
-def fit(measured: Measurements) -> Identification:
+def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
     """Fit lags, delay, thrust scale and drag to a flight; of a long one, to parts of it.
 
-    Raises :class:`BagError` for a flight that is too short for a confidence.
+    What the flight does not tell is held as ``given``, one after the other, until it tells all
+    the others. Raises :class:`BagError` for a flight that is too short for a confidence.
     """
     data = measured.thinned(_MOST_ODOMETRIES)
     model = ResponseModel(data)
@@ -96,33 +141,34 @@ def fit(measured: Measurements) -> Identification:
             f"{windows} stretches of flight of half a second, expected {_FEWEST_WINDOWS} or more "
             "under commands: record a longer flight"
         )
-    theta = _searched(model, data)
-    for _ in range(_ROUNDS):
-        spread = _spread(model, theta)
-        theta = _fitted(model, theta, spread)
-    half_width, alone = _half_widths(model, theta, spread)
+    theta, held = _searched(model, data), _as_given(given)
+    estimates: dict[int, Estimate] = {}
+    free = np.ones(PARAMETERS, dtype=bool)
+    while True:
+        found = _fit(model, theta, free)
+        theta, untold = found.theta.copy(), _untold(found, free)
+        if not len(untold):
+            break
+        estimates |= found.estimates(untold)
+        theta[untold], free[untold] = held[untold], False
+    estimates |= found.estimates(np.flatnonzero(free[:_TOLD]))
+    axes = {
+        name: tuple(estimates[p] for p in range(each.start, each.stop))
+        for name, each in (("tau", RATE_TAU), ("gain", RATE_GAIN), ("drag", DRAG))
+    }
     rates, velocity = model.residuals(theta)
-
-    def estimate(parameter: int) -> Estimate:
-        value = float(theta[parameter])
-        width = max(float(half_width[parameter]), _LEAST_SHARE * value)
-        enough = max(_VAGUE_SHARE * value, _VAGUE[parameter])
-        return Estimate(
-            value=value,
-            half_width=width,
-            seen=bool(alone[parameter] <= enough),
-            observable=width <= enough,
-        )
-
     return Identification(
-        rate_time_constant=estimate(RATE_TAU),
-        thrust_time_constant=estimate(THRUST_TAU),
-        input_delay=estimate(DELAY),
-        thrust_scale=estimate(SCALE),
-        drag=estimate(DRAG),
+        rate_time_constant=axes["tau"],
+        rate_gain=axes["gain"],
+        thrust_time_constant=estimates[THRUST_TAU],
+        input_delay=estimates[DELAY],
+        thrust_scale=estimates[SCALE],
+        drag=axes["drag"],
+        translational_lift=estimates[LIFT],
         wind_acceleration_W=theta[ACCELERATION],
         rate_residual=_root_mean_square(rates),
         velocity_residual=_root_mean_square(velocity[model.in_window > 0.0]),
+        misfit=_misfit(model, data, rates, velocity),
         rates=_rate_course(model, data, theta),
         specific_force=_specific_force(model, data, theta),
         flown=measured.flown,
@@ -130,33 +176,103 @@ def fit(measured: Measurements) -> Identification:
     )
 
 
+def _as_given(given: MpcConfig) -> Array:
+    """Return the parameters (18,) that a configuration has; the thrust is that of its vehicle."""
+    theta = np.zeros(PARAMETERS)
+    theta[RATE_TAU] = per_axis(given.rate_time_constant)
+    theta[RATE_GAIN] = theta[SCALE] = 1.0
+    theta[THRUST_TAU], theta[DELAY] = given.thrust_time_constant, given.input_delay
+    theta[DRAG], theta[LIFT] = per_axis(given.drag), given.translational_lift
+    return theta
+
+
+def _fit(model: ResponseModel, theta: Array, free: NDArray[np.bool_]) -> _Fit:
+    """Return the fit of the parameters that are free, from where they are."""
+    for _ in range(_ROUNDS):
+        spread = _spread(model, theta)
+        theta = _fitted(model, theta, spread, free)
+    half_width, alone = _half_widths(model, theta, spread, free)
+    # What is much faster than the odometry is not told from nothing.
+    short = _ARE_TIMES & (theta < _TIME_DIFFERENCE)
+    half_width[short] = np.maximum(half_width, theta)[short]
+    return _Fit(theta=theta, half_width=half_width[:_TOLD], alone=alone[:_TOLD])
+
+
+def _untold(found: _Fit, free: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return what the flight does not show at all, or else what it tells the least, if too little.
+
+    One that is held as given may be what the others were mistaken for.
+    """
+    width = np.where(free[:_TOLD], found.half_width / found.enough, 0.0)
+    alone = np.where(free[:_TOLD], found.alone / found.enough, 0.0)
+    unseen = np.flatnonzero((alone > 1.0) | (free[:_TOLD] & found.at_bound))
+    if len(unseen):
+        return unseen
+    return np.flatnonzero((width > 1.0) & (width == width.max()))
+
+
+def _misfit(
+    model: ResponseModel, data: Measurements, rates: Array, velocity: Array
+) -> tuple[float, float]:
+    """Return what of body rates and velocity is neither modelled nor noise, as shares.
+
+    Noise is what differs from one odometry to the next; what lasts for longer is not. Shares are of
+    what they vary, but not of less than what can matter.
+    """
+    inside = model.in_window > 0.0
+    neighbours = np.diff(model.usable) == 1
+    together = inside[1:] & (np.diff(model.blocks) == 0)
+    measured = data.w_WB_B[model.usable]
+    return (
+        _lasting(
+            rates,
+            np.diff(rates, axis=0)[neighbours],
+            max(_root_mean_square(measured - measured.mean(axis=0)), _LEAST_VARIED_RATE),
+        ),
+        _lasting(
+            velocity[inside],
+            np.diff(velocity, axis=0)[together],
+            max(_root_mean_square(model.relative(data.v_WB_W)[inside]), _LEAST_VARIED_VELOCITY),
+        ),
+    )
+
+
+def _lasting(left: Array, steps: Array, varied: float) -> float:
+    lasting = float(np.mean(left**2)) - 0.5 * float(np.mean(steps**2))
+    return float(np.sqrt(max(lasting, 0.0))) / varied
+
+
 def _searched(model: ResponseModel, data: Measurements) -> Array:
     """Return the best parameters of a grid of time constants and delays."""
     measured = data.w_WB_B[model.usable]
     shape = (len(_TIME_CONSTANTS), len(_DELAYS))
-    rate_cost, thrust_cost = np.empty(shape), np.empty(shape)
-    linear = np.empty((*shape, len(LINEAR_IN_VELOCITY)))
+    rate_cost, thrust_cost = np.empty((*shape, 3)), np.empty(shape)
+    linear = np.empty((*shape, LINEAR_IN_VELOCITY.stop - LINEAR_IN_VELOCITY.start))
+    constants = np.array(_TIME_CONSTANTS)
     for j, delay in enumerate(_DELAYS):
         for i, tau in enumerate(_TIME_CONSTANTS):
             off = measured - model.rates(rate_tau=tau, delay=delay)
-            rate_cost[i, j] = np.sum((off - off.mean(axis=0)) ** 2)
-        best = _TIME_CONSTANTS[int(np.argmin(rate_cost[:, j]))]
+            rate_cost[i, j] = np.sum((off - off.mean(axis=0)) ** 2, axis=0)
+        best = constants[np.argmin(rate_cost[:, j], axis=0)]
         for i, tau in enumerate(_TIME_CONSTANTS):
             left, columns = model.velocity_columns(rate_tau=best, thrust_tau=tau, delay=delay)
             A, b = columns.reshape(-1, columns.shape[-1]), left.ravel()
             linear[i, j] = np.linalg.lstsq(A, b, rcond=1e-6)[0]
             thrust_cost[i, j] = np.sum((b - A @ linear[i, j]) ** 2)
     # The delay is one, and the channels are weighed by what each leaves at its best.
-    total = np.min(rate_cost, axis=0) / _scale(rate_cost, _LEAST_SPREAD_RATE, measured.size)
-    total += np.min(thrust_cost, axis=0) / _scale(
+    total = sum(
+        np.min(cost, axis=0) / _scale(cost, _LEAST_SPREAD_RATE, len(measured))
+        for cost in np.moveaxis(rate_cost, -1, 0)
+    ) + np.min(thrust_cost, axis=0) / _scale(
         thrust_cost, _LEAST_SPREAD_VELOCITY, 3.0 * float(np.sum(model.in_window))
     )
     j = int(np.argmin(total))
-    i_rate, i_thrust = int(np.argmin(rate_cost[:, j])), int(np.argmin(thrust_cost[:, j]))
+    i_thrust = int(np.argmin(thrust_cost[:, j]))
     theta = np.zeros(PARAMETERS)
-    theta[RATE_TAU], theta[THRUST_TAU] = _TIME_CONSTANTS[i_rate], _TIME_CONSTANTS[i_thrust]
+    theta[RATE_TAU] = constants[np.argmin(rate_cost[:, j], axis=0)]
+    theta[RATE_GAIN], theta[THRUST_TAU] = 1.0, _TIME_CONSTANTS[i_thrust]
     theta[DELAY] = _DELAYS[j]
-    theta[list(LINEAR_IN_VELOCITY)] = linear[i_thrust, j]
+    theta[LINEAR_IN_VELOCITY] = linear[i_thrust, j]
     theta[RATE_BIAS] = (measured - model.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])).mean(
         axis=0
     )
@@ -178,31 +294,38 @@ def _spread(model: ResponseModel, theta: Array) -> _Spread:
     )
 
 
-def _fitted(model: ResponseModel, start: Array, spread: _Spread) -> Array:
+def _fitted(model: ResponseModel, start: Array, spread: _Spread, free: NDArray[np.bool_]) -> Array:
     def scaled(rates: Array, velocity: Array) -> Array:
         return np.concatenate((rates / spread.rate, velocity / spread.velocity))
 
-    def residuals(theta: Array) -> Array:
-        return scaled(*model.residuals(theta)).ravel()
+    def whole(some: Array) -> Array:
+        theta = start.copy()
+        theta[free] = some
+        return theta
 
-    def jacobian(theta: Array) -> Array:
-        return scaled(*model.jacobians(theta)).reshape(-1, PARAMETERS)
+    def residuals(some: Array) -> Array:
+        return scaled(*model.residuals(whole(some))).ravel()
+
+    def jacobian(some: Array) -> Array:
+        return scaled(*model.jacobians(whole(some))).reshape(-1, PARAMETERS)[:, free]
 
     solution = least_squares(
         residuals,
-        start,
+        start[free],
         jac=jacobian,
-        bounds=(_LOWEST, _HIGHEST),
-        x_scale=_SIZES,
+        bounds=(_LOWEST[free], _HIGHEST[free]),
+        x_scale=_SIZES[free],
         loss="soft_l1",
         f_scale=_OUTLIER,
         max_nfev=60,
     )
-    return np.asarray(solution.x)
+    return whole(solution.x)
 
 
-def _half_widths(model: ResponseModel, theta: Array, spread: _Spread) -> tuple[Array, Array]:
-    """Return half of the 95 % interval of every parameter, and of each were it the only one.
+def _half_widths(
+    model: ResponseModel, theta: Array, spread: _Spread, fitted: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return half of the 95 % interval of what is fitted, and of each were it the only one.
 
     Residuals next to each other are alike (gusts, what the model leaves out), so their number
     says too much. The covariance is the sandwich H^-1 M H^-1 (Huber 1967; White 1980) whose M
@@ -220,10 +343,12 @@ def _half_widths(model: ResponseModel, theta: Array, spread: _Spread) -> tuple[A
         neighbours = gradients[lag:].T @ gradients[:-lag]
         M += (1.0 - lag / (_ALIKE_WINDOWS + 1.0)) * (neighbours + neighbours.T)
     M *= count / (count - 1.0)
-    variance = _variances(H, M, _SIZES)
-    free = (theta > _LOWEST + _AT_BOUND * _SIZES) & (theta < _HIGHEST - _AT_BOUND * _SIZES)
-    variance[free] = _variances(H[np.ix_(free, free)], M[np.ix_(free, free)], _SIZES[free])
-    quantile = student_t.ppf(0.975, max(count - PARAMETERS, 1))
+    variance = np.zeros(PARAMETERS)
+    inside = (theta > _LOWEST + _AT_BOUND * _SIZES) & (theta < _HIGHEST - _AT_BOUND * _SIZES)
+    for free in (fitted, fitted & inside):
+        block = np.ix_(free, free)
+        variance[free] = _variances(H[block], M[block], _SIZES[free])
+    quantile = student_t.ppf(0.975, max(count - _TOGETHER, 1))
     alone = 1.0 / np.sqrt(np.diag(H) + _UNKNOWN / _SIZES**2)
     return quantile * np.sqrt(variance), quantile * alone
 
@@ -231,7 +356,7 @@ def _half_widths(model: ResponseModel, theta: Array, spread: _Spread) -> tuple[A
 def _curvature_and_gradients(
     model: ResponseModel, theta: Array, spread: _Spread
 ) -> tuple[Array, Array]:
-    """Return H (10, 10) and the gradient of every window with data (windows, 10)."""
+    """Return H (18, 18) and the gradient of every window with data (windows, 18)."""
     rates, velocity = model.residuals(theta)
     rate_jacobian, velocity_jacobian = model.jacobians(theta, difference=_TIME_DIFFERENCE)
     H = np.zeros((PARAMETERS, PARAMETERS))
@@ -255,7 +380,8 @@ def _variances(H: Array, M: Array, sizes: Array) -> Array:
 
 
 def _rate_course(model: ResponseModel, data: Measurements, theta: Array) -> FittedCourse:
-    fitted = model.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY]) + theta[RATE_BIAS]
+    followed = model.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
+    fitted = theta[RATE_GAIN] * followed + theta[RATE_BIAS]
     return FittedCourse(
         time=data.time[model.usable], measured=data.w_WB_B[model.usable], fitted=fitted
     )
@@ -264,13 +390,14 @@ def _rate_course(model: ResponseModel, data: Measurements, theta: Array) -> Fitt
 def _specific_force(model: ResponseModel, data: Measurements, theta: Array) -> FittedCourse:
     """Return the specific force along the thrust axis (n, 1), averaged over a few odometries."""
     stride = max(1, round(_AVERAGED_OVER / data.period))
-    impulse = model.thrust_impulse(
-        rate_tau=theta[RATE_TAU], thrust_tau=theta[THRUST_TAU], delay=theta[DELAY]
+    columns = model.increments(
+        rate_tau=theta[RATE_TAU],
+        rate_gain=theta[RATE_GAIN],
+        thrust_tau=theta[THRUST_TAU],
+        delay=theta[DELAY],
     )
     interval = np.diff(data.time)
-    other = -theta[DRAG] * 0.5 * interval[:, None] * (data.v_WB_W[:-1] + data.v_WB_W[1:])
-    other[:, :2] += np.outer(interval, theta[ACCELERATION])
-    fitted = theta[SCALE] * impulse + other
+    fitted = columns @ theta[LINEAR_IN_VELOCITY]
     measured = np.diff(data.v_WB_W, axis=0)
     measured[:, 2] += data.vehicle.gravity * interval
     first = np.arange(0, len(interval) - stride + 1)

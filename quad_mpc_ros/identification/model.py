@@ -2,32 +2,36 @@
 
 Commands act after the delay d; body rates and throttle follow them with first-order lags,
 
-    dw/dt = (w_c(t - d) - w) / tau_w,  ds/dt = (s_c(t - d) - s) / tau_s,
-    dv/dt = g + k T(s)/m R_WB e3 - mu v + a,
+    dw/dt = (gamma w_c(t - d) - w) / tau_w,  ds/dt = (s_c(t - d) - s) / tau_s,
+    dv/dt = g + (k T(s)/m + k_h (u_x^2 + u_y^2)) R e3 - R D R' v + a,   u = R' v,
 
-which is the prediction model of the controller. Both lags are followed exactly from edge to edge
-of the commands, wherever those lie between the odometries. The velocity is compared over windows,
-each from a start of its own: errors do not add up, and neither is it differentiated.
+which is the prediction model of the controller but for the gains gamma of the rate loop. tau_w and
+gamma are those of each axis, D = diag(mu_x, mu_y, mu_z). Both lags are followed exactly from edge
+to edge of the commands, wherever those lie between the odometries. The velocity is compared over
+windows, each from a start of its own: errors do not add up, and neither is it differentiated.
 """
 
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.identification.lag import LaggedCommands
 from quad_mpc_ros.identification.measurements import Measurements
 from quad_mpc_ros.lie import Array, so3
 
-# The parameters, in order: time constants and delay [s], thrust scale, drag [1/s], horizontal
-# acceleration [m/s^2], bias of the measured body rates [rad/s].
-RATE_TAU, THRUST_TAU, DELAY, SCALE, DRAG = range(5)
-ACCELERATION, RATE_BIAS = slice(5, 7), slice(7, 10)
-PARAMETERS = 10
-TIMES = (RATE_TAU, THRUST_TAU, DELAY)
-LINEAR_IN_VELOCITY = (SCALE, DRAG, 5, 6)
+# The parameters, in order: time constants [s] and gains of the body rates, time constant of the
+# throttle, delay [s], thrust scale, drag [1/s], translational lift [1/m], horizontal acceleration
+# [m/s^2], bias of the measured body rates [rad/s].
+RATE_TAU, RATE_GAIN = slice(0, 3), slice(3, 6)
+THRUST_TAU, DELAY, SCALE = 6, 7, 8
+DRAG, LIFT = slice(9, 12), 12
+ACCELERATION, RATE_BIAS = slice(13, 15), slice(15, 18)
+PARAMETERS = 18
+LINEAR_IN_VELOCITY = slice(SCALE, ACCELERATION.stop)
 
 WINDOW = 0.5  # s
 _FEWEST_IN_WINDOW = 5
@@ -51,17 +55,22 @@ class ResponseModel:
         self.blocks, self.in_window = _windows(data)
         self._interval = np.diff(data.time)
         self._turn = so3.log(np.swapaxes(data.R_WB[:-1], -1, -2) @ data.R_WB[1:])
-        self._travel = 0.5 * self._interval[:, None] * (data.v_WB_W[:-1] + data.v_WB_W[1:])
+        self._air = _air_columns(data)
         self._grid = _divided(data.time)
         # The last few are kept: a delay only shifts them.
         self._lag = functools.lru_cache(maxsize=8)(self._response)
 
-    def rates(self, *, rate_tau: float, delay: float) -> Array:
-        """Return the modelled body rates (u, 3) [rad/s]."""
-        lag = self._lag("rate", rate_tau)
+    def rates(self, *, rate_tau: ArrayLike, delay: float) -> Array:
+        """Return the modelled body rates (u, 3) [rad/s] of loops without a gain.
+
+        ``rate_tau`` [s] is one time constant or three.
+        """
+        lag = self._lag("rate", _key(rate_tau))
         return lag.at(self._data.time[self.usable] - delay)
 
-    def thrust_impulse(self, *, rate_tau: float, thrust_tau: float, delay: float) -> Array:
+    def thrust_impulse(
+        self, *, rate_tau: ArrayLike, rate_gain: ArrayLike = 1.0, thrust_tau: float, delay: float
+    ) -> Array:
         """Return what the modelled thrust adds to the velocity between odometries (n-1, 3)."""
         data, vehicle = self._data, self._data.vehicle
         edges = data.command_time + delay
@@ -72,10 +81,12 @@ class ResponseModel:
         interval = np.clip(
             np.searchsorted(data.time, middle, side="right") - 1, 0, len(self._interval) - 1
         )
-        mean, mean_square = self._lag("thrust", thrust_tau).means(start - delay, duration)
+        lag = self._lag("thrust", (thrust_tau,))
+        mean, mean_square = lag.means(start - delay, duration)
         a, b, c = vehicle.thrust_curve
         thrust = vehicle.motor_count * (a * mean_square + b * mean + c)[:, 0]
-        axis = self._thrust_axis(rate_tau, delay, start, duration, interval)
+        rates = _Rates(self._lag("rate", _key(rate_tau)), np.asarray(rate_gain))
+        axis = self._thrust_axis(rates, delay, start, duration, interval)
         push = (duration * thrust / vehicle.mass)[:, None] * axis
         return np.column_stack(
             [np.bincount(interval, push[:, i], minlength=len(self._interval)) for i in range(3)]
@@ -83,7 +94,7 @@ class ResponseModel:
 
     def _thrust_axis(
         self,
-        rate_tau: float,
+        rates: _Rates,
         delay: float,
         start: Array,
         duration: Array,
@@ -94,10 +105,9 @@ class ResponseModel:
         From each measured attitude it turns as the modelled rates do, and what is then missing to
         the next measured one is spread evenly: commands change the rates within an interval.
         """
-        rates = self._lag("rate", rate_tau)
         half = 0.5 * duration
-        first = half[:, None] * rates.means(start - delay, half)[0]
-        second = half[:, None] * rates.means(start + half - delay, half)[0]
+        first = half[:, None] * rates.means(start - delay, half)
+        second = half[:, None] * rates.means(start + half - delay, half)
         turned = np.concatenate((np.zeros((1, 3)), np.cumsum(first + second, axis=0)))
         begins = np.searchsorted(interval, np.arange(len(self._interval) + 1))
         whole = turned[begins[1:]] - turned[begins[:-1]]
@@ -106,19 +116,32 @@ class ResponseModel:
         turn += share[:, None] * (self._turn - whole)[interval]
         return np.asarray((self._data.R_WB[interval] @ so3.exp(turn))[..., 2])
 
-    def velocity_columns(
-        self, *, rate_tau: float, thrust_tau: float, delay: float
-    ) -> tuple[Array, Array]:
-        """Return what the velocity is without thrust, and its derivatives (n, 3, 4).
+    def increments(
+        self, *, rate_tau: ArrayLike, rate_gain: ArrayLike = 1.0, thrust_tau: float, delay: float
+    ) -> Array:
+        """Return the derivatives (n-1, 3, 7) of the velocity gained between odometries.
 
-        Both are relative to their windows. The derivatives are by thrust scale, drag and the two
-        horizontal accelerations, in which the velocity is linear.
+        They are by thrust scale, drag of the three axes, lift and the two horizontal
+        accelerations, in which it is linear.
         """
-        impulse = self.thrust_impulse(rate_tau=rate_tau, thrust_tau=thrust_tau, delay=delay)
-        columns = np.zeros((len(self._interval), 3, 4))
-        columns[:, :, 0] = impulse
-        columns[:, :, 1] = -self._travel
-        columns[:, 0, 2] = columns[:, 1, 3] = self._interval
+        columns = np.zeros((len(self._interval), 3, 7))
+        columns[:, :, 0] = self.thrust_impulse(
+            rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
+        )
+        columns[:, :, 1:5] = self._air
+        columns[:, 0, 5] = columns[:, 1, 6] = self._interval
+        return columns
+
+    def velocity_columns(
+        self, *, rate_tau: ArrayLike, rate_gain: ArrayLike = 1.0, thrust_tau: float, delay: float
+    ) -> tuple[Array, Array]:
+        """Return what the velocity is without thrust, and its derivatives (n, 3, 7).
+
+        Both are relative to their windows; the derivatives are those of :meth:`increments`.
+        """
+        columns = self.increments(
+            rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
+        )
         fall = np.zeros((len(self._interval), 3))
         fall[:, 2] = self._data.vehicle.gravity * self._interval
         left = self._data.v_WB_W + _summed(fall)
@@ -143,26 +166,33 @@ class ResponseModel:
     def residuals(self, theta: Array) -> tuple[Array, Array]:
         """Return measured minus modelled body rates (u, 3) and velocities (n, 3)."""
         modelled = self.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
-        rates = self._data.w_WB_B[self.usable] - modelled - theta[RATE_BIAS]
+        rates = self._data.w_WB_B[self.usable] - theta[RATE_GAIN] * modelled - theta[RATE_BIAS]
         left, columns = self._velocity_columns(theta)
-        return rates, left - columns @ theta[list(LINEAR_IN_VELOCITY)]
+        return rates, left - columns @ theta[LINEAR_IN_VELOCITY]
 
     def jacobians(self, theta: Array, *, difference: float = _DIFFERENCE) -> tuple[Array, Array]:
-        """Return the derivatives of both residuals, (u, 3, 10) and (n, 3, 10).
+        """Return the derivatives of both residuals, (u, 3, 18) and (n, 3, 18).
 
-        Those by times are central differences over ``difference`` [s] to both sides.
+        Those by times are central differences over ``difference`` [s] to both sides. Lags and
+        gains of the rates move the velocity only by how the thrust turns between two odometries,
+        whose attitudes are measured: that is left out.
         """
         rates = np.zeros((len(self.usable), 3, PARAMETERS))
         velocity = np.zeros((len(self._data.time), 3, PARAMETERS))
-        rates[:, range(3), range(RATE_BIAS.start, RATE_BIAS.stop)] = -1.0
         _, columns = self._velocity_columns(theta)
         velocity[:, :, LINEAR_IN_VELOCITY] = -columns
+        modelled = self.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
+        above, below, span = _beside(theta, RATE_TAU, difference)
+        slower = self.rates(rate_tau=above[RATE_TAU], delay=theta[DELAY])
+        faster = self.rates(rate_tau=below[RATE_TAU], delay=theta[DELAY])
+        by_tau = theta[RATE_GAIN] * (slower - faster) / span
+        for axis in range(3):
+            rates[:, axis, RATE_BIAS.start + axis] = -1.0
+            rates[:, axis, RATE_GAIN.start + axis] = -modelled[:, axis]
+            rates[:, axis, RATE_TAU.start + axis] = -by_tau[:, axis]
         # Over more than rounding: at edges of the commands the residuals have kinks.
-        for parameter in TIMES:
-            above, below = theta.copy(), theta.copy()
-            above[parameter] += difference
-            below[parameter] = max(below[parameter] - difference, 0.0)
-            span = above[parameter] - below[parameter]
+        for parameter in (THRUST_TAU, DELAY):
+            above, below, span = _beside(theta, parameter, difference)
             high, low = self.residuals(above), self.residuals(below)
             rates[:, :, parameter] = (high[0] - low[0]) / span
             velocity[:, :, parameter] = (high[1] - low[1]) / span
@@ -170,14 +200,53 @@ class ResponseModel:
 
     def _velocity_columns(self, theta: Array) -> tuple[Array, Array]:
         return self.velocity_columns(
-            rate_tau=theta[RATE_TAU], thrust_tau=theta[THRUST_TAU], delay=theta[DELAY]
+            rate_tau=theta[RATE_TAU],
+            rate_gain=theta[RATE_GAIN],
+            thrust_tau=theta[THRUST_TAU],
+            delay=theta[DELAY],
         )
 
-    def _response(self, channel: str, time_constant: float) -> LaggedCommands:
+    def _response(self, channel: str, time_constant: tuple[float, ...]) -> LaggedCommands:
         """Return how ``rate``, the body rates, or ``thrust``, the throttle, follows commands."""
         data = self._data
         command = data.w_command if channel == "rate" else data.throttle[:, None]
         return LaggedCommands(data.command_time, command, time_constant=time_constant)
+
+
+class _Rates(NamedTuple):
+    """Body rates that follow their commands with a gain each."""
+
+    lag: LaggedCommands
+    gain: Array
+
+    def means(self, time: Array, duration: Array) -> Array:
+        """Return the means (n, 3) over stretches that no command divides."""
+        return np.asarray(self.gain * self.lag.means(time, duration)[0])
+
+
+def _key(time_constants: ArrayLike) -> tuple[float, ...]:
+    return tuple(np.ravel(time_constants).tolist())
+
+
+def _beside(
+    theta: Array, parameters: int | slice, difference: float
+) -> tuple[Array, Array, Array]:
+    """Return parameters with times a difference longer and shorter, and how far they are apart."""
+    above, below = theta.copy(), theta.copy()
+    above[parameters] += difference
+    below[parameters] = np.maximum(below[parameters] - difference, 0.0)
+    return above, below, np.asarray(above[parameters] - below[parameters])
+
+
+def _air_columns(data: Measurements) -> Array:
+    """Return what drag of one along each axis and lift of one add to the velocity (n-1, 3, 4)."""
+    v_WB_B = np.einsum("nji,nj->ni", data.R_WB, data.v_WB_W)
+    acceleration = np.zeros((len(data.time), 3, 4))
+    acceleration[:, :, :3] = -data.R_WB * v_WB_B[:, None, :]
+    across = np.sum(v_WB_B[:, :2] ** 2, axis=1)
+    acceleration[:, :, 3] = data.R_WB[:, :, 2] * across[:, None]
+    interval = np.diff(data.time)[:, None, None]
+    return np.asarray(0.5 * interval * (acceleration[:-1] + acceleration[1:]))
 
 
 def _divided(time: Array) -> Array:

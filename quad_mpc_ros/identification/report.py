@@ -2,28 +2,87 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import textwrap
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-from quad_mpc_ros.configuration import per_axis
+from quad_mpc_ros.configuration import UserError, per_axis
 from quad_mpc_ros.identification import vehicle_file
 from quad_mpc_ros.identification.result import Estimate, Identification
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.text_tables import text_table
 
 _WIDTH = 80
-_LEAST_EXPLAINED = 0.8
+# Of what the body rates and the velocity vary: what the model may leave beyond noise.
+_MOST_MISFIT = {"body rates": 0.45, "velocity": 0.2}
+_GAIN_OFF = 0.05
 
 _LIVELY = "fly the square, or the lemniscate with reference.angular_frequency 2"
-_MANOEUVRE = {
-    "rate_time_constant": f"the body rates were hardly commanded to change: {_LIVELY}",
-    "thrust_time_constant": f"the throttle was hardly commanded to change: {_LIVELY}",
-    "input_delay": f"the commands hardly changed: {_LIVELY}",
-    "thrust_scale": "the thrust does not show: fly longer, off the ground",
-    "drag": "the velocity hardly changed: fly the lemniscate, several m/s fast",
-}
+_TURNING = f"the body rates were hardly commanded to change: {_LIVELY}"
+_FAST = "the velocity hardly changed along it: fly the lemniscate, several m/s fast"
+_RATE_AXES, _BODY_AXES = ("roll", "pitch", "yaw"), ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A number of the vehicle: name, unit, value given, estimate, and what would tell it."""
+
+    label: str
+    unit: str
+    given: float
+    estimate: Estimate
+    manoeuvre: str
+
+
+def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
+    lags, drags = per_axis(given.rate_time_constant), per_axis(given.drag)
+    return [
+        *(
+            _Row(f"rate_time_constant {axis}", "ms", before, estimate, _TURNING)
+            for axis, before, estimate in zip(
+                _RATE_AXES, lags, found.rate_time_constant, strict=True
+            )
+        ),
+        *(
+            _Row(f"rate gain {axis}", "", 1.0, estimate, _TURNING)
+            for axis, estimate in zip(_RATE_AXES, found.rate_gain, strict=True)
+        ),
+        _Row(
+            "thrust_time_constant",
+            "ms",
+            given.thrust_time_constant,
+            found.thrust_time_constant,
+            f"the throttle was hardly commanded to change: {_LIVELY}",
+        ),
+        _Row(
+            "input_delay",
+            "ms",
+            given.input_delay,
+            found.input_delay,
+            f"the commands hardly changed: {_LIVELY}",
+        ),
+        _Row(
+            "thrust per mass",
+            "",
+            1.0,
+            found.thrust_scale,
+            "the thrust does not show: fly longer, off the ground",
+        ),
+        *(
+            _Row(f"drag {axis}", "1/s", before, estimate, _FAST)
+            for axis, before, estimate in zip(_BODY_AXES, drags, found.drag, strict=True)
+        ),
+        _Row(
+            "translational_lift",
+            "1/m",
+            given.translational_lift,
+            found.translational_lift,
+            "level flight was slow: fly the lemniscate, several m/s fast",
+        ),
+    ]
 
 
 def identification_table(found: Identification, given: MpcConfig, *, command_age: float) -> str:
@@ -31,21 +90,9 @@ def identification_table(found: Identification, given: MpcConfig, *, command_age
 
     ``command_age`` [s] is that of :class:`Measurements`, NaN to be silent of it.
     """
-    values = [
-        ("", "given", "found", "+- 95 %"),
-        _row(
-            "rate_time_constant",
-            "ms",
-            per_axis(given.rate_time_constant)[0],
-            found.rate_time_constant,
-        ),
-        _row("thrust_time_constant", "ms", given.thrust_time_constant, found.thrust_time_constant),
-        _row("input_delay", "ms", given.input_delay, found.input_delay),
-        _row("thrust per mass", "", 1.0, found.thrust_scale),
-        _row("drag", "1/s", per_axis(given.drag)[0], found.drag),
-    ]
+    values = [("", "given", "found", "+- 95 %"), *map(_cells, _rows(found, given))]
     rows = [
-        *text_table(values, align="lrrr", widths=(26, 8, 12, 12), gap=""),
+        *text_table(values, align="lrrr", widths=(27, 8, 12, 12), gap=""),
         "",
         f"flown under commands {found.flown:.1f} s; left over: body rates "
         f"{found.rate_residual:.3g} rad/s, velocity {found.velocity_residual:.3g} m/s RMS",
@@ -55,64 +102,115 @@ def identification_table(found: Identification, given: MpcConfig, *, command_age
     return "\n".join(rows)
 
 
-def warnings(found: Identification) -> Iterator[str]:
+def warnings(found: Identification, given: MpcConfig) -> Iterator[str]:
     """Yield what the flight does not show and how to fly one that does, and bad fits."""
-    for name, manoeuvre in _MANOEUVRE.items():
-        estimate: Estimate = getattr(found, name)
-        if not estimate.seen:
-            yield f"{name} cannot be told from this flight: {manoeuvre}"
-        elif not estimate.observable:
+    untold: dict[str, list[str]] = {}
+    for row in _rows(found, given):
+        estimate, value = row.estimate, _number(row.estimate.value, row.unit)
+        if estimate.at_bound:
             yield (
-                f"{name} is too uncertain to be used: its effect cannot be told from that of "
-                "the others, which a livelier flight or more odometries a second help, or the "
-                "vehicle is not as the model says (lags of first order, one delay, drag alike in "
-                "all directions)"
+                f"{row.label} came out as {value} {row.unit}, the end of what is searched: that is "
+                "no vehicle, but something that the model does not have; kept as given"
             )
-    rates_seen = found.rate_time_constant.observable or found.input_delay.observable
-    if rates_seen and found.rates.explained < _LEAST_EXPLAINED:
-        yield (
-            f"the commands explain only {max(found.rates.explained, 0.0):.0%} of the measured "
-            "body rates: expected the odometry and the commands of one vehicle, the rates in the "
-            "frame of odometry.twist_frame, and a rate loop that is nearly of first order"
-        )
+        elif not estimate.seen:
+            untold.setdefault(f"cannot be told from this flight: {row.manoeuvre}", []).append(
+                row.label
+            )
+        elif not estimate.observable:
+            untold.setdefault(
+                "too uncertain to be used: the effect cannot be told from that of others, which a "
+                "livelier flight or more odometries a second help, or the vehicle is not as the "
+                "model says (lags of first order, one delay)",
+                [],
+            ).append(row.label)
+    yield from (f"{', '.join(labels)} {reason}" for reason, labels in untold.items())
+    for axis, gain in zip(_RATE_AXES, found.rate_gain, strict=True):
+        if gain.observable and abs(gain.value - 1.0) > max(_GAIN_OFF, gain.half_width):
+            yield (
+                f"{axis} rates end at {gain.value:.2f} of what is commanded: the controller takes "
+                "them for 1; let the rate loop track"
+            )
+    if (reason := refusal(found)) is not None:
+        yield reason
+
+
+def refusal(found: Identification) -> str | None:
+    """Return why nothing of a fit should be used, if so."""
+    for (name, most), misfit in zip(_MOST_MISFIT.items(), found.misfit, strict=True):
+        if misfit > most:
+            return (
+                f"{misfit:.0%} of the variation of the {name} is left over beyond noise, expected "
+                f"{most:.0%} or less: the odometry and the commands of one vehicle, the rates in "
+                "the frame of odometry.twist_frame, a rate loop that is nearly of first order and "
+                "not saturated"
+            )
+    return None
 
 
 def parameter_file(
     found: Identification, given: MpcConfig, *, bag: Path, keep: vehicle_file.Kept
 ) -> str:
-    """Return a ROS parameter file for the controller with what the flight shows.
+    """Return a ROS parameter file for controller and reference, safe to be used alone.
 
-    With ``keep`` mass the thrust curve is scaled, with curve the mass. Raises
+    What the flight does not tell is written as given. With ``keep`` mass the thrust curve is
+    scaled, with curve the mass. Raises :class:`UserError` for a fit that explains too little, and
     ``ConfigurationError`` when the controller would refuse the values.
     """
-    entries: vehicle_file.Entries = {}
-    left_out = []
-    for name in ("rate_time_constant", "thrust_time_constant", "input_delay", "drag"):
-        estimate: Estimate = getattr(found, name)
-        if estimate.observable:
-            entries[name] = vehicle_file.found_entry(estimate)
-        else:
-            left_out.append(name)
+    if (reason := refusal(found)) is not None:
+        raise UserError(f"nothing is written: {reason}")
+    entries: vehicle_file.Entries = {
+        "rate_time_constant": vehicle_file.axes_entry(
+            [_told(estimate) for estimate in found.rate_time_constant], given.rate_time_constant
+        )
+    }
+    for name in ("thrust_time_constant", "input_delay", "translational_lift"):
+        estimate = _told(getattr(found, name))
+        entries[name] = (
+            (getattr(given, name), vehicle_file.UNTOLD)
+            if estimate is None
+            else vehicle_file.found_entry(estimate)
+        )
+    entries["drag"] = vehicle_file.axes_entry(
+        [_told(estimate) for estimate in found.drag], given.drag
+    )
+    entries["gravity"] = (given.gravity, vehicle_file.KEPT)
     if found.thrust_scale.observable:
         entries |= vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
     else:
-        left_out.append("thrust_curve")
-    remarks = [
-        f"Identified from {bag}, {found.flown:.1f} s of flight under commands; +- is 95 %.",
-        *(f"{name}: not told by this flight." for name in left_out),
-    ]
-    return vehicle_file.content(entries, given, remarks=remarks)
+        kept = ("mass", "thrust_curve", "motor_count")
+        entries |= {name: (getattr(given, name), vehicle_file.UNTOLD) for name in kept}
+    remark = f"Identified from {bag}, {found.flown:.1f} s of flight under commands; +- is 95 %."
+    return vehicle_file.content(entries, given, remarks=[remark], shared=True)
 
 
-def _row(name: str, unit: str, given: float, estimate: Estimate) -> tuple[str, ...]:
-    factor, digits = (1e3, 1) if unit == "ms" else (1.0, 3)
-    label = f"{name} [{unit}]" if unit else name
-    before = f"{factor * given:.{digits}f}"
-    if not estimate.seen:
-        return label, before, "not seen", "-"
+def _told(estimate: Estimate) -> Estimate | None:
+    """Return what is written of an estimate: none that is not told, and nothing below zero."""
+    if not estimate.observable:
+        return None
+    return dataclasses.replace(estimate, value=max(estimate.value, 0.0))
+
+
+def _cells(row: _Row) -> tuple[str, ...]:
+    estimate = row.estimate
+    label = f"{row.label} [{row.unit}]" if row.unit else row.label
+    before = _number(row.given, row.unit)
+    if not estimate.seen or estimate.at_bound:
+        return label, before, "not told", "-"
+    factor, digits = _scale(row.unit)
     least = 10.0**-digits
     width = max(math.ceil(factor * estimate.half_width / least) * least, least)
-    return label, before, f"{factor * estimate.value:.{digits}f}", f"{width:.{digits}f}"
+    told = "" if estimate.observable else "? "
+    return label, before, f"{told}{_number(estimate.value, row.unit)}", f"{width:.{digits}f}"
+
+
+def _number(value: float, unit: str) -> str:
+    factor, digits = _scale(unit)
+    return f"{factor * value:.{digits}f}"
+
+
+def _scale(unit: str) -> tuple[float, int]:
+    """Return by what a value is multiplied to be shown, and how many decimals it has."""
+    return (1e3, 1) if unit == "ms" else (1.0, 4 if unit == "1/m" else 3)
 
 
 def _notes(found: Identification, given: MpcConfig, command_age: float) -> Iterator[str]:
@@ -131,4 +229,4 @@ def _notes(found: Identification, given: MpcConfig, command_age: float) -> Itera
             "input_delay counts from the stamp of the odometry to the effect of the command; "
             f"{1e3 * command_age:.1f} ms of it (median) pass until the command is published"
         )
-    yield from (f"warning: {text}" for text in warnings(found))
+    yield from (f"warning: {text}" for text in warnings(found, given))

@@ -15,12 +15,14 @@ class Estimate:
 
     ``seen`` tells that the flight moves what the value acts on, ``observable`` that the interval
     is narrow enough to be of use: what is seen may fit badly, or be like something else.
+    ``at_bound`` tells that it is as large or small as anything searched: it is no answer.
     """
 
     value: float
     half_width: float
     seen: bool
     observable: bool
+    at_bound: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,21 +45,29 @@ class FittedCourse:
 class Identification:
     """The fit: time constants and delay [s], thrust over that of the given vehicle, drag [1/s].
 
+    Time constants of the rates, their gains and drag are those of the body axes. What is not
+    observable was held as given while the others were fitted, gains at 1; its estimate is that of
+    the fit before.
+
     ``thrust_scale`` is that of thrust per mass: nothing flown can tell the two apart.
     ``wind_acceleration_W`` (2,) [m/s^2] is the constant horizontal acceleration that was fitted
     beside them, wind above all. ``rates`` are body rates [rad/s], ``specific_force`` is along the
-    thrust axis [m/s^2], averaged over a few odometries. ``flown`` is the time under commands [s],
-    ``fitted`` what of it was used.
+    thrust axis [m/s^2], averaged over a few odometries. ``misfit`` is what the model leaves beyond
+    noise of the body rates and of the velocity, as a share of what they vary. ``flown`` is the
+    time under commands [s], ``fitted`` what of it was used.
     """
 
-    rate_time_constant: Estimate
+    rate_time_constant: tuple[Estimate, ...]
+    rate_gain: tuple[Estimate, ...]
     thrust_time_constant: Estimate
     input_delay: Estimate
     thrust_scale: Estimate
-    drag: Estimate
+    drag: tuple[Estimate, ...]
+    translational_lift: Estimate
     wind_acceleration_W: Array
     rate_residual: float
     velocity_residual: float
+    misfit: tuple[float, float]
     rates: FittedCourse
     specific_force: FittedCourse
     flown: float

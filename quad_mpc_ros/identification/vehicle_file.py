@@ -15,7 +15,9 @@ Kept = Literal["mass", "curve"]
 Entries = dict[str, tuple[Any, str]]
 """Values by the name of their parameter, each with a remark."""
 
-KEPT = "kept"
+KEPT, UNTOLD = "kept", "kept, not told"
+# What a reference must know of the vehicle as well.
+_SHARED = ("mass", "gravity", "drag", "translational_lift", "motor_count", "thrust_curve")
 _DIGITS, _DECIMALS = 4, 7  # of what is written
 
 
@@ -25,13 +27,18 @@ def found_entry(estimate: Estimate) -> tuple[float, str]:
 
 
 def axes_entry(estimates: Sequence[Estimate | None], given: PerAxis) -> tuple[Any, str]:
-    """Return a value for each body axis, and how far off each may be; None is kept as given."""
+    """Return a value for each body axis, and how far off each may be; None is kept as given.
+
+    What is kept of all of them stays as it was given, one number or three.
+    """
+    if all(estimate is None for estimate in estimates):
+        return given, UNTOLD
     values, notes = [], []
     for estimate, kept in zip(estimates, per_axis(given), strict=True):
-        value, note = (kept, KEPT) if estimate is None else found_entry(estimate)
+        value, note = (kept, UNTOLD) if estimate is None else found_entry(estimate)
         values.append(value)
         notes.append(note)
-    return values, ", ".join(notes)
+    return values, "; ".join(notes)
 
 
 def thrust_entries(scale: Estimate, given: MpcConfig, *, keep: Kept) -> Entries:
@@ -50,20 +57,29 @@ def thrust_entries(scale: Estimate, given: MpcConfig, *, keep: Kept) -> Entries:
 
 
 def content(
-    entries: Mapping[str, tuple[Any, str]], given: MpcConfig, *, remarks: Sequence[str]
+    entries: Mapping[str, tuple[Any, str]],
+    given: MpcConfig,
+    *,
+    remarks: Sequence[str],
+    shared: bool = False,
 ) -> str:
-    """Return the text of the file, below ``remarks``.
+    """Return the text of the file, below ``remarks``; ``shared`` with the part of a reference.
 
     Raises ``ConfigurationError`` when the controller would refuse the values.
     """
     given.updated({name: value for name, (value, _) in entries.items()})
-    lines = [
-        *(f"# {remark}" for remark in remarks),
-        "/**/mpc:",
+    lines = [*(f"# {remark}" for remark in remarks), *_section("mpc", entries)]
+    if shared:
+        lines += _section("reference", {name: entries[name] for name in _SHARED})
+    return "\n".join(lines) + "\n"
+
+
+def _section(node: str, entries: Mapping[str, tuple[Any, str]]) -> list[str]:
+    return [
+        f"/**/{node}:",
         "  ros__parameters:" + ("" if entries else " {}"),
         *(f"    {name}: {_listed(value)}  # {note}" for name, (value, note) in entries.items()),
     ]
-    return "\n".join(lines) + "\n"
 
 
 def rounded(value: float) -> float:

@@ -334,7 +334,7 @@ def test_what_is_identified_goes_into_config(
     capsys.readouterr()
     summary = resolved(lagged, tmp_path / "out", "--config", str(vehicle))
     mpc = summary["config"]["mpc"]
-    assert mpc["rate_time_constant"] == pytest.approx(0.03, rel=0.1)
+    assert mpc["rate_time_constant"] == pytest.approx([0.03, 0.03, 0.03], rel=0.1)
     assert mpc["thrust_time_constant"] == pytest.approx(0.04, rel=0.1)
     assert mpc["input_delay"] == pytest.approx(0.02, rel=0.1)
     assert mpc["thrust_curve"][1] / 2.79829004 == pytest.approx(1.0 / 1.2, rel=0.1)

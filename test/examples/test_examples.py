@@ -59,7 +59,8 @@ def read_bag(names: Names) -> None:
 
 def identify_vehicle(names: Names) -> None:
     found = names["found"]
-    assert found.rate_time_constant.value == pytest.approx(0.04, abs=0.002)
+    roll, pitch, _ = found.rate_time_constant
+    assert (roll.value, pitch.value) == pytest.approx((0.04, 0.04), abs=0.002)
     assert found.thrust_time_constant.value == pytest.approx(0.03, abs=0.002)
     assert found.input_delay.value == pytest.approx(0.02, abs=0.002)
     assert names["mpc"].input_delay == found.input_delay.value
