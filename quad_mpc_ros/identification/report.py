@@ -109,8 +109,8 @@ def warnings(found: Identification, given: MpcConfig) -> Iterator[str]:
         estimate, value = row.estimate, _number(row.estimate.value, row.unit)
         if estimate.at_bound:
             yield (
-                f"{row.label} came out as {value} {row.unit}, the end of what is searched: that is "
-                "no vehicle, but something that the model does not have; kept as given"
+                f"{row.label} came out as {value} {row.unit}, the end of what is searched: that "
+                "is no vehicle, but something that the model does not have; kept as given"
             )
         elif not estimate.seen:
             untold.setdefault(f"cannot be told from this flight: {row.manoeuvre}", []).append(
