@@ -216,8 +216,8 @@ def _misfit(
 ) -> tuple[float, float]:
     """Return what of body rates and velocity is neither modelled nor noise, as shares.
 
-    Noise is what differs from one odometry to the next; what lasts for longer is not. Shares are of
-    what they vary, but not of less than what can matter.
+    Noise is what differs from one odometry to the next; what lasts for longer is not. Shares are
+    of what they vary, but not of less than what can matter.
     """
     inside = model.in_window > 0.0
     neighbours = np.diff(model.usable) == 1
