@@ -80,6 +80,10 @@ SIMULATED: dict[str, tuple[list[str], list[str]]] = {
         ["--config", "paper_rigid_body", "--reference", "circle"],
         ["simulator.wind=[2.0, 1.0, 0.0]", "simulator.gust_intensity=1.0"],
     ),
+    "racer": (
+        ["--config", "agile", "--config", "vehicles/racer", "--reference", "lemniscate"],
+        ["simulator.gust_intensity=1.0", "simulator.battery.capacity=1.55"],
+    ),
     "rotorpy": (["--plant", "rotorpy", "--reference", "lemniscate", "--duration", "5"], []),
 }
 OVER_DDS: dict[str, tuple[list[str], list[str]]] = {
