@@ -17,8 +17,9 @@ from fixtures.rotors import (
     vehicle_config,
 )
 
-from quad_mpc_ros.configuration import files, per_axis
+from quad_mpc_ros.configuration import ConfigurationError, files, per_axis
 from quad_mpc_ros.evaluation.simulated import load_config, simulate
+from quad_mpc_ros.simulation.config import SimulatorConfig
 
 FOLDER = Path(__file__).resolve().parents[3] / "config" / "vehicles"
 SHARED = ("mass", "gravity", "drag", "motor_count", "thrust_curve")
@@ -39,6 +40,15 @@ def names(tree: object, prefix: str = "") -> set[str]:
     if not isinstance(tree, dict):
         return {prefix}
     return {name for key, value in tree.items() for name in names(value, f"{prefix}.{key}")}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("dynamics", "paper"), ("rate_time_constant", 0.1), ("thrust_time_constant", 0.1)],
+)
+def test_what_it_has_of_its_own_is_refused(name: str, value: object) -> None:
+    with pytest.raises(ConfigurationError, match=rf"^simulator\.{name}: given .*has its own$"):
+        SimulatorConfig.build({"plant": "rotors", name: value})
 
 
 @pytest.mark.parametrize("name", VEHICLES)
@@ -76,7 +86,7 @@ def test_the_lags_that_the_mpc_is_told_are_those_of_a_step(name: str, axis: int)
     while body.odometry(0).w_WB_B[axis] < 0.63 * 0.5 and body.time_ns < SECOND:
         body.advance_to(body.time_ns + MILLISECOND)
     told = per_axis(mpc.rate_time_constant)[axis] + mpc.input_delay
-    assert told == pytest.approx(body.time_ns * 1e-9, rel=0.15)
+    assert told == pytest.approx(body.time_ns * 1e-9, rel=0.15, abs=3e-3)
     assert mpc.thrust_time_constant == configured(name).rotors.time_constant
 
 
