@@ -4,7 +4,7 @@ World ENU, body FLU. C is the centre of mass, J the inertia about it, a_i and r_
 of rotor i from C, o_i its sense, s_i its speed, f_i its force, h its share of the angular
 momentum I_r o_i s_i a_i:
 
-    m dv/dt = R (sum f_i + drag) - m g e_z
+    m dv/dt = R (sum f_i + drag) - m g e_z + push
     J dw/dt = sum (r_i x f_i - o_i c_q s_i^2 a_i - o_i I_r ds_i/dt a_i) - w x (J w + sum h_i)
       ds/dt = (s_wanted - s) / tau
 
@@ -21,17 +21,20 @@ from quad_mpc_ros.simulation.rotors.battery import battery
 from quad_mpc_ros.simulation.rotors.craft import Craft, craft_in
 from quad_mpc_ros.simulation.rotors.state import SPEEDS, rotation_in
 
+Outside = tuple[kernels.Vector, kernels.Vector]
+"""Velocity of the air [m/s] and a force that pushes at C [N], both in the world."""
+
 
 @compiled
 def derivative(
-    x: Array, wanted: Array, wind_W: kernels.Vector, craft: Array, rotors: Array, out: Array
+    x: Array, wanted: Array, outside: Outside, craft: Array, rotors: Array, out: Array
 ) -> None:
     """Write the time derivative of a state (14 + n,) into ``out`` (14 + n,).
 
     ``wanted`` (n,) are the speeds that the autopilot asks for [rad/s], at a full battery;
     ``craft`` and ``rotors`` those of :mod:`quad_mpc_ros.simulation.rotors.craft`.
     """
-    numbers = craft_in(craft)
+    numbers, (wind_W, push_W) = craft_in(craft), outside
     charge, current = battery(_power(x, numbers), used=x[13], craft=numbers)
     out[13] = current
     _follow(x, wanted=wanted, charge=charge, craft=numbers, out=out)
@@ -40,7 +43,8 @@ def derivative(
     through_W = kernels.plus(kernels.vector(x[3:6]), kernels.scaled(-1.0, wind_W))
     v_air_B = kernels.apply_transposed(R_WB, through_W)
     force, torque, momentum = _wrench(x, v_air_B=v_air_B, craft=numbers, rotors=rotors, rate=out)
-    a_W = kernels.apply(R_WB, kernels.scaled(1.0 / numbers.mass, force))
+    total_W = kernels.plus(kernels.apply(R_WB, force), push_W)
+    a_W = kernels.scaled(1.0 / numbers.mass, total_W)
     momentum = kernels.plus(momentum, kernels.apply(numbers.inertia, w))
     torque = kernels.plus(torque, kernels.cross(momentum, w))
     kernels.store_vector(kernels.vector(x[3:6]), out[0:3])

@@ -14,7 +14,7 @@ from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.simulation.rotors import rate_loop
 from quad_mpc_ros.simulation.rotors.craft import craft_in
-from quad_mpc_ros.simulation.rotors.equations import derivative
+from quad_mpc_ros.simulation.rotors.equations import Outside, derivative
 from quad_mpc_ros.simulation.rotors.state import origin_height, put, rotation_in, stands
 
 _BODY = slice(0, 13)  # all of a state that the ground holds
@@ -34,11 +34,11 @@ def advance(
 ) -> None:
     """Move a state (14 + n,), the loop's memory (3, 5) and the wanted speeds (n,) over a time.
 
-    ``inputs`` (7,) are throttle and rates commanded and the wind [m/s]; ``times_ns`` (4,) [ns]
-    are how long to go on, how long until the loop runs next (renewed), its period, and the
-    longest step of the integrator.
+    ``inputs`` (10,) are throttle and rates commanded, the wind [m/s] and a push [N]; ``times_ns``
+    (4,) [ns] are how long to go on, how long until the loop runs next (renewed), its period, and
+    the longest step of the integrator.
     """
-    wind_W = kernels.vector(inputs[4:7])
+    outside = kernels.vector(inputs[4:7]), kernels.vector(inputs[7:10])
     center_B = craft_in(craft).center_B
     left = times_ns[0]
     while left > 0:
@@ -57,20 +57,20 @@ def advance(
         until = min(left, times_ns[1])
         steps = -(-until // times_ns[3])
         for _ in range(steps):
-            step(x, wanted, wind_W, craft=craft, rotors=rotors, duration=until * 1e-9 / steps)
+            step(x, wanted, outside, craft=craft, rotors=rotors, duration=until * 1e-9 / steps)
         left -= until
         times_ns[1] -= until
 
 
 @compiled
 def step(
-    x: Array, wanted: Array, wind_W: kernels.Vector, craft: Array, rotors: Array, duration: float
+    x: Array, wanted: Array, outside: Outside, craft: Array, rotors: Array, duration: float
 ) -> None:
     """Move a state (14 + n,) by one step [s] of the integrator; nothing sinks into the ground."""
     center_B = craft_in(craft).center_B
     stood = stands(x, center_B)
     before = x[_BODY].copy()
-    runge_kutta(x, wanted, wind_W, craft=craft, rotors=rotors, duration=duration)
+    runge_kutta(x, wanted, outside, craft=craft, rotors=rotors, duration=duration)
     above = origin_height(x, center_B) > 0.0
     if stood and not (above and x[5] > 0.0):  # lifted, and not just tipped about its centre
         x[_BODY] = before
@@ -80,12 +80,12 @@ def step(
 
 @compiled
 def runge_kutta(
-    x: Array, wanted: Array, wind_W: kernels.Vector, craft: Array, rotors: Array, duration: float
+    x: Array, wanted: Array, outside: Outside, craft: Array, rotors: Array, duration: float
 ) -> None:
     """Move a state (14 + n,) in free flight by one Runge-Kutta step of order 4 [s]."""
     rate, at, mean = np.empty_like(x), x.copy(), np.zeros_like(x)
     for stage in range(4):
-        derivative(at, wanted, wind_W, craft=craft, rotors=rotors, out=rate)
+        derivative(at, wanted, outside, craft=craft, rotors=rotors, out=rate)
         weight = (1.0 if stage in (0, 3) else 2.0) / 6.0
         ahead = 0.5 * duration if stage < 2 else duration
         for k in range(x.shape[0]):

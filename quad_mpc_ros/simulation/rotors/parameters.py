@@ -283,6 +283,24 @@ class BatteryParameters(Configuration):
 
 
 @dataclass(frozen=True, kw_only=True)
+class PushParameters(Configuration):
+    """A force from outside for some time."""
+
+    owner = "simulator.push"
+
+    force: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0),
+        doc="Force that pushes at the centre of mass, in the world; the plant rotors alone.",
+        unit="N",
+        length=3,
+    )
+    begin: float = parameter(0.0, doc="When it begins.", unit="s", minimum=0.0)
+    duration: float = parameter(
+        0.0, doc="How long it pushes; 0 is to the end.", unit="s", minimum=0.0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class RotorsPlantParameters(PlantParameters):
     """Its own, in groups."""
 
@@ -290,3 +308,4 @@ class RotorsPlantParameters(PlantParameters):
     airframe: AirframeParameters = dataclasses.field(default_factory=AirframeParameters)
     rate_loop: RateLoopParameters = dataclasses.field(default_factory=RateLoopParameters)
     battery: BatteryParameters = dataclasses.field(default_factory=BatteryParameters)
+    push: PushParameters = dataclasses.field(default_factory=PushParameters)

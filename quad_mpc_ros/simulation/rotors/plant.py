@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError
@@ -14,6 +16,7 @@ from quad_mpc_ros.simulation.rotors.craft import craft_vector, rotor_rows
 from quad_mpc_ros.simulation.rotors.mixer import mixing
 from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
 from quad_mpc_ros.simulation.rotors.state import Q_WB, SPEEDS, USED, V_WC_W, W_WB_B, put
+from quad_mpc_ros.simulation.wind import NEVER_NS
 
 
 class RotorsPlant(DelayedPlant):
@@ -39,7 +42,10 @@ class RotorsPlant(DelayedPlant):
         self._times_ns = np.array(
             [0, 0, round(1e9 / config.rate_loop.rate), round(1e9 * config.integration_step)]
         )
-        self._inputs = np.zeros(7)
+        begin_ns = round(1e9 * config.push.begin)
+        lasting_ns = round(1e9 * config.push.duration) or NEVER_NS - begin_ns
+        self._push_ns = begin_ns, begin_ns + lasting_ns
+        self._inputs = np.zeros(10)
         self._inputs[:4] = config.initial_throttle, *config.initial_body_rates
         self._wanted = np.zeros(config.motor_count)
         self._x = np.zeros(SPEEDS + config.motor_count)
@@ -89,7 +95,12 @@ class RotorsPlant(DelayedPlant):
 
     def _integrate(self, duration_ns: int) -> None:
         self._inputs[4:7] = self.wind_W
-        self._move(duration_ns=duration_ns)
+        end_ns = self.time_ns + duration_ns
+        edges = [edge for edge in self._push_ns if self.time_ns < edge < end_ns]
+        for from_ns, to_ns in pairwise([self.time_ns, *edges, end_ns]):
+            pushed = self._push_ns[0] <= from_ns < self._push_ns[1]
+            self._inputs[7:10] = self._config.push.force if pushed else 0.0
+            self._move(duration_ns=to_ns - from_ns)
 
     def _move(self, *, duration_ns: int) -> None:
         self._times_ns[0] = duration_ns

@@ -93,6 +93,17 @@ def test_wind_drags_it_along() -> None:
     assert_allclose(body.state.v_WB_W[0], 5.0 * (1.0 - math.exp(-0.0794 / 0.396893)), rtol=1e-6)
 
 
+@pytest.mark.parametrize(("lasting", "pushed"), [(0.2003, 0.2003), (0.0, 0.5896)])
+def test_a_push_gives_its_momentum(lasting: float, pushed: float) -> None:
+    """From when it begins, between two turns of the rate loop too, until it ends."""
+    force = (3.0, -2.0, 1.0)
+    body = plant(**DRAGLESS, push__force=force, push__begin=0.4104, push__duration=lasting)
+    body.advance_to(410_400_000)
+    assert_allclose(body.state.v_WB_W, np.zeros(3), atol=1e-9)
+    body.advance_to(SECOND)
+    assert_allclose(body.state.v_WB_W, pushed / 0.396893 * np.array(force), atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("scale", "climb"), [({"mass_scale": 1.25}, 1.0 / 1.25 - 1.0), ({"thrust_scale": 0.7}, -0.3)]
 )
