@@ -272,7 +272,10 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         0.1, doc="Odometry older than this is unusable.", unit="s", above=0.0
     )
     reference_timeout: float = _live(
-        0.5, doc="A reference older than this is unusable.", unit="s", above=0.0
+        0.5,
+        doc="A reference older than this is unusable, unless it still reaches over the horizon.",
+        unit="s",
+        above=0.0,
     )
     deadline: float = parameter(
         0.8,

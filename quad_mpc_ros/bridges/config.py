@@ -118,8 +118,8 @@ class BridgeConfig(VehicleParameters):
     )
     clock_tolerance: float = parameter(
         0.1,
-        doc="A state whose stamp differs by more from this node's clock is of another clock, and "
-        "is stamped when it arrives.",
+        doc="A state whose stamp differs by more from this node's clock is of another clock, of "
+        "which the fastest arrival tells how it differs.",
         unit="s",
         above=0.0,
     )

@@ -74,6 +74,7 @@ class Fault:
 
 _BRIEF = 0.6  # s: until blind, or hovering after a failed solver
 _LONG = 1.5  # s: until silent
+_REACH = 2.2  # s: until a window of the reference is used up
 
 _unusable_odometry = functools.partial(
     Fault, course=courses.odometry_lost, duration=_BRIEF, counter="rejected_inputs"
@@ -82,7 +83,7 @@ _odometry_of_another_time = functools.partial(
     Fault, course=courses.clocks_apart, recovery=_when_believed, counter="rejected_inputs"
 )
 _unusable_reference = functools.partial(
-    Fault, course=courses.reference_lost, counter="rejected_inputs"
+    Fault, course=courses.reference_lost, duration=_REACH, counter="rejected_inputs"
 )
 _solver_failure = functools.partial(
     Fault, course=courses.solver_lost, duration=_BRIEF, counter="solver_failures"
@@ -177,7 +178,13 @@ _TABLE = (
         ),
         intruder=True,
     ),
-    Fault("reference_stops", "no reference", courses.reference_lost, reference=distortions.lost),
+    Fault(
+        "reference_stops",
+        "no reference",
+        courses.reference_lost,
+        duration=_REACH,
+        reference=distortions.lost,
+    ),
     _unusable_reference(
         "reference_nan",
         "velocities that are not a number",
@@ -270,6 +277,7 @@ _TABLE = (
         "ground_reference_stops",
         "on the ground: no reference",
         functools.partial(courses.reference_lost, standing=True),
+        duration=_REACH,
         reference=distortions.lost,
     ),
     _on_the_ground(

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,8 @@ class CoursePhase:
 Course = tuple[CoursePhase, ...]
 Spans = Sequence[tuple[CoursePhase, float, float]]
 """Phases, and from when to when."""
+
+_WINDOW = ReferenceConfig().window_duration  # s
 
 ANY = ("mpc", "plan", "hover", "blind", "silent", "idle")
 _MPC, _MPC_OR_PLAN = CoursePhase(("mpc",)), CoursePhase(("mpc", "plan"))
@@ -73,8 +76,10 @@ def odometry_frozen(config: MpcConfig) -> Course:
 
 def reference_lost(config: MpcConfig, *, standing: bool = False) -> Course:
     """Plan, then hover (standing on the ground: idle at once)."""
-    # The last plan is made just before the reference is too old.
-    return _no_new_plan(config, since=config.reference_timeout, then="hover", standing=standing)
+    # The last plan is made just before the reference is too old, or reaches no longer far enough.
+    reach = _WINDOW - config.horizon_steps * config.horizon_step
+    since = max(config.reference_timeout, reach)
+    return _no_new_plan(config, since=since, then="hover", standing=standing)
 
 
 def solver_lost(config: MpcConfig, *, standing: bool = False) -> Course:

@@ -21,6 +21,7 @@ class InputMonitor:
     def __init__(self, config: MpcConfig) -> None:
         self._parameters = config.odometry
         self._gate = OdometryGate(config)
+        self._horizon_ns = round(config.horizon_steps * config.horizon_step * 1e9)
         self._twist_check = TwistFrameCheck(twist_frame=config.odometry.twist_frame)
         self.odometry: OdometrySample | None = None
         self.odometry_ns: int | None = None
@@ -52,12 +53,32 @@ class InputMonitor:
         return fault
 
     def reference_at(self, stamp_ns: int, *, now_ns: int) -> tuple[ReferenceWindow | None, str]:
-        """Return the reference to follow at a stamp, or None and why there is none."""
+        """Return the reference to follow at a stamp, or None and why there is none.
+
+        One that came long ago is followed as long as it reaches over the horizon.
+        """
         timeout_ns = self._reference_timeout_ns
-        if self.reference is None or now_ns - (self.reference_ns or 0) > timeout_ns:
+        if self.reference is None:
+            return None, "no usable reference"
+        old = now_ns - (self.reference_ns or 0) > timeout_ns
+        if old and not self._reaches(self.reference, stamp_ns):
             return None, "no usable reference"
         fault = coverage_fault(self.reference, stamp_ns, tolerance_ns=timeout_ns)
         return (self.reference, "") if fault is None else (None, fault)
+
+    def reference_seen_ns(self, now_ns: int) -> int | None:
+        """Return when the reference came; now, as long as it reaches over the horizon."""
+        window, odometry = self.reference, self.odometry
+        if (
+            window is not None
+            and odometry is not None
+            and self._reaches(window, odometry.stamp_ns)
+        ):
+            return now_ns
+        return self.reference_ns
+
+    def _reaches(self, window: ReferenceWindow, stamp_ns: int) -> bool:
+        return window.stamp_ns + int(window.offset_ns[-1]) - stamp_ns >= self._horizon_ns
 
     def ages_ns(self, now_ns: int) -> tuple[int, int]:
         """Return the age of the odometry by its stamp and of the reference since its arrival.

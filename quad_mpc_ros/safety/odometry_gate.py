@@ -3,7 +3,8 @@
 Besides what is wrong with an odometry by itself, its stamp has to fit its arrival: a stamp from
 the future or from long ago, one that runs backwards, and an estimator that repeats itself are
 refused. A clock that was set, or a source that began anew, is believed as soon as it has been
-consistent for the odometry's timeout.
+consistent for the odometry's timeout. The first odometries of all may have waited in a queue:
+until they have been consistent for so long, one that comes faster is believed at once.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ class OdometryGate:
         self._arrived_ns = 0
         self.changed_ns = 0
         self._offset_ns = 0  # of stamps before arrivals, as of the fastest arrival
+        self._began_ns = 0
+        self._confirmed = False  # of the offset, by what came later
         self._odd_since_ns: int | None = None
         self._odd_offset_ns = 0
         self.reconfigure(config)
@@ -55,8 +58,9 @@ class OdometryGate:
 
     def _take(self, odometry: OdometrySample, now_ns: int) -> None:
         offset_ns = odometry.stamp_ns - now_ns
-        if self._newest is None:
-            self._offset_ns = offset_ns
+        if self._newest is None or offset_ns - self._offset_ns > self._timeout_ns:
+            self._offset_ns, self._began_ns = offset_ns, now_ns
+        self._confirmed = self._confirmed or now_ns - self._began_ns > self._timeout_ns
         if self._newest is None or not _repeats(odometry, self._newest):
             self.changed_ns = now_ns
         forgotten_ns = round(_DRIFT * (now_ns - self._arrived_ns))
@@ -80,6 +84,8 @@ class OdometryGate:
         backwards = odometry.stamp_ns < newest.stamp_ns
         if not backwards and abs(ahead_ns) <= self._timeout_ns:
             return None
+        if not backwards and ahead_ns > 0 and not self._confirmed:
+            return None  # those before had waited in a queue
         if self._has_persisted(offset_ns, now_ns):
             self._offset_ns = offset_ns
             return None

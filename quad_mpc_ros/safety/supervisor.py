@@ -192,7 +192,7 @@ class Supervisor:
             ladder.Inputs(
                 now_ns=now_ns,
                 odometry_ns=self.inputs.odometry_ns,
-                reference_ns=self.inputs.reference_ns,
+                reference_ns=self.inputs.reference_seen_ns(now_ns),
                 plan_fault=plan_fault,
                 breach=breach,
                 standing=self._ground.standing,

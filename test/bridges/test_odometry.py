@@ -55,10 +55,70 @@ def test_a_step_of_the_position_is_no_velocity() -> None:
     assert_allclose(odometry.v_WB_B, np.zeros(3))
 
 
-def test_stamps_of_another_clock_become_times_of_arrival() -> None:
+MS = SECOND // 1000
+HOUR = 3600 * SECOND
+
+
+def stamped(clock_ns: int, waits: list[tuple[int, int]]) -> list[int | None]:
+    """Return how long after its measurement [ms] each state is said to have been measured.
+
+    ``waits`` are times of measurement [ms] and how long each is on its way [ms]; the stack's clock
+    shows ``clock_ns`` less than the node's.
+    """
+    stamps, found = OdometryStamps(tolerance=0.1), []
+    for at, wait in waits:
+        true_ns = T0 + at * MS
+        stamp = stamps.stamp(true_ns - clock_ns, now_ns=true_ns + wait * MS)
+        found.append(None if stamp is None else (stamp - true_ns) // MS)
+    return found
+
+
+def test_stamps_of_the_nodes_clock_are_taken_with_what_they_tell_of_the_latency() -> None:
+    assert stamped(0, [(20 * k, 15) for k in range(50)]) == [0] * 50
+
+
+def test_stamps_of_another_clock_become_times_of_the_fastest_arrival() -> None:
+    waits = [(20 * k, 10 + 7 * (k % 3)) for k in range(50)]
+    assert stamped(HOUR, waits) == [10] * 50
+
+
+@pytest.mark.parametrize("clock_ns", [0, HOUR])
+def test_what_a_link_held_up_is_stamped_late_and_what_follows_punctually(clock_ns: int) -> None:
+    """It was stamped as new, and what was new as old."""
+    before = [(20 * k, 10) for k in range(50)]
+    held_up = [(1000 + 20 * k, 310 - 20 * k) for k in range(15)]  # all at once, 0.3 s later
+    after = [(1300 + 20 * k, 10) for k in range(50)]
+    latency = 0 if clock_ns == 0 else 10
+    assert stamped(clock_ns, [*before, *held_up, *after]) == [latency] * 115
+
+
+@pytest.mark.parametrize("clock_ns", [0, HOUR])
+@pytest.mark.parametrize("waited", [90, 270, 3000])
+def test_after_a_first_state_that_waited_long_all_are_stamped_punctually(
+    clock_ns: int, waited: int
+) -> None:
+    found = stamped(clock_ns, [(-waited + 5, waited), *((20 * k, 10) for k in range(1, 50))])
+    assert set(found[2:]) == {0 if clock_ns == 0 else 10}
+    assert found[1] in (None, 0, 10)
+
+
+@pytest.mark.parametrize("step", [3, -3])
+def test_a_stacks_clock_that_is_set_moves_no_stamp_by_more_than_the_latency(step: int) -> None:
     stamps = OdometryStamps(tolerance=0.1)
-    assert stamps.stamp(T0 - SECOND // 50, now_ns=T0) == T0 - SECOND // 50
-    assert stamps.stamp(7 * SECOND, now_ns=T0 + SECOND // 50) == T0 + SECOND // 50
+    for k in range(200):
+        true_ns = T0 + 20 * k * MS
+        set_ns = step * SECOND if k >= 100 else 0
+        stamp = stamps.stamp(true_ns + set_ns, now_ns=true_ns + 15 * MS)
+        assert stamp is not None
+        assert 0 <= stamp - true_ns <= 15 * MS
+
+
+def test_a_clock_that_drifts_is_followed() -> None:
+    stamps = OdometryStamps(tolerance=0.1)
+    for k in range(0, 60_000, 20):
+        stamp = stamps.stamp(round(k * MS * 1.0005) + HOUR, now_ns=T0 + k * MS)
+        assert stamp is not None
+        assert abs(stamp - T0 - k * MS) < 2 * MS
 
 
 def test_stamps_never_run_backwards_unless_the_clock_was_set() -> None:

@@ -437,16 +437,17 @@ def test_a_lost_reference_holds_the_plan_then_the_place(
 ) -> None:
     hovering.reference()
     sources = []
-    for _ in range(50):
+    for _ in range(100):
         tick = hovering.odometry()
         assert tick is not None
         sources.append(tick.stats.source)
         hovering.sleep()
-    assert sources == ["mpc"] * 26 + ["plan"] * 10 + ["hover"] * 14
-    assert len(spy.odometries) == 26
+    # The window of 2 s reaches over the horizon of 0.5 s for 1.5 s.
+    assert sources == ["mpc"] * 76 + ["plan"] * 10 + ["hover"] * 14
+    assert len(spy.odometries) == 76
     tick = hovering.odometry()
     assert tick is not None
-    assert "reference is 1.00 s old" in tick.stats.reason
+    assert "reference is 2.00 s old" in tick.stats.reason
     hovering.reference()
     hovering.sleep()
     assert hovering.tick().stats.source == "mpc"

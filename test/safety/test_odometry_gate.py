@@ -73,6 +73,16 @@ def test_late_by_less_than_the_timeout_is_taken_and_by_more_is_not(source: Sourc
     assert source.send(1201, stamped=1200) is None
 
 
+@pytest.mark.parametrize("waited", [90, 270, 2000, 60_000])
+def test_after_a_first_one_that_waited_long_the_punctual_ones_are_taken(
+    source: Source, waited: int
+) -> None:
+    assert source.send(0, stamped=-waited) is None
+    assert all(source.send_all(regularly(20, 1000)))
+    # How long they take is known now, and what is late is refused.
+    assert "behind its arrival" in str(source.send(1120, stamped=990))
+
+
 def test_one_from_the_future_is_refused_and_spoils_nothing(source: Source) -> None:
     source.send_all(regularly(0, 1000))
     assert "60.00 s ahead of" in str(source.send(1000, stamped=61_000))

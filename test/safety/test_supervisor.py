@@ -186,7 +186,7 @@ def test_what_is_refused_is_counted_told_once_and_not_kept(
     assert supervisor.inputs.odometry is kept
 
 
-def test_a_reference_is_followed_while_it_is_fresh_and_covers_the_stamp(
+def test_a_reference_is_followed_while_it_is_fresh_or_reaches_over_the_horizon(
     make_flight: MakeFlight,
 ) -> None:
     flight = make_flight(MpcConfig(reference_timeout=0.5))
@@ -194,7 +194,10 @@ def test_a_reference_is_followed_while_it_is_fresh_and_covers_the_stamp(
     assert inputs.reference_at(START, now_ns=START) == (None, "no usable reference")
     flight.tick(planned(0.3))
     assert inputs.reference_at(START, now_ns=START + 500 * MS)[1] == ""
-    assert inputs.reference_at(START, now_ns=START + 501 * MS)[0] is None
+    # The window is of 2 s, the horizon of 0.5 s.
+    for elapsed, taken in ((501, True), (1500, True), (1501, False)):
+        now = START + elapsed * MS
+        assert (inputs.reference_at(now, now_ns=now)[0] is not None) is taken
     window, fault = inputs.reference_at(START - 600 * MS, now_ns=START)
     assert window is None
     assert fault == "reference begins 0.60 s after the odometry's stamp"
