@@ -245,6 +245,12 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         minimum=0.0,
         maximum=1.0,
     )
+    rate_gain: float | tuple[float, ...] = parameter(
+        1.0,
+        doc="manifold: body rates in the long run over those commanded.",
+        minimum=0.2,
+        maximum=3.0,
+    )
     thrust_time_constant: float = parameter(
         0.0,
         doc="manifold: first-order lag of the throttle behind its command.",

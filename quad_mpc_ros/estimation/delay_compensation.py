@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.estimation.command_history import CommandHistory
 from quad_mpc_ros.estimation.contact import GroundContact
 from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf, EkfMemory
@@ -57,6 +58,7 @@ class DelayCompensation:
         vehicle = config.vehicle()
         hover = Input(throttle=vehicle.hover_throttle, w_WB_B=np.zeros(3))
         self._delay_ns = round(config.input_delay * 1e9)
+        self._rate_gain = np.array(per_axis(config.rate_gain))
         self._history = CommandHistory(delay_ns=self._delay_ns, initial=hover)
         self._ekf = DisturbanceEkf(
             parameters_of(
@@ -100,8 +102,10 @@ class DelayCompensation:
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
         """Remember a command by the stamp of the odometry that it answers."""
-        self._sent, self._sent_ns = command.vector(), stamp_ns
-        self._history.record(command, stamp_ns=stamp_ns)
+        # What the rates follow: the model has no gain of its own.
+        followed = Input(throttle=command.throttle, w_WB_B=self._rate_gain * command.w_WB_B)
+        self._sent, self._sent_ns = followed.vector(), stamp_ns
+        self._history.record(followed, stamp_ns=stamp_ns)
 
     def engage(self, engaged: bool) -> None:
         """Tell whether commands act on the vehicle; they are supposed to.

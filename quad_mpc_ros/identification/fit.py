@@ -180,7 +180,7 @@ def _as_given(given: MpcConfig) -> Array:
     """Return the parameters (18,) that a configuration has; the thrust is that of its vehicle."""
     theta = np.zeros(PARAMETERS)
     theta[RATE_TAU] = per_axis(given.rate_time_constant)
-    theta[RATE_GAIN] = theta[SCALE] = 1.0
+    theta[RATE_GAIN], theta[SCALE] = per_axis(given.rate_gain), 1.0
     theta[THRUST_TAU], theta[DELAY] = given.thrust_time_constant, given.input_delay
     theta[DRAG], theta[LIFT] = per_axis(given.drag), given.translational_lift
     return theta

@@ -73,6 +73,7 @@ def learned_file(found: Learned, given: MpcConfig, *, head: str, keep: vehicle_f
     entries = vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
     entries["rate_time_constant"] = _rate_entry(found, given)
     for name in (
+        "rate_gain",
         "thrust_time_constant",
         "gravity",
         "drag",

@@ -18,7 +18,6 @@ from quad_mpc_ros.text_tables import text_table
 _WIDTH = 80
 # Of what the body rates and the velocity vary: what the model may leave beyond noise.
 _MOST_MISFIT = {"body rates": 0.45, "velocity": 0.2}
-_GAIN_OFF = 0.05
 
 _LIVELY = "fly the square, or the lemniscate with reference.angular_frequency 2"
 _TURNING = f"the body rates were hardly commanded to change: {_LIVELY}"
@@ -38,7 +37,8 @@ class _Row:
 
 
 def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
-    lags, drags = per_axis(given.rate_time_constant), per_axis(given.drag)
+    lags, gains = per_axis(given.rate_time_constant), per_axis(given.rate_gain)
+    drags = per_axis(given.drag)
     return [
         *(
             _Row(f"rate_time_constant {axis}", "ms", before, estimate, _TURNING)
@@ -47,8 +47,8 @@ def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
             )
         ),
         *(
-            _Row(f"rate gain {axis}", "", 1.0, estimate, _TURNING)
-            for axis, estimate in zip(_RATE_AXES, found.rate_gain, strict=True)
+            _Row(f"rate_gain {axis}", "", before, estimate, _TURNING)
+            for axis, before, estimate in zip(_RATE_AXES, gains, found.rate_gain, strict=True)
         ),
         _Row(
             "thrust_time_constant",
@@ -124,12 +124,6 @@ def warnings(found: Identification, given: MpcConfig) -> Iterator[str]:
                 [],
             ).append(row.label)
     yield from (f"{', '.join(labels)} {reason}" for reason, labels in untold.items())
-    for axis, gain in zip(_RATE_AXES, found.rate_gain, strict=True):
-        if gain.observable and abs(gain.value - 1.0) > max(_GAIN_OFF, gain.half_width):
-            yield (
-                f"{axis} rates end at {gain.value:.2f} of what is commanded: the controller takes "
-                "them for 1; let the rate loop track"
-            )
     if (reason := refusal(found)) is not None:
         yield reason
 
@@ -158,11 +152,10 @@ def parameter_file(
     """
     if (reason := refusal(found)) is not None:
         raise UserError(f"nothing is written: {reason}")
-    entries: vehicle_file.Entries = {
-        "rate_time_constant": vehicle_file.axes_entry(
-            [_told(estimate) for estimate in found.rate_time_constant], given.rate_time_constant
-        )
-    }
+    entries: vehicle_file.Entries = {}
+    for name in ("rate_time_constant", "rate_gain", "drag"):
+        told = [_told(estimate) for estimate in getattr(found, name)]
+        entries[name] = vehicle_file.axes_entry(told, getattr(given, name))
     for name in ("thrust_time_constant", "input_delay", "translational_lift"):
         estimate = _told(getattr(found, name))
         entries[name] = (
@@ -170,9 +163,6 @@ def parameter_file(
             if estimate is None
             else vehicle_file.found_entry(estimate)
         )
-    entries["drag"] = vehicle_file.axes_entry(
-        [_told(estimate) for estimate in found.drag], given.drag
-    )
     entries["gravity"] = (given.gravity, vehicle_file.KEPT)
     if found.thrust_scale.observable:
         entries |= vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)

@@ -46,8 +46,8 @@ class Identification:
     """The fit: time constants and delay [s], thrust over that of the given vehicle, drag [1/s].
 
     Time constants of the rates, their gains and drag are those of the body axes. What is not
-    observable was held as given while the others were fitted, gains at 1; its estimate is that of
-    the fit before.
+    observable was held as given while the others were fitted; its estimate is that of the fit
+    before.
 
     ``thrust_scale`` is that of thrust per mass: nothing flown can tell the two apart.
     ``wind_acceleration_W`` (2,) [m/s^2] is the constant horizontal acceleration that was fitted

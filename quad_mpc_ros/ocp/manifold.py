@@ -89,6 +89,7 @@ class ManifoldProblem:
         lags = *per_axis(config.rate_time_constant), config.thrust_time_constant
         lagging = max(lags) > 0.0
         self._uneven = not config.drags_alike
+        self._rate_gain = np.array(per_axis(config.rate_gain))
         # Without lags rate and throttle are their commands and need no states of their own.
         self._size = STATE_SIZE if lagging else ATTITUDE.stop
         self._sampler = TargetSampler(steps=self._steps, step=self._step)
@@ -114,7 +115,10 @@ class ManifoldProblem:
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over weights and bounds; the last plan stays."""
         self._settings = _settings_of(config)
-        self._limits, self._pull_distance = values_of(config.limits), config.limits.pull_distance
+        # A slew of commands is one of what the rates follow, of the axis that follows least.
+        followed = np.array([1.0, 1.0, 1.0, min(per_axis(config.rate_gain))])
+        self._limits = followed * values_of(config.limits)
+        self._pull_distance = config.limits.pull_distance
         # The slope of the cost where the position is off by the distance at which the pull stays
         # the same, per 3 m/s.
         duration = config.horizon_steps * config.horizon_step
@@ -267,11 +271,13 @@ class ManifoldProblem:
     def plan(self) -> Plan:
         """Return the plan of the last line search, in arrays of its own."""
         states = self._planned.states
+        inputs = self._planned.inputs.copy().reshape(-1, INPUT_SIZE)
+        inputs[:, 1:] /= self._rate_gain
         return Plan(
             stamp_ns=self._state.stamp_ns,
             step=self._step,
             input_step=self._step / SUBSTEPS,
-            inputs=self._planned.inputs.copy().reshape(-1, INPUT_SIZE),
+            inputs=inputs,
             p_WB=states[:, P_WB].copy(),
             R_WB=states[:, R_WB].copy().reshape(-1, 3, 3),
         )
@@ -291,8 +297,10 @@ class Settings(NamedTuple):
 
 def _settings_of(config: MpcConfig) -> Array:
     """Return the vector of a configuration."""
-    u_min = config.throttle_min, *(-w for w in config.omega_max)
-    u_max = config.throttle_max, *config.omega_max
+    # Inputs of the problem are what the rates follow, commands times their gain.
+    fastest = np.array(per_axis(config.rate_gain)) * config.omega_max
+    u_min = config.throttle_min, *(-fastest)
+    u_max = config.throttle_max, *fastest
     numbers = config.terminal_weight, config.horizon_step
     return np.array([*config.Q, *config.R, *numbers, *u_min, *u_max])
 

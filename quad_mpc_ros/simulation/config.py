@@ -44,7 +44,7 @@ class PlantEntry(Generic[P_contra]):
     has_own: tuple[str, ...] = ()
 
 
-_OWN_LAGS = ("dynamics", "rate_time_constant", "thrust_time_constant")
+_OWN_LAGS = ("dynamics", "rate_time_constant", "rate_gain", "thrust_time_constant")
 
 PLANTS: dict[str, PlantEntry[SimulatorConfig]] = {
     "internal": PlantEntry(make=InternalPlant),

@@ -40,6 +40,9 @@ class InternalParameters(PlantParameters):
         minimum=0.0,
         maximum=LONGEST_TIME_CONSTANT,
     )
+    rate_gain: float | tuple[float, ...] = parameter(
+        1.0, doc="Body rates in the long run over those commanded.", minimum=0.0, maximum=10.0
+    )
     thrust_time_constant: float = parameter(
         0.0,
         doc="First-order lag of the throttle that makes the thrust behind the commanded one.",
@@ -58,6 +61,7 @@ class InternalPlant(DelayedPlant):
     def __init__(self, config: InternalParameters) -> None:
         super().__init__(config)
         self._config = config
+        self._rate_gain = np.array(per_axis(config.rate_gain))
         lags = *per_axis(config.rate_time_constant), config.thrust_time_constant
         shortest = min((lag for lag in lags if lag > 0.0), default=math.inf)
         following = max(shortest / _STEPS_PER_LAG, _SHORTEST_STEP)
@@ -114,12 +118,13 @@ class InternalPlant(DelayedPlant):
         )
 
     def _follow(self, command: Input) -> None:
-        self._command[0], self._command[1:] = command.throttle, command.w_WB_B
+        followed = self._rate_gain * command.w_WB_B
+        self._command[0], self._command[1:] = command.throttle, followed
         if self._config.thrust_time_constant == 0.0:
             self._row[motion.THROTTLE] = command.throttle
         for axis, lag in enumerate(per_axis(self._config.rate_time_constant)):
             if lag == 0.0:
-                self._row[motion.W_WB_B.start + axis] = command.w_WB_B[axis]
+                self._row[motion.W_WB_B.start + axis] = followed[axis]
 
     def _integrate(self, duration_ns: int) -> None:
         steps = -(-duration_ns // self._longest_step_ns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,19 +16,30 @@ from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 
 AIR: dict[str, Any] = {"drag": (0.35, 0.2, 0.55), "translational_lift": 0.015}
+NONE: Mapping[str, Any] = {}
 LAGS: dict[str, Any] = {"rate_time_constant": (0.03, 0.035, 0.1), "thrust_time_constant": 0.03}
 
 
-def flown(*, known: bool, formulation: str = "manifold", **reference: Any) -> tuple[float, Array]:
-    """Return the RMSE [m] of the true position, and the disturbances believed (n, 3) [m/s^2]."""
+def flown(
+    *,
+    known: bool,
+    formulation: str = "manifold",
+    plant: Mapping[str, Any] = NONE,
+    model: Mapping[str, Any] = NONE,
+    **reference: Any,
+) -> tuple[float, Array]:
+    """Return the RMSE [m] of the true position, and the disturbances believed (n, 3) [m/s^2].
+
+    ``plant`` and ``model`` are what else the two have.
+    """
     air = AIR if known else {}
     lags = LAGS if formulation == "manifold" else {}
     wanted = ReferenceConfig(trajectory="lemniscate", yaw=0.6, **reference, **air)
     trajectory = configured_trajectory(wanted)
-    simulator = SimulatorConfig(lockstep=True, duration=8.0, **lags, **AIR)
+    simulator = SimulatorConfig(lockstep=True, duration=8.0, **lags, **AIR, **plant)
     steps = list(
         fly(
-            mpc=agile(formulation=formulation, lockstep=True, **lags, **air),
+            mpc=agile(formulation=formulation, lockstep=True, **lags, **air, **model),
             simulator=simulator.updated(start_on(trajectory, simulator)),
             reference=wanted,
             trajectory=trajectory,
@@ -51,6 +63,13 @@ def test_air_that_is_not_known_is_taken_for_a_disturbance() -> None:
     error, believed = flown(known=False, angular_frequency=2.0)
     assert error > 0.005
     assert np.abs(believed).max() > 0.5
+
+
+@pytest.mark.parametrize(("known", "rmse"), [(True, 0.001), (False, 0.005)])
+def test_a_rate_loop_that_does_not_reach_its_command(known: bool, rmse: float) -> None:
+    gain = {"rate_gain": (0.85, 0.8, 0.9)}
+    error, _ = flown(known=True, angular_frequency=1.8, plant=gain, model=gain if known else {})
+    assert (error < rmse) == known
 
 
 def test_the_papers_formulation_flies_in_it_too() -> None:

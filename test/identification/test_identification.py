@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from scipy.integrate import quad, solve_ivp
 
 from quad_mpc_ros.configuration import BagError, UserError, files
@@ -469,23 +470,13 @@ def test_drag_and_lag_of_each_axis_are_told_by_twenty_seconds_of_noise(seed: int
 
 
 def test_a_rate_loop_that_does_not_reach_its_command_is_told() -> None:
-    run = flown(**TRUTH)
-    less = [
-        received(
-            dataclasses.replace(
-                command.value, w_WB_B=command.value.w_WB_B / np.array([0.9, 1.0, 0.8])
-            ),
-            command.log_time_ns,
-        )
-        for command in run.commands
-    ]
-    found = identified(noisy(changed(run, commands=less)))
+    found = identified(noisy(flown(**TRUTH, rate_gain=(0.9, 1.0, 0.8))))
     gains = [estimate.value for estimate in found.rate_gain]
     assert gains == pytest.approx([0.9, 1.0, 0.8], abs=0.01)
     assert [e.value for e in found.rate_time_constant] == pytest.approx([0.03] * 3, rel=0.1)
-    told = " ".join(identification_table(found, GIVEN, command_age=float("nan")).split())
-    assert "warning: roll rates end at 0.90 of what is commanded" in told
-    assert "pitch rates" not in told
+    text = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
+    parameters = yaml.safe_load(text)["/**/mpc"]["ros__parameters"]
+    assert parameters["rate_gain"] == pytest.approx([0.9, 1.0, 0.8], abs=0.01)
 
 
 def test_yaw_that_did_not_turn_is_kept_as_given_and_spoils_nothing() -> None:
