@@ -135,7 +135,7 @@ def as_markdown(node: str, specs: Sequence[ParameterSpec]) -> str:
 
 def as_yaml(node: str, specs: Sequence[ParameterSpec]) -> str:
     """Return a ROS parameter file with every default."""
-    lines = [f"{node}:", "  ros__parameters:"]
+    lines = [f"/**/{node}:", "  ros__parameters:"]  # in every namespace
     group = ""
     for spec in specs:
         *groups, name = spec.name.split(".")

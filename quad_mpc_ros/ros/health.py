@@ -181,7 +181,7 @@ class ReportingNode(Node, Generic[C]):
 
     def __init__(self, name: str, configuration: type[C]) -> None:
         """Declare the parameters. Raises :class:`ConfigurationError` for what is given wrong."""
-        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        super().__init__(name)
         self.exit_code = 0
         self.config = declare(self, configuration)
         self.health = HealthReporter(self, self.report)

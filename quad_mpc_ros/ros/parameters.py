@@ -21,6 +21,7 @@ from rclpy.parameter import Parameter
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, ParameterSpec
 from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.ros.rclpy_internals import given_parameters
 
 C = TypeVar("C", bound=Configuration)
 
@@ -32,18 +33,16 @@ _FOREIGN_PREFIXES = ("qos_overrides.",)
 def declare(node: Node, configuration: type[C], *, managed: bool = False) -> C:
     """Declare every parameter of a configuration on a node and return what the user has set.
 
-    The node must have been made with ``automatically_declare_parameters_from_overrides=True``.
-    Otherwise rclpy would ignore unknown names, and refuse a whole number for a real parameter.
+    rclpy would ignore unknown names, and refuse a whole number for a real parameter, and an empty
+    list; so what was given is looked at here.
     All but live parameters are read-only, unless they are ``managed``: then
     :class:`ManagedParameters` decides when they may change. Raises :class:`ConfigurationError`.
     """
     given = {
-        name: _plain(parameter.value)
-        for name, parameter in node.get_parameters_by_prefix("").items()
+        name: _plain(value)
+        for name, value in given_parameters(node).items()
         if name not in _FOREIGN_NAMES and not name.startswith(_FOREIGN_PREFIXES)
     }
-    for name in given:
-        node.undeclare_parameter(name)
     config = configuration.build(given)
     values = config.flattened()
     for spec in config.specs():

@@ -13,6 +13,8 @@ from typing import Any
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 RCLError: Any = rclpy_implementation.RCLError
 """The error of whatever is done after a signal has shut ROS down."""
@@ -28,6 +30,19 @@ def fastest_executor(*, message_info: bool) -> Any:
     except ImportError:  # the first releases of Jazzy
         return SingleThreadedExecutor()
     return SingleThreadedExecutor() if message_info else EventsExecutor()
+
+
+def given_parameters(node: Node) -> dict[str, Any]:
+    """Return the values that were given to a node by name, [] for an empty list.
+
+    rclpy declares none of those that a node does not ask for, and none without a type: an empty
+    list in a file, as ``ros2 param dump`` writes it, has none.
+    """
+    overrides: dict[str, Parameter] = node._parameter_overrides
+    return {
+        name: [] if given.type_ is Parameter.Type.NOT_SET else given.value
+        for name, given in overrides.items()
+    }
 
 
 def lifecycle_state(node: LifecycleNode) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -14,12 +16,10 @@ from rclpy.task import Future
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.realtime import settle_memory
+from quad_mpc_ros.ros.parameter_files import refuse_unread_files
 from quad_mpc_ros.ros.rclpy_internals import RCLError, fastest_executor
 
 EXIT_BAD_INPUT = 2
-# What rclpy says of a parameter given as [], which has no type; it does not say which.
-_EMPTY_LIST = "default value of type PARAMETER_NOT_SET"
-_NO_EMPTY_LIST = "a parameter is given as an empty list []: ROS cannot tell its type, leave it out"
 # A signal that comes just before the executor waits does not wake it; then it ends this late.
 _SPIN_TIMEOUT = 1.0
 
@@ -41,6 +41,9 @@ def run(
     node: Node | None = None
     try:
         node = create()
+        refuse_unread_files(
+            node.get_name(), node.get_namespace(), sys.argv if args is None else args
+        )
         settle_memory()
         # Never the multi-threaded executor: a single thread owns the controller.
         _spin(node, fastest_executor(message_info=message_info))
@@ -49,18 +52,23 @@ def run(
         return EXIT_BAD_INPUT
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except Exception as error:
-        if node is None and _EMPTY_LIST in str(error):
-            print(f"error: {_NO_EMPTY_LIST}", file=sys.stderr)
-            return EXIT_BAD_INPUT
+    except Exception:
         if rclpy.ok():
             raise
         # else told to end while still starting: rclpy then fails at whatever comes next
     finally:
+        _finish_undisturbed()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
     return int(getattr(node, "exit_code", 0))
+
+
+def _finish_undisturbed() -> None:
+    """Let no further signal interrupt what is written out at the end: it was asked for already."""
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
 
 
 def stop() -> None:

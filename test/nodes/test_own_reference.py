@@ -16,7 +16,6 @@ def test_a_trajectory_of_another_package_has_its_parameters_on_the_node() -> Non
     rclpy.init()
     node = Node(
         "reference",
-        automatically_declare_parameters_from_overrides=True,
         parameter_overrides=[
             Parameter("trajectory", value="swing"),
             Parameter("swing_width", value=2),

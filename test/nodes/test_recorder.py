@@ -98,6 +98,28 @@ def test_topics_by_name_and_by_regex(start: Start, peer: Any, tmp_path: Path) ->
     assert set(BagReader(bag).topics) == {"/named", "/uav1/a", "/uav1/b"}
 
 
+@pytest.mark.parametrize("apart", [0.0, 0.002, 0.01, 0.03])
+def test_further_signals_while_it_ends_leave_a_whole_bag(
+    start: Start, peer: Any, tmp_path: Path, apart: float
+) -> None:
+    """``timeout -s INT … ros2 launch`` sends two, and who is impatient more."""
+    bag = tmp_path / "bag"
+    publisher = peer.node.create_publisher(String, "/words", RELIABLE)
+    recorder = start("recorder", "-p", f"directory:={bag}", "-p", "topics:=[/words]")
+    assert peer.wait(publisher.get_subscription_count)
+    for _ in range(100):
+        publisher.publish(String(data=10_000 * "x"))
+        peer.spin(0.001)
+    for _ in range(6):
+        if recorder.poll() is None:
+            recorder.send_signal(signal.SIGINT)
+            time.sleep(apart)
+    assert recorder.wait(10) == 0
+    assert (bag / "metadata.yaml").is_file()
+    with AnyReader([bag]) as reader:
+        assert reader.message_count > 0
+
+
 def test_publishers_of_every_quality_of_service(start: Start, peer: Any, tmp_path: Path) -> None:
     """A reliable publisher, then a best-effort one on the same topic: both without a gap."""
     bag = tmp_path / "bag"

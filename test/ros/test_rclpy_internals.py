@@ -31,6 +31,15 @@ def node() -> Iterator[LifecycleNode]:
     rclpy.try_shutdown()
 
 
+def test_what_was_given_to_a_node_is_known_by_name() -> None:
+    rclpy.init(args=["--ros-args", "-p", "a:=1", "-p", "b:=[]", "-p", "c.d:=[1.5]"])
+    node = LifecycleNode("inspected")
+    given = rclpy_internals.given_parameters(node)
+    node.destroy_node()
+    rclpy.try_shutdown()
+    assert (given["a"], given["b"], list(given["c.d"])) == (1, [], [1.5]), changed("overrides")
+
+
 def test_the_names_are_there(node: LifecycleNode) -> None:
     assert hasattr(node, "_state_machine"), changed("LifecycleNode._state_machine")
     machine = node._state_machine
