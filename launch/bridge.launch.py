@@ -11,7 +11,7 @@ from pathlib import Path
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
-from launch.substitutions import EqualsSubstitution, LaunchConfiguration
+from launch.substitutions import EqualsSubstitution, LaunchConfiguration, NotEqualsSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
@@ -30,6 +30,7 @@ def generate_launch_description() -> LaunchDescription:
         "parameters": [LaunchConfiguration("config")],
         "output": "screen",
     }
+    bridge = LaunchConfiguration("bridge")
     mode = ParameterValue(LaunchConfiguration("mode"), value_type=str)
     bridges = bridge_packages()
     choices = [name.removesuffix(SUFFIX) for name in bridges]
@@ -58,16 +59,27 @@ def generate_launch_description() -> LaunchDescription:
                     package=package,
                     executable=name,
                     name=name,
-                    condition=IfCondition(
-                        EqualsSubstitution(
-                            LaunchConfiguration("bridge"), name.removesuffix(SUFFIX)
-                        )
-                    ),
+                    condition=IfCondition(EqualsSubstitution(bridge, name.removesuffix(SUFFIX))),
                     **common,
                 )
                 for name, package in bridges.items()
             ),
-            Node(package=PACKAGE, executable="mpc_node", name="mpc", **common),
+            # ROSflight has a topic /command of its own, of another type.
+            Node(
+                package=PACKAGE,
+                executable="mpc_node",
+                name="mpc",
+                condition=IfCondition(NotEqualsSubstitution(bridge, "rosflight")),
+                **common,
+            ),
+            Node(
+                package=PACKAGE,
+                executable="mpc_node",
+                name="mpc",
+                remappings=[("command", "mpc/command")],
+                condition=IfCondition(EqualsSubstitution(bridge, "rosflight")),
+                **common,
+            ),
             Node(
                 package=PACKAGE,
                 executable="reference_node",

@@ -109,6 +109,10 @@ class BridgeConfig(VehicleParameters):
 
     frame_id: str = parameter("odom", doc="World frame of the odometry that the MPC gets.")
     child_frame_id: str = parameter("base_link", doc="Body frame of that odometry.")
+    mpc_command_topic: str = parameter(
+        "command",
+        doc="Topic of the MPC's commands; another one is to be remapped for the mpc node as well.",
+    )
     command_timeout: float = parameter(
         0.1,
         doc="A command older than this, by its stamp, is not passed on.",

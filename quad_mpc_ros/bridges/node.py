@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import importlib.util
 from collections.abc import Callable
@@ -21,13 +22,17 @@ from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
-from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, LANDED, ODOMETRY, REFERENCE
-from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, LANDED, ODOMETRY, REFERENCE, Topic
+from quad_mpc_ros.model.reference_window import sample
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.ros.telling import told
+from quad_mpc_ros.safety.validation import odometry_fault
 
+_OURS = (ODOMETRY, REFERENCE, ENGAGED, LANDED)
 _WARNING_PERIOD = 5.0
 _QUIET_NS = 500_000_000
 
@@ -39,6 +44,11 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         _require(kind)
         super().__init__(kind.name, kind.Config)
         self._bridge = kind(self.config, _new)
+        command = dataclasses.replace(COMMAND, name=self.config.mpc_command_topic)
+        self._refuse_clashes(command)
+        with told(self):  # compiled code is loaded when it is first called: not in flight
+            odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id="odom")
+            sample(ReferenceWindow.hover((0.0, 0.0, 0.0)), 0)
         self._silence = ""
         self._command_ns = 0
         self._odometry = self.health.publisher(ODOMETRY)
@@ -58,13 +68,26 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             for name, type_name in self._bridge.services
         }
         self.health.subscription(REFERENCE, self._on_reference, expected=False)
-        self.health.subscription(COMMAND, self._on_command)
+        self.health.subscription(command, self._on_command)
         for subscription in self._bridge.subscriptions:
             self.health.subscription(
                 subscription.topic, functools.partial(self._on_stack, subscription)
             )
         for name, ask in (("arm", self._bridge.arm), ("engage", self._bridge.engage)):
             self.create_service(SetBool, f"~/{name}", functools.partial(self._serve, ask))
+
+    def _refuse_clashes(self, command: Topic) -> None:
+        """Refuse two types under one name, of which DDS takes only the first."""
+        stack = (*(each.topic for each in self._bridge.subscriptions), *self._bridge.publications)
+        ours = {self.resolve_topic_name(each.name): each for each in (command, *_OURS)}
+        for topic in stack:
+            same = ours.get(self.resolve_topic_name(topic.name))
+            if same is not None and same.type_name != topic.type_name:
+                raise UserError(
+                    f"{self._bridge.name}: {topic.name} is the stack's, of type "
+                    f"{topic.type_name}, and ours, of type {same.type_name}: start it in a "
+                    "namespace, or set mpc_command_topic and remap the mpc's topic command to it"
+                )
 
     def _on_command(self, message: Any) -> None:
         self._command_ns = now_ns = self._time.now_ns()

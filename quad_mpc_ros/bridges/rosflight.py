@@ -96,6 +96,11 @@ class RosflightConfig(BridgeConfig):
 
     owner = "rosflight_bridge"
 
+    mpc_command_topic: str = parameter(
+        "mpc/command",
+        doc="Topic of the MPC's commands, to be remapped for the mpc node as well: in the root "
+        "namespace /command is ROSflight's, of another type.",
+    )
     state: str = parameter(
         "estimator",
         doc="Where the state comes from: ROScopter's estimator, or the simulator's truth.",

@@ -20,6 +20,7 @@ from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.ros.telling import told
 from quad_mpc_ros.safety.ladder import Source
 
 _WARNING_PERIOD = 5.0
@@ -55,7 +56,8 @@ class MpcNode(ManagedNode[MpcConfig]):
             )
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
-        self._controller = warmed_up(config, deadline=config.deadline_seconds)
+        with told(self):
+            self._controller = warmed_up(config, deadline=config.deadline_seconds)
         self._standby = Standby()
         self._engaged: bool | None = None  # where no bridge says it, commands act
         self._landed: bool | None = None

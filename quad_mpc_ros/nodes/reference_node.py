@@ -30,6 +30,7 @@ from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import decoded, new_message, stamp_of
 from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.ros.telling import told
 from quad_mpc_ros.safety.validation import odometry_fault
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory, joined_trajectory
@@ -74,8 +75,9 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         """Prepare the trajectory and listen."""
         self._config = config
         # Compiled code is loaded when it is first called: now, not when the flight begins.
-        odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id=config.frame_id)
-        self._live = self._prepared()
+        with told(self):
+            odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id=config.frame_id)
+            self._live = self._prepared()
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""

@@ -24,6 +24,7 @@ from quad_mpc_ros.bridges import node as node_module
 from quad_mpc_ros.bridges.bridge import Bridge
 from quad_mpc_ros.bridges.node import run_bridge
 from quad_mpc_ros.bridges.rates import RatesBridge
+from quad_mpc_ros.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, LANDED, ODOMETRY, REFERENCE, Topic
 from quad_mpc_ros.ros.health import HealthReporter
 from quad_mpc_ros.ros.messages import qos_of
@@ -176,7 +177,7 @@ def test_every_node_is_silent_when_commands_stop_and_the_state_goes_on(
         callback: Callable[[Any], None],
         **options: bool,
     ) -> None:
-        if topic in (COMMAND, REFERENCE):
+        if topic.type_name in (COMMAND.type_name, REFERENCE.type_name) and topic.name[0] != "/":
             subscription(self, topic, callback, **options)
         else:
             receivers[topic.name] = topic.type_name, callback
@@ -192,6 +193,9 @@ def test_every_node_is_silent_when_commands_stop_and_the_state_goes_on(
     )
     node = node_module.BridgeNode(kind)
     peer.executor.add_node(node)
+    peer.command = peer.node.create_publisher(
+        TwistStamped, node.config.mpc_command_topic, qos_profile_sensor_data
+    )
     try:
 
         def state_comes() -> None:
@@ -227,3 +231,50 @@ def test_every_node_is_silent_when_commands_stop_and_the_state_goes_on(
 def asked(used: dict[str, list[float]]) -> list[float]:
     """Return the use of the topic on which PX4 is only asked to arm and to change its mode."""
     return used.get("/fmu/in/vehicle_command", [])
+
+
+def test_one_name_for_two_types_is_refused_in_one_line(
+    new: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(node_module, "_require", lambda kind: None)
+    monkeypatch.setattr(node_module, "_new", new)
+    assert run_bridge(RosflightBridge, ["--ros-args", "-p", "mpc_command_topic:=command"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "/command is the stack's, of type rosflight_msgs/msg/Command, and ours" in line
+
+
+@pytest.mark.parametrize("namespace", ["/", "/uav1"])
+def test_rosflight_flies_in_the_root_namespace(
+    namespace: str, peer: Peer, tmp_path: Path, matching: float
+) -> None:
+    """With the real messages, where they are installed, and the topics of the launch file."""
+    messages = pytest.importorskip("rosflight_msgs.msg")
+    states = pytest.importorskip("roscopter_msgs.msg")
+    prefix = namespace.rstrip("/")
+    commands: list[Any] = []
+    node = peer.node
+    node.destroy_publisher(peer.command)  # of the other type
+    node.create_subscription(messages.Command, "/command", commands.append, 10)
+    status = node.create_publisher(messages.Status, "/status", qos_profile_sensor_data)
+    state = node.create_publisher(states.State, "/estimated_state", qos_profile_sensor_data)
+    peer.command = node.create_publisher(
+        TwistStamped, f"{prefix}/mpc/command", qos_profile_sensor_data
+    )
+    peer.engage = node.create_client(SetBool, f"{prefix}/rosflight_bridge/engage")
+
+    def told() -> bool:
+        told_status, told_state = messages.Status(armed=True), states.State()
+        told_state.header.stamp = node.get_clock().now().to_msg()
+        told_state.quat.w = 1.0
+        status.publish(told_status)
+        state.publish(told_state)
+        return peer.asked_to_engage()
+
+    process = start("rosflight", "-r", f"__ns:={namespace}", log=tmp_path / "log")
+    try:
+        assert peer.fly(told), (tmp_path / "log").read_text()
+        assert peer.fly(lambda: told() and len(commands) > 10)
+        assert commands[-1].u[2] == pytest.approx(HOVER)
+    finally:
+        code = end(process)
+    assert code == 0

@@ -58,6 +58,8 @@ class Context:
                 return self.values[value.name]
             case EqualsSubstitution():
                 return str(self.text(value.left) == self.text(value.right)).lower()
+            case NotEqualsSubstitution():
+                return str(self.text(value.left) != self.text(value.right)).lower()
             case list() | tuple():
                 return "".join(map(self.text, value))
         raise LaunchError(f"neither a text nor a substitution: {value!r}")
@@ -70,6 +72,12 @@ class LaunchConfiguration:
 
 @dataclass
 class EqualsSubstitution:
+    left: Any
+    right: Any
+
+
+@dataclass
+class NotEqualsSubstitution:
     left: Any
     right: Any
 
@@ -172,7 +180,7 @@ MODULES = {
     "launch.conditions": [IfCondition],
     "launch.event_handlers": [OnProcessExit],
     "launch.events": [Shutdown],
-    "launch.substitutions": [EqualsSubstitution, LaunchConfiguration],
+    "launch.substitutions": [EqualsSubstitution, LaunchConfiguration, NotEqualsSubstitution],
     "launch_ros": [],
     "launch_ros.actions": [Node],
     "launch_ros.parameter_descriptions": [ParameterValue],
@@ -315,6 +323,13 @@ def test_one_vehicle_file_serves_every_node_beside_a_bridge(
         assert config.flattened()["mass"] == 0.5
         names.add(node.name)
     assert names == {f"{bridge}_bridge", "mpc", "reference"}
+
+
+def test_beside_rosflight_the_commands_of_the_mpc_have_a_name_of_their_own(launch: Launch) -> None:
+    for bridge in ("rosflight", "px4"):
+        (mpc,) = (n for n in launch("bridge.launch.py", bridge=bridge) if n.name == "mpc")
+        config = CONFIGS[f"{bridge}_bridge"]()
+        assert mpc.remappings.get("command", "command") == config.flattened()["mpc_command_topic"]
 
 
 def test_what_is_wrong_is_refused(launch: Launch) -> None:
