@@ -15,6 +15,7 @@ from rclpy.qos import QoSProfile
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.nodes.bag_qos import offered
 from quad_mpc_ros.nodes.parameter_query import ParameterQuery
+from quad_mpc_ros.nodes.published_order import PublishedOrder
 from quad_mpc_ros.nodes.topic_recorder import TopicRecorder
 from quad_mpc_ros.recordings.config import RecorderConfig, TopicSelection
 from quad_mpc_ros.recordings.parameters import write_parameters
@@ -49,6 +50,7 @@ class Recorder:
         self._recorded: dict[str, TopicRecorder] = {}
         self._refused: set[str] = set()
         self._early: list[Callable[[int], None]] = []
+        self._ordered = PublishedOrder()
         self._asked = {name: ParameterQuery(node, name) for name in config.nodes}
         self._asked.pop(node.get_name(), None)
         self.message_count = 0
@@ -86,6 +88,7 @@ class Recorder:
             recording.close()
         self._recorded.clear()
         self._refused.clear()
+        self._ordered.write_all()
         self._guarded(lambda writer: writer.flush())
 
     def close(self) -> None:
@@ -102,6 +105,7 @@ class Recorder:
         To be called several times a second while it records. Return whether there is more to
         record now than before.
         """
+        self._ordered.write_older()
         self._guarded(lambda writer: writer.flush_if_due(time.monotonic()))
         more = False
         for topic in self._appeared():
@@ -169,7 +173,7 @@ class Recorder:
             self._early.append(write)
             return
         self._write_early(now_ns)
-        write(now_ns)
+        self._ordered.add(info["source_timestamp"], now_ns, write)
 
     def _write(self, topic: str, data: bytes, publish_time_ns: int, log_time_ns: int) -> None:
         self._guarded(

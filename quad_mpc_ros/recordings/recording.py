@@ -13,6 +13,7 @@ from quad_mpc_ros.messages.codec import header_stamp_ns
 from quad_mpc_ros.messages.topics import (
     COMMAND,
     ENGAGED,
+    LANDED,
     ODOMETRY,
     PREDICTED_PATH,
     RECORDED_COMMAND,
@@ -132,7 +133,7 @@ class Recording:
         self,
         names: TopicNames = OUR_NAMES,
         *,
-        topics: Collection[Topic] = (REFERENCE, COMMAND, ENGAGED, STATS),
+        topics: Collection[Topic] = (REFERENCE, COMMAND, ENGAGED, LANDED, STATS),
     ) -> RecordedRun:
         """Return the odometry and ``topics`` of the controller, the others left empty.
 
@@ -144,16 +145,12 @@ class Recording:
         windows, stats = logs.WindowLog(), logs.StatsLog()
         commands, flown = logs.CommandLog(), logs.CommandLog()
         engagements: list[logs.Received[bool]] = []
+        landings: list[logs.Received[bool]] = []
         takers: dict[Topic, Taker] = {
             REFERENCE: _into(windows, conversions.reference_from_message),
             COMMAND: _into(commands, conversions.command_from_message),
-            ENGAGED: lambda m: engagements.append(
-                logs.Received(
-                    value=bool(m.message.data),
-                    log_time_ns=m.log_time_ns,
-                    publish_time_ns=m.publish_time_ns,
-                )
-            ),
+            ENGAGED: lambda m: engagements.append(_told(m)),
+            LANDED: lambda m: landings.append(_told(m)),
             STATS: self._figures(stats),
         }
         takers = {topic: takers[topic] for topic in topics}
@@ -182,6 +179,7 @@ class Recording:
             stats=stats,
             parameters=self.parameters,
             engagements=engagements,
+            landings=landings,
         )
 
     def _stream(
@@ -284,6 +282,15 @@ def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], Non
         use(message, value)
 
     return take
+
+
+def _told(message: RecordedMessage) -> logs.Received[bool]:
+    """Return what a ``std_msgs/Bool`` tells."""
+    return logs.Received(
+        value=bool(message.message.data),
+        log_time_ns=message.log_time_ns,
+        publish_time_ns=message.publish_time_ns,
+    )
 
 
 def _into(log: Log[T], convert: Callable[[Any], T]) -> Taker:

@@ -72,6 +72,7 @@ class RecordedRun:
     refuses is still among them. ``commands`` are those that were flown, ``stats`` the figures of
     the ticks, ``parameters`` those recorded, by node. ``engagements`` tell from when on the
     vehicle acted on commands, and from when on it did not; before the first of them it did.
+    ``landings`` tell from when on it stood on the ground, and from when on not.
     """
 
     bag: Path
@@ -81,6 +82,7 @@ class RecordedRun:
     stats: Sequence[TickStats]
     parameters: Mapping[str, Mapping[str, Any]]
     engagements: Sequence[Received[bool]] = ()
+    landings: Sequence[Received[bool]] = ()
 
 
 def odometry_of_pose(message: Any) -> OdometrySample:

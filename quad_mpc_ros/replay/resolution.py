@@ -65,10 +65,12 @@ def resolve(
     controller = Controller(config)
     sent = _first_by_stamp(run.commands)
     window: ReferenceWindow | None = None
-    engagements = deque(run.engagements)
+    engagements, landings = deque(run.engagements), deque(run.landings)
     for event in _events(run, config, windows):
         while engagements and engagements[0].publish_time_ns <= event.now_ns:
             controller.engage(engagements.popleft().value)
+        while landings and landings[0].publish_time_ns <= event.now_ns:
+            controller.landed(landings.popleft().value)
         # Windows that no tick used change nothing.
         if event.window is not None and event.window is not window:
             window = event.window
@@ -76,7 +78,9 @@ def resolve(
         if event.odometry is None:
             tick = controller.watch(now_ns=event.now_ns)
         else:
-            tick = controller.receive_odometry(event.odometry.value, now_ns=event.now_ns)
+            tick = controller.receive_odometry(
+                event.odometry.value, now_ns=event.now_ns, believed=event.answered
+            )
         for warning in controller.take_warnings():
             warn(warning)
         if tick is not None and tick.stats.stamp_ns in sent:
@@ -86,12 +90,16 @@ def resolve(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Event:
-    """An odometry, or the watchdog, with the window in force and when that was received."""
+    """An odometry, or the watchdog, with the window in force and when that was received.
+
+    What was ``answered`` had not been refused, for whatever reason others were.
+    """
 
     now_ns: int
     odometry: Received[OdometrySample] | None = None
     window: ReferenceWindow | None = None
     window_ns: int = 0
+    answered: bool = False
 
 
 def _events(run: RecordedRun, config: MpcConfig, windows: WindowSource | None) -> Iterator[_Event]:
@@ -145,7 +153,13 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
         else:
             window_ns -= round(1e6 * tick.reference_age_ms)
             window = windows.received_at(window_ns, log_time_ns=odometry.log_time_ns)
-        yield _Event(now_ns=now_ns, odometry=odometry, window=window, window_ns=window_ns)
+        yield _Event(
+            now_ns=now_ns,
+            odometry=odometry,
+            window=window,
+            window_ns=window_ns,
+            answered=tick is not None,
+        )
 
 
 def _recorded_rate(run: RecordedRun) -> float:

@@ -34,9 +34,14 @@ class InputMonitor:
         self._gate.reconfigure(config)
         self._reference_timeout_ns = timeouts_of(config).reference
 
-    def take_odometry(self, odometry: OdometrySample, *, now_ns: int) -> str | None:
-        """Take an odometry that arrives now, or return why it cannot be used."""
-        refusal = self._gate.refusal(odometry, now_ns=now_ns)
+    def take_odometry(
+        self, odometry: OdometrySample, *, now_ns: int, believed: bool = False
+    ) -> str | None:
+        """Take an odometry that arrives now, or return why it cannot be used.
+
+        One that is ``believed`` fits its arrival.
+        """
+        refusal = self._gate.refusal(odometry, now_ns=now_ns, believed=believed)
         if refusal is not None:
             return refusal
         self._twist_check.note(odometry)

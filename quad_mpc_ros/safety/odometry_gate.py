@@ -46,10 +46,15 @@ class OdometryGate:
         """Take over a changed timeout."""
         self._timeout_ns = round(config.odom_timeout * _SECOND)
 
-    def refusal(self, odometry: OdometrySample, *, now_ns: int) -> str | None:
-        """Return why an odometry that arrives now is not to be used; None when it is taken."""
+    def refusal(
+        self, odometry: OdometrySample, *, now_ns: int, believed: bool = False
+    ) -> str | None:
+        """Return why an odometry that arrives now is not to be used; None when it is taken.
+
+        One that is ``believed`` is only refused for what is wrong with it by itself.
+        """
         reason = odometry_fault(odometry, frame_id=self._frame_id)
-        if reason is None and self._newest is not None:
+        if reason is None and self._newest is not None and not believed:
             misfit = self._misfit_in_lockstep if self._lockstep else self._misfit
             reason = misfit(odometry, self._newest, now_ns)
         if reason is None:

@@ -43,11 +43,14 @@ def flown_in_real_time(
     odom_rate: float = 50.0,
     silent: tuple[float, float] = (9.0, 9.0),
     engaged: dict[int, bool] | None = None,
+    landed: dict[int, bool] | None = None,
+    shifted: tuple[float, float, int] = (9.0, 9.0, 0),
 ) -> tuple[RecordedRun, list[Tick]]:
     """Fly as the node does: everything arrives when it does, and the recorder hears it later.
 
     Odometry is withheld from the controller over ``silent`` seconds, when its watchdog acts; the
-    first ones come before any reference. ``engaged`` are by the time in milliseconds.
+    first ones come before any reference. ``engaged`` and ``landed`` are by the time in
+    milliseconds. Stamps are ``shifted`` by the last number [ms] over the seconds of the first two.
     """
     random = np.random.default_rng(1)
     simulator = SimulatorConfig(
@@ -74,10 +77,15 @@ def flown_in_real_time(
     engagements = [
         recorded(told, START_NS + time_ms * MS) for time_ms, told in (engaged or {}).items()
     ]
-    due = list(engagements)
+    landings = [
+        recorded(told, START_NS + time_ms * MS) for time_ms, told in (landed or {}).items()
+    ]
+    due, due_landings = list(engagements), list(landings)
     while (sent := stream.step()) is not None:
         while due and due[0].publish_time_ns < START_NS + sent.time_ns:
             controller.engage(due.pop(0).value)
+        while due_landings and due_landings[0].publish_time_ns < START_NS + sent.time_ns:
+            controller.landed(due_landings.pop(0).value)
         now_ns = START_NS + sent.time_ns + int(random.uniform(0.2, 3.0) * MS)
         while next_window_ns < now_ns:
             window = server.window(next_window_ns)
@@ -93,8 +101,12 @@ def flown_in_real_time(
             next_watch_ns += 20 * MS
         if silent[0] <= sent.time_ns * 1e-9 < silent[1]:
             continue
-        odometries.append(recorded(sent.odometry, START_NS + sent.time_ns, later_ns=MS))
-        take(controller.receive_odometry(sent.odometry, now_ns=now_ns), now_ns)
+        odometry = sent.odometry
+        if shifted[0] <= sent.time_ns * 1e-9 < shifted[1]:
+            stamp_ns = odometry.stamp_ns + shifted[2] * MS
+            odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
+        odometries.append(recorded(odometry, START_NS + sent.time_ns, later_ns=MS))
+        take(controller.receive_odometry(odometry, now_ns=now_ns), now_ns)
     run = RecordedRun(
         bag=Path("bag"),
         odometries=odometries,
@@ -103,6 +115,7 @@ def flown_in_real_time(
         stats=[tick.stats for tick in ticks],
         parameters={"/uav1/mpc": MPC.flattened()},
         engagements=engagements,
+        landings=landings,
     )
     return run, ticks
 
@@ -119,11 +132,14 @@ def as_bytes(commands: list[CommandSample]) -> list[tuple[int, bytes]]:
 
 
 def test_commands_that_did_not_act_are_resolved_as_such() -> None:
-    run, ticks = flown_in_real_time(engaged={50: False, 1205: True})
+    run, ticks = flown_in_real_time(
+        engaged={50: False, 1205: True}, landed={305: True, 905: False}
+    )
     flown = as_bytes([tick.command for tick in ticks if tick.command])
     assert as_bytes(commands_of(list(resolve(run, MPC)))) == flown
-    unknowing = dataclasses.replace(run, engagements=())
-    assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
+    for unknown in ("engagements", "landings"):
+        unknowing = dataclasses.replace(run, **{unknown: ()})
+        assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
 
 
 @pytest.mark.parametrize("odom_rate", [50.0, 120.0])
@@ -132,6 +148,16 @@ def test_real_time_is_resolved_bit_for_bit(odom_rate: float) -> None:
     flown = [tick.command for tick in ticks if tick.command]
     assert len(flown) > 100
     assert ticks[0].command is None  # no reference yet
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == as_bytes(flown)
+
+
+@pytest.mark.parametrize("shift", [407, -393])
+def test_what_was_answered_is_answered_although_others_had_been_refused(shift: int) -> None:
+    """Whether an odometry fits its arrival is judged by those that were refused before it, too."""
+    run, ticks = flown_in_real_time(shifted=(1.0, 2.0, shift))
+    refused = [tick.stats.rejected_inputs for tick in ticks]
+    assert refused[-1] >= 8
+    flown = [tick.command for tick in ticks if tick.command]
     assert as_bytes(commands_of(list(resolve(run, MPC)))) == as_bytes(flown)
 
 

@@ -1,0 +1,59 @@
+"""Messages of several topics in the order in which they were published.
+
+In simulated time an executor may hand over an odometry before the reference of the one before it,
+although the flight waited for that: who plays such a bag in lockstep would wait for ever.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+Write = Callable[[int], None]
+"""Writes a message with the time at which it was received [ns]."""
+
+
+class _Held(NamedTuple):
+    published_ns: int
+    received_ns: int
+    write: Write
+
+
+class PublishedOrder:
+    """Holds messages for a moment, and has them written in the order of their publication.
+
+    The times at which they were received are handed out in the same order.
+    """
+
+    def __init__(self) -> None:
+        self._older: list[_Held] = []
+        self._newer: list[_Held] = []
+        self._newest_ns = 0  # of the times of what is written
+
+    def add(self, published_ns: int, received_ns: int, write: Write) -> None:
+        """Take a message; times are by a clock of the computer and by that of the recording."""
+        self._newer.append(_Held(published_ns, received_ns, write))
+
+    def write_older(self) -> None:
+        """Write what was published before all that was taken since the last call.
+
+        To be called every now and then: what comes later than that by a whole period is out of
+        order.
+        """
+        newest_ns = max((held.published_ns for held in self._older), default=0)
+        held = self._older + self._newer
+        self._write([each for each in held if each.published_ns <= newest_ns])
+        self._older = [each for each in held if each.published_ns > newest_ns]
+        self._newer = []
+
+    def write_all(self) -> None:
+        """Write what is held."""
+        self._write(self._older + self._newer)
+        self._older, self._newer = [], []
+
+    def _write(self, messages: list[_Held]) -> None:
+        received = sorted(each.received_ns for each in messages)
+        messages = sorted(messages, key=lambda each: each.published_ns)
+        for message, received_ns in zip(messages, received, strict=True):
+            self._newest_ns = max(received_ns, self._newest_ns)
+            message.write(self._newest_ns)
