@@ -243,7 +243,7 @@ def test_one_name_for_two_types_is_refused_in_one_line(
     assert "/command is the stack's, of type rosflight_msgs/msg/Command, and ours" in line
 
 
-@pytest.mark.parametrize("namespace", ["/", "/uav1"])
+@pytest.mark.parametrize("namespace", ["/", "/ns_flight"])
 def test_rosflight_flies_in_the_root_namespace(
     namespace: str, peer: Peer, tmp_path: Path, matching: float
 ) -> None:
