@@ -1,14 +1,14 @@
 """The closed loop: the same square by both formulations, judged by its figures of merit.
 
-The paper's formulation is linearised at the present state and knows the present corner only; the
-default one is linearised along its plan. ``load_config`` reads presets and ROS parameter files.
+The paper's formulation is linearised at the present state and flies an ideal vehicle; the default
+one is linearised along its plan, and its vehicle lags. ``agile`` has the weights of the paper. ``load_config`` reads presets and ROS parameter files.
 """
 
 from quad_mpc_ros import load_config, simulate, summarise
 
 rmse = {}
 print(f"{'preset':20}{'RMSE [m]':>10}{'before switch [m]':>20}{'iterations p99':>16}")
-for preset in ("paper", "paper_rigid_body", "default"):
+for preset in ("paper", "paper_rigid_body", "agile", "default"):
     flight = simulate(*load_config(preset), duration=10.0)
     summary = summarise(flight)
     rmse[preset] = summary["position_rmse_m"]

@@ -143,7 +143,7 @@ class LimitParameters(Configuration):
     owner = "mpc.limits"
 
     tilt_max: float = _limit(
-        0.0,
+        0.61,
         doc="manifold: largest angle between the thrust axis and up that is planned; 0 is any.",
         unit="rad",
         maximum=math.pi,
@@ -212,23 +212,23 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         doc="Model in the horizon: manifold, or paper (its Eq. 4).",
         choices=("manifold", "paper"),
     )
-    horizon_steps: int = parameter(10, doc="Steps N of the horizon.", minimum=1, maximum=200)
+    horizon_steps: int = parameter(12, doc="Steps N of the horizon.", minimum=1, maximum=200)
     horizon_step: float = parameter(
-        0.05, doc="Time between two stages of the horizon.", unit="s", above=0.0
+        0.08, doc="Time between two stages of the horizon.", unit="s", above=0.0
     )
     Q: tuple[float, ...] = _live(
-        (10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.01, 0.01, 0.01),
+        (10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.15, 0.15, 0.15),
         doc="Diagonal weight on the error of position, velocity, attitude.",
         length=9,
         minimum=0.0,
     )
     R: tuple[float, ...] = _live(
-        (0.0, 0.001, 0.001, 0.001),
+        (0.4, 0.05, 0.05, 0.05),
         doc="Diagonal weight on the error of throttle and body rates.",
         length=4,
         minimum=0.0,
     )
-    terminal_weight: float = _live(30.0, doc="Factor on Q at the last stage.", minimum=0.0)
+    terminal_weight: float = _live(10.0, doc="Factor on Q at the last stage.", minimum=0.0)
     omega_max: tuple[float, ...] = _live(
         (6.0 * math.pi, 6.0 * math.pi, 3.0 * math.pi),
         doc="Bound on the body rates (roll, pitch, yaw).",
@@ -239,7 +239,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     throttle_min: float = _live(0.0, doc="Lower bound on the throttle.", minimum=0.0, maximum=1.0)
     throttle_max: float = _live(1.0, doc="Upper bound on the throttle.", minimum=0.0, maximum=1.0)
     rate_time_constant: float | tuple[float, ...] = parameter(
-        0.0,
+        0.07,
         doc="manifold: first-order lag of the body rates behind their command.",
         unit="s",
         minimum=0.0,
@@ -252,14 +252,14 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         maximum=3.0,
     )
     thrust_time_constant: float = parameter(
-        0.0,
+        0.04,
         doc="manifold: first-order lag of the throttle behind its command.",
         unit="s",
         minimum=0.0,
         maximum=1.0,
     )
     input_delay: float = parameter(
-        0.0,
+        0.02,
         doc="Time from the stamp of an odometry to when the command that answers it acts, the "
         "odometry's own delay included; the state is predicted across it.",
         unit="s",

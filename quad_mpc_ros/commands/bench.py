@@ -116,12 +116,14 @@ def _configuration(options: argparse.Namespace) -> BenchConfig:
     from quad_mpc_ros.evaluation.simulated import load_config
 
     _check_options(options)
-    # The peers know the model only, and so does the controller then.
+    # The peers know a model without lags only, and so does the controller then.
     made = [f"simulator.duration={options.duration}", "mpc.formulation=manifold"]
-    made += ["mpc.estimate_disturbance=false"]
+    made += ["mpc.estimate_disturbance=false", "mpc.input_delay=0", "simulator.command_delay=0"]
+    lags = ("rate_time_constant", "thrust_time_constant")
+    made += [f"{node}.{lag}=0" for node in ("mpc", "simulator") for lag in lags]
     made += [f"{node}.lockstep=true" for node in ("mpc", "simulator", "reference")]
     assignments = [*made, *options.assignments]
-    config = load_config(*(options.config or ["default"]), assignments=assignments)
+    config = load_config(*(options.config or ["agile"]), assignments=assignments)
     if config.mpc.formulation != "manifold":
         raise UserError(
             f"--set: mpc.formulation: given {config.mpc.formulation!r}, expected manifold, on "

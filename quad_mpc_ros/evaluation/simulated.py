@@ -40,7 +40,7 @@ def load_config(*sources: str, assignments: Sequence[str] = ()) -> FlightConfig:
 
     Args:
         sources: Paths of files, or names of presets: ``default``, ``paper``,
-            ``paper_rigid_body``, ``robust``, ``agile``, ``rotorpy``, ``vehicles/racer`` and so on.
+            ``paper_rigid_body``, ``agile``, ``rotorpy``, ``vehicles/racer`` and so on.
         assignments: Single parameters, like ``mpc.horizon_steps=20``; they win.
 
     Returns:

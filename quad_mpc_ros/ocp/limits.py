@@ -58,12 +58,12 @@ _TILT_MARGIN, _SPEED_MARGIN, _THROTTLE_MARGIN = 0.3, 1.0, 0.1
 # Prices: this share of a slope, which is that of all stages that follow together; of a typical
 # violation at least this, and at least this share of the steepest slope; and the quadratic price
 # as a share of the linear one.
-_SLOPE, _LEAST_PRICE, _STEEP, _SQUARE = 0.4, 0.4, 0.2, 0.5
+_SLOPE, _LEAST_PRICE, _STEEP, _SQUARE = 0.8, 0.4, 0.2, 0.5
 # A plan as near to a limit as this feels that it is there.
 _NEAR = np.array([0.2, 0.5, 0.05, 0.5])
 # What a change of the plan costs, as a share of that slope: throttle, rates, velocity, attitude.
 _DAMPING_THROTTLE = 0.02 / 0.3**2
-_DAMPING_RATES = 0.15 / 5.0**2
+_DAMPING_RATES = 0.2 / 5.0**2
 _DAMPING_VELOCITY = 0.03 / 3.0**2
 _DAMPING_ATTITUDE = 0.03 / 0.5**2
 # Below this tilt [rad] or speed [m/s] its direction says little of where it will be.

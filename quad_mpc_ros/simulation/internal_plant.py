@@ -34,7 +34,7 @@ class InternalParameters(PlantParameters):
         choices=("rigid_body", "paper"),
     )
     rate_time_constant: float | tuple[float, ...] = parameter(
-        0.0,
+        0.07,
         doc="First-order lag of the body rates behind the commanded ones.",
         unit="s",
         minimum=0.0,
@@ -44,7 +44,7 @@ class InternalParameters(PlantParameters):
         1.0, doc="Body rates in the long run over those commanded.", minimum=0.0, maximum=10.0
     )
     thrust_time_constant: float = parameter(
-        0.0,
+        0.04,
         doc="First-order lag of the throttle that makes the thrust behind the commanded one.",
         unit="s",
         minimum=0.0,

@@ -46,7 +46,7 @@ class PlantParameters(VehicleParameters):
     mass_scale: float = parameter(1.0, doc="True mass over the parameter mass.", above=0.0)
     thrust_scale: float = parameter(1.0, doc="True thrust over that of the curve.", above=0.0)
     command_delay: float = parameter(
-        0.0, doc="Time from the arrival of a command to its effect.", unit="s", minimum=0.0
+        0.02, doc="Time from the arrival of a command to its effect.", unit="s", minimum=0.0
     )
     wind: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fixtures.presets import agile, ideal
 
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
@@ -20,7 +21,7 @@ _VELOCITY_W = np.array([3.0, -2.0, 0.5])
 @pytest.fixture(scope="session")
 def mpc() -> MpcConfig:
     """Return a configuration whose every weight matters, the terminal one too."""
-    return MpcConfig(
+    return agile(
         estimate_disturbance=False,  # which the peers have not
         formulation="manifold",
         horizon_steps=10,
@@ -68,7 +69,7 @@ def window() -> ReferenceWindow:
 
 @pytest.fixture(scope="session")
 def simulator() -> SimulatorConfig:
-    return SimulatorConfig(dynamics="rigid_body", duration=1.5, lockstep=True)
+    return ideal(dynamics="rigid_body", duration=1.5, lockstep=True)
 
 
 @pytest.fixture(scope="session")

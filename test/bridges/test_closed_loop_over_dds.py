@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from fixtures.presets import ideal
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
@@ -27,7 +28,6 @@ from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.server import ReferenceServer
 
@@ -158,7 +158,7 @@ def test_a_stack_of_other_units_flies_the_square_as_well_as_without_a_bridge(
     assert stack.spin(lambda: processes["simulator_node"].poll() is not None)
     assert processes["simulator_node"].returncode == 0
 
-    simulator = SimulatorConfig(duration=DURATION)
+    simulator = ideal(duration=DURATION)
     plain = fly(mpc=MpcConfig(), simulator=simulator, reference=ReferenceConfig())
     square = ReferenceServer(ReferenceConfig())
     square.start(SIMULATION_START_NS)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fixtures.presets import agile
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.mpc import Mpc
@@ -29,7 +30,7 @@ def test_plan_from_before_the_change_is_no_trap(
     shift: int, make_odometry: MakeOdometry, make_window: MakeWindow
 ) -> None:
     aside = np.array([-1.0, 0.5, 2.0])
-    mpc, fresh = Mpc(MpcConfig()), Mpc(MpcConfig())
+    mpc, fresh = Mpc(agile()), Mpc(agile())
     mpc.step(make_odometry(START, p_WB=aside), make_window(START))
     stamp = START + shift
     step = mpc.step(make_odometry(stamp, p_WB=aside), make_window(stamp))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.presets import ideal
 
 from quad_mpc_ros.control import controller as controller_module
 from quad_mpc_ros.control.controller import Controller
@@ -14,7 +15,7 @@ from quad_mpc_ros.control.mpc import Mpc
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+from quad_mpc_ros.simulation.config import make_plant
 
 PERIOD_NS = 20_000_000
 HOVER = np.array([0.0, 0.0, 2.0])
@@ -27,7 +28,7 @@ class Hover:
     def __init__(self, **simulator: Any) -> None:
         self.controller = Controller(MpcConfig(**ROBUST))
         start = {"initial_position": tuple(HOVER), "initial_throttle": 0.35}
-        self.plant = make_plant(SimulatorConfig(**{**start, **simulator}))
+        self.plant = make_plant(ideal(**{**start, **simulator}))
         self.now_ns = 1_000_000_000
         self.began_ns = self.now_ns
         self.sources: set[str] = set()

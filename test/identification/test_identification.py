@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from fixtures.presets import ideal
 from scipy.integrate import quad, solve_ivp
 
 from quad_mpc_ros.configuration import BagError, UserError, files
@@ -27,7 +28,6 @@ from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import RecordedRun
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.sensors import OdometryStream, Sensors
 from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -55,8 +55,8 @@ def flown(
 
     The knocks are random, so that no part of this package has a say in what is commanded.
     """
-    hover = SimulatorConfig.build(simulator).vehicle().hover_throttle
-    config = SimulatorConfig.build(
+    hover = ideal(simulator).vehicle().hover_throttle
+    config = ideal(
         {
             "duration": duration,
             "initial_position": (0.0, 0.0, 50.0),
@@ -94,7 +94,7 @@ def piloted(truth: OdometrySample, hover: float, knock: np.ndarray) -> CommandSa
 
 def noisy(run: RecordedRun, *, seed: int = 0) -> RecordedRun:
     """Return a flight as it is measured."""
-    sensors = Sensors(SimulatorConfig.build({**NOISE, "seed": seed}))
+    sensors = Sensors(ideal({**NOISE, "seed": seed}))
     return changed(
         run,
         odometries=[
@@ -354,7 +354,7 @@ def test_the_parameter_file_is_the_vehicle(keep: str, tmp_path: Path) -> None:
     assert isinstance(mpc, MpcConfig)
     assert isinstance(reference, ReferenceConfig)
     assert reference.vehicle() == mpc.vehicle()
-    true = SimulatorConfig.build(TRUTH).vehicle()
+    true = ideal(TRUTH).vehicle()
     assert mpc.vehicle().hover_throttle == pytest.approx(true.hover_throttle, rel=0.01)
     assert mpc.mass == pytest.approx(MpcConfig().mass * (1.0 if keep == "mass" else 1.2), rel=0.01)
     assert mpc.rate_time_constant == pytest.approx((0.03, 0.03, 0.03), rel=0.01)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from fixtures.presets import ideal
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.configuration import UserError, files
@@ -18,14 +19,13 @@ from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.identification.learned import learned, learned_file
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
 
 def flown(mpc: MpcConfig, *, thrust_scale: float, duration: float, **plant: Any) -> list[LoopStep]:
-    simulator = SimulatorConfig(thrust_scale=thrust_scale, duration=duration, **plant)
+    simulator = ideal(thrust_scale=thrust_scale, duration=duration, **plant)
     return list(fly(mpc=mpc, simulator=simulator, reference=ReferenceConfig()))
 
 

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import piqp
 import pytest
+from fixtures.presets import agile
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.control.mpc import Mpc
@@ -73,7 +74,7 @@ def begun(
 def held(state: PredictedState) -> Array:
     """Return the states 1 to N (N, 19) where the reference's inputs lead: the first iterate."""
     inputs, states = np.zeros((10, SUBSTEPS, 4)), np.zeros((11, ROW_SIZE))
-    inputs[:, :, 0] = MpcConfig().vehicle().hover_throttle
+    inputs[:, :, 0] = agile().vehicle().hover_throttle
     roll_out(state.model, 0.05, inputs=inputs, start=state.row, states=states)
     return states[1:]
 
@@ -91,7 +92,7 @@ def test_rows_are_the_derivatives_of_tilt_and_speed(seed: int) -> None:
     rng = np.random.default_rng(seed)
     R0 = so3.exp(rng.uniform(0.3, 2.5) * unit(rng))
     seen = odometry(R0, p_WB=np.zeros(3), v_WB_W=rng.uniform(2.0, 8.0) * unit(rng))
-    problem, compensation = begun(MpcConfig().updated(LIMITS), seen, np.array([1.0, 2.0, 0.5]))
+    problem, compensation = begun(agile().updated(LIMITS), seen, np.array([1.0, 2.0, 0.5]))
     stages = problem.linearise()
     for i, row in enumerate(held(compensation.predict(seen))):
         R, v = row[R_WB].reshape(3, 3), row[V_WB_W]
@@ -116,7 +117,7 @@ def test_rows_are_the_derivatives_of_tilt_and_speed(seed: int) -> None:
 def test_level_the_square_faces_where_the_cost_falls() -> None:
     """To go east the thrust turns east: about the body's y axis."""
     level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
-    problem, _ = begun(MpcConfig().updated(LIMITS), level, np.array([5.0, 0.0, 0.0]))
+    problem, _ = begun(agile().updated(LIMITS), level, np.array([5.0, 0.0, 0.0]))
     stages = problem.linearise()
     assert_allclose(stages.normals[0, 0, 8 + 6 : 8 + 9], [0.0, 1.0, 0.0], atol=1e-9)
     assert_allclose(stages.offsets[0, :4], 0.6, atol=1e-9)
@@ -125,7 +126,7 @@ def test_level_the_square_faces_where_the_cost_falls() -> None:
 
 def test_rows_on_inputs_count_from_what_was_sent() -> None:
     level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
-    config = MpcConfig().updated(LIMITS)
+    config = agile().updated(LIMITS)
     problem, _ = begun(config, level, np.zeros(3))
     stages, hover = problem.linearise(), config.vehicle().hover_throttle
     assert_allclose(stages.offsets[:, 5], 0.9 - hover, atol=1e-9)
@@ -138,7 +139,7 @@ def test_rows_on_inputs_count_from_what_was_sent() -> None:
 
 def test_nothing_was_sent_yet() -> None:
     level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
-    config = MpcConfig().updated(LIMITS)
+    config = agile().updated(LIMITS)
     problem = ManifoldProblem(config)
     window = ReferenceWindow.hover(np.zeros(3), stamp_ns=level.stamp_ns)
     problem.begin(DelayCompensation(config).predict(level), window)
@@ -157,7 +158,7 @@ def test_a_reference_that_asks_for_more_may_have_it() -> None:
         a_WB_W=rest,
         w_WB_W=rest,
     )
-    config = MpcConfig().updated(LIMITS)
+    config = agile().updated(LIMITS)
     seen = odometry(
         so3.exp(np.array([np.pi, 0.0, 0.0])), p_WB=np.zeros(3), v_WB_W=np.array([9.0, 0.0, 0.0])
     )
@@ -169,18 +170,18 @@ def test_a_reference_that_asks_for_more_may_have_it() -> None:
 
 
 def test_limits_that_are_off_are_not_in_the_problem() -> None:
-    plain = HorizonQP(ManifoldProblem(MpcConfig()).pattern())
-    far_off = MpcConfig().updated({"limits.pull_distance": 0.1})
+    plain = HorizonQP(ManifoldProblem(agile()).pattern())
+    far_off = agile().updated({"limits.pull_distance": 0.1})
     other = HorizonQP(ManifoldProblem(far_off).pattern())
     assert plain.A.shape == other.A.shape == (10 * 13, 10 * 13)
     for name in LIMITS:
-        config = MpcConfig().updated({name: LIMITS[name]})
+        config = agile().updated({name: LIMITS[name]})
         assert HorizonQP(ManifoldProblem(config).pattern()).A.shape[1] == 10 * 14
 
 
 def test_limits_change_in_flight_and_stay_in_the_pattern() -> None:
     level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
-    config = MpcConfig().updated(LIMITS)
+    config = agile().updated(LIMITS)
     problem, compensation = begun(config, level, np.zeros(3))
     qp = HorizonQP(problem.pattern())
     qp.update(problem.linearise())
@@ -374,15 +375,14 @@ def a_random_case(seed: int) -> list[QpSolution]:
         for name, share in zip(limits, shares, strict=True)
         if rng.random() < share
     }
-    if rng.random() < 0.5:
-        chosen |= {"horizon_steps": 20, "R": (0.0, 0.1, 0.1, 0.1)}
+    weights = agile() if rng.random() < 0.5 else MpcConfig()
     if rng.random() < 0.7:
         chosen |= LAGS
     R = so3.exp(rng.uniform(0.0, np.pi) * unit(rng))
     goal = np.array([0.0, 0.0, 50.0])
     p_WB = goal + rng.choice([0.5, 5.0, 40.0]) * rng.random() * unit(rng)
     v_WB_W = rng.uniform(0.0, 10.0) * unit(rng)
-    mpc, stamp_ns, solutions = Mpc(MpcConfig().updated(chosen)), 10**9, []
+    mpc, stamp_ns, solutions = Mpc(weights.updated(chosen)), 10**9, []
     u = Input(throttle=rng.uniform(0.0, 1.0), w_WB_B=rng.uniform(-5.0, 5.0, size=3))
     mpc.sent(u, stamp_ns=stamp_ns - PERIOD_NS)
     for _ in range(3):

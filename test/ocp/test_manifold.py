@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fixtures.plant_motion import integrate
-from fixtures.presets import agile
+from fixtures.presets import agile, ideal
 
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
@@ -16,7 +16,6 @@ from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.manifold import ManifoldProblem
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 MANIFOLD = agile()
@@ -27,7 +26,7 @@ def flown(mpc: MpcConfig, **simulator: object) -> list[LoopStep]:
     return list(
         fly(
             mpc=mpc,
-            simulator=SimulatorConfig.build({"duration": 10.0, **simulator}),
+            simulator=ideal({"duration": 10.0, **simulator}),
             reference=ReferenceConfig(),
         )
     )

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.presets import ideal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.configuration import BagError, UserError
@@ -19,7 +20,6 @@ from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.flight import Flight, ReferenceSampler
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.simulation.closed_loop import fly
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 HOVER_THROTTLE = 0.2923008  # of the paper's vehicle
@@ -329,7 +329,7 @@ class TestRefusals:
 def test_the_papers_square(make_bag: BagStarter) -> None:
     """The paper's flight: RMSE 0.788 m, at most 0.03 m off before each switch."""
     mpc = load_config("paper").mpc
-    simulator = SimulatorConfig(dynamics="paper", duration=10.0)
+    simulator = ideal(dynamics="paper", duration=10.0)
     bag = make_bag()
     steps = list(fly(mpc=mpc, simulator=simulator, reference=ReferenceConfig()))
     for step in steps:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fixtures.presets import ideal
 
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.tick import Tick
@@ -16,7 +17,6 @@ from quad_mpc_ros.recordings.logs import Received
 from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.replay.command_comparison import compare_commands, comparison_table
 from quad_mpc_ros.replay.resolution import Resolved, resolve
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.sensors import OdometryStream
 from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -53,7 +53,7 @@ def flown_in_real_time(
     milliseconds. Stamps are ``shifted`` by the last number [ms] over the seconds of the first two.
     """
     random = np.random.default_rng(1)
-    simulator = SimulatorConfig(
+    simulator = ideal(
         duration=3.0, odom_rate=odom_rate, initial_position=(0.0, 0.0, 2.0), initial_throttle=0.3
     )
     plant, server = (

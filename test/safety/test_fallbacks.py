@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from fixtures.plant_motion import integrate
+from fixtures.presets import ideal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -25,7 +26,6 @@ from quad_mpc_ros.safety.fallbacks import (
     tilt_to,
 )
 from quad_mpc_ros.simulation.closed_loop import fly
-from quad_mpc_ros.simulation.config import SimulatorConfig
 
 PERIOD = 0.02
 
@@ -171,7 +171,7 @@ def test_dead_reckoning_turns_with_the_body_rates() -> None:
 def test_hover_holds_vehicles_whose_lags_delay_and_thrust_nobody_knows(seed: int) -> None:
     rng = np.random.default_rng(seed)
     lags = rng.uniform(0.02, 0.08, size=2)
-    simulator = SimulatorConfig(
+    simulator = ideal(
         duration=12.0,
         rate_time_constant=lags[0],
         thrust_time_constant=lags[1],

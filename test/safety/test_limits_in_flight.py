@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from fixtures.presets import agile, ideal
 
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
@@ -19,7 +20,7 @@ from quad_mpc_ros.mpc_config import (
     MpcConfig,
     SlewParameters,
 )
-from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+from quad_mpc_ros.simulation.config import make_plant
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.server import ReferenceServer
 
@@ -33,7 +34,7 @@ class Loop:
 
     def __init__(self, mpc: MpcConfig, *, start: tuple[float, ...] = AIR) -> None:
         self.controller = Controller(mpc)
-        self._plant = make_plant(SimulatorConfig(initial_position=start))
+        self._plant = make_plant(ideal(initial_position=start))
         self._servers: dict[tuple[float, ...], ReferenceServer] = {}
         self.now = START
 
@@ -67,7 +68,7 @@ class Loop:
 
 
 def fence(action: str) -> MpcConfig:
-    return MpcConfig(
+    return agile(
         fence=FenceParameters(minimum=(-2.0, -2.0, -1.0), maximum=(2.0, 2.0, 5.0), action=action)
     )
 
@@ -108,7 +109,7 @@ def test_with_the_action_warn_it_flies_on_and_tells() -> None:
 
 
 def test_beyond_the_envelope_it_hovers_and_flies_on_after_a_second_of_calm() -> None:
-    config = MpcConfig(envelope=EnvelopeParameters(speed_max=3.0, action="hover"))
+    config = agile(envelope=EnvelopeParameters(speed_max=3.0, action="hover"))
     loop = Loop(config)
     flown = list(loop.fly(6.0, to=(6.0, 0.0, 2.0)))
     sources = [tick.stats.source for _, tick in flown]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fixtures.presets import agile
+from fixtures.presets import agile, ideal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
@@ -16,7 +16,6 @@ from quad_mpc_ros.mpc_config import SwingingParameters
 from quad_mpc_ros.safety.ladder import Action
 from quad_mpc_ros.safety.swinging import Swinging
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 PERIOD_NS = 20_000_000
@@ -106,7 +105,7 @@ def test_agile_flight_is_not_taken_for_it(reference: dict[str, Any]) -> None:
     lags = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
     steps = fly(
         mpc=agile(**lags, input_delay=0.02),
-        simulator=SimulatorConfig(**lags, command_delay=0.02, duration=12.0),
+        simulator=ideal(**lags, command_delay=0.02, duration=12.0),
         reference=ReferenceConfig(**reference),
         on_reference=True,
     )
@@ -118,7 +117,7 @@ def flown_late(action: str) -> list[LoopStep]:
     return [
         *fly(
             mpc=agile(swinging=SwingingParameters(action=action)),
-            simulator=SimulatorConfig(**LATE, **start, duration=10.0),
+            simulator=ideal(**LATE, **start, duration=10.0),
             reference=ReferenceConfig(trajectory="hover", height=2.0),
         )
     ]

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.presets import ideal
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -18,7 +19,6 @@ from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 
 MILLISECOND = 1_000_000
@@ -32,7 +32,7 @@ def command(throttle: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 def plant(**changes: Any) -> InternalPlant:
     start = {"initial_position": (0.0, 0.0, 50.0), "initial_throttle": HOVER}
-    return InternalPlant(SimulatorConfig.build({**start, **changes}))
+    return InternalPlant(ideal({**start, **changes}))
 
 
 @dataclass
@@ -258,7 +258,7 @@ def test_until_the_first_command_acts_the_vehicle_does_what_it_did_at_the_start(
 
 
 def test_motors_spin_up_on_the_ground_but_the_body_does_not_turn() -> None:
-    body = InternalPlant(SimulatorConfig(thrust_time_constant=0.1, rate_time_constant=0.1))
+    body = InternalPlant(ideal(thrust_time_constant=0.1, rate_time_constant=0.1))
     body.apply(command(0.5, (3.0, 0.0, 0.0)))
     lifts_after = -0.1 * math.log(1.0 - HOVER / 0.5)
     body.advance_to(round(lifts_after * 1e9) - 6 * MILLISECOND)

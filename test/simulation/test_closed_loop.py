@@ -7,7 +7,7 @@ import itertools
 
 import numpy as np
 import pytest
-from fixtures.presets import agile
+from fixtures.presets import agile, ideal
 from numpy.testing import assert_array_equal
 
 from quad_mpc_ros.lie import Array
@@ -34,7 +34,7 @@ def flight(mpc: MpcConfig) -> list[LoopStep]:
 
 
 def rigid_body(duration: float, odom_rate: float = 50.0) -> SimulatorConfig:
-    return SimulatorConfig(dynamics="rigid_body", duration=duration, odom_rate=odom_rate)
+    return ideal(dynamics="rigid_body", duration=duration, odom_rate=odom_rate)
 
 
 def commands(flight: list[LoopStep]) -> Array:
@@ -82,7 +82,7 @@ def test_odometry_and_reference_of_a_step_have_one_stamp(flight: list[LoopStep])
     assert {b - a for a, b in itertools.pairwise(stamps)} == {20_000_000}
 
 
-EFFECTS = SimulatorConfig(
+EFFECTS = ideal(
     duration=3.0,
     rate_time_constant=0.02,
     thrust_time_constant=0.02,

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.presets import ideal
 
 from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import fly
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 MODELLED = Vehicle()
@@ -31,7 +31,7 @@ def test_the_height_is_held_with_a_hover_throttle_30_percent_wrong(
 ) -> None:
     hover = MODELLED.hover_throttle
     scale = MODELLED.thrust(hover) / MODELLED.thrust(wrong_by * hover)
-    plant = SimulatorConfig(
+    plant = ideal(
         duration=8.0,
         thrust_scale=scale,
         **(LAGS | {"command_delay": 0.02} if lags else {}),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.presets import ideal
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
@@ -15,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 
 SECOND = 1_000_000_000
@@ -29,7 +29,7 @@ def command(throttle: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def plant(**changes: Any) -> InternalPlant:
-    return InternalPlant(SimulatorConfig.build({"initial_position": (0.0, 0.0, 10.0), **changes}))
+    return InternalPlant(ideal({"initial_position": (0.0, 0.0, 10.0), **changes}))
 
 
 def assert_same_state(one: InternalPlant, other: InternalPlant, *, atol: float) -> None:
@@ -177,11 +177,11 @@ def test_an_attitude_that_is_none_is_refused(length: float) -> None:
     with pytest.raises(
         ConfigurationError, match=r"^simulator\.initial_attitude: given .*length 1"
     ):
-        SimulatorConfig(initial_attitude=q)
+        ideal(initial_attitude=q)
 
 
 def test_it_starts_on_the_ground_at_the_origin_by_default() -> None:
-    body = InternalPlant(SimulatorConfig())
+    body = InternalPlant(ideal())
     assert_array_equal(body.state.p_WB, np.zeros(3))
     assert_array_equal(body.state.R_WB, np.eye(3))
 

@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fixtures.presets import ideal
 
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation import closed_loop
 from quad_mpc_ros.simulation.closed_loop import LoopStep
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 Change = Callable[[int], MpcConfig]
@@ -45,7 +45,7 @@ def flown(change: Change, monkeypatch: pytest.MonkeyPatch) -> list[LoopStep]:
     for tick, step in enumerate(
         closed_loop.fly(
             mpc=CONFIG,
-            simulator=SimulatorConfig(duration=4.0),
+            simulator=ideal(duration=4.0),
             reference=ReferenceConfig(trajectory="lemniscate"),
         )
     ):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fixtures.presets import agile
+from fixtures.presets import agile, ideal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.commands.run_configuration import run_configuration
@@ -22,6 +22,12 @@ from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+
+AT_ONCE = [
+    f"--set={name}=0"
+    for node, delay in (("mpc", "input_delay"), ("simulator", "command_delay"))
+    for name in (f"{node}.rate_time_constant", f"{node}.thrust_time_constant", f"{node}.{delay}")
+]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,11 +54,12 @@ class Flown:
 
 
 def flown(out: Path, *arguments: str) -> Flown:
-    """Fly what ``quad_mpc simulate --config agile`` would fly."""
+    """Fly what ``quad_mpc simulate --config agile`` would fly, the vehicle an ideal one."""
     parser = argparse.ArgumentParser()
     add_run_options(parser)
     run = run_configuration(
-        parser.parse_args(["--config", "agile", *arguments, "--out", str(out)]), lockstep=True
+        parser.parse_args(["--config", "agile", *AT_ONCE, *arguments, "--out", str(out)]),
+        lockstep=True,
     )
     steps = list(
         fly(
@@ -217,13 +224,13 @@ def thrown(seed: int, **plant: float) -> SimulatorConfig:
     bearing, axis = random.uniform(0.0, 2.0 * math.pi, size=2)
     inverted = Rotation.from_rotvec([math.pi * math.cos(axis), math.pi * math.sin(axis), 0.0])
     attitude = inverted if seed % 4 == 0 else Rotation.from_quat(random.normal(size=4))
-    return SimulatorConfig(
+    return ideal(
         duration=TIME_TO_RECOVER + TIME_TO_STAY,
         initial_position=(5.0 * math.cos(bearing), 5.0 * math.sin(bearing), HEIGHT),
         initial_velocity=tuple((10.0 * direction(random)).tolist()),
         initial_attitude=tuple(attitude.as_quat().tolist()),
         initial_body_rates=tuple((6.0 * direction(random)).tolist()),
-        initial_throttle=SimulatorConfig().vehicle().hover_throttle,
+        initial_throttle=ideal().vehicle().hover_throttle,
         **plant,
     )
 

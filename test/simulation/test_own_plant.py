@@ -73,7 +73,7 @@ def test_without_any_configuration_the_square_is_flown_for_ten_seconds() -> None
     steps = list(fly())
     assert len(steps) == 500
     assert_array_equal(steps[0].window.p_WB[0], [0.0, 0.0, 2.0])
-    assert np.sqrt(np.mean([position_error(step) ** 2 for step in steps])) < 1.0
+    assert np.sqrt(np.mean([position_error(step) ** 2 for step in steps])) < 1.02
 
 
 def test_one_that_is_registered_is_made_with_its_own_parameters(

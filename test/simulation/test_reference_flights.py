@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from fixtures.presets import agile
+from fixtures.presets import agile, ideal
 
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.director import Director
@@ -53,7 +52,7 @@ def flown(**changes: object) -> Flown:
     """Fly a reference to its end and half a second on, from rest at its beginning."""
     config = ReferenceConfig.build(changes)
     trajectory = configured_trajectory(config)
-    simulator = SimulatorConfig(
+    simulator = ideal(
         duration=1e-9 * trajectory.period_ns + 0.5,
         initial_position=tuple(trajectory.at([0]).p_WB[0].tolist()),
         initial_throttle=config.vehicle().hover_throttle,
@@ -108,7 +107,7 @@ def test_directed_from_the_ground_to_a_circle_and_to_a_goal() -> None:
         8.0: director.hold,
         10.0: lambda now: director.go_to(now, p_WB=np.array([0.0, 3.0, 2.0]), yaw=1.5),
     }
-    simulator = SimulatorConfig(
+    simulator = ideal(
         duration=14.0,
         rate_time_constant=LAG,
         thrust_time_constant=LAG,

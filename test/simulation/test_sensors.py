@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.presets import ideal
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.parameters import Stream, white_noise
 from quad_mpc_ros.simulation.sensors import (
@@ -35,7 +35,7 @@ TRUTH = OdometrySample(
 
 
 def sensors(**changes: Any) -> Sensors:
-    return Sensors(SimulatorConfig.build(changes))
+    return Sensors(ideal(changes))
 
 
 def errors(samples: list[OdometrySample]) -> dict[str, Array]:
@@ -97,8 +97,8 @@ def test_biases_are_in_the_frames_of_the_odometry() -> None:
 
 def test_nose_down_bias_of_a_level_vehicle() -> None:
     """A positive rotation about y of a FLU body shows it with its nose below the horizon."""
-    body = InternalPlant(SimulatorConfig())
-    config = SimulatorConfig(attitude_bias=(0.0, 0.2, 0.0))
+    body = InternalPlant(ideal())
+    config = ideal(attitude_bias=(0.0, 0.2, 0.0))
     seen = Rotation.from_quat(Sensors(config).measured(body.odometry(0)).q_WB_xyzw)
     assert seen.apply([1.0, 0.0, 0.0])[2] == pytest.approx(-np.sin(0.2))
 
@@ -138,7 +138,7 @@ def test_an_effect_does_not_change_the_random_numbers_of_another() -> None:
 
 
 def stamps(**changes: Any) -> list[int]:
-    return list(odometry_stamps(SimulatorConfig.build({"duration": 100.0, **changes})))
+    return list(odometry_stamps(ideal({"duration": 100.0, **changes})))
 
 
 def test_jitter_has_its_standard_deviation_and_no_memory() -> None:
@@ -160,7 +160,7 @@ def test_jitter_never_reorders(jitter: float) -> None:
 
 def flown(**changes: Any) -> list[SentOdometry]:
     """Return the odometries of a vehicle that falls from rest at 100 m."""
-    config = SimulatorConfig.build(
+    config = ideal(
         {"initial_position": (0.0, 0.0, 100.0), "duration": 2.0, "drag": 0.0, **changes}
     )
     stream = OdometryStream(InternalPlant(config), config, start_stamp_ns=START_NS)
@@ -171,7 +171,7 @@ def flown(**changes: Any) -> list[SentOdometry]:
 
 
 def acceleration() -> float:
-    vehicle = SimulatorConfig().vehicle()
+    vehicle = ideal().vehicle()
     return vehicle.thrust(0.0) / vehicle.mass - vehicle.gravity
 
 
@@ -200,7 +200,7 @@ def test_dropped_odometries_are_measured_but_not_sent() -> None:
 
 
 def test_the_plant_is_at_the_time_of_sending() -> None:
-    config = SimulatorConfig(odom_delay=0.05, duration=1.0, initial_position=(0.0, 0.0, 9.0))
+    config = ideal(odom_delay=0.05, duration=1.0, initial_position=(0.0, 0.0, 9.0))
     plant = InternalPlant(config)
     stream = OdometryStream(plant, config, start_stamp_ns=START_NS)
     while (sent := stream.step()) is not None:
@@ -209,7 +209,7 @@ def test_the_plant_is_at_the_time_of_sending() -> None:
 
 def test_a_command_acts_from_the_sending_on_which_it_answers() -> None:
     """With 50 ms of delay the third odometry is the first to see the answer to the first."""
-    config = SimulatorConfig(odom_delay=0.05, duration=0.2, initial_position=(0.0, 0.0, 9.0))
+    config = ideal(odom_delay=0.05, duration=0.2, initial_position=(0.0, 0.0, 9.0))
     plant = InternalPlant(config)
     stream = OdometryStream(plant, config, start_stamp_ns=START_NS)
     seen = []
@@ -224,7 +224,7 @@ def test_a_command_acts_from_the_sending_on_which_it_answers() -> None:
 @pytest.mark.parametrize("changes", [{}, {"odom_delay": 0.033, "odom_jitter": 0.002}])
 def test_following_a_clock_gives_the_same_odometries(changes: dict[str, float]) -> None:
     stepped = flown(position_noise=0.1, odom_dropout=0.1, **changes)
-    config = SimulatorConfig.build(
+    config = ideal(
         {"initial_position": (0.0, 0.0, 100.0), "duration": 2.0, "drag": 0.0}
         | {"position_noise": 0.1, "odom_dropout": 0.1, **changes}
     )

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.presets import agile, ideal
 
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
@@ -17,11 +18,9 @@ from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceW
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.safety.ladder import Source
 from quad_mpc_ros.simulation.closed_loop import fly
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 LAGS = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
-SOFTER = {"horizon_steps": 20, "terminal_weight": 30.0, "R": (0.0, 0.1, 0.1, 0.1)}
 TILT = {"limits.tilt_max": math.radians(35.0)}
 SPEED = {"limits.speed_max": 5.0}
 NOISE = {
@@ -31,6 +30,7 @@ NOISE = {
     "rate_noise": 0.02,
     "seed": 3,
 }
+AGILE = agile()
 HEIGHT, JUMP_NS = 10.0, 1_000_000_000
 
 
@@ -46,10 +46,16 @@ class Jump:
     ticks: list[Tick]
 
 
-def jumped(changes: dict[str, Any], jump: tuple[float, ...], *, of: str = "reference") -> Jump:
+def jumped(
+    changes: dict[str, Any],
+    jump: tuple[float, ...],
+    *,
+    of: str = "reference",
+    weights: MpcConfig = AGILE,
+) -> Jump:
     """Hover, and let the reference or the estimate jump to where the vehicle has to go (3,)."""
-    controller, ticks = warmed_up(MpcConfig().updated({**LAGS, **changes})), []
-    simulator = SimulatorConfig.build(
+    controller, ticks = warmed_up(weights.updated({**LAGS, **changes})), []
+    simulator = ideal(
         {
             **LAGS,
             "duration": 5.0 + max(map(abs, jump)) / 2.0,
@@ -90,13 +96,14 @@ def assert_calm(flight: Jump) -> None:
     assert flight.ticks[-1].stats.solver_failures == 0
 
 
-@pytest.mark.parametrize("weights", [{}, SOFTER], ids=["default", "softer"])
+@pytest.mark.parametrize("weights", [AGILE, MpcConfig()], ids=["agile", "default"])
 @pytest.mark.parametrize("distance", [2.0, 10.0, 40.0])
 @pytest.mark.parametrize("of", ["reference", "estimate"])
 def test_jumps_are_approached_within_35_degrees(
-    weights: dict[str, Any], distance: float, of: str
+    weights: MpcConfig, distance: float, of: str
 ) -> None:
-    flight = jumped({**weights, **TILT, **SPEED}, (0.8 * distance, -0.6 * distance, 0.0), of=of)
+    jump = 0.8 * distance, -0.6 * distance, 0.0
+    flight = jumped({**TILT, **SPEED}, jump, of=of, weights=weights)
     assert_calm(flight)
     assert flight.tilt.max() <= 37.0
     assert flight.height.min() >= -0.3
@@ -105,9 +112,9 @@ def test_jumps_are_approached_within_35_degrees(
     assert flight.distance[-1] < 0.02
 
 
-@pytest.mark.parametrize("weights", [{}, SOFTER], ids=["default", "softer"])
-def test_without_a_limit_on_speed_a_tilt_is_kept_as_well(weights: dict[str, Any]) -> None:
-    flight = jumped({**weights, **TILT}, (40.0, 0.0, 0.0))
+@pytest.mark.parametrize("weights", [AGILE, MpcConfig()], ids=["agile", "default"])
+def test_without_a_limit_on_speed_a_tilt_is_kept_as_well(weights: MpcConfig) -> None:
+    flight = jumped(TILT, (40.0, 0.0, 0.0), weights=weights)
     assert flight.speed.max() <= 4.0, "by limits.pull_distance"
     assert_calm(flight)
     assert flight.tilt.max() <= 37.0
@@ -116,7 +123,8 @@ def test_without_a_limit_on_speed_a_tilt_is_kept_as_well(weights: dict[str, Any]
 
 @pytest.mark.parametrize("jump", [(0.0, 0.0, 8.0), (0.0, 0.0, -8.0), (20.0, 20.0, 8.0)])
 def test_the_limit_on_speed_holds_in_every_direction(jump: tuple[float, ...]) -> None:
-    flight = jumped({**SOFTER, **SPEED, "limits.pull_distance": 4.0}, jump)
+    limits = {**TILT, **SPEED, "limits.pull_distance": 4.0}
+    flight = jumped(limits, jump, weights=MpcConfig())
     assert_calm(flight)
     assert 4.5 < flight.speed.max() <= 5.0 * 1.05
     assert flight.distance[-1] < 0.02
@@ -142,8 +150,8 @@ def test_throttle_keeps_its_margin() -> None:
 
 def errors(changes: dict[str, Any], trajectory: str, disturbed: dict[str, Any]) -> Array:
     steps = fly(
-        mpc=MpcConfig().updated({**LAGS, **changes}),
-        simulator=SimulatorConfig.build({"duration": 6.0, **LAGS, **disturbed}),
+        mpc=AGILE.updated({**LAGS, **changes}),
+        simulator=ideal({"duration": 6.0, **LAGS, **disturbed}),
         reference=ReferenceConfig(trajectory=trajectory),
         on_reference=True,
     )

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.presets import ideal
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
@@ -14,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.wind import Wind
 
@@ -29,12 +29,12 @@ def command(throttle: float, rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 def hovering(**changes: Any) -> InternalPlant:
     start = {"initial_position": (0.0, 0.0, 50.0), "initial_throttle": HOVER}
-    return InternalPlant(SimulatorConfig.build({**start, **changes}))
+    return InternalPlant(ideal({**start, **changes}))
 
 
 def gusts(*, seconds: float, airspeed: float, **changes: Any) -> Array:
     """Return the gusts met by a vehicle that flies at an airspeed, one row each 10 ms."""
-    wind = Wind(SimulatorConfig.build({"gust_intensity": 1.0, **changes}))
+    wind = Wind(ideal({"gust_intensity": 1.0, **changes}))
     steady = np.array(changes.get("wind", (0.0, 0.0, 0.0)))
     v_WB_W = steady + np.array([airspeed, 0.0, 0.0])
     rows = []
@@ -83,7 +83,7 @@ def test_flying_with_the_wind_is_flying_in_calm_air() -> None:
 
 
 def test_the_ground_shelters_from_the_wind() -> None:
-    body = InternalPlant(SimulatorConfig(wind=(10.0, 0.0, 0.0), gust_intensity=2.0))
+    body = InternalPlant(ideal(wind=(10.0, 0.0, 0.0), gust_intensity=2.0))
     body.advance_to(SECOND)
     assert_array_equal(body.state.p_WB, np.zeros(3))
     assert_array_equal(body.state.v_WB_B, np.zeros(3))
@@ -151,5 +151,5 @@ def test_weaker_motors_sink_at_the_throttle_that_carried() -> None:
     body = hovering(thrust_scale=0.9, drag=0.0)
     body.advance_to(SECOND)
     assert body.state.v_WB_W[2] == pytest.approx(-0.1 * 9.81, rel=1e-9)
-    hovers = SimulatorConfig(thrust_scale=0.9).vehicle().hover_throttle
+    hovers = ideal(thrust_scale=0.9).vehicle().hover_throttle
     assert hovers == pytest.approx(Vehicle().throttle_for(0.396893 * 9.81 / 0.9))
