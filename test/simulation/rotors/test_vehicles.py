@@ -19,6 +19,7 @@ from fixtures.rotors import (
 
 from quad_mpc_ros.configuration import ConfigurationError, files, per_axis
 from quad_mpc_ros.evaluation.simulated import load_config, simulate
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 FOLDER = Path(__file__).resolve().parents[3] / "config" / "vehicles"
@@ -90,15 +91,20 @@ def test_the_lags_that_the_mpc_is_told_are_those_of_a_step(name: str, axis: int)
     assert mpc.thrust_time_constant == configured(name).rotors.time_constant
 
 
-@pytest.mark.parametrize("sources", [("robust",), ("robust", "VEHICLE"), ("agile", "VEHICLE")])
+GUESSES = [
+    f"mpc.{name}={getattr(MpcConfig(), name)}"
+    for name in ("rate_time_constant", "thrust_time_constant", "input_delay")
+]
+
+
+@pytest.mark.parametrize(
+    ("preset", "guesses"), [("default", GUESSES), ("default", []), ("agile", [])]
+)
 @pytest.mark.parametrize("name", VEHICLES)
-def test_the_mpc_takes_off_and_hovers(name: str, sources: tuple[str, ...]) -> None:
+def test_the_mpc_takes_off_and_hovers(name: str, preset: str, guesses: list[str]) -> None:
     """By the guess for all vehicles, and by its own lags with soft and with hard weights."""
-    vehicle = f"vehicles/{name}"
-    given = [vehicle, *(vehicle if source == "VEHICLE" else source for source in sources)]
-    config = load_config(
-        *given, assignments=["reference.trajectory=hover", "reference.height=1.5"]
-    )
+    hover = ["reference.trajectory=hover", "reference.height=1.5"]
+    config = load_config(preset, f"vehicles/{name}", assignments=[*hover, *guesses])
     flight = simulate(*config, duration=8.0)
     error = np.linalg.norm(flight.p_WB - flight.reference.p_WB, axis=1)
     assert error[-100:].max() < 0.005
