@@ -1,7 +1,8 @@
 """The closed loop: the same square by both formulations, judged by its figures of merit.
 
 The paper's formulation is linearised at the present state and flies an ideal vehicle; the default
-one is linearised along its plan, and its vehicle lags. ``agile`` has the weights of the paper. ``load_config`` reads presets and ROS parameter files.
+one is linearised along its plan, and its vehicle lags. ``agile`` has the paper's weights.
+``load_config`` reads presets and ROS parameter files.
 """
 
 from quad_mpc_ros import load_config, simulate, summarise

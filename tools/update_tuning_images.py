@@ -39,7 +39,7 @@ NOISE = (
     "simulator.attitude_noise=0.00873",
     "simulator.velocity_noise=0.05",
 )
-# The weights that the page speaks of, and a vehicle that answers at once, which is what they show most.
+# The weights that the page speaks of, and a vehicle that answers at once, which shows them best.
 AGILE = (
     "--config",
     "agile",

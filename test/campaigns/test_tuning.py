@@ -418,7 +418,7 @@ BAD = {
     ),
     "two beginnings": (
         ("objectives:", "  other: {flights: 1, reference: hover}\nobjectives:"),
-        "the campaigns begin with 3.5 and 30.0",
+        "the campaigns begin with 3.5 and 10.0",
     ),
     "no such campaign": (("campaign: many", "campaign: few"), "given 'few', expected one of many"),
     "no such figure": (("settled_error_mean_m", "beauty"), "given 'beauty', expected one of"),

@@ -85,7 +85,7 @@ def test_the_recorded_configuration_commands_the_same_again(
 def test_another_configuration_is_told_and_kept(square: Path, tmp_path: Path) -> None:
     out = tmp_path / "heavy"
     summary = resolved(square, out, "--set", "mpc.mass=0.5", "--set", "mpc.horizon_steps=15")
-    assert summary["equal"] < 10  # but where both are at a bound
+    assert summary["equal"] < 20  # but where both are at a bound
     assert summary["difference"]["throttle"]["rms"] > 0.01
     parameters = read_parameters(BagReader(out / "bag").metadata)
     assert parameters["mpc"]["mass"] == 0.5

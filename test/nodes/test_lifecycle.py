@@ -170,9 +170,9 @@ def test_parameters_are_free_until_they_are_configured(
     assert "clean up the node first" in refusal
     assert mpc.set(horizon_steps=7, mass=0.3, throttle_min=0.1) == "", "what is the same is fine"
     assert mpc.set(**{"limits.speed_max": 4.0}) == "", "on since it was configured"
-    refusal = mpc.set(**{"limits.tilt_max": 0.6})
+    refusal = mpc.set(**{"limits.rate_slew": 60.0})
     assert refusal.startswith(
-        "mpc.limits.tilt_max: given 0.6, expected 0.0 as long as the node is "
+        "mpc.limits.rate_slew: given 60.0, expected 0.0 as long as the node is "
     )
     refusal = mpc.set(**{"limits.speed_max": 0.0})
     assert refusal.startswith(
