@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fixtures.presets import agile
+from fixtures.presets import agile, ideal
 
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly, start_on
-from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 
@@ -36,7 +35,7 @@ def flown(
     lags = LAGS if formulation == "manifold" else {}
     wanted = ReferenceConfig(trajectory="lemniscate", yaw=0.6, **reference, **air)
     trajectory = configured_trajectory(wanted)
-    simulator = SimulatorConfig(lockstep=True, duration=8.0, **lags, **AIR, **plant)
+    simulator = ideal(lockstep=True, duration=8.0, **lags, **AIR, **plant)
     steps = list(
         fly(
             mpc=agile(formulation=formulation, lockstep=True, **lags, **air, **model),

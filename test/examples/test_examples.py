@@ -113,7 +113,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> str:
     out = str(tmp_path_factory.mktemp("flight") / "run")
     plant = ("rate_time_constant=0.04", "thrust_time_constant=0.03", "command_delay=0.02")
     sets = [word for each in plant for word in ("--set", f"simulator.{each}")]
-    sets += ["--set", "mpc.swinging.action=warn"]  # the controller knows nothing of them
+    sets += ["--set", "reference.angular_frequency=1.5"]  # slower it does not tell the delay
     assert (
         main(["simulate", "--reference", "lemniscate", *sets, "--duration=7", "--out", out]) == 0
     )

@@ -189,7 +189,8 @@ def test_what_is_refused_is_counted_told_once_and_not_kept(
 def test_a_reference_is_followed_while_it_is_fresh_or_reaches_over_the_horizon(
     make_flight: MakeFlight,
 ) -> None:
-    flight = make_flight(MpcConfig(reference_timeout=0.5))
+    config = MpcConfig(reference_timeout=0.5, horizon_steps=10, horizon_step=0.05)
+    flight = make_flight(config)
     inputs = flight.supervisor.inputs
     assert inputs.reference_at(START, now_ns=START) == (None, "no usable reference")
     flight.tick(planned(0.3))

@@ -84,7 +84,7 @@ def test_a_noisy_heavier_vehicle_takes_off_lands_and_takes_off_again() -> None:
         mode="on_request",
         takeoff_height=1.0,
     )
-    assert throttles[:25].max() < 0.03
+    assert throttles[:25].max() < 0.1
     assert heights[240] == pytest.approx(1.0, abs=0.1)
     assert heights[540] == 0.0
     assert throttles[500:550].max() < 0.02
