@@ -80,8 +80,9 @@ class GroundContact:
             stood, height = self.standing and engaged, self._stood_at
             self._engaged = engaged
             self._forget()
+            self._stood_at = height  # whoever flew meanwhile: it may come down there again
             if stood:  # as the flight stack told until now
-                self.contact, self._stood_at = Contact.STANDING, height
+                self.contact = Contact.STANDING
 
     def _forget(self) -> None:
         self.contact, self.touching, self._lands = Contact.UNKNOWN, False, False
@@ -155,7 +156,8 @@ class GroundContact:
         self.contact = Contact.STANDING if self._landed else Contact.UNKNOWN
         height = float(odometry.p_WB[2])
         self.asks_for_height = window is not None and _asks_for_height(window, height)
-        self._stood_at = height if self._landed else None
+        if self._landed:
+            self._stood_at = height
 
     def _follow(self, stamp_ns: int, p_WB: Array, v_WB_W: Array) -> None:
         """Filter position and velocity."""

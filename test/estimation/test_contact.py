@@ -246,3 +246,17 @@ def test_before_commands_act_the_stack_is_believed_and_in_the_moment_when_they_d
     assert judge.see(height=2.0)[-1] is Contact.UNKNOWN
     judge.ground.engage(True)
     assert judge.see(thrust=1.0, height=2.0)[-1] is Contact.UNKNOWN
+
+
+def test_who_is_engaged_in_the_air_lands_as_carefully_as_who_took_off(judge: Judge) -> None:
+    judge.ground.engage(False)
+    judge.ground.tell_landed(True)
+    judge.see(1.0)
+    judge.ground.tell_landed(False)
+    for engaged in (True, False, True):
+        judge.ground.engage(engaged)
+        judge.see(1.0, thrust=1.0, height=2.0, window=ReferenceWindow.hover([0.0, 0.0, 2.0]))
+    assert not judge.ground.touching
+    judge.see(2.0, thrust=1.0, height=0.05, window=BELOW)
+    judge.see(0.1, thrust=0.2, height=0.05, window=BELOW)
+    assert judge.ground.touching
