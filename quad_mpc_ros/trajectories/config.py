@@ -20,6 +20,7 @@ from quad_mpc_ros.configuration import (
 )
 from quad_mpc_ros.model.vehicle import VehicleParameters
 from quad_mpc_ros.trajectories.circle import Circle, CircleParameters
+from quad_mpc_ros.trajectories.ellipse import Ellipse, EllipseParameters
 from quad_mpc_ros.trajectories.feasibility import LimitParameters
 from quad_mpc_ros.trajectories.flip import FlipParameters, flip
 from quad_mpc_ros.trajectories.lemniscate import Lemniscate, LemniscateParameters
@@ -63,6 +64,7 @@ TRAJECTORIES: dict[str, TrajectoryEntry[ReferenceConfig]] = {
     "hover": TrajectoryEntry(make=Hover),
     "waypoints": TrajectoryEntry(make=waypoints, joined=from_waypoint_to_waypoint),
     "circle": TrajectoryEntry(make=Circle),
+    "ellipse": TrajectoryEntry(make=Ellipse),
     "lemniscate": TrajectoryEntry(make=Lemniscate),
     "minimum_snap": TrajectoryEntry(make=through_waypoints),
     "vertical_loop": TrajectoryEntry(make=VerticalLoop, scalable=False),
@@ -98,6 +100,7 @@ class ReferenceConfig(
     SplitSParameters,
     VerticalLoopParameters,
     LemniscateParameters,
+    EllipseParameters,
     CircleParameters,
     WaypointParameters,
     SquareParameters,

@@ -30,6 +30,16 @@ CASES: dict[str, dict[str, object]] = {
     "hover": {"yaw": 1.0},
     "waypoints": {"dwell_time": 0.3, "max_acceleration": 6.0},
     "circle": {"circle_speed": 5.0},
+    "ellipse": {"ellipse_frequency": 2.0},
+    "ellipse to the centre": {"ellipse_frequency": 2.0, "ellipse_heading": "centre", "yaw": 0.3},
+    "ellipse along": {"ellipse_frequency": 1.5, "ellipse_heading": "along"},
+    "ellipse upright": {"ellipse_plane": "vertical", "ellipse_frequency": 2.0, "drag": 0.4},
+    "ellipse over the top": {
+        "ellipse_plane": "vertical",
+        "ellipse_semi_axes": [2.0, 2.0],
+        "ellipse_frequency": 3.5,
+        "height": 3.0,
+    },
     "lemniscate": {"angular_frequency": 2.0},
     "minimum_snap": {"max_acceleration": 8.0},
     "vertical_loop": {"origin": [1.0, -2.0]},
@@ -40,7 +50,8 @@ CASES: dict[str, dict[str, object]] = {
     "csv": {},
     "bag": {"origin": [3.0, 0.0], "max_acceleration": 5.0},
 }
-ENDING = [case for case in CASES if case.split()[0] not in ("hover", "circle", "lemniscate")]
+PERIODIC = ("hover", "circle", "ellipse", "lemniscate")
+ENDING = [case for case in CASES if case.split()[0] not in PERIODIC]
 
 
 def spiral(seconds: Array) -> Array:
