@@ -14,7 +14,7 @@ from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceW
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import Plant
-from quad_mpc_ros.simulation.sensors import OdometryStream, odometry_stamps
+from quad_mpc_ros.simulation.sensors import OdometryStream, looks_younger_ns, odometry_stamps
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
@@ -88,9 +88,8 @@ def fly(
     server = ReferenceServer(reference, flown)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     server.start(SIMULATION_START_NS)
-    ahead = WindowsAhead(
-        server, (SIMULATION_START_NS + time_ns for time_ns in odometry_stamps(simulator))
-    )
+    first_ns = SIMULATION_START_NS + looks_younger_ns(simulator)
+    ahead = WindowsAhead(server, (first_ns + time_ns for time_ns in odometry_stamps(simulator)))
     while (sent := stream.step()) is not None:
         now_ns = SIMULATION_START_NS + sent.time_ns
         window = ahead.window(sent.odometry.stamp_ns)

@@ -131,9 +131,15 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
     )
     odom_delay: float = parameter(
         0.0,
-        doc="Time from a measurement, whose stamp the odometry carries, to its sending.",
+        doc="Time from a measurement to the sending of its odometry.",
         unit="s",
         minimum=0.0,
+    )
+    odom_stamp: str = parameter(
+        "measured",
+        doc="Time that an odometry carries: when it was measured, or when it was sent, so that a "
+        "late one looks fresh.",
+        choices=("measured", "sent"),
     )
     odom_jitter: float = parameter(
         0.0,

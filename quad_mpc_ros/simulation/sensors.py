@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections import deque
 from collections.abc import Iterator
@@ -85,9 +86,17 @@ def odometry_stamps(config: SimulatorConfig) -> Iterator[int]:
         yield round((number + late) * 1e9 / config.odom_rate)
 
 
+def looks_younger_ns(config: SimulatorConfig) -> int:
+    """Return by how much an odometry's stamp is later than its measurement [ns]."""
+    return round(config.odom_delay * 1e9) if config.odom_stamp == "sent" else 0
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SentOdometry:
-    """An odometry and when it is sent, from the start of the plant; ``truth`` is without error."""
+    """An odometry and when it is sent, from the start of the plant; ``truth`` is without error.
+
+    Under the stamp of the sending, :meth:`OdometryStream.step` tells the truth of that time.
+    """
 
     time_ns: int
     odometry: OdometrySample
@@ -106,6 +115,7 @@ class OdometryStream:
         self._sensors = Sensors(config)
         self._start_stamp_ns = start_stamp_ns
         self._delay_ns = round(config.odom_delay * 1e9)
+        self._looks_younger_ns = looks_younger_ns(config)
         self._period_ns = round(1e9 / config.odom_rate)
         self._times = odometry_stamps(config)
         self._next_ns = next(self._times, None)
@@ -120,6 +130,8 @@ class OdometryStream:
             self._measure()
         sent = self._waiting.popleft()
         self._plant.advance_to(sent.time_ns)
+        if self._looks_younger_ns:
+            return dataclasses.replace(sent, truth=self._plant.odometry(sent.odometry.stamp_ns))
         return sent
 
     def advance_to(self, time_ns: int) -> list[SentOdometry]:
@@ -142,7 +154,8 @@ class OdometryStream:
     def _measure(self) -> None:
         assert self._next_ns is not None
         self._plant.advance_to(self._next_ns)
-        truth = self._plant.odometry(self._start_stamp_ns + self._next_ns)
+        stamp_ns = self._start_stamp_ns + self._next_ns + self._looks_younger_ns
+        truth = self._plant.odometry(stamp_ns)
         odometry = self._sensors.measured(truth)
         time_ns = self._next_ns + self._delay_ns
         if not self._sensors.lost():

@@ -190,6 +190,18 @@ def test_an_odometry_is_the_measurement_at_its_stamp_sent_later(
         assert odometry.odometry.p_WB[2] == pytest.approx(height, abs=1e-9)
 
 
+@pytest.mark.parametrize("jitter", [0.0, 0.003])
+def test_under_the_stamp_of_its_sending_an_odometry_is_older_than_it_looks(jitter: float) -> None:
+    sent = flown(odom_delay=0.0537, odom_jitter=jitter, odom_stamp="sent")
+    assert len(sent) == 100
+    for odometry in sent:
+        assert odometry.odometry.stamp_ns == START_NS + odometry.time_ns
+        assert odometry.truth.stamp_ns == odometry.odometry.stamp_ns
+        for sample, age in ((odometry.odometry, 0.0537), (odometry.truth, 0.0)):
+            height = 100.0 + 0.5 * acceleration() * (odometry.time_ns * 1e-9 - age) ** 2
+            assert sample.p_WB[2] == pytest.approx(height, abs=1e-9)
+
+
 def test_dropped_odometries_are_measured_but_not_sent() -> None:
     complete = {s.odometry.stamp_ns: s for s in flown(position_noise=0.1)}
     sent = flown(position_noise=0.1, odom_dropout=0.3)
