@@ -21,6 +21,7 @@ from quad_mpc_ros.configuration import (
 from quad_mpc_ros.model.vehicle import VehicleParameters
 from quad_mpc_ros.trajectories.circle import Circle, CircleParameters
 from quad_mpc_ros.trajectories.ellipse import Ellipse, EllipseParameters
+from quad_mpc_ros.trajectories.excitation import ExcitationParameters, excitation
 from quad_mpc_ros.trajectories.feasibility import LimitParameters
 from quad_mpc_ros.trajectories.flip import FlipParameters, flip
 from quad_mpc_ros.trajectories.lemniscate import Lemniscate, LemniscateParameters
@@ -70,6 +71,7 @@ TRAJECTORIES: dict[str, TrajectoryEntry[ReferenceConfig]] = {
     "vertical_loop": TrajectoryEntry(make=VerticalLoop, scalable=False),
     "flip": TrajectoryEntry(make=flip, scalable=False),
     "split_s": TrajectoryEntry(make=split_s, scalable=False),
+    "excitation": TrajectoryEntry(make=excitation),
     "csv": TrajectoryEntry(make=csv_path),
     "bag": TrajectoryEntry(make=bag_path),
 }
@@ -96,6 +98,7 @@ class ChoiceParameters(ExtensibleConfiguration, ManagedConfiguration, VehiclePar
 @dataclass(frozen=True, kw_only=True)
 class ReferenceConfig(
     TableParameters,
+    ExcitationParameters,
     FlipParameters,
     SplitSParameters,
     VerticalLoopParameters,

@@ -47,6 +47,8 @@ CASES: dict[str, dict[str, object]] = {
     "flip": {},
     "flip roll": {"flip_axis": "roll", "yaw": -0.7, "drag": 0.5},
     "split_s": {"yaw": 0.4},
+    "excitation": {"yaw": -1.0},
+    "excitation quick": {"excitation_duration": 7.0, "excitation_frequency": 3.0},
     "csv": {},
     "bag": {"origin": [3.0, 0.0], "max_acceleration": 5.0},
 }
