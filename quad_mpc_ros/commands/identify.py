@@ -51,7 +51,8 @@ def run(options: argparse.Namespace) -> int:
     # In lockstep a command takes no time of its own.
     lockstep = bag.parameters_of(MpcConfig).get("lockstep", False)
     age = float("nan") if lockstep else data.command_age
-    print(identification_table(found, mpc, command_age=age), file=sys.stderr)
+    table = identification_table(found, mpc, command_age=age, file=options.out)
+    print(table, file=sys.stderr)
     text = parameter_file(found, mpc, bag=run.bag, keep=options.keep)
     if options.out is None:
         print(text, end="")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import shlex
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,21 +20,30 @@ _WIDTH = 80
 # Of what the body rates and the velocity vary: what the model may leave beyond noise.
 _MOST_MISFIT = {"body rates": 0.45, "velocity": 0.2}
 
-_LIVELY = "fly the square, or the lemniscate with reference.angular_frequency 2"
-_TURNING = f"the body rates were hardly commanded to change: {_LIVELY}"
-_FAST = "the velocity hardly changed along it: fly the lemniscate, several m/s fast"
+_TURNING = "the body rates were hardly commanded to change"
+_FAST = "the velocity hardly changed along it"
+# The flights that tell what one did not: about one place, and with several m/s.
+_SWEEPS = ("--reference excitation", "--duration 21")
+_WIDE_SWEEPS = (
+    *_SWEEPS,
+    "--set 'reference.excitation_reach=[6.0,6.0,2.0]'",
+    "--set reference.excitation_speed=8.0",
+    "--set reference.excitation_tilt=0.8",
+)
+_ROOM, _WIDE_ROOM = "4 m by 4 m by 2 m", "12 m by 12 m by 4 m"
+_TOLD_BY_SPEED = ("drag", "translational_lift")
 _RATE_AXES, _BODY_AXES = ("roll", "pitch", "yaw"), ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class _Row:
-    """A number of the vehicle: name, unit, value given, estimate, and what would tell it."""
+    """A number of the vehicle: name, unit, value given, estimate, and why it may not show."""
 
     label: str
     unit: str
     given: float
     estimate: Estimate
-    manoeuvre: str
+    unseen: str
 
 
 def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
@@ -55,14 +65,14 @@ def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
             "ms",
             given.thrust_time_constant,
             found.thrust_time_constant,
-            f"the throttle was hardly commanded to change: {_LIVELY}",
+            "the throttle was hardly commanded to change",
         ),
         _Row(
             "input_delay",
             "ms",
             given.input_delay,
             found.input_delay,
-            f"the commands hardly changed: {_LIVELY}",
+            "the commands hardly changed",
         ),
         _Row(
             "thrust per mass",
@@ -80,15 +90,18 @@ def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
             "1/m",
             given.translational_lift,
             found.translational_lift,
-            "level flight was slow: fly the lemniscate, several m/s fast",
+            "level flight was slow",
         ),
     ]
 
 
-def identification_table(found: Identification, given: MpcConfig, *, command_age: float) -> str:
+def identification_table(
+    found: Identification, given: MpcConfig, *, command_age: float, file: Path | None = None
+) -> str:
     """Return what was found beside what was given as lines of text, at most 80 columns wide.
 
-    ``command_age`` [s] is that of :class:`Measurements`, NaN to be silent of it.
+    ``command_age`` [s] is that of :class:`Measurements`, NaN to be silent of it; ``file`` is the
+    parameter file that is to be written, for the next flight.
     """
     values = [("", "given", "found", "+- 95 %"), *map(_cells, _rows(found, given))]
     rows = [
@@ -99,11 +112,31 @@ def identification_table(found: Identification, given: MpcConfig, *, command_age
     ]
     for note in _notes(found, given, command_age):
         rows += textwrap.wrap(note, _WIDTH, subsequent_indent="  ")
-    return "\n".join(rows)
+    return "\n".join((*rows, *proposal(found, given, file=file)))
+
+
+def proposal(found: Identification, given: MpcConfig, *, file: Path | None) -> list[str]:
+    """Return lines that name the flight which would tell what is missing; none if nothing is.
+
+    It is flown with the parameter ``file`` of this fit, if that is good for anything.
+    """
+    refused = refusal(found) is not None
+    missing = [row.label for row in _rows(found, given) if not row.estimate.observable]
+    if not missing and not refused:
+        return []
+    wide = not refused and any(label.startswith(_TOLD_BY_SPEED) for label in missing)
+    flight = [] if refused or file is None else [f"--config {shlex.quote(str(file))}"]
+    flight += _WIDE_SWEEPS if wide else _SWEEPS
+    room = _WIDE_ROOM if wide else _ROOM
+    return [
+        "",
+        f"This flight would tell more, in {room} (docs/references.md, excitation):",
+        " \\\n    ".join(("  quad_mpc fly", *flight)),
+    ]
 
 
 def warnings(found: Identification, given: MpcConfig) -> Iterator[str]:
-    """Yield what the flight does not show and how to fly one that does, and bad fits."""
+    """Yield what the flight does not show, and bad fits."""
     untold: dict[str, list[str]] = {}
     for row in _rows(found, given):
         estimate, value = row.estimate, _number(row.estimate.value, row.unit)
@@ -113,7 +146,7 @@ def warnings(found: Identification, given: MpcConfig) -> Iterator[str]:
                 "is no vehicle, but something that the model does not have; kept as given"
             )
         elif not estimate.seen:
-            untold.setdefault(f"cannot be told from this flight: {row.manoeuvre}", []).append(
+            untold.setdefault(f"cannot be told from this flight: {row.unseen}", []).append(
                 row.label
             )
         elif not estimate.observable:

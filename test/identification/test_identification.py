@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import functools
 import math
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,12 +17,17 @@ import yaml
 from fixtures.presets import ideal
 from scipy.integrate import quad, solve_ivp
 
+from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.configuration import BagError, UserError, files
 from quad_mpc_ros.identification.figure import write_fit_figure
 from quad_mpc_ros.identification.fit import fit, identify
 from quad_mpc_ros.identification.lag import LaggedCommands
 from quad_mpc_ros.identification.measurements import Measurements, measurements_of
-from quad_mpc_ros.identification.report import identification_table, parameter_file
+from quad_mpc_ros.identification.report import (
+    identification_table,
+    parameter_file,
+    proposal,
+)
 from quad_mpc_ros.identification.result import Identification
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
@@ -31,6 +38,7 @@ from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.sensors import OdometryStream, Sensors
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import configured_trajectory
 
 START_NS = 1_000_000_000
 NOISE = {
@@ -321,11 +329,40 @@ def test_hover_shows_the_thrust_and_nothing_else() -> None:
     told = " ".join(identification_table(found, given, command_age=float("nan")).split())
     assert "warning: thrust_time_constant cannot be told" in told
     assert "warning: drag x, drag y, drag z cannot be told" in told
-    assert "lemniscate" in told
+    assert proposed(found, given)["reference"].excitation_reach == (6.0, 6.0, 2.0)
     text = parameter_file(found, given, bag=Path("bag"), keep="mass")
     assert "    rate_time_constant: [0.05, 0.05, 0.1]  # kept, not told\n" in text
     assert "    thrust_time_constant: 0.04  # kept, not told\n" in text
     assert "    drag: 0.3  # kept, not told\n" in text
+
+
+def proposed(found: Identification, given: MpcConfig) -> dict[str, Any]:
+    """Return the configuration of the flight that is proposed, which can be flown."""
+    words = shlex.split(" ".join(proposal(found, given, file=None)[2:]).replace("\\\n", " "))
+    assert words[:2] == ["quad_mpc", "fly"]
+    parser = argparse.ArgumentParser()
+    add_run_options(parser)
+    options = parser.parse_args(words[2:])
+    settings = [f"reference.trajectory={options.reference}", *options.assignments]
+    schema = {"mpc": MpcConfig, "reference": ReferenceConfig}
+    config = files.load([], settings, schema=schema)
+    reference = config["reference"]
+    assert isinstance(reference, ReferenceConfig)
+    assert options.duration > 1e-9 * configured_trajectory(reference).period_ns
+    return config
+
+
+def test_a_flight_that_would_tell_more_is_proposed_only_where_something_is_missing() -> None:
+    found = identified(noisy(flown(**TRUTH)))
+    sure = dataclasses.replace(found.drag[0], observable=True)
+    all_told = dataclasses.replace(
+        found, drag=(sure, sure, sure), translational_lift=sure, misfit=(0.0, 0.0)
+    )
+    assert proposal(all_told, GIVEN, file=Path("found.yaml")) == []
+    unsure = dataclasses.replace(found.input_delay, observable=False)
+    no_delay = dataclasses.replace(all_told, input_delay=unsure)
+    assert proposed(no_delay, GIVEN)["reference"].excitation_reach == (2.0, 2.0, 1.0)
+    assert "--config found.yaml" in proposal(no_delay, GIVEN, file=Path("found.yaml"))[-1]
 
 
 def test_standing_on_the_ground_is_no_flight() -> None:
@@ -366,6 +403,9 @@ def test_rates_of_another_flight_are_told(tmp_path: Path) -> None:
     found = identified(changed(run, commands=other.commands))
     told = identification_table(found, MpcConfig(), command_age=float("nan"))
     assert "is left over beyond noise" in " ".join(told.split())
+    # What it came to is of no use for the next flight.
+    assert "--config" not in "".join(proposal(found, MpcConfig(), file=tmp_path / "vehicle.yaml"))
+    assert proposed(found, MpcConfig())["reference"].trajectory == "excitation"
     with pytest.raises(UserError, match=r"nothing is written: \d+% of the variation of the body"):
         parameter_file(found, MpcConfig(), bag=Path("bag"), keep="mass")
     figure = write_fit_figure(found, tmp_path / "fit.png")
