@@ -271,6 +271,14 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         doc="manifold: estimate an acceleration, the thrust's scale and the actuators' time "
         "constants where they lag, and allow for them.",
     )
+    disturbance_max: float = _live(
+        5.0,
+        doc="manifold: largest acceleration along the ground that the estimate may find; raise it "
+        "where strong pushes are to be held.",
+        unit="m/s^2",
+        above=0.0,
+        maximum=50.0,
+    )
     lockstep: bool = parameter(
         False, doc="Answer each odometry with the reference of the same stamp, in simulated time."
     )

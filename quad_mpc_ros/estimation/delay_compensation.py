@@ -88,7 +88,11 @@ class DelayCompensation:
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed bounds."""
         self._config = config
-        self._ekf.reconfigure(throttle_min=config.throttle_min, throttle_max=config.throttle_max)
+        self._ekf.reconfigure(
+            throttle_min=config.throttle_min,
+            throttle_max=config.throttle_max,
+            disturbance_max=config.disturbance_max,
+        )
 
     def renewed(self) -> DelayCompensation:
         """Return one like this that knows the engagement and nothing else."""

@@ -45,7 +45,6 @@ from quad_mpc_ros.estimation import velocity_noise
 from quad_mpc_ros.estimation.command_history import Acting
 from quad_mpc_ros.estimation.rate_lags import RateLags
 from quad_mpc_ros.estimation.velocity_filter import (
-    ACCELERATION_BOUND,
     ESTIMATE_SIZE,
     LAG_SPREAD,
     LEARNABLE,
@@ -97,7 +96,8 @@ class DisturbanceEkf:
         self._covariance = np.zeros((SIZE, SIZE))
         self._noise = velocity_noise.begun()
         self._rate_lags = RateLags(nominal)
-        self._saturation = np.array([-math.inf, math.inf])
+        self._saturation = -math.inf, math.inf
+        self._farthest = math.inf
         self.reset()
         self.start(np.zeros(3))
 
@@ -120,9 +120,12 @@ class DisturbanceEkf:
         P[:] = np.diag(np.square([0.0, 0.0, 0.0, *spreads, lag_spread]))
         believe_velocity(estimate, P, velocity, velocity_noise.variance_in(self._noise))
 
-    def reconfigure(self, *, throttle_min: float, throttle_max: float) -> None:
-        """Take over changed bounds of the throttle."""
-        self._saturation[:] = throttle_min, throttle_max
+    def reconfigure(
+        self, *, throttle_min: float, throttle_max: float, disturbance_max: float
+    ) -> None:
+        """Take over changed bounds of the throttle, and of the disturbance along the ground."""
+        self._saturation = throttle_min, throttle_max
+        self._farthest = disturbance_max
 
     @property
     def throttle(self) -> float:
@@ -133,7 +136,7 @@ class DisturbanceEkf:
     def is_at_bounds(self) -> bool:
         """Whether disturbance or scale are as far as they may go."""
         d, k = self._estimate[D:K], self._estimate[K]
-        far = max(abs(d[0]), abs(d[1])) >= ACCELERATION_BOUND or abs(d[2]) >= VERTICAL_BOUND
+        far = max(abs(d[0]), abs(d[1])) >= self._farthest or abs(d[2]) >= VERTICAL_BOUND
         return bool(far or not SCALE_BOUNDS[0] < k < SCALE_BOUNDS[1])
 
     def parameters(self) -> Array:
@@ -191,7 +194,7 @@ class DisturbanceEkf:
             estimate=self._estimate,
             P=self._covariance,
             noise=self._noise,
-            settings=(*self._saturation.tolist(), told_variance),
+            settings=(*self._saturation, self._farthest, told_variance),
             commands=acting.commands,
             durations=acting.durations,
             before=before,

@@ -29,7 +29,7 @@ _SCALE_WALK = 0.01  # 1 / sqrt(s)
 _HANDOVER = 7.0  # s, in which what pushes up or down for so long is taken for thrust
 _LIFTING = 3.0  # m/s^2 of thrust upwards, below which nothing is handed over
 _WANDERING = 1.0  # s, for which the error of a velocity lasts whose source tells how large it is
-ACCELERATION_BOUND, VERTICAL_BOUND = 5.0, 3.0  # m/s^2
+VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)
 LAG_SPREAD, _LAG_WALK = 0.5, 0.1  # of the time constant, relative; the walk 1 / sqrt(s)
 _LAG_BOUND = 2.0  # of the time constant, as a factor either way
@@ -53,7 +53,7 @@ def update(
     estimate: Array,
     P: Array,
     noise: Array,
-    settings: tuple[float, float, float],
+    settings: tuple[float, float, float, float],
     commands: Array,
     durations: Array,
     before: Array,
@@ -62,11 +62,12 @@ def update(
 ) -> int:
     """Predict from one odometry to the next, and correct by the second if it teaches anything.
 
-    ``settings`` are the bounds of the throttle, and the variance told of the velocity.
+    ``settings`` are the bounds of the throttle, that of the disturbance along the ground, and the
+    variance told of the velocity.
     """
     if len(durations) == 0:
         return HELD
-    lowest, highest, told = settings
+    lowest, highest, farthest, told = settings
     modelled, duration = parameters_in(nominal), durations.sum()
     believed_before = kernels.vector(estimate[V:D])
     prediction = _predict(modelled, estimate, commands, durations, before, after)
@@ -102,7 +103,7 @@ def update(
         _correct_velocity(estimate, P, axis, after[3 + axis], variance, learned)
     if lesson == PAUSED:
         return PAUSED
-    _clamp(modelled, estimate)
+    _clamp(modelled, estimate, farthest)
     estimate[THROTTLE] += estimate[THROTTLE_SLOPE] * (estimate[TAU] - lag_before)
     return LEARNED
 
@@ -269,10 +270,10 @@ def _correct_velocity(
 
 
 @compiled
-def _clamp(modelled: ModelParameters, estimate: Array) -> None:
-    """Bring what the velocity taught inside its bounds."""
+def _clamp(modelled: ModelParameters, estimate: Array, farthest: float) -> None:
+    """Bring what the velocity taught inside its bounds, ``farthest`` that along the ground."""
     for i in range(3):
-        bound = VERTICAL_BOUND if i == 2 else ACCELERATION_BOUND
+        bound = VERTICAL_BOUND if i == 2 else farthest
         estimate[D + i] = kernels.clamp(estimate[D + i], -bound, bound)
     estimate[K] = kernels.clamp(estimate[K], SCALE_BOUNDS[0], SCALE_BOUNDS[1])
     lag = modelled.thrust_time_constant

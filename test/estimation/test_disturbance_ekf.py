@@ -257,7 +257,7 @@ def test_a_jump_is_not_learned(jump: dict[str, Array]) -> None:
 def test_while_commands_are_saturated_the_velocity_alone_is_followed() -> None:
     ekf = DisturbanceEkf(parameters(), throttle=0.29)
     hovering(ekf, scale=1.0, seconds=1.0)
-    ekf.reconfigure(throttle_min=0.0, throttle_max=HOVER)
+    ekf.reconfigure(throttle_min=0.0, throttle_max=HOVER, disturbance_max=5.0)
     before, velocity = ekf.parameters(), 0.0
     for _ in range(10):
         velocity += 0.02
@@ -270,9 +270,11 @@ def test_while_commands_are_saturated_the_velocity_alone_is_followed() -> None:
         np.testing.assert_array_equal(ekf.parameters(), before)
 
 
-def test_estimates_are_bounded() -> None:
+@pytest.mark.parametrize("farthest", [2.0, 5.0, 15.0])
+def test_estimates_are_bounded(farthest: float) -> None:
     """However absurd the velocities, and the rates."""
     ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    ekf.reconfigure(throttle_min=0.0, throttle_max=1.0, disturbance_max=farthest)
     rng = np.random.default_rng(0)
     for k in range(500):
         ekf.update(
@@ -288,10 +290,28 @@ def test_estimates_are_bounded() -> None:
             lesson=LEARNED,
         )
         learned = believed(ekf)
-        assert np.abs(learned.a_W).max() <= 5.0
+        assert np.abs(learned.a_W).max() <= farthest
+        assert abs(learned.a_W[2]) <= 3.0
         assert 0.5 <= learned.thrust_scale <= 1.5
         assert 0.015 <= learned.rate_time_constants[0] <= 0.06
         assert 0.015 <= learned.thrust_time_constant <= 0.06
+
+
+@pytest.mark.parametrize("farthest", [5.0, 15.0])
+def test_a_strong_push_is_found_as_far_as_the_bound_allows(farthest: float) -> None:
+    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    ekf.reconfigure(throttle_min=0.0, throttle_max=1.0, disturbance_max=farthest)
+    level, push = under(Input(throttle=HOVER, w_WB_B=np.zeros(3))), 12.0
+    speed, drag = 0.0, Vehicle().drag
+    for _ in range(500):
+        before, speed = speed, speed + 0.02 * (push - drag * speed)
+        ekf.update(
+            before=measured(v_WB_W=np.array([before, 0.0, 0.0])),
+            after=measured(v_WB_W=np.array([speed, 0.0, 0.0])),
+            acting=level,
+        )
+    assert believed(ekf).a_W[0] == pytest.approx(min(push, farthest), rel=0.03)
+    assert ekf.is_at_bounds == (push > farthest)
 
 
 def _lagging(time_constant: float) -> float:
