@@ -181,8 +181,10 @@ def _throttle(vehicle: Vehicle, thrust: Array) -> Array:
     """Return throttles (n,) for thrusts (n,) [N], also those that the vehicle does not have."""
     a, b, c = vehicle.thrust_curve
     wanted = thrust / vehicle.motor_count - c
-    # The root of Vehicle.throttle_for; below the curve's own least thrust as its slope there says.
-    root = np.sqrt(b * b + 4.0 * a * np.maximum(wanted, 0.0))
+    # The root of Vehicle.throttle_for; below the curve's least thrust that of the curve mirrored
+    # there, for its slope may be zero.
+    size = np.abs(wanted)
+    root = np.sqrt(b * b + 4.0 * a * size)
     return np.asarray(2.0 * wanted / np.maximum(b + root, np.finfo(float).tiny))
 
 

@@ -77,6 +77,18 @@ def test_a_margin_takes_its_share_of_the_way_to_every_limit() -> None:
     assert verdict(trajectory="hover", limit_margin=0.99).feasible
 
 
+def test_a_thrust_downwards_is_told_as_the_throttle_that_would_push_as_much_upwards() -> None:
+    """Also where the curve is level at no throttle."""
+    curve = [6.445, 0.0, 0.0]
+    found = verdict(trajectory="flip", drag=[0.86, 0.86, 0.0], thrust_curve=curve, mass=0.752)
+    lowest = need(found, "lowest throttle")
+    assert [need.name for need in found.exceeded] == ["lowest throttle"]
+    # Falling at 4.5 m/s the path has 0.86 1/s of drag along z, which the vehicle has not.
+    downwards = 4.0 * curve[0] * lowest.worst**2
+    assert 0.0 < downwards < 0.752 * 0.86 * 4.5
+    assert -0.2 < lowest.worst < 0.0
+
+
 def test_below_the_ground_is_refused() -> None:
     found = verdict(trajectory="minimum_snap", waypoints=[0, 0, 1.0, 2, 0, -0.3, 4, 0, 1.0])
     assert [need.name for need in found.exceeded] == ["lowest height"]
