@@ -18,9 +18,16 @@ from quad_mpc_ros.estimation.command_history import CommandHistory
 from quad_mpc_ros.estimation.contact import GroundContact
 from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf, EkfMemory
 from quad_mpc_ros.estimation.estimate_health import EstimateHealth
+from quad_mpc_ros.estimation.velocity_bias import VelocityBias
 from quad_mpc_ros.estimation.velocity_filter import HELD, LEARNED, PAUSED, REFUSED
 from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, parameters_of
-from quad_mpc_ros.model.rollout import ACTUATORS, ROW_SIZE, V_WB_W, read_odometry, roll_forward
+from quad_mpc_ros.model.rollout import (
+    ACTUATORS,
+    ROW_SIZE,
+    V_WB_W,
+    read_odometry,
+    roll_forward,
+)
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -70,6 +77,7 @@ class DelayCompensation:
         )
         self._ground = ground
         self._health = EstimateHealth()
+        self._velocity_bias = VelocityBias()
         self.status = EstimateStatus()
         self._memories: deque[tuple[int, EkfMemory]] = deque(maxlen=_MEMORIES)
         self._learns = config.estimate_disturbance
@@ -140,6 +148,10 @@ class DelayCompensation:
             w_WB_B=odometry.w_WB_B,
             row=self._measured,
         )
+        if self._learns:
+            self._measured[V_WB_W] -= self._velocity_bias.follow(
+                p_WB=odometry.p_WB, v_WB_W=self._measured[V_WB_W], stamp_ns=stamp_ns
+            )
         self._follow(odometry)
         self._measured[ACTUATORS.start] = self._ekf.throttle
         self._previous_ns = stamp_ns

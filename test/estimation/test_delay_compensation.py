@@ -187,12 +187,14 @@ def test_a_landing_brings_back_what_was_believed_before_it() -> None:
     """The last seconds before it is known were of the ground."""
     ground = GroundContact()
     compensation = DelayCompensation(agile(), ground=ground)
-    learned = []
+    learned, p_WB = [], np.array([0.0, 0.0, 5.0])
     for k in range(600):
         ground.contact = Contact.FLYING if k < 500 else Contact.STANDING
         pushed = np.array([0.02 * k if k < 100 else 2.0, 0.0, 0.0])  # 1 m/s^2 at first
         carried = np.array([0.0, 0.0, 0.04 * max(k - 450, 0)])  # 2 m/s^2 at last
+        p_WB = p_WB + 0.02 * (pushed + carried)
         odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=pushed + carried)
+        odometry = dataclasses.replace(odometry, p_WB=p_WB)
         learned.append(np.array(compensation.predict(odometry).model.a_W))
         compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
     assert learned[499][2] > 1.0
