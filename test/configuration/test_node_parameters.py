@@ -137,6 +137,7 @@ def test_live_parameters_are_weights_bounds_and_limits() -> None:
         "reference_timeout",
         "plan_hold_time",
         "blind_time",
+        "disturbance_max",
     }
     groups = {name.split(".")[0] for name in live if "." in name}
     assert groups == {"fence", "envelope", "slew", "swinging", "limits"}
