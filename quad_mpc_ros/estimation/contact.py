@@ -42,6 +42,7 @@ _FILTER, _LIFT_FILTER, _DRIFT_FILTER, _GROUND_FILTER = 0.1, 0.3, 0.5, 2.0  # s
 # and has changed its height, or than the third.
 _RESTING, _MOVING, _FAST = 1.0, 1.5, 3.0
 _SHIFTED = 0.1  # m of height
+_SLIPPING = 0.5  # m/s aside with thrust: it has left the ground, leaning
 _MOVED = 0.15  # m from the ground, or from where it was seen first, with thrust: it flies
 
 _ABOVE = 0.1  # m: a reference so far above the vehicle asks for height
@@ -229,8 +230,12 @@ class GroundContact:
             return False
         way = self._p - self._p_ground
         if self.standing:
-            return bool(way[2] > _MOVED) and not little
+            return (bool(way[2] > _MOVED) or self._slips()) and not little
         return bool(way @ way > _MOVED**2) and not little
+
+    def _slips(self) -> bool:
+        """Whether it goes aside under thrust, as one does that takes off from where it leans."""
+        return self._thrust > _SOME and math.hypot(self._v[0], self._v[1]) > _SLIPPING
 
     def _stays(self, stamp_ns: int) -> bool:
         """Whether it keeps its height with so little thrust that it would fall."""

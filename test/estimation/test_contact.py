@@ -133,6 +133,20 @@ def test_it_stands_until_it_has_risen(standing: Judge) -> None:
     assert 0.1 < 0.01 * said.index(Contact.FLYING) < 0.3
 
 
+def test_what_takes_off_from_a_slope_is_turned_before_it_has_risen(standing: Judge) -> None:
+    """Leaning by 13 degrees it goes aside by 2 m/s^2 as soon as its thrust carries it."""
+    said = []
+    for k in range(50):
+        velocity = np.array([2.0 * PERIOD * k, 0.0, 0.0])
+        said += standing.see(thrust=1.0, velocity=velocity, window=ABOVE)
+    assert 0.25 < said.index(Contact.FLYING) * PERIOD < 0.45
+
+
+def test_one_that_idles_may_be_pushed_about(standing: Judge) -> None:
+    pushed = np.array([0.9, 0.0, 0.0])
+    assert set(standing.see(1.0, thrust=0.0, velocity=pushed)) == {Contact.STANDING}
+
+
 def test_drifting_odometry_lifts_nobody(standing: Judge) -> None:
     said = [standing.see(height=0.004 * k)[0] for k in range(500)]
     assert set(said) == {Contact.STANDING}
