@@ -6,7 +6,7 @@ momentum I_r o_i s_i a_i:
 
     m dv/dt = R (sum f_i + drag) - m g e_z + push
     J dw/dt = sum (r_i x f_i - o_i c_q s_i^2 a_i - o_i I_r ds_i/dt a_i) - w x (J w + sum h_i)
-      ds/dt = (s_wanted - s) / tau
+    ds/dt = (s_wanted - s) / tau
 
 Of the reaction torques the first is that of the air on the rotor, which the motor hands on to
 the body, the second that of its acceleration; the last term is gyroscopic.
