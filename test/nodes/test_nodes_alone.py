@@ -227,7 +227,7 @@ def test_mpc_climbs_towards_a_reference_above(start: Start, peer: Any) -> None:
         stack.tick()
     assert peer.wait(lambda: len(stack.commands) >= 10)
     last = stack.commands[-1].twist
-    assert last.linear.z == pytest.approx(1.0, abs=0.02)
+    assert last.linear.z > 0.6
     assert max(abs(last.angular.x), abs(last.angular.y), abs(last.angular.z)) < 0.1
     assert stack.stats[-1]["source"] == "mpc"
     assert stack.stats[-1]["solver_status"] == "solved"
