@@ -17,7 +17,7 @@ from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.simulation import motion
 from quad_mpc_ros.simulation.parameters import LONGEST_TIME_CONSTANT, PlantParameters
-from quad_mpc_ros.simulation.plant import DelayedPlant
+from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of
 
 # Steps per time constant, for the integrator to follow a lag, and the shortest step for that.
 _STEPS_PER_LAG = 10
@@ -106,16 +106,7 @@ class InternalPlant(DelayedPlant):
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
         """Return the true odometry under a stamp."""
-        seen = motion.odometry(self._row)
-        return OdometrySample(
-            stamp_ns=stamp_ns,
-            p_WB=seen[0:3],
-            q_WB_xyzw=seen[3:7],
-            v_WB_B=seen[7:10],
-            w_WB_B=seen[10:13],
-            frame_id=self._config.frame_id,
-            child_frame_id=self._config.child_frame_id,
-        )
+        return odometry_of(motion.odometry(self._row), self._config, stamp_ns=stamp_ns)
 
     def _follow(self, command: Input) -> None:
         followed = self._rate_gain * command.w_WB_B

@@ -29,6 +29,22 @@ class Plant(Protocol):
         """Return the true odometry under a stamp."""
 
 
+def odometry_of(seen: Array, config: PlantParameters, *, stamp_ns: int) -> OdometrySample:
+    """Return what is seen (13,) as an odometry under a stamp.
+
+    It is position in the world, attitude as a quaternion xyzw, velocity and rates in the body.
+    """
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        p_WB=seen[0:3],
+        q_WB_xyzw=seen[3:7],
+        v_WB_B=seen[7:10],
+        w_WB_B=seen[10:13],
+        frame_id=config.frame_id,
+        child_frame_id=config.child_frame_id,
+    )
+
+
 class DelayedPlant(ABC):
     """A plant whose commands act after a delay, in wind and gusts.
 

@@ -10,7 +10,7 @@ from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input, State
-from quad_mpc_ros.simulation.plant import DelayedPlant
+from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of
 from quad_mpc_ros.simulation.rotors import motion, rate_loop
 from quad_mpc_ros.simulation.rotors.craft import craft_vector, rotor_rows
 from quad_mpc_ros.simulation.rotors.mixer import mixing
@@ -80,15 +80,7 @@ class RotorsPlant(DelayedPlant):
     def odometry(self, stamp_ns: int) -> OdometrySample:
         """Return the true odometry under a stamp."""
         seen = motion.odometry(self._x, self._craft)
-        return OdometrySample(
-            stamp_ns=stamp_ns,
-            p_WB=seen[0:3],
-            q_WB_xyzw=seen[3:7],
-            v_WB_B=seen[7:10],
-            w_WB_B=seen[10:13],
-            frame_id=self._config.frame_id,
-            child_frame_id=self._config.child_frame_id,
-        )
+        return odometry_of(seen, self._config, stamp_ns=stamp_ns)
 
     def _follow(self, command: Input) -> None:
         self._inputs[0], self._inputs[1:4] = command.throttle, command.w_WB_B
