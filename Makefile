@@ -9,6 +9,7 @@ help:  ## list the targets
 	@sed -n 's/^\([a-z]*\): *## /make \1\t/p' Makefile | expand -t 13
 
 run:  ## install what is missing into .venv and fly the square: make run ARGS='--duration 20'
+	$(IN_VENV) ros quad_mpc compile
 	$(IN_VENV) ros quad_mpc fly $(ARGS)
 
 test:  ## run the tests in the same way: make test ARGS='-k so3'; the slow ones: ARGS='-m slow -n 0'

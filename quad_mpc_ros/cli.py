@@ -27,6 +27,7 @@ COMMANDS = {
     "bag": "look into a bag, or repair one",
     "params": "print every parameter: type, default, unit, range, whether live, meaning",
     "bridges": "list the bridges to flight stacks and what is installed for them",
+    "compile": "make all machine code now, so that no node has to when it starts",
     "soak": "does it hold: fly for half an hour, or inject faults one after another",
     "bench": "measure this controller beside acados, cvxpy and OSQP's own time",
 }

@@ -18,10 +18,12 @@ from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.spin import run, stop
+from quad_mpc_ros.ros.telling import told
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
+from quad_mpc_ros.simulation.warm_up import warm_up
 
 # s: in lockstep an odometry without a command is sent again; the command may only be late.
 _RESEND_PERIOD = 1.0
@@ -133,6 +135,8 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         self._fault: str | None = None
         self._running = False
 
+        with told(self):
+            warm_up(self.config)
         pacing = Lockstep if self.config.lockstep else RealTime
         self._pacing = pacing(self, make_plant(self.config))
         self.health.subscription(COMMAND, self._on_command)

@@ -10,7 +10,10 @@ from rclpy.node import Node
 
 from quad_mpc_ros.ros.clocks import Metronome
 
-COMPILING = "compiling: only the first start after an installation takes long"
+COMPILING = (
+    "compiling: only the first start after an installation takes long, and not even that after "
+    "quad_mpc compile"
+)
 _PERIOD = 3.0
 
 

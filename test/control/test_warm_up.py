@@ -10,7 +10,7 @@ import pytest
 # In a process of its own, where nothing has been compiled by other tests.
 FLY = """
 import sys
-from numba.core.dispatcher import Dispatcher
+from quad_mpc_ros.compilation import CompiledFunction
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -22,11 +22,15 @@ ROOMS = tuple(
 )
 
 def compiled():
-    return {
-        (module, name, str(signature))
+    found = {
+        value
         for module in list(sys.modules) if module.startswith(ROOMS)
-        for name, value in vars(sys.modules[module]).items() if isinstance(value, Dispatcher)
-        for signature in value.signatures
+        for value in vars(sys.modules[module]).values() if isinstance(value, CompiledFunction)
+    }
+    return {
+        (function.label, types)
+        for function in found
+        for types in ("loaded", *function.compiled_types) if function.settled
     }
 
 lag = float(sys.argv[1])

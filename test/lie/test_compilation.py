@@ -18,13 +18,14 @@ from quad_mpc_ros import compilation
 from quad_mpc_ros.lie import kernels
 
 PACKAGE = Path(quad_mpc_ros.__file__).parent
+COMPILER = ("compilation.py", "machine_code.py", "atomic_file.py")
 
 
 def test_nowhere_to_write_is_no_reason_to_fail(tmp_path: Path) -> None:
     """As in a container whose file system is read-only and whose user has no home."""
     package = tmp_path / "quad_mpc_ros"
     package.mkdir()
-    for name in ("__init__.py", "compilation.py"):
+    for name in ("__init__.py", *COMPILER):
         shutil.copy(PACKAGE / name, package)
     shutil.copytree(PACKAGE / "lie", package / "lie", ignore=shutil.ignore_patterns("__pycache__"))
     # A file where numba would make its folder, for root may write everywhere.
@@ -72,10 +73,17 @@ def test_machine_code_follows_what_it_calls_in_another_file(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    "name", ["_cache._cache_file._source_stamp", "_cache.load_overload", "_cache.flush"]
+    "name",
+    [
+        "_cache._cache_file._source_stamp",
+        "_cache.load_overload",
+        "_cache.flush",
+        "_cache._impl.reduce",
+        "_cache._impl.rebuild",
+    ],
 )
 def test_numba_has_what_is_mended(name: str) -> None:
-    held = kernels.exp
+    held = kernels.exp.dispatcher
     for step in name.split("."):
         assert hasattr(held, step), (
             f"Numba {numba.__version__} has no {name} of a dispatcher any more, which "
@@ -137,6 +145,8 @@ def test_how_code_is_compiled_is_part_of_its_digest(tmp_path: Path) -> None:
     package = tmp_path / "quad_mpc_ros"
     package.mkdir()
     (package / "__init__.py").touch()
+    for name in COMPILER:
+        shutil.copy(PACKAGE / name, package)
     (tmp_path / "divided.py").write_text(_DIVIDED)
     source = (PACKAGE / "compilation.py").read_text()
     assert source.count('error_model="numpy"') == 2

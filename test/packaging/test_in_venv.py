@@ -110,7 +110,7 @@ def test_first_run_installs_and_second_run_does_not(checkout: Checkout) -> None:
     assert first.text.endswith("flying fly --duration 2\n")
     (call,) = checkout.pip()
     assert call.endswith("[ros]")
-    assert checkout.make().text == "flying fly\n"
+    assert checkout.make().text == "flying compile\nflying fly\n"
     assert checkout.pip() == []
 
 
@@ -121,7 +121,7 @@ def test_change_of_our_files_reinstalls_only_ourselves(checkout: Checkout) -> No
     assert checkout.make().status == 0
     (call,) = checkout.pip()
     assert "--no-deps" in call
-    assert checkout.make().text == "flying fly\n"
+    assert checkout.make().text == "flying compile\nflying fly\n"
 
 
 def test_change_of_the_dependencies_installs_them_with_all_extras(checkout: Checkout) -> None:
@@ -202,7 +202,7 @@ def test_sourced_jazzy_is_used_instead_of_the_wheels(checkout: Checkout) -> None
     assert checkout.make(**jazzy).text.endswith("flying fly\n")
     (call,) = checkout.pip()
     assert "[ros]" not in call
-    assert checkout.make(**jazzy).text == "flying fly\n"
+    assert checkout.make(**jazzy).text == "flying compile\nflying fly\n"
 
 
 def test_another_sourced_ros_is_refused(checkout: Checkout) -> None:
