@@ -18,7 +18,6 @@ from quad_mpc_ros.campaigns.campaign import Campaign
 from quad_mpc_ros.campaigns.flight import FlownFlight, fly_batch, lost_flight
 
 _MOST_DEATHS = 2
-_WAKES = 0.5  # s
 # Libraries of linear algebra: more threads than one only wait for each other here.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -56,8 +55,7 @@ class LocalWorkers:
             while waiting or self._flying:
                 while waiting and self._idle:
                     self._hand_out(campaign, waiting.popleft())
-                # Not for ever: a signal that another thread took interrupts no waiting.
-                done, _ = wait(self._flying, timeout=_WAKES, return_when=FIRST_COMPLETED)
+                done, _ = wait(self._flying, return_when=FIRST_COMPLETED)
                 for future in done:
                     task, worker = self._flying.pop(future)
                     try:

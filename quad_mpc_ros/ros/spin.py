@@ -5,7 +5,8 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import rclpy
@@ -31,15 +32,27 @@ def run(
 
     Args:
         create: Makes the node. Its ``exit_code`` is returned, if it has one.
-        args: Command line arguments for ROS; those of the process if not given.
+        args: Command line arguments for ROS; those of the process if not given, which then ends
+            with the node.
         message_info: Whether a callback of the node takes the message's info as well.
 
     Returns:
         The exit code: 2 for a wrong parameter, which is one line on stderr.
     """
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.ALL)
+    with _heard_once(process_ends=args is None) as finishing:
+        return _run(create, args, finishing, message_info=message_info)
+
+
+def _run(
+    create: Callable[[], Node],
+    args: list[str] | None,
+    finishing: Callable[[], None],
+    *,
+    message_info: bool,
+) -> int:
     node: Node | None = None
     try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.ALL)
         node = create()
         refuse_unread_files(
             node.get_name(), node.get_namespace(), sys.argv if args is None else args
@@ -57,18 +70,47 @@ def run(
             raise
         # else told to end while still starting: rclpy then fails at whatever comes next
     finally:
-        _finish_undisturbed()
+        finishing()
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
     return int(getattr(node, "exit_code", 0))
 
 
-def _finish_undisturbed() -> None:
-    """Let no further signal interrupt what is written out at the end: it was asked for already."""
-    if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
+@contextmanager
+def _heard_once(*, process_ends: bool) -> Iterator[Callable[[], None]]:
+    """Let the first SIGINT interrupt and no further one: what is written out then stays whole.
+
+    Yields what is to be called when finishing begins, from when on no signal is heard. A process
+    that goes on hears signals afterwards as before, and so does what it starts, which inherits
+    what is ignored. One that ends with its node hears none any more.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: None
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = False
+
+    def interrupt_once(_number: int, _frame: object) -> None:
+        nonlocal heard
+        if not heard:
+            heard = True
+            raise KeyboardInterrupt
+
+    def hear_no_more() -> None:
+        nonlocal heard
+        heard = True
+        for number in before:
             signal.signal(number, signal.SIG_IGN)
+
+    if before[signal.SIGINT] is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, interrupt_once)
+    try:
+        yield hear_no_more
+    finally:
+        for number, handler in before.items() if not process_ends else ():
+            # None: not of Python, nor can Python set it again.
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
 def stop() -> None:

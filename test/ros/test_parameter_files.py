@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,13 @@ def written(path: Path, **sections: object) -> str:
     return str(path)
 
 
+def ignored_signals() -> set[signal.Signals]:
+    """Return those of Linux's own list: what rclpy sets, Python does not know."""
+    status = Path("/proc/self/status").read_text()
+    mask = int(status.split("SigIgn:")[1].split()[0], 16)
+    return {number for number in signal.Signals if mask >> (number - 1) & 1}
+
+
 def test_a_file_that_ros_would_not_read_in_the_namespace_is_refused(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -31,6 +39,9 @@ def test_a_file_that_ros_would_not_read_in_the_namespace_is_refused(
     assert run(ReferenceNode, arguments) == 2
     (line,) = [line for line in capfd.readouterr().err.splitlines() if line.startswith("error")]
     assert "'/**/reference:'" in line
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert not ignored_signals() & {signal.SIGINT, signal.SIGTERM}  # or children never hear them
     refuse_unread_files("reference", "/", arguments)
 
 
