@@ -188,6 +188,7 @@ class Managed:
         else:
             request.transition.id = transition
         assert self._peer.wait(self._change.service_is_ready)
+        self._peer.spin(MATCHING)
         return self._change.call_async(request)
 
     @property

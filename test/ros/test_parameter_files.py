@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -61,6 +63,14 @@ def test_every_shipped_file_is_read_in_every_namespace(path: Path) -> None:
         refuse_unread_files(node, "/uav1", ["--params-file", str(path)])
 
 
+@pytest.fixture
+def no_node_is_left() -> Iterator[None]:
+    """Services of a lifecycle live until their node is collected, and others would ask them."""
+    yield
+    gc.collect()
+
+
+@pytest.mark.usefixtures("no_node_is_left")
 @pytest.mark.parametrize("namespace", ["/", "/ns_dump"])
 def test_what_is_given_and_what_is_dumped_is_loaded(tmp_path: Path, namespace: str) -> None:
     given = {"mass": 1, "realtime": {"cpus": []}, "use_sim_time": False, "autostart": False}
