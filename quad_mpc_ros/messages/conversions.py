@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from quad_mpc_ros.messages import cdr
 from quad_mpc_ros.model.samples import (
     CommandSample,
     OdometrySample,
@@ -219,6 +220,19 @@ def fill_plan(message: Any, plan: Plan, *, frame_id: str, new: NewMessage) -> No
         p_WB=plan.p_WB,
         q_WB_xyzw=so3.quaternion_xyzw_from_rotation(plan.R_WB),
         new=new,
+    )
+
+
+def written_plan(plan: Plan, *, frame_id: str) -> bytes:
+    """Return the poses of a plan as the bytes of a ``nav_msgs/Path``."""
+    from quad_mpc_ros.lie import so3
+
+    return cdr.written_path(
+        stamp_ns=plan.stamp_ns,
+        step_ns=round(plan.step * 1e9),
+        frame_id=frame_id,
+        p_WB=plan.p_WB,
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(plan.R_WB),
     )
 
 

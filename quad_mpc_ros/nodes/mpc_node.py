@@ -11,14 +11,14 @@ from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.messages import conversions, diagnostics, topics
+from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
-from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.ros.messages import odometry_in, reference_in
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.telling import told
 from quad_mpc_ros.safety.ladder import Source
@@ -64,14 +64,11 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._command = self.health.publisher(topics.COMMAND)
         self._stats = self.health.publisher(topics.STATS)
         self._predicted_path = self.health.publisher(topics.PREDICTED_PATH)
-        # Filled again at every tick: making new ones takes longer than the control step.
-        self._command_message = new_message(topics.COMMAND.type_name)
-        self._stats_message = new_message(topics.STATS.type_name)
-        self._path_message = new_message(topics.PREDICTED_PATH.type_name)
         self._path_shown_ns = -_PATH_PERIOD_NS
 
-        self.managed_subscription(topics.ODOMETRY, self._on_odometry)
-        self.managed_subscription(topics.REFERENCE, self._on_reference)
+        # Bytes in and out: the objects that rclpy makes of them take longer than the control step.
+        self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
+        self.managed_subscription(topics.REFERENCE, self._on_reference, raw=True)
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
         self.managed_timer(1.0 / config.control_rate, self._on_watch, steady=True)
@@ -99,17 +96,22 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Apply live parameters between two ticks."""
         self._controller.reconfigure(config)
 
-    def _on_odometry(self, message: Any) -> None:
-        odometry, now_ns = conversions.odometry_from_message(message), self._time.now_ns()
+    def _on_odometry(self, data: bytes) -> None:
+        now_ns = self._time.now_ns()
+        try:
+            odometry = odometry_in(data)
+        except ValueError as error:
+            self._warn(str(error))
+            return
         self._standby.receive_odometry(odometry, now_ns=now_ns)
         if self.active:
             self._finish(self._controller.receive_odometry(odometry, now_ns=now_ns))
         else:
             self.activate_when_ready()
 
-    def _on_reference(self, message: Any) -> None:
+    def _on_reference(self, data: bytes) -> None:
         try:
-            window = conversions.reference_from_message(message)
+            window = reference_in(data)
         except ValueError as error:
             self._warn(str(error))
             return
@@ -142,8 +144,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Publish the command first, then what is only to be looked at."""
         if tick is not None:
             if tick.command is not None:
-                conversions.fill_command(self._command_message, tick.command)
-                self._command.publish(self._command_message)
+                self._command.publish(cdr.written_command(tick.command))
             self._log_change(tick)
             self._publish_insight(tick)
             self._tick = tick
@@ -152,14 +153,10 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._warn(warning)
 
     def _publish_insight(self, tick: Tick) -> None:
-        diagnostics.fill_stats(self._stats_message, tick.stats, new=new_message)
-        self._stats.publish(self._stats_message)
+        self._stats.publish(diagnostics.written_stats(tick.stats))
         if tick.plan is not None and self._path_is_due(tick.plan.stamp_ns):
             frame_id = self._controller.config.odometry.frame_id
-            conversions.fill_plan(
-                self._path_message, tick.plan, frame_id=frame_id, new=new_message
-            )
-            self._predicted_path.publish(self._path_message)
+            self._predicted_path.publish(conversions.written_plan(tick.plan, frame_id=frame_id))
 
     def _path_is_due(self, stamp_ns: int) -> bool:
         """Tell whether somebody looks at the path and has not just seen one."""

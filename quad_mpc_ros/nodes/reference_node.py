@@ -13,7 +13,7 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import (
     ENGAGED,
@@ -28,7 +28,7 @@ from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
-from quad_mpc_ros.ros.messages import decoded, new_message, stamp_of
+from quad_mpc_ros.ros.messages import new_message, odometry_in, stamp_of
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.telling import told
 from quad_mpc_ros.safety.validation import odometry_fault
@@ -82,7 +82,6 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
         self._reference = self.health.publisher(REFERENCE)
-        self._message = new_message(REFERENCE.type_name)
         self._path = self.health.publisher(REFERENCE_PATH)
         self.managed_subscription(ODOMETRY, self._on_odometry, raw=True)
         self.managed_subscription(ENGAGED, self._on_engaged, expected=False)
@@ -132,7 +131,10 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self._stamps.note(stamp_of(data), now_ns=self._now_ns())
             if not self._live.needs_odometry(self._flight_ns()):
                 return  # not decoded: in real time most are not needed
-        odometry = conversions.odometry_from_message(decoded(ODOMETRY, data))
+        try:
+            odometry = odometry_in(data)
+        except ValueError:
+            return  # the controller warns of it
         if odometry_fault(odometry, frame_id=self._config.frame_id) is not None:
             return  # the controller warns of it
         starting = not self._live.started
@@ -219,9 +221,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if window is None:
             return
         window = replace(window, stamp_ns=now_ns + self._stamps.ahead_ns)
-        message = self._message
-        conversions.fill_reference(message, window, child_frame_id=_BODY_FRAME, new=new_message)
-        self._reference.publish(message)
+        self._reference.publish(cdr.written_reference(window, child_frame_id=_BODY_FRAME))
 
     def _publish_path(self, samples: TrajectorySamples) -> None:
         stamp_ns = int(self.get_clock().now().nanoseconds)

@@ -10,7 +10,7 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.messages.diagnostics import ERROR, OK
 from quad_mpc_ros.messages.topics import CLOCK, COMMAND, ODOMETRY
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
@@ -130,7 +130,6 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
     def __init__(self) -> None:
         super().__init__("simulator", SimulatorConfig)
         self._odometry = self.health.publisher(ODOMETRY)
-        self._odometry_message = new_message(ODOMETRY.type_name)
         self._odometries = self._commands = 0
         self._fault: str | None = None
         self._running = False
@@ -146,8 +145,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
 
     def publish_odometry(self, odometry: OdometrySample) -> None:
         """Publish an odometry."""
-        conversions.fill_odometry(self._odometry_message, odometry)
-        self._odometry.publish(self._odometry_message)
+        self._odometry.publish(cdr.written_odometry(odometry))
         self._odometries += 1
 
     def every(self, period: float, callback: Callable[[], None]) -> None:

@@ -13,7 +13,9 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.messages import cdr, conversions
+from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE, Topic
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 
 
 @functools.cache
@@ -35,6 +37,36 @@ def new_message(type_name: str) -> Any:
 def decoded(topic: Topic, data: bytes) -> Any:
     """Return the message of a topic that was received raw."""
     return deserialize_message(data, message_class(topic.type_name))
+
+
+def odometry_in(data: bytes) -> OdometrySample:
+    """Return an odometry that was received raw.
+
+    Raises :class:`UnreadableError` for bytes that are none.
+    """
+    found = cdr.read_odometry(data)
+    return found or conversions.odometry_from_message(_readable(ODOMETRY, data))
+
+
+def reference_in(data: bytes) -> ReferenceWindow:
+    """Return a reference that was received raw.
+
+    Raises :class:`UnreadableError` for bytes that are none, ``ValueError`` for a point without a
+    transform.
+    """
+    found = cdr.read_reference(data)
+    return found or conversions.reference_from_message(_readable(REFERENCE, data))
+
+
+class UnreadableError(ValueError):
+    """Bytes that are not the message that they should be."""
+
+
+def _readable(topic: Topic, data: bytes) -> Any:
+    try:
+        return decoded(topic, data)
+    except Exception as error:  # whatever rclpy has for it
+        raise UnreadableError(f"{topic.name}: not a {topic.type_name}: {error}") from error
 
 
 def stamp_of(data: bytes) -> int:

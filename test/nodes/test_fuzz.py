@@ -17,7 +17,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.nodes.mpc_node import MpcNode
@@ -200,13 +200,13 @@ def passing_time(monkeypatch: pytest.MonkeyPatch) -> Time:
 def commands(monkeypatch: pytest.MonkeyPatch) -> list[CommandSample]:
     """Return what is sent as a command, as it is sent."""
     sent: list[CommandSample] = []
-    fill = conversions.fill_command
+    written = cdr.written_command
 
-    def spy(message: Any, sample: CommandSample) -> None:
+    def spy(sample: CommandSample) -> bytes:
         sent.append(sample)
-        fill(message, sample)
+        return written(sample)
 
-    monkeypatch.setattr(conversions, "fill_command", spy)
+    monkeypatch.setattr(cdr, "written_command", spy)
     return sent
 
 

@@ -1,0 +1,288 @@
+"""The bytes of the messages that come and go at every tick, without an object for each field.
+
+CDR as DDS has it (OMG DDSI-RTPS, 10.2; XCDR version 1): four bytes that say which byte comes
+first, then the fields one after another, numbers aligned to their size from there on, a text with
+its length and a zero at its end.
+
+A reader returns None for whatever it does not know at a glance, however right it may be: another
+encapsulation, a text without its end, a point of a trajectory with two transforms. Then rclpy has
+to decode it. A writer leaves zeros where rclpy leaves what was in memory before.
+"""
+
+from __future__ import annotations
+
+import functools
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.samples import (
+    CommandSample,
+    OdometrySample,
+    ReferenceWindow,
+    told_variance,
+)
+
+_SECOND = 1_000_000_000
+_LITTLE = b"\x00\x01\x00\x00"  # encapsulation; alignment counts from its end
+_BEGIN = len(_LITTLE)
+_MOST_NAMES = 64
+
+_ODOMETRY_NUMBERS = 7 + 36 + 6 + 36  # pose and twist, each with its covariance
+_TWIST = 7 + 36
+_VARIANCES = (_TWIST + 6, _TWIST + 6 + 7, _TWIST + 6 + 14)
+
+
+class _Order(NamedTuple):
+    """How numbers are read, the first byte the smallest or the largest."""
+
+    stamp_and_length: struct.Struct
+    length: struct.Struct
+    double: np.dtype[np.float64]
+    point: np.dtype[np.void]
+
+
+def _order(sign: str) -> _Order:
+    fields = {
+        "p": (f"(3,){sign}f8", 0),
+        "q": (f"(4,){sign}f8", 24),
+        "velocities": (f"{sign}u4", 56),
+        "v": (f"(3,){sign}f8", 64),
+        "w": (f"(3,){sign}f8", 88),
+        "accelerations": (f"{sign}u4", 112),
+        "a": (f"(3,){sign}f8", 120),
+        "sec": (f"{sign}i4", 168),
+        "nanosec": (f"{sign}u4", 172),
+        "transforms_of_next": (f"{sign}u4", 176),
+    }
+    point = np.dtype(
+        {
+            "names": [*fields],
+            "formats": [kind for kind, _ in fields.values()],
+            "offsets": [offset for _, offset in fields.values()],
+            "itemsize": 184,
+        }
+    )
+    return _Order(
+        stamp_and_length=struct.Struct(f"{sign}iII"),
+        length=struct.Struct(f"{sign}I"),
+        double=np.dtype(f"{sign}f8"),
+        point=point,
+    )
+
+
+_ORDERS = {b"\x00\x00": _order(">"), b"\x00\x01": _order("<")}
+_POINT = _ORDERS[b"\x00\x01"].point
+_ENDS_BEFORE = 8  # the transforms of the next, which the last point has not
+
+
+class _UnknownError(Exception):
+    """The bytes are not what is known at a glance."""
+
+
+def read_odometry(data: bytes) -> OdometrySample | None:
+    """Return a ``nav_msgs/Odometry``, or None where rclpy has to decode it."""
+    try:
+        order, stamp_ns, frame_id, at = _header(data)
+        child_frame_id, at = _text(data, at, order)
+    except (_UnknownError, struct.error):
+        return None
+    at = _aligned(at, 8)
+    if len(data) < at + 8 * _ODOMETRY_NUMBERS:
+        return None
+    numbers = np.frombuffer(data, order.double, _ODOMETRY_NUMBERS, at).astype(np.float64)
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        child_frame_id=child_frame_id,
+        p_WB=numbers[0:3],
+        q_WB_xyzw=numbers[3:7],
+        v_WB_B=numbers[_TWIST : _TWIST + 3],
+        w_WB_B=numbers[_TWIST + 3 : _TWIST + 6],
+        v_variance=told_variance([float(numbers[place]) for place in _VARIANCES]),
+    )
+
+
+def read_reference(data: bytes) -> ReferenceWindow | None:
+    """Return a ``trajectory_msgs/MultiDOFJointTrajectory``, or None where rclpy has to decode it.
+
+    Known is one whose points have one transform, one velocity and one acceleration each.
+    """
+    try:
+        order, stamp_ns, frame_id, at = _header(data)
+        names, at = _number(data, at, order)
+        if names > _MOST_NAMES:
+            return None
+        for _ in range(names):
+            _, at = _text(data, at, order)
+        count, at = _number(data, at, order)
+        transforms, at = _number(data, at, order)
+    except (_UnknownError, struct.error):
+        return None
+    at = _aligned(at, 8)
+    size = count * order.point.itemsize
+    if count == 0 or transforms != 1 or len(data) < at + size - _ENDS_BEFORE:
+        return None
+    points = np.frombuffer(data[at : at + size].ljust(size, b"\0"), order.point)
+    if not (
+        (points["velocities"] == 1).all()
+        and (points["accelerations"] == 1).all()
+        and (points["transforms_of_next"][:-1] == 1).all()
+    ):
+        return None
+    offset_ns = points["sec"].astype(np.int64) * _SECOND + points["nanosec"]
+    p, q, v, w, a = (points[name].astype(np.float64) for name in ("p", "q", "v", "w", "a"))
+    return ReferenceWindow(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        offset_ns=offset_ns,
+        p_WB=p,
+        q_WB_xyzw=q,
+        v_WB_W=v,
+        a_WB_W=a,
+        w_WB_W=w,
+    )
+
+
+def written_odometry(odometry: OdometrySample) -> bytes:
+    """Return a ``nav_msgs/Odometry``."""
+    numbers = np.zeros(_ODOMETRY_NUMBERS, "<f8")
+    numbers[0:3], numbers[3:7] = odometry.p_WB, odometry.q_WB_xyzw
+    numbers[_TWIST : _TWIST + 3] = odometry.v_WB_B
+    numbers[_TWIST + 3 : _TWIST + 6] = odometry.w_WB_B
+    for place in _VARIANCES:
+        numbers[place] = odometry.v_variance
+    texts = _padded(_chunk(odometry.frame_id) + _chunk(odometry.child_frame_id), after=8)
+    return _LITTLE + _stamp(odometry.stamp_ns) + texts + numbers.tobytes()
+
+
+def written_command(command: CommandSample) -> bytes:
+    """Return a ``geometry_msgs/TwistStamped``: throttle in linear.z."""
+    numbers = struct.pack("<6d", 0.0, 0.0, command.throttle, *command.w_WB_B.tolist())
+    texts = _padded(_chunk(command.frame_id), after=8)
+    return _LITTLE + _stamp(command.stamp_ns) + texts + numbers
+
+
+def written_reference(window: ReferenceWindow, *, child_frame_id: str) -> bytes:
+    """Return a ``trajectory_msgs/MultiDOFJointTrajectory`` of one joint."""
+    count = len(window.p_WB)
+    points = np.zeros(count, _POINT)
+    points["p"], points["q"] = window.p_WB, window.q_WB_xyzw
+    points["v"], points["w"], points["a"] = window.v_WB_W, window.w_WB_W, window.a_WB_W
+    for name in ("velocities", "accelerations", "transforms_of_next"):
+        points[name] = 1
+    points["sec"], points["nanosec"] = np.divmod(window.offset_ns, _SECOND)
+    beginning = (
+        _stamp(window.stamp_ns)
+        + _chunk(window.frame_id)
+        + struct.pack("<I", 1)
+        + _chunk(child_frame_id)
+        + struct.pack("<I", count)
+    )
+    if not count:
+        return _LITTLE + beginning
+    beginning = _padded(beginning + struct.pack("<I", 1), after=0)
+    return _LITTLE + beginning + points.tobytes()[:-_ENDS_BEFORE]
+
+
+def written_path(
+    *, stamp_ns: int, step_ns: int, frame_id: str, p_WB: Array, q_WB_xyzw: Array
+) -> bytes:
+    """Return a ``nav_msgs/Path`` of positions (n, 3) and quaternions (n, 4), a step apart."""
+    frame = _chunk(frame_id)
+    data = bytearray(_stamp(stamp_ns) + frame + struct.pack("<I", len(p_WB)))
+    poses = np.concatenate((p_WB, q_WB_xyzw), axis=1, dtype="<f8")
+    for i, pose in enumerate(poses):
+        data += _stamp(stamp_ns + i * step_ns) + frame
+        data += b"\0" * (-len(data) % 8) + pose.tobytes()
+    return _LITTLE + bytes(data)
+
+
+def written_diagnostics(
+    *,
+    stamp_ns: int,
+    level: bytes,
+    name: str,
+    text: str,
+    values: Sequence[tuple[str, str]],
+) -> bytes:
+    """Return a ``diagnostic_msgs/DiagnosticArray`` of one status; ``level`` is one byte."""
+    parts = [
+        _LITTLE,
+        _stamp(stamp_ns),
+        _chunk(""),
+        struct.pack("<I", 1),
+        level,
+        b"\0\0\0",
+        _chunk(name),
+        _fresh_chunk(text),
+        _chunk(""),
+        struct.pack("<I", len(values)),
+    ]
+    for key, value in values:
+        parts += _chunk(key), _fresh_chunk(value)
+    data = b"".join(parts)
+    last = len(values[-1][1].encode()) + 1 if values else 0
+    return data[: len(data) - -last % 4]  # no gap where nothing follows
+
+
+def _header(data: bytes) -> tuple[_Order, int, str, int]:
+    """Return the order of bytes, stamp [ns] and frame of a header, and where it ends."""
+    order = _ORDERS.get(bytes(data[:2]))
+    if order is None:
+        raise _UnknownError
+    sec, nanosec, _ = order.stamp_and_length.unpack_from(data, _BEGIN)
+    frame_id, at = _text(data, _BEGIN + 8, order)
+    return order, sec * _SECOND + nanosec, frame_id, at
+
+
+def _number(data: bytes, at: int, order: _Order) -> tuple[int, int]:
+    """Return an unsigned number of four bytes, and where it ends."""
+    at = _aligned(at, 4)
+    return order.length.unpack_from(data, at)[0], at + 4
+
+
+def _text(data: bytes, at: int, order: _Order) -> tuple[str, int]:
+    """Return a text, and where it ends."""
+    length, at = _number(data, at, order)
+    end = at + length
+    if length == 0 or len(data) < end or data.find(0, at, end) != end - 1:
+        raise _UnknownError
+    return _decoded(data[at : end - 1]), end
+
+
+@functools.lru_cache(maxsize=64)
+def _decoded(text: bytes) -> str:
+    try:
+        return text.decode()
+    except UnicodeDecodeError:
+        raise _UnknownError from None
+
+
+def _aligned(at: int, size: int) -> int:
+    return at + (_BEGIN - at) % size
+
+
+def _stamp(stamp_ns: int) -> bytes:
+    return struct.pack("<iI", *divmod(stamp_ns, _SECOND))
+
+
+_ENDS = tuple(b"\0" * (1 + -size % 4) for size in range(4))  # with the gap to what follows
+
+
+def _fresh_chunk(text: str) -> bytes:
+    """Return a text with its length, its end, and the gap to the next number of four bytes."""
+    data = text.encode()
+    size = len(data) + 1
+    return struct.pack("<I", size) + data + _ENDS[size % 4]
+
+
+_chunk = functools.lru_cache(maxsize=256)(_fresh_chunk)
+
+
+def _padded(data: bytes, *, after: int) -> bytes:
+    """Return data, ``after`` bytes behind the beginning, with the gap to a number of 8 bytes."""
+    return data + b"\0" * (-(after + len(data)) % 8)
