@@ -22,7 +22,7 @@ from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import ENGAGED, LANDED
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.nodes.reference_node import ReferenceNode
-from quad_mpc_ros.ros.messages import qos_of
+from quad_mpc_ros.ros.messages import qos_of, reference_in
 from quad_mpc_ros.trajectories.director import Reply
 from quad_mpc_ros.trajectories.timeline import StampClock
 
@@ -39,8 +39,8 @@ class Flown:
         publisher = self.node._reference
         publish = publisher.publish
 
-        def kept(message: Any) -> None:
-            window = conversions.reference_from_message(message)
+        def kept(message: bytes) -> None:
+            window = reference_in(message)
             self.windows.append((time.monotonic_ns(), window))
             publish(message)
 
