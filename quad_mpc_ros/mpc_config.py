@@ -268,8 +268,8 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     )
     estimate_disturbance: bool = parameter(
         True,
-        doc="manifold: estimate an acceleration, the thrust's scale, the actuators' time "
-        "constants where they lag and the bias of the measured velocity, and allow for them.",
+        doc="manifold: estimate an acceleration, the thrust's scale, the drag, the actuators' "
+        "time constants where they lag and the bias of the measured velocity, and allow for them.",
     )
     disturbance_max: float = _live(
         5.0,

@@ -74,6 +74,7 @@ class DelayCompensation:
                 thrust_time_constant=config.thrust_time_constant,
             ),
             throttle=hover.throttle,
+            delay=config.input_delay,
         )
         self._ground = ground
         self._health = EstimateHealth()

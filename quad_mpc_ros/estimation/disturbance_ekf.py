@@ -2,11 +2,13 @@
 
 Between two odometries the velocity and the body rates are predicted with the commands that were
 really acting, delayed and lagged. Extended Kalman filters correct by the innovation, what was
-measured less what was predicted. The filter of the velocity has the state x = (v, d, k, tau_s):
+measured less what was predicted. The filter of the velocity has the state
+x = (v, d, k, tau_s, mu):
 
 - v, the velocity in the world,
 - d, an acceleration in the world (wind, drag), and k, a factor on the thrust (mass, battery),
-- tau_s, the time constant of the thrust, through the velocity's sensitivity to it,
+- tau_s, the time constant of the thrust, and mu, the mean of the drag over the axes, which keep
+  their proportions: through the velocity's sensitivity to them,
 
     predict   x <- f(x),  P <- F P F' + Q      F = df/dx, differs from one in the rows of v, d_z, k
     update    K = P H' / (H P H' + r),  x <- x + K (z - H x),  P <- P - K H P      axis by axis
@@ -28,6 +30,10 @@ measured then: which commands are little depends on the noise of the measurement
 filter that began anew from just those would find too much thrust, 0.1 of the scale with 0.2 m/s of
 noise. An odometry that jumps teaches nothing either.
 
+**Drag** is told from a wind by motion: it turns with the velocity, and is known ahead of a turn.
+At rest nothing is learned of it. The reference's attitudes were made with another drag, so the
+target tilts them by the difference (:mod:`quad_mpc_ros.ocp.target`).
+
 A time constant of zero is no lag and stays. The throttle, which nobody measures, is followed
 through the lag. The noise of the velocity is found on the way (:mod:`.velocity_noise`), time
 constants of the rates have filters of their own (:mod:`.rate_lags`). The delay of the input is not
@@ -45,10 +51,12 @@ from quad_mpc_ros.estimation import velocity_noise
 from quad_mpc_ros.estimation.command_history import Acting
 from quad_mpc_ros.estimation.rate_lags import RateLags
 from quad_mpc_ros.estimation.velocity_filter import (
+    DRAG_SPREAD,
     ESTIMATE_SIZE,
     LAG_SPREAD,
     LEARNABLE,
     LEARNED,
+    MU,
     PAUSED,
     SCALE_BOUNDS,
     SIZE,
@@ -65,15 +73,23 @@ from quad_mpc_ros.estimation.velocity_filter import (
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.parameters import (
     DISTURBANCE,
+    DRAG,
     GRAVITY,
+    LEARNED_DRAG,
     RATE_TIME_CONSTANTS,
     THRUST_SCALE,
     THRUST_TIME_CONSTANT,
+    UNEVEN_DRAG,
 )
 from quad_mpc_ros.model.rollout import ACTUATORS
 
 # At the start: horizontally, vertically, of the scale.
 _ACCELERATION_SPREAD, _VERTICAL_SPREAD, _SCALE_SPREAD = 1.0, 0.5, 0.2
+
+
+# From a command to what it does by default [s], and by how much closer at most vehicles are
+# followed that answer sooner.
+_USUAL_LAG, _CLOSEST = 0.13, 4.0
 
 
 class EkfMemory(NamedTuple):
@@ -87,14 +103,19 @@ class EkfMemory(NamedTuple):
 class DisturbanceEkf:
     """Follows a vehicle from odometry to odometry."""
 
-    def __init__(self, nominal: Array, *, throttle: float) -> None:
-        """``nominal`` are the configured parameters (17,), ``throttle`` is where it begins."""
+    def __init__(self, nominal: Array, *, throttle: float, delay: float = 0.0) -> None:
+        """``nominal`` are the configured parameters (20,), ``throttle`` is where it begins.
+
+        ``delay`` [s] is that of the input.
+        """
         self._nominal = nominal
+        # Of the mean drag what each axis has more or less.
+        self._shape = nominal[UNEVEN_DRAG] / (nominal[DRAG] or 1.0)
         self._initial_throttle = throttle
         self._estimate = np.zeros(ESTIMATE_SIZE)
         self._estimate[K] = 1.0
         self._covariance = np.zeros((SIZE, SIZE))
-        self._noise = velocity_noise.begun()
+        self._noise = velocity_noise.begun(_least_noise(nominal, delay))
         self._rate_lags = RateLags(nominal)
         self._saturation = -math.inf, math.inf
         self._farthest = math.inf
@@ -114,10 +135,11 @@ class DisturbanceEkf:
         estimate[D:K] = 0.0
         estimate[K] = min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
         estimate[TAU] = nominal[THRUST_TIME_CONSTANT]
+        estimate[MU] = nominal[DRAG]
         self._rate_lags.reset()
         spreads = (_ACCELERATION_SPREAD, _ACCELERATION_SPREAD, _VERTICAL_SPREAD, _SCALE_SPREAD)
         lag_spread = LAG_SPREAD * nominal[THRUST_TIME_CONSTANT]
-        P[:] = np.diag(np.square([0.0, 0.0, 0.0, *spreads, lag_spread]))
+        P[:] = np.diag(np.square([0.0, 0.0, 0.0, *spreads, lag_spread, DRAG_SPREAD]))
         believe_velocity(estimate, P, velocity, velocity_noise.variance_in(self._noise))
 
     def reconfigure(
@@ -140,12 +162,18 @@ class DisturbanceEkf:
         return bool(far or not SCALE_BOUNDS[0] < k < SCALE_BOUNDS[1])
 
     def parameters(self) -> Array:
-        """Return the parameters (17,) as believed by now."""
+        """Return the parameters (20,) as believed by now."""
         believed = self._nominal.copy()
         believed[THRUST_TIME_CONSTANT] = self._estimate[TAU]
         believed[RATE_TIME_CONSTANTS] = self._rate_lags.time_constants()
         believed[DISTURBANCE] = self._estimate[D:K]
         believed[THRUST_SCALE] = self._estimate[K]
+        learned = self._estimate[MU] - believed[DRAG]
+        if learned != 0.0:
+            uneven = learned * self._shape
+            believed[LEARNED_DRAG] = learned + uneven
+            believed[DRAG] += learned
+            believed[UNEVEN_DRAG] += uneven
         return believed
 
     def memory(self) -> EkfMemory:
@@ -208,3 +236,17 @@ class DisturbanceEkf:
             follows=outcome in (PAUSED, LEARNED),
         )
         return outcome
+
+
+def _least_noise(nominal: Array, delay: float) -> float:
+    """Return the least noise of the velocity [m/s] that is believed: it says how quick to learn.
+
+    What is learned is answered by commands, and a loop that is quicker than the actuators swings.
+    Where they are as quick as the default's, or nothing is known of them, it is the usual noise.
+    """
+    roll, pitch, _yaw = nominal[RATE_TIME_CONSTANTS]
+    lags = max(roll, pitch), nominal[THRUST_TIME_CONSTANT], delay
+    if min(lags) <= 0.0:
+        return velocity_noise.USUAL
+    closer = (_USUAL_LAG / sum(lags)) ** 2
+    return velocity_noise.USUAL / min(max(closer, 1.0), _CLOSEST)

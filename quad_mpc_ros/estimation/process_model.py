@@ -1,9 +1,11 @@
 """The process model of the disturbance EKF: velocity and throttle under the acting commands.
 
 Between two odometries the vehicle is rolled forward by what is believed of it, and with it the
-derivatives of the velocity by what is learned: by the thrust's scale k and its time constant,
+derivatives of the velocity by what is learned: by the thrust's scale k, its time constant, and the
+mean mu of the drag,
 
-    dv/dk = sum of dt T(s)/m z_B,   dv/dtau_s = sum of dt k T'(s)/m ds/dtau_s z_B
+    dv/dk = sum of dt T(s)/m z_B,   dv/dtau_s = sum of dt k T'(s)/m ds/dtau_s z_B,
+    dv/dmu = -dt R S R' v,          S = D/mean(D)
 
 with z_B the mean thrust axis of the time between.
 """
@@ -37,6 +39,7 @@ class Prediction(NamedTuple):
     throttle: Throttle
     v_by_scale: kernels.Vector
     v_by_lag: kernels.Vector
+    v_by_drag: kernels.Vector
 
 
 @compiled
@@ -69,7 +72,28 @@ def predict(
         v_by_scale = kernels.plus(v_by_scale, kernels.scaled(push, axis))
         v_by_lag = kernels.plus(v_by_lag, kernels.scaled(push_slope, axis))
         body = propagated(believed, command, dt, _LONGEST, body)
-    return Prediction(body, Throttle(value, slope), v_by_scale, v_by_lag)
+    shape, half = _drag_shape(believed), -0.5 * durations.sum()
+    v_by_drag = kernels.plus(
+        kernels.scaled(half, _slowing(shape, start.R, start.v)),
+        kernels.scaled(half, _slowing(shape, R_after, body.v)),
+    )
+    return Prediction(body, Throttle(value, slope), v_by_scale, v_by_lag, v_by_drag)
+
+
+@compiled
+def _slowing(shape: kernels.Vector, R_WB: kernels.Matrix, v: kernels.Vector) -> kernels.Vector:
+    """Return R S R' v, what a drag of 1 1/s on average takes of a velocity per second."""
+    u = kernels.apply_transposed(R_WB, v)
+    return kernels.apply(R_WB, (shape[0] * u[0], shape[1] * u[1], shape[2] * u[2]))
+
+
+@compiled
+def _drag_shape(modelled: ModelParameters) -> kernels.Vector:
+    """Return the drag along each axis of the body over their mean, alike where there is none."""
+    mean, off = modelled.drag, modelled.uneven_drag
+    if mean <= 0.0:
+        return 1.0, 1.0, 1.0
+    return 1.0 + off[0] / mean, 1.0 + off[1] / mean, 1.0 + off[2] / mean
 
 
 @compiled

@@ -42,7 +42,7 @@ class RateLags:
     """Follows the body rates from odometry to odometry. A lag of zero is none and stays."""
 
     def __init__(self, nominal: Array) -> None:
-        """``nominal`` are the configured parameters (17,)."""
+        """``nominal`` are the configured parameters (20,)."""
         roll, pitch, yaw = nominal[RATE_TIME_CONSTANTS].tolist()
         shared = 0.5 * (roll + pitch)
         self._nominal = np.array([shared, yaw])

@@ -14,15 +14,15 @@ from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.parameters import ModelParameters, parameters_in
 from quad_mpc_ros.model.rollout import Body, body_in
 
-# The estimate, one vector: first the state of the velocity's filter, whose covariance is (8, 8),
-V, D, K, TAU, SIZE = 0, 3, 6, 7, 8
+# The estimate, one vector: first the state of the velocity's filter, whose covariance is (9, 9),
+V, D, K, TAU, MU, SIZE = 0, 3, 6, 7, 8, 9
 # then the throttle and its derivative by the thrust's time constant, the slow part of the
 # acceleration's derivative by it, and for how long the velocity alone has been followed.
-THROTTLE, THROTTLE_SLOPE, SLOW, PAUSED_FOR, ESTIMATE_SIZE = 8, 9, 10, 13, 14
+THROTTLE, THROTTLE_SLOPE, SLOW, PAUSED_FOR, ESTIMATE_SIZE = 9, 10, 11, 14, 15
 LEARNABLE = slice(D, SIZE)
 
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the model within a step
-# m/s^2 / sqrt(s), at the least noise of the velocity; more noise is filtered for longer.
+# m/s^2 / sqrt(s), at the usual noise of the velocity; more noise is filtered for longer.
 _ACCELERATION_WALK = 0.5
 _VERTICAL_WALK = 0.6  # of that; winds blow along the ground
 _SCALE_WALK = 0.01  # 1 / sqrt(s)
@@ -36,6 +36,12 @@ _LAG_BOUND = 2.0  # of the time constant, as a factor either way
 # It is learned from thrust that changes within so many seconds, for what changes slowly looks like
 # drag, and where it shows by more than so much [m/s^2], at rest and per m/s.
 _SLOWLY, _HIDDEN, _HIDDEN_BY_SPEED = 0.2, 0.05, 0.05
+
+DRAG_SPREAD, _DRAG_WALK = 0.3, 0.05  # 1/s; the walk 1/s / sqrt(s)
+# Of what is configured at least this, and at most the more of that and 1/s beyond it.
+_DRAG_LEAST, _DRAG_MOST, _DRAG_MORE = 0.1, 3.0, 0.8
+# It is learned where so much speed [m/s] tells it from wind.
+_TELLING = 1.0
 
 # An innovation beyond 5 sigma, and an attitude [rad] that the rates do not lead to, are jumps.
 _JUMP, _TURN_JUMP = 30.0, 0.2
@@ -89,21 +95,35 @@ def update(
     kernels.store_vector(predicted, estimate[V:D])
     by_lag = _quick_part(estimate, prediction, duration)
     wandering = _ACCELERATION_NOISE**2 + 2.0 * told / _WANDERING
-    walk = _ACCELERATION_WALK**2 * velocity_noise.LEAST / math.sqrt(variance)
-    _predict_covariance(modelled, P, (prediction.v_by_scale, by_lag), duration, (wandering, walk))
-    if _jumps(estimate, P, variance, duration, before, after):
+    quieter = velocity_noise.USUAL / math.sqrt(variance)
+    walk = _ACCELERATION_WALK**2 * quieter * max(quieter, 1.0)
+    _predict_covariance(
+        modelled,
+        P,
+        (prediction.v_by_scale, by_lag, prediction.v_by_drag),
+        duration,
+        (wandering, walk),
+    )
+    # Of a quiet odometry a sudden push is no jump either.
+    doubt = max(variance, velocity_noise.USUAL**2)
+    if _jumps(estimate, P, doubt, duration, before, after):
         believe_velocity(estimate, P, after[3:6], variance)
         return REFUSED
     lag_before = estimate[TAU]
     learned = D
+    tells = False, False
     if lesson == LEARNED:
         _hand_over(estimate, P, prediction, duration)
-        learned = SIZE if _lag_shows(modelled, by_lag, predicted, duration) else TAU
+        learned = TAU
+        tells = (
+            _lag_shows(modelled, by_lag, predicted, duration),
+            kernels.dot(predicted, predicted) > _TELLING**2,
+        )
     for axis in range(3):
-        _correct_velocity(estimate, P, axis, after[3 + axis], variance, learned)
+        _correct_velocity(estimate, P, axis, after[3 + axis], variance, learned, tells)
     if lesson == PAUSED:
         return PAUSED
-    _clamp(modelled, estimate, farthest)
+    _clamp(modelled, estimate, P, farthest)
     estimate[THROTTLE] += estimate[THROTTLE_SLOPE] * (estimate[TAU] - lag_before)
     return LEARNED
 
@@ -118,17 +138,19 @@ def _predict(
     after: Array,
 ) -> Prediction:
     """Predict by what is believed from one odometry to the next, and follow the throttle."""
+    mean = modelled.drag
+    uneven = kernels.scaled(estimate[MU] / mean if mean > 0.0 else 1.0, modelled.uneven_drag)
     believed = ModelParameters(
         modelled.a,
         modelled.b,
         modelled.c,
-        modelled.drag,
+        estimate[MU],
         modelled.gravity,
         estimate[TAU],
         modelled.rate_time_constants,
         kernels.vector(estimate[D:K]),
         estimate[K],
-        modelled.uneven_drag,
+        uneven,
         modelled.translational_lift,
     )
     throttle = Throttle(estimate[THROTTLE], estimate[THROTTLE_SLOPE])
@@ -170,31 +192,35 @@ def _quick_part(estimate: Array, prediction: Prediction, duration: float) -> ker
 def _predict_covariance(
     modelled: ModelParameters,
     P: Array,
-    v_by: tuple[kernels.Vector, kernels.Vector],
+    v_by: tuple[kernels.Vector, kernels.Vector, kernels.Vector],
     duration: float,
     growth: tuple[float, float],
 ) -> None:
     """Let the uncertainty grow over a duration: F P F' and the random walks.
 
-    ``v_by`` are the derivatives of the velocity by the thrust's scale and by its time constant,
+    ``v_by`` are the derivatives of the velocity by the thrust's scale, its time constant and drag,
     ``growth`` is that of velocity [m^2/s^3] and disturbance [m^2/s^5], per second.
     """
     kept = 1.0 - duration * modelled.drag
     for i in range(3):
-        by_scale, by_lag = v_by[0][i], v_by[1][i]
+        by_scale, by_lag, by_drag = v_by[0][i], v_by[1][i], v_by[2][i]
         for j in range(SIZE):
             others = duration * P[D + i, j] + by_scale * P[K, j] + by_lag * P[TAU, j]
+            others += by_drag * P[MU, j]
             P[i, j] = kept * P[i, j] + others
     for i in range(3):
-        by_scale, by_lag = v_by[0][i], v_by[1][i]
+        by_scale, by_lag, by_drag = v_by[0][i], v_by[1][i], v_by[2][i]
         for j in range(SIZE):
             others = duration * P[j, D + i] + by_scale * P[j, K] + by_lag * P[j, TAU]
+            others += by_drag * P[j, MU]
             P[j, i] = kept * P[j, i] + others
     for i in range(3):
         P[i, i] += growth[0] * duration
         P[D + i, D + i] += growth[1] * duration * (_VERTICAL_WALK**2 if i == 2 else 1.0)
     P[K, K] += _SCALE_WALK**2 * duration
     P[TAU, TAU] += (_LAG_WALK * modelled.thrust_time_constant) ** 2 * duration
+    if P[MU, MU] < DRAG_SPREAD**2:  # at rest nothing tells it
+        P[MU, MU] += _DRAG_WALK**2 * duration
 
 
 @compiled
@@ -251,7 +277,13 @@ def _jumps(
 
 @compiled
 def _correct_velocity(
-    estimate: Array, P: Array, axis: int, measured: float, variance: float, learned: int
+    estimate: Array,
+    P: Array,
+    axis: int,
+    measured: float,
+    variance: float,
+    learned: int,
+    tells: tuple[bool, bool],
 ) -> None:
     """Correct by the measured velocity along one axis of the world.
 
@@ -261,7 +293,9 @@ def _correct_velocity(
     row = P[axis].copy()
     total = row[axis] + variance
     gain = row / total
-    gain[learned:] = 0.0
+    gain[learned:TAU] = 0.0
+    gain[TAU] *= tells[0]
+    gain[MU] *= tells[1]
     innovation = measured - estimate[axis]
     for i in range(SIZE):
         estimate[i] += gain[i] * innovation
@@ -270,7 +304,7 @@ def _correct_velocity(
 
 
 @compiled
-def _clamp(modelled: ModelParameters, estimate: Array, farthest: float) -> None:
+def _clamp(modelled: ModelParameters, estimate: Array, P: Array, farthest: float) -> None:
     """Bring what the velocity taught inside its bounds, ``farthest`` that along the ground."""
     for i in range(3):
         bound = VERTICAL_BOUND if i == 2 else farthest
@@ -278,3 +312,12 @@ def _clamp(modelled: ModelParameters, estimate: Array, farthest: float) -> None:
     estimate[K] = kernels.clamp(estimate[K], SCALE_BOUNDS[0], SCALE_BOUNDS[1])
     lag = modelled.thrust_time_constant
     estimate[TAU] = kernels.clamp(estimate[TAU], lag / _LAG_BOUND, lag * _LAG_BOUND)
+    most = max(modelled.drag * _DRAG_MOST, modelled.drag + _DRAG_MORE)
+    drag, bounded = estimate[MU], not abs(estimate[D]) < farthest > abs(estimate[D + 1])
+    estimate[MU] = kernels.clamp(drag, _DRAG_LEAST * modelled.drag, most)
+    if bounded or estimate[MU] != drag:
+        # What a bound holds explains no more, and is not to spoil what could.
+        for j in range(SIZE):
+            P[MU, j] = 0.0
+            P[j, MU] = 0.0
+        P[MU, MU] = _DRAG_WALK**2

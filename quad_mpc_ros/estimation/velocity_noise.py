@@ -18,27 +18,28 @@ import numpy as np
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array, kernels
 
-# A vector of the variance [m^2/s^2], whether there was a change before, and that change.
-_VARIANCE, _KNOWN, _CHANGE, _SIZE = 0, 1, 2, 5
+# A vector of the variance [m^2/s^2], whether there was a change before, that change, the least
+# variance that is believed, and for how long it has been followed [s].
+_VARIANCE, _KNOWN, _CHANGE, _LEAST, _AGE, _SIZE = 0, 1, 2, 5, 6, 7
 
 _START, _MOST = 0.1, 1.0  # m/s
-LEAST = 0.05
-"""The least noise of a velocity that is believed [m/s]."""
-_FORGETTING = 2.0  # s
+USUAL = 0.05
+"""The least noise of a velocity that is believed of any vehicle [m/s]."""
+_FORGETTING, _FIRST = 2.0, 0.05  # s; what is believed at the start is soon forgotten
 _LARGEST = 9.0  # of the variance: a jump is no noise, and noise that rises is found in a second
 
 
-def begun() -> Array:
-    """Return what is believed of the noise at the start."""
+def begun(least: float = USUAL) -> Array:
+    """Return what is believed of the noise at the start; it is ``least`` [m/s] or more."""
     noise = np.zeros(_SIZE)
-    noise[_VARIANCE] = _START**2
+    noise[_VARIANCE], noise[_LEAST] = _START**2, least**2
     return noise
 
 
 @compiled
 def variance_in(noise: Array) -> float:
     """Return the variance of a velocity along an axis [m^2/s^2], within bounds."""
-    return kernels.clamp(noise[_VARIANCE], LEAST**2, _MOST**2)
+    return kernels.clamp(noise[_VARIANCE], noise[_LEAST], _MOST**2)
 
 
 @compiled
@@ -56,6 +57,7 @@ def follow(noise: Array, change: kernels.Vector, duration: float) -> None:
         noise[_CHANGE + i] = change[i]
     if noise[_KNOWN] > 0.0:
         seen = min(square / 18.0, _LARGEST * variance_in(noise))
-        share = 1.0 - math.exp(-duration / _FORGETTING)
+        noise[_AGE] += duration
+        share = 1.0 - math.exp(-duration / min(_FIRST + noise[_AGE], _FORGETTING))
         noise[_VARIANCE] += share * (seen - noise[_VARIANCE])
     noise[_KNOWN] = 1.0

@@ -17,10 +17,12 @@ from quad_mpc_ros.model import vehicle as vehicles
 from quad_mpc_ros.model.vehicle import Vehicle
 
 # Places in the vector: three numbers of the thrust curve, drag, and
-GRAVITY, THRUST_TIME_CONSTANT = 4, 5
+DRAG, GRAVITY, THRUST_TIME_CONSTANT = 3, 4, 5
 RATE_TIME_CONSTANTS = slice(6, 9)
 DISTURBANCE = slice(9, 12)
 THRUST_SCALE = 12
+UNEVEN_DRAG, LEARNED_DRAG = slice(13, 16), slice(17, 20)
+VECTOR_SIZE = 20
 
 
 class ModelParameters(NamedTuple):
@@ -32,7 +34,8 @@ class ModelParameters(NamedTuple):
 
     Of the linear drag [1/s] ``drag`` is the mean over the body axes, alike in all directions and
     integrated exactly, and ``uneven_drag`` what each axis has more or less than that;
-    ``translational_lift`` [1/m] is k_h.
+    ``translational_lift`` [1/m] is k_h. ``learned_drag`` [1/s] is what of the drag along each axis
+    was learned in flight: both contain it, and the reference's attitudes know nothing of it.
     """
 
     a: float
@@ -46,6 +49,7 @@ class ModelParameters(NamedTuple):
     thrust_scale: float = 1.0
     uneven_drag: kernels.Vector = (0.0, 0.0, 0.0)
     translational_lift: float = 0.0
+    learned_drag: kernels.Vector = (0.0, 0.0, 0.0)
 
 
 def parameters_of(
@@ -72,13 +76,13 @@ def parameters_of(
 
 
 def packed(parameters: ModelParameters) -> Array:
-    """Return the vector (17,)."""
+    """Return the vector (20,)."""
     return np.hstack(parameters)
 
 
 @compiled
 def parameters_in(vector: Array) -> ModelParameters:
-    """Return what is in the vector (17,)."""
+    """Return what is in the vector (20,)."""
     return ModelParameters(
         vector[0],
         vector[1],
@@ -91,6 +95,7 @@ def parameters_in(vector: Array) -> ModelParameters:
         vector[12],
         (vector[13], vector[14], vector[15]),
         vector[16],
+        (vector[17], vector[18], vector[19]),
     )
 
 

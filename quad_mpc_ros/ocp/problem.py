@@ -27,7 +27,7 @@ class PredictedState(NamedTuple):
     ``row`` (19,) is laid out as in :mod:`quad_mpc_ros.model.rollout`, with the throttle and the
     rates that the vehicle will have then; ``sent`` (4,) is what was commanded last, and
     ``since_sent`` [s] the time since the odometry that it answered, infinity before the first
-    one; ``parameters`` (17,) are what is believed of the vehicle
+    one; ``parameters`` (20,) are what is believed of the vehicle
     (:mod:`quad_mpc_ros.model.parameters`).
     """
 

@@ -24,6 +24,9 @@ from quad_mpc_ros.model.rollout import SUBSTEPS, uneven_air
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import INPUT_SIZE
 
+# rad, in a substep: where a tilt begins or ends it does not turn.
+_TILT_JUMP = 0.05
+
 _STAGE_SIZE = 15 + (SUBSTEPS + 1) * INPUT_SIZE
 
 
@@ -75,7 +78,7 @@ class TargetSampler:
     ) -> Array:
         """Write the target of a horizon from ``stamp_ns`` on into the buffer, and return that.
 
-        ``parameters`` (17,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
+        ``parameters`` (20,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
         """
         _sample(
             elapsed_ns=stamp_ns - window.stamp_ns,
@@ -108,19 +111,22 @@ def _sample(
     points = np.empty((count, POINT_SIZE))
     sample_into(elapsed_ns + ends_ns, offsets_ns, samples, points)
     p, R, v, dv, w = point_parts(points)
-    held = np.empty((count, INPUT_SIZE))
-    R_held, throttle = kernels.matrix_in_row(R[0]), 0.0
+    held, tilts = np.empty((count, INPUT_SIZE)), np.empty((count, 3))
+    R_held, throttle, tilt = kernels.matrix_in_row(R[0]), 0.0, (0.0, 0.0, 0.0)
     for k in range(count):
         if k == 0 or not _is_same(points, k):
-            R_held, throttle = _hold(
+            R_held, throttle, tilt = _hold(
                 model,
                 kernels.matrix_in_row(R[k]),
                 kernels.vector(v[k]),
                 kernels.vector(dv[k]),
             )
         held[k, 0] = throttle
+        kernels.store_vector(tilt, tilts[k])
         for n in range(3):
             held[k, 1 + n] = w[k, n]
+        if k > 0:
+            _turn_with(tilts, R_held, dt, held, k)
         if k > 0 and k % SUBSTEPS == 0:
             i = k // SUBSTEPS - 1
             kernels.store_vector(kernels.vector(p[k]), target.p_WB[i])
@@ -162,8 +168,11 @@ def _hold(
     R_WB: kernels.Matrix,
     v_WB_W: kernels.Vector,
     a_WB_W: kernels.Vector,
-) -> tuple[kernels.Matrix, float]:
-    """Return the attitude, tilted against a disturbance, and the throttle for a reference."""
+) -> tuple[kernels.Matrix, float, kernels.Vector]:
+    """Return attitude and throttle for a reference, tilted against what it does not know of.
+
+    That is the disturbance, and drag that was learned in flight. Third is the tilt in the world.
+    """
     d_W = model.a_W
     x, y, z = kernels.plus(a_WB_W, kernels.scaled(model.drag, v_WB_W))
     if model.uneven_drag != (0.0, 0.0, 0.0) or model.translational_lift != 0.0:
@@ -171,18 +180,39 @@ def _hold(
         x, y, z = x - air[0], y - air[1], z - air[2]
     force = x, y, z + model.gravity
     against = kernels.plus(force, kernels.scaled(-1.0, d_W))
-    if d_W[0] != 0.0 or d_W[1] != 0.0 or d_W[2] != 0.0:
-        R_WB = _tilted(force, against, R_WB)
-    return R_WB, throttle_for(model, kernels.dot(kernels.column(R_WB, 2), against))
+    learned, tilt = model.learned_drag, (0.0, 0.0, 0.0)
+    if learned != (0.0, 0.0, 0.0):
+        u = kernels.apply_transposed(R_WB, v_WB_W)
+        drag = kernels.apply(R_WB, (learned[0] * u[0], learned[1] * u[1], learned[2] * u[2]))
+        force = force[0] - drag[0], force[1] - drag[1], force[2] - drag[2]
+    if d_W != (0.0, 0.0, 0.0) or learned != (0.0, 0.0, 0.0):
+        Q = _tilt(force, against)
+        R_WB, tilt = kernels.multiply(Q, R_WB), kernels.log(Q)
+    return R_WB, throttle_for(model, kernels.dot(kernels.column(R_WB, 2), against)), tilt
 
 
 @compiled
-def _tilted(before: kernels.Vector, after: kernels.Vector, R_WB: kernels.Matrix) -> kernels.Matrix:
-    """Return an attitude turned by the shortest rotation between two directions."""
+def _tilt(before: kernels.Vector, after: kernels.Vector) -> kernels.Matrix:
+    """Return the shortest rotation between two directions."""
+    none = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
     lengths = math.sqrt(kernels.dot(before, before) * kernels.dot(after, after))
     if lengths < 1e-6:
-        return R_WB  # no direction
-    cosine = kernels.dot(before, after) / lengths
-    if cosine < -0.9:
-        return R_WB  # none that is shortest
-    return kernels.multiply(kernels.shortest_rotation(before, after), R_WB)
+        return none  # no direction
+    if kernels.dot(before, after) / lengths < -0.9:
+        return none  # none that is shortest
+    return kernels.shortest_rotation(before, after)
+
+
+@compiled
+def _turn_with(tilts: Array, R_WB: kernels.Matrix, dt: float, held: Array, k: int) -> None:
+    """Add to the rates of a substep, and of the first, by how much the tilt turns the body."""
+    change = kernels.plus(
+        kernels.vector(tilts[k]), kernels.scaled(-1.0, kernels.vector(tilts[k - 1]))
+    )
+    if kernels.dot(change, change) > _TILT_JUMP**2:
+        return
+    turn = kernels.apply_transposed(R_WB, kernels.scaled(1.0 / dt, change))
+    for n in range(3):
+        held[k, 1 + n] += turn[n]
+        if k == 1:
+            held[0, 1 + n] += turn[n]

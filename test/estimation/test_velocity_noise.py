@@ -13,9 +13,9 @@ from quad_mpc_ros.lie import Array
 PERIOD = 0.02
 
 
-def found(velocity_errors: Array) -> float:
+def found(velocity_errors: Array, least: float = velocity_noise.USUAL) -> float:
     """Return the noise found of errors (n, 3) of successive velocities, otherwise as predicted."""
-    noise = velocity_noise.begun()
+    noise = velocity_noise.begun(least)
     for change in np.diff(velocity_errors, axis=0):
         velocity_noise.follow(noise, tuple(change.tolist()), PERIOD)
     return math.sqrt(velocity_noise.variance_in(noise))
@@ -30,7 +30,15 @@ def test_white_noise_is_found(sigma: float) -> None:
 def test_an_acceleration_that_the_model_lacks_is_no_noise() -> None:
     seconds = PERIOD * np.arange(1000)
     swinging = np.column_stack([np.sin(5.0 * seconds), 3.0 * seconds, np.zeros(1000)])
-    assert found(swinging) == velocity_noise.LEAST
+    assert found(swinging) == velocity_noise.USUAL
+
+
+@pytest.mark.parametrize("least", [0.01, 0.05])
+def test_noise_is_believed_to_be_no_less_than_the_least(least: float) -> None:
+    assert found(np.zeros((500, 3)), least) == least
+    assert found(0.03 * np.random.default_rng(4).normal(size=(500, 3)), least) == pytest.approx(
+        max(0.03, least), rel=0.2
+    )
 
 
 def test_one_jump_is_hardly_noise() -> None:

@@ -117,6 +117,29 @@ def test_a_disturbance_is_met_by_tilt_and_throttle() -> None:
     assert target.R_WB[0, 1, 2] > 0.0
 
 
+@pytest.mark.parametrize(("vehicle", "more"), [(VEHICLE, 0.3), (VEHICLE, -0.2), (UNEVEN, 0.3)])
+def test_drag_that_the_reference_does_not_know_is_met(vehicle: Vehicle, more: float) -> None:
+    """Flown open loop, with attitudes made with the drag that was expected."""
+    expected = model_of(rate=0.0, thrust=0.0, vehicle=vehicle)
+    factor = 1.0 + more / expected.drag
+    model = expected._replace(
+        drag=factor * expected.drag,
+        uneven_drag=tuple(factor * off for off in expected.uneven_drag),
+        learned_drag=tuple(more * (1.0 + off / expected.drag) for off in expected.uneven_drag),
+    )
+    window = eight(1.0, vehicle)
+    target = target_of(window, model)
+    states = np.zeros((STEPS + 1, ROW_SIZE))
+    now = sample(window, window.stamp_ns)
+    unaware = target_of(window, expected)
+    tilt = target.R_WB[0] @ unaware.R_WB[0].T  # hardly changes within a stage
+    start = row(now.p_WB, now.v_WB_W, tilt @ now.R_WB.reshape(3, 3), np.zeros(4))
+    roll_out(model, STEP, target.inputs, start, states)
+    off = np.abs(states[1:, V_WB_W] - target.v_WB_W).max()
+    roll_out(model, STEP, unaware.inputs, on_reference(window, unaware, expected), states)
+    assert off < 0.2 * np.abs(states[1:, V_WB_W] - target.v_WB_W).max()
+
+
 def test_at_rest_the_throttle_is_that_of_hovering() -> None:
     model = model_of(rate=0.03, thrust=0.03)
     server = ReferenceServer(ReferenceConfig(trajectory="hover"))
