@@ -34,6 +34,7 @@ from quad_mpc_ros.bridges.odometry import OdometryStamps, PositionJumps
 from quad_mpc_ros.bridges.thrust import ThrustMap
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.safety.validation import odometry_fault
 
@@ -243,6 +244,11 @@ class Bridge(ABC):
     def jumps(self) -> int:
         """How often the estimated position jumped."""
         return self._jumps.count
+
+    @property
+    def announced_reset(self) -> EstimateReset | None:
+        """The step of the estimate that the stack announced with the newest odometry."""
+        return self._jumps.announced
 
     def take_warnings(self) -> list[str]:
         """Return the warnings since the last call."""

@@ -22,7 +22,15 @@ from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
-from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, LANDED, ODOMETRY, REFERENCE, Topic
+from quad_mpc_ros.messages.topics import (
+    COMMAND,
+    ENGAGED,
+    LANDED,
+    ODOMETRY,
+    ODOMETRY_RESET,
+    REFERENCE,
+    Topic,
+)
 from quad_mpc_ros.model.reference_window import sample
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.clocks import SteadyTime
@@ -32,7 +40,7 @@ from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.telling import told
 from quad_mpc_ros.safety.validation import odometry_fault
 
-_OURS = (ODOMETRY, REFERENCE, ENGAGED, LANDED)
+_OURS = (ODOMETRY, ODOMETRY_RESET, REFERENCE, ENGAGED, LANDED)
 _WARNING_PERIOD = 5.0
 _QUIET_NS = 500_000_000
 
@@ -53,6 +61,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._command_ns = 0
         self._odometry = self.health.publisher(ODOMETRY)
         self._odometry_message = new_message(ODOMETRY.type_name)
+        self._odometry_reset = self.health.publisher(ODOMETRY_RESET)
         self._odometries = 0
         self._engaged = self.health.publisher(ENGAGED)
         self._engaged_message = new_message(ENGAGED.type_name)
@@ -119,6 +128,11 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             self.get_logger().warning(warning, throttle_duration_sec=_WARNING_PERIOD)
 
     def _publish_odometry(self, odometry: OdometrySample) -> None:
+        reset = self._bridge.announced_reset
+        if reset is not None:  # first, for what follows is in other coordinates
+            message = new_message(ODOMETRY_RESET.type_name)
+            conversions.fill_reset(message, reset)
+            self._odometry_reset.publish(message)
         conversions.fill_odometry(self._odometry_message, odometry)
         self._odometry.publish(self._odometry_message)
         self._odometries += 1

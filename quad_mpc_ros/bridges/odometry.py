@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import state_from_odometry
 
@@ -132,12 +133,15 @@ class PositionJumps:
 
     def __init__(self) -> None:
         self.count = 0
+        self.announced: EstimateReset | None = None
+        """What the stack said of the newest odometry, if it is the first after a reset."""
         self._before: OdometrySample | None = None
         self._v_WB_W: Array = np.zeros(3)
 
     def check(self, odometry: OdometrySample, *, cause: str | None) -> str | None:
         """Return a warning if the position jumped; ``cause`` is what the stack said of a reset."""
         before, v_before = self._before, self._v_WB_W
+        self.announced = None
         self._before, self._v_WB_W = odometry, state_from_odometry(odometry).v_WB_W
         if before is None:
             return None
@@ -147,4 +151,6 @@ class PositionJumps:
         if cause is None and not (0 < gap_ns < _LONGEST_JUMP_GAP_NS and jump > _JUMP):
             return None
         self.count += 1
+        if cause is not None:
+            self.announced = EstimateReset.between(before, odometry)
         return f"the estimate steps by {jump:.2f} m ({cause or 'no reset was announced'})"

@@ -13,6 +13,7 @@ import math
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
 from quad_mpc_ros.control.tick import Tick, figures_of
 from quad_mpc_ros.estimation.contact import GroundContact
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -92,6 +93,16 @@ class Controller:
     def landed(self, landed: bool | None) -> None:
         """Tell what the flight stack says of the ground, if it does: landed, or not."""
         self._ground.tell_landed(landed)
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Take an announced step of the estimate: the vehicle stays, its coordinates change.
+
+        What is held and the reference move along at once, the reference for as long as no other
+        comes. It is to be told before the first odometry in the new coordinates.
+        """
+        self._ground.reset_estimate(reset)
+        self._mpc.reset_estimate(reset)
+        self._supervisor.reset_estimate(reset)
 
     def take_warnings(self) -> list[str]:
         """Return what there is to tell the log since the last call."""

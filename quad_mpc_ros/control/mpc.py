@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from quad_mpc_ros.estimation.contact import GroundContact
 from quad_mpc_ros.estimation.delay_compensation import DelayCompensation, EstimateStatus
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -130,6 +131,13 @@ class Mpc:
     def engage(self, engaged: bool) -> None:
         """Tell the controller whether what is sent acts on the vehicle."""
         self._delay_compensation.engage(engaged)
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Take an announced step of the estimate.
+
+        The plan is one of deviations from the reference's inputs, and moves with the reference.
+        """
+        self._delay_compensation.reset_estimate(reset)
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over new weights and bounds; pattern, plan and warm start stay."""

@@ -22,7 +22,10 @@ from __future__ import annotations
 import enum
 import math
 
+import numpy as np
+
 from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import state_from_odometry
 
@@ -73,6 +76,8 @@ class GroundContact:
         self._engaged = True
         self._stood_at: float | None = None
         self._thrust = 0.0
+        # Filtered, and where it stood or was seen first.
+        self._p, self._v, self._p_ground = np.zeros((3, 3))
         self._forget()
 
     def engage(self, engaged: bool) -> None:
@@ -101,6 +106,15 @@ class GroundContact:
         move. That it has not says nothing: stacks take their time.
         """
         self._landed = landed
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Take an announced step of the estimate: nothing has moved."""
+        if self._stood_at is not None:
+            self._stood_at += float(reset.step_W[2])
+        self._still = None
+        if self._stamp_ns is not None:
+            self._p, self._p_ground = reset.points(self._p), reset.points(self._p_ground)
+            self._v = reset.vectors(self._v)
 
     @property
     def standing(self) -> bool:

@@ -20,9 +20,12 @@ from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf, EkfMemory
 from quad_mpc_ros.estimation.estimate_health import EstimateHealth
 from quad_mpc_ros.estimation.velocity_bias import VelocityBias
 from quad_mpc_ros.estimation.velocity_filter import HELD, LEARNED, PAUSED, REFUSED
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, parameters_of
 from quad_mpc_ros.model.rollout import (
     ACTUATORS,
+    P_WB,
+    R_WB,
     ROW_SIZE,
     V_WB_W,
     read_odometry,
@@ -134,6 +137,17 @@ class DelayCompensation:
             # Who disarms may have landed just before, and what came last was of the ground.
             self._recall()
         self._engaged = engaged
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Move what is remembered of odometries, and what was learned in the world."""
+        self._velocity_bias.reset_estimate(reset)
+        self._ekf.turn(reset.vectors(np.eye(3)).T)
+        self._memories.clear()  # of the former directions
+        if self._previous_ns is not None and self._previous_ns < reset.stamp_ns:
+            row = self._measured
+            row[P_WB] = reset.points(row[P_WB])
+            row[V_WB_W] = reset.vectors(row[V_WB_W])
+            row[R_WB] = reset.vectors(row[R_WB].reshape(3, 3).T).T.ravel()
 
     def predict(self, odometry: OdometrySample) -> PredictedState:
         """Return the state in which a command sent now will begin to act.

@@ -187,6 +187,14 @@ class DisturbanceEkf:
         self._covariance[:] = memory.covariance
         self._believe(self._estimate[V:D].copy())
 
+    def turn(self, turn: Array) -> None:
+        """Turn velocity and disturbance with the world's coordinates, by a rotation (3, 3)."""
+        turns = np.eye(SIZE)
+        turns[V:D, V:D] = turns[D : D + 3, D : D + 3] = turn
+        self._estimate[V:D] = turn @ self._estimate[V:D]
+        self._estimate[D : D + 3] = turn @ self._estimate[D : D + 3]
+        self._covariance[:] = turns @ self._covariance @ turns.T
+
     def start(self, v_WB_W: Array) -> None:
         """Begin with a velocity (3,); what was learned is kept."""
         self._estimate[THROTTLE] = self._initial_throttle

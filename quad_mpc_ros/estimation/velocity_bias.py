@@ -14,7 +14,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 
 _OMEGA, _DAMPING = 3.0, 0.8  # rad/s
 # A position so much further [m] than the velocity led to jumped.
@@ -42,6 +45,13 @@ class VelocityBias:
             self._led = p
         self._v, self._stamp_ns = v, stamp_ns
         return self._bias
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Take an announced step of the estimate."""
+        if self._stamp_ns is not None and self._stamp_ns < reset.stamp_ns:
+            self._led = reset.points(np.array(self._led)).tolist()
+            self._v = reset.vectors(np.array(self._v)).tolist()
+            self._bias = reset.vectors(np.array(self._bias)).tolist()
 
     def _learn(self, p: list[float], v: list[float], duration: float) -> None:
         led = [

@@ -8,6 +8,7 @@ filled before keeps its elements and is filled again, which is cheaper.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.messages import cdr
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import (
     CommandSample,
     OdometrySample,
@@ -32,6 +34,7 @@ NewMessage = Callable[[str], Any]
 """Makes an empty message of a type named like ``geometry_msgs/msg/Pose``."""
 
 _SECOND = 1_000_000_000
+_TURN_OFF = 1e-3  # of a quaternion about the vertical
 _VELOCITY_VARIANCES = (0, 7, 14)  # of a twist's covariance (36,), row by row
 
 _COLUMNS = (slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13), slice(13, 16))
@@ -243,6 +246,37 @@ def fill_transform(message: Any, odometry: OdometrySample, *, new: NewMessage) -
     stamped.child_frame_id = odometry.child_frame_id
     fill_vector(stamped.transform.translation, odometry.p_WB.tolist())
     fill_quaternion(stamped.transform.rotation, odometry.q_WB_xyzw.tolist())
+
+
+def reset_from_message(message: Any) -> EstimateReset:
+    """Return an estimator's step from a ``geometry_msgs/TransformStamped``.
+
+    Raises:
+        ValueError: It is no finite turn about the vertical with a step.
+    """
+    step_W = _vector(message.transform.translation)
+    x, y, z, w = _quaternion(message.transform.rotation).tolist()
+    vertical = math.hypot(x, y) < _TURN_OFF and abs(math.hypot(z, w) - 1.0) < _TURN_OFF
+    if not (vertical and np.all(np.isfinite(step_W))):
+        raise ValueError(
+            f"a step of the estimate by {step_W.tolist()} m and quaternion {[x, y, z, w]}, "
+            "expected finite numbers and a turn about the vertical"
+        )
+    return EstimateReset(
+        stamp_ns=nanoseconds(message.header.stamp),
+        turn=2.0 * math.atan2(z, w),
+        step_W=step_W,
+        frame_id=str(message.header.frame_id),
+    )
+
+
+def fill_reset(message: Any, reset: EstimateReset) -> None:
+    """Write an estimator's step into a ``geometry_msgs/TransformStamped``: its former frame."""
+    fill_header(message.header, reset.stamp_ns, reset.frame_id)
+    message.child_frame_id = f"{reset.frame_id}_before"
+    fill_vector(message.transform.translation, reset.step_W.tolist())
+    half = 0.5 * reset.turn
+    fill_quaternion(message.transform.rotation, (0.0, 0.0, math.sin(half), math.cos(half)))
 
 
 def fill_header(header: Any, stamp_ns: int, frame_id: str) -> None:

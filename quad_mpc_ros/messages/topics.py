@@ -30,6 +30,13 @@ COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", sing
 ENGAGED = Topic(name="engaged", type_name="std_msgs/msg/Bool", reliable=True, latched=True)
 # Whether it stands on the ground. Where nobody says so, that is found out.
 LANDED = Topic(name="landed", type_name=ENGAGED.type_name, reliable=True, latched=True)
+# That the estimator has stepped: where its former frame lies in the one from now on.
+ODOMETRY_RESET = Topic(
+    name="odom_reset",
+    type_name="geometry_msgs/msg/TransformStamped",
+    reliable=True,
+    depth=10,
+)
 
 REFERENCE = Topic(
     name="reference",
@@ -61,6 +68,7 @@ RECORDED_COMMAND = Topic(name="recorded_command", type_name=COMMAND.type_name)
 
 RECORDED = (
     ODOMETRY,
+    ODOMETRY_RESET,
     REFERENCE,
     COMMAND,
     ENGAGED,

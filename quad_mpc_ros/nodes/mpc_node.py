@@ -71,6 +71,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.REFERENCE, self._on_reference, raw=True)
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
+        self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
         self.managed_timer(1.0 / config.control_rate, self._on_watch, steady=True)
 
     def obstacle(self) -> str | None:
@@ -135,6 +136,12 @@ class MpcNode(ManagedNode[MpcConfig]):
     def _on_landed(self, message: Any) -> None:
         self._landed = bool(message.data)
         self._controller.landed(self._landed)
+
+    def _on_odometry_reset(self, message: Any) -> None:
+        try:
+            self._controller.reset_estimate(conversions.reset_from_message(message))
+        except ValueError as error:
+            self._warn(str(error))
 
     def _on_watch(self) -> None:
         if self.active:

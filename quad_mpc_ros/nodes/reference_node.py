@@ -20,6 +20,7 @@ from quad_mpc_ros.messages.topics import (
     GOAL_POSE,
     LANDED,
     ODOMETRY,
+    ODOMETRY_RESET,
     REFERENCE,
     REFERENCE_PATH,
     TRAJECTORY,
@@ -86,6 +87,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self.managed_subscription(ODOMETRY, self._on_odometry, raw=True)
         self.managed_subscription(ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(LANDED, self._on_landed, expected=False)
+        self.managed_subscription(ODOMETRY_RESET, self._on_odometry_reset, expected=False)
         self.managed_subscription(GOAL_POSE, self._on_goal)
         self.managed_subscription(TRAJECTORY, self._on_trajectory)
         for name, request in (
@@ -159,6 +161,20 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def _on_landed(self, message: Any) -> None:
         self._live.landed(bool(message.data))
+
+    def _on_odometry_reset(self, message: Any) -> None:
+        if not self.active:
+            return
+        try:
+            reset = conversions.reset_from_message(message)
+        except ValueError as error:
+            self.get_logger().warning(str(error))
+            return
+        with self._publishing:
+            reply = self._live.reset_estimate(self._flight_ns(), reset)
+            if not self._config.lockstep:
+                self._publish(self._now_ns())
+        self._tell_request("reset", reply)
 
     def _serve(self, name: str, request: Callable[[int], Reply], _: Any, response: Any) -> Any:
         reply = self._handle(name, request)

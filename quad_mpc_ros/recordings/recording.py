@@ -15,12 +15,14 @@ from quad_mpc_ros.messages.topics import (
     ENGAGED,
     LANDED,
     ODOMETRY,
+    ODOMETRY_RESET,
     PREDICTED_PATH,
     RECORDED_COMMAND,
     REFERENCE,
     STATS,
     Topic,
 )
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import with_body_twist
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -133,7 +135,7 @@ class Recording:
         self,
         names: TopicNames = OUR_NAMES,
         *,
-        topics: Collection[Topic] = (REFERENCE, COMMAND, ENGAGED, LANDED, STATS),
+        topics: Collection[Topic] = (REFERENCE, COMMAND, ENGAGED, LANDED, ODOMETRY_RESET, STATS),
     ) -> RecordedRun:
         """Return the odometry and ``topics`` of the controller, the others left empty.
 
@@ -146,11 +148,16 @@ class Recording:
         commands, flown = logs.CommandLog(), logs.CommandLog()
         engagements: list[logs.Received[bool]] = []
         landings: list[logs.Received[bool]] = []
+        resets: list[logs.Received[EstimateReset]] = []
         takers: dict[Topic, Taker] = {
             REFERENCE: _into(windows, conversions.reference_from_message),
             COMMAND: _into(commands, conversions.command_from_message),
             ENGAGED: lambda m: engagements.append(_told(m)),
             LANDED: lambda m: landings.append(_told(m)),
+            ODOMETRY_RESET: _values(
+                conversions.reset_from_message,
+                lambda message, reset: resets.append(_received(message, reset)),
+            ),
             STATS: self._figures(stats),
         }
         takers = {topic: takers[topic] for topic in topics}
@@ -180,6 +187,7 @@ class Recording:
             parameters=self.parameters,
             engagements=engagements,
             landings=landings,
+            resets=resets,
         )
 
     def _stream(
@@ -286,8 +294,12 @@ def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], Non
 
 def _told(message: RecordedMessage) -> logs.Received[bool]:
     """Return what a ``std_msgs/Bool`` tells."""
+    return _received(message, bool(message.message.data))
+
+
+def _received(message: RecordedMessage, value: T) -> logs.Received[T]:
     return logs.Received(
-        value=bool(message.message.data),
+        value=value,
         log_time_ns=message.log_time_ns,
         publish_time_ns=message.publish_time_ns,
     )

@@ -18,6 +18,7 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages.conversions import odometry_from_pose_and_twist
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, Topic
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received
 
@@ -72,7 +73,8 @@ class RecordedRun:
     refuses is still among them. ``commands`` are those that were flown, ``stats`` the figures of
     the ticks, ``parameters`` those recorded, by node. ``engagements`` tell from when on the
     vehicle acted on commands, and from when on it did not; before the first of them it did.
-    ``landings`` tell from when on it stood on the ground, and from when on not.
+    ``landings`` tell from when on it stood on the ground, and from when on not; ``resets`` how
+    the estimate stepped.
     """
 
     bag: Path
@@ -83,6 +85,7 @@ class RecordedRun:
     parameters: Mapping[str, Mapping[str, Any]]
     engagements: Sequence[Received[bool]] = ()
     landings: Sequence[Received[bool]] = ()
+    resets: Sequence[Received[EstimateReset]] = ()
 
 
 def odometry_of_pose(message: Any) -> OdometrySample:

@@ -66,6 +66,12 @@ def resolve(
     sent = _first_by_stamp(run.commands)
     window: ReferenceWindow | None = None
     engagements, landings = deque(run.engagements), deque(run.landings)
+    resets = deque(run.resets)
+
+    def reset_estimate_until(now_ns: int) -> None:
+        while resets and resets[0].publish_time_ns <= now_ns:
+            controller.reset_estimate(resets.popleft().value)
+
     for event in _events(run, config, windows):
         while engagements and engagements[0].publish_time_ns <= event.now_ns:
             controller.engage(engagements.popleft().value)
@@ -74,7 +80,9 @@ def resolve(
         # Windows that no tick used change nothing.
         if event.window is not None and event.window is not window:
             window = event.window
+            reset_estimate_until(event.window_ns)  # what came later moved this window as well
             controller.receive_reference(window, now_ns=event.window_ns)
+        reset_estimate_until(event.now_ns)
         if event.odometry is None:
             tick = controller.watch(now_ns=event.now_ns)
         else:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.safety.command_limits import clamped
@@ -59,6 +60,12 @@ class HoverFallback:
         """Forget the held position; the next call holds where the vehicle is then."""
         self._p_hold = None
         self._integral = np.zeros(3)
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Move the held position, and what holds it there, with the estimate."""
+        if self._p_hold is not None:
+            self._p_hold = reset.points(self._p_hold)
+        self._integral = reset.vectors(self._integral)
 
     def command(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from quad_mpc_ros.estimation.twist_frame import TwistFrameCheck
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import with_body_twist
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -56,6 +57,11 @@ class InputMonitor:
         if fault is None:
             self.reference, self.reference_ns = window, now_ns
         return fault
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Let the reference move with the estimate until another comes."""
+        if self.reference is not None:
+            self.reference = reset.window(self.reference)
 
     def reference_at(self, stamp_ns: int, *, now_ns: int) -> tuple[ReferenceWindow | None, str]:
         """Return the reference to follow at a stamp, or None and why there is none.

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from quad_mpc_ros.estimation.contact import GroundContact
 from quad_mpc_ros.lie.kernels import infinity_norm
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input, state_from_odometry
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -91,6 +92,11 @@ class Supervisor:
         self._swinging.reconfigure(config)
         self._hover.reconfigure(config)
         self._blind.reconfigure(config)
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Take an announced step of the estimate: what is held moves along."""
+        self.inputs.reset_estimate(reset)
+        self._hover.reset_estimate(reset)
 
     def engage(self, engaged: bool) -> None:
         """Tell whether commands act: while they do not, how it swings is nobody's fault here."""

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.lie import Array
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.feasibility import Verdict, judged
 from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
@@ -112,6 +113,18 @@ class Director:
             self.ground = float(p_WB[2])
             rest = _at_rest(self._config, _below(p_WB), yaw)
             self.timeline.follow([Phase(start_ns=now_ns, name=GROUND, trajectory=rest)])
+
+    def reset_estimate(self, now_ns: int, reset: EstimateReset) -> bool:
+        """Take an announced step of the estimate; return whether what is flown moves along.
+
+        What is held does, and take-off and landing: they are where the vehicle is. A trajectory
+        or a goal was given in the coordinates of the world, and stays there.
+        """
+        self.ground += float(reset.step_W[2])
+        moves = self.mode(now_ns) in (GROUND, TAKEOFF, HOLD, LANDING)
+        if moves:
+            self.timeline.reset_estimate(reset)
+        return moves
 
     def take_off(self, now_ns: int, *, height: float) -> Reply:
         """Climb to ``height`` [m] above the ground, and hold."""

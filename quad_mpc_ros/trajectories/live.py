@@ -18,6 +18,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.safety.validation import pose_fault
 from quad_mpc_ros.trajectories.config import ReferenceConfig
@@ -93,6 +94,18 @@ class LiveReference:
     def landed(self, landed: bool | None) -> None:
         """Tell what the flight stack says of the ground, if it does: landed, or not."""
         self._landed = landed
+
+    def reset_estimate(self, now_ns: int, reset: EstimateReset) -> Reply:
+        """Take an announced step of the estimate; return what follows for the reference."""
+        if self._newest is not None:
+            self._newest, self._home = reset.odometry(self._newest), reset.points(self._home)
+        if self._ground_height is not None:
+            self._ground_height += float(reset.step_W[2])
+        self._touchdown = Touchdown(self._config.touchdown_speed)
+        moves = self._director is None or self._director.reset_estimate(now_ns, reset)
+        stepped = f"the estimate steps by {np.linalg.norm(reset.step_W):.2f} m"
+        kept = f"{self.mode(now_ns)} stays where it is on the map"
+        return Reply(accepted=moves, text=f"{stepped}: {'moves along' if moves else kept}")
 
     def mode(self, now_ns: int) -> str:
         """Return what is being flown."""

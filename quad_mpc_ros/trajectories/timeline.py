@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import bisect
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.trajectories.trajectory import Trajectory, TrajectorySamples, combined
 
 _KEPT = 8  # phases that are over, for windows from a little while ago
@@ -48,6 +50,13 @@ class Timeline:
         kept = [phase for phase in self._phases if phase.start_ns < start_ns]
         self._phases = [*kept[-_KEPT:], *phases]
 
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Let all of it move with the coordinates of the world."""
+        self._phases = [
+            dataclasses.replace(phase, trajectory=Moved(phase.trajectory, reset))
+            for phase in self._phases
+        ]
+
     def at(self, times_ns: list[int]) -> TrajectorySamples:
         """Return the samples at these times."""
         phases = self._phases  # as it is now: another thread may follow something else meanwhile
@@ -70,6 +79,19 @@ class Timeline:
                 inside = phase.trajectory.jumps(first - phase.start_ns, last - phase.start_ns)
                 found += [phase.start_ns + time_ns for time_ns in inside]
         return found
+
+
+class Moved:
+    """A trajectory in the coordinates after a step of the estimate."""
+
+    def __init__(self, trajectory: Trajectory, reset: EstimateReset) -> None:
+        self._trajectory, self._reset = trajectory, reset
+        self.jumps, self.smooth = trajectory.jumps, trajectory.smooth
+        self.period_ns = trajectory.period_ns
+
+    def at(self, times_ns: list[int]) -> TrajectorySamples:
+        """Return the samples at these times."""
+        return TrajectorySamples(**self._reset.samples(self._trajectory.at(times_ns)))
 
 
 def _owner(phases: list[Phase], time_ns: int) -> int:

@@ -657,7 +657,11 @@ def test_a_reset_of_the_estimator_is_flown_on_from(new: New) -> None:
     stack = way.stack
     assert isinstance(stack, FakePx4)
 
+    announced = []
+
     def reset(now_ns: int) -> None:
+        if way.bridge.announced_reset is not None:
+            announced.append(way.bridge.announced_reset)
         if now_ns == SIMULATION_START_NS + 5 * SECOND:
             stack.reset_counter += 1
             stack.offset_ned = np.array([1.0, -0.5, 0.0])
@@ -668,6 +672,9 @@ def test_a_reset_of_the_estimator_is_flown_on_from(new: New) -> None:
     assert way.bridge.take_warnings() == [
         "the estimate steps by 1.12 m (reset_counter 0 to 1, pose_frame 1 to 1)"
     ]
+    (step,) = announced
+    assert np.allclose(step.step_W, [-0.5, 1.0, 0.0], atol=0.01)  # ENU
+    assert abs(step.turn) < 0.01
     assert flight.sources == {Source.MPC}
     assert tick is not None
     assert tick.stats.rejected_inputs == 0

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from quad_mpc_ros.lie import so3
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.codec import RosbagsMessages
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.messages import new_message
 
@@ -55,6 +57,27 @@ def test_the_variance_of_a_velocity_survives_the_message(new: New) -> None:
     assert conversions.odometry_from_message(message).v_variance == 0.1
     message.twist.covariance[7] = 0.3  # the axes differ: the largest counts
     assert conversions.odometry_from_message(message).v_variance == 0.3
+
+
+def test_a_step_of_the_estimate_is_the_transform_of_its_former_frame(new: New) -> None:
+    message = new("geometry_msgs/msg/TransformStamped")
+    reset = EstimateReset(
+        stamp_ns=12_000_000_345, turn=2.0, step_W=np.array([1.0, 2.0, 3.0]), frame_id="map"
+    )
+    conversions.fill_reset(message, reset)
+    assert (message.header.frame_id, message.child_frame_id) == ("map", "map_before")
+    q = message.transform.rotation
+    p_W = np.array([0.3, -0.7, 0.1])
+    # As tf2 transforms a point of the child's frame.
+    there = so3.rotation_from_quaternion_xyzw(np.array([q.x, q.y, q.z, q.w])) @ p_W + [1, 2, 3]
+    assert np.allclose(reset.points(p_W), there)
+    again = conversions.reset_from_message(message)
+    assert (again.stamp_ns, again.frame_id) == (reset.stamp_ns, "map")
+    assert again.turn == pytest.approx(2.0)
+    assert np.array_equal(again.step_W, reset.step_W)
+    q.x = 0.1
+    with pytest.raises(ValueError, match="a turn about the vertical"):
+        conversions.reset_from_message(message)
 
 
 @pytest.mark.parametrize("nothing", [0.0, -1.0, math.nan, math.inf, 1e6])

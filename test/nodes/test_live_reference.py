@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -22,6 +22,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.messages import conversions, diagnostics
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.messages import new_message
 
@@ -265,6 +266,22 @@ def test_requests_are_accepted_told_and_drawn(pilot: Pilot, peer: Any) -> None:
 def _end(path: PathMessage) -> list[float]:
     position = path.poses[-1].pose.position
     return [position.x, position.y, position.z]
+
+
+def test_what_is_held_moves_along_where_the_estimate_steps(pilot: Pilot, peer: Any) -> None:
+    steps = peer.node.create_publisher(TransformStamped, "odom_reset", 10)
+    assert peer.wait(steps.get_subscription_count)
+    assert pilot.call("takeoff").success
+    pilot.fly(4.0)
+    held = pilot.windows()[-1]
+    assert not np.any(held.v_WB_W)
+    step, message = np.array([2.0, -1.0, 0.5]), TransformStamped()
+    reset = EstimateReset(stamp_ns=held.stamp_ns, turn=0.0, step_W=step)
+    conversions.fill_reset(message, reset)
+    told = pilot._told("reset", lambda: steps.publish(message))
+    assert "accepted: the estimate steps by 2.29 m: moves along" in told
+    pilot.fly(0.3)
+    assert np.allclose(pilot.windows()[-1].p_WB, held.p_WB[-1] + step)
 
 
 @pytest.mark.slow

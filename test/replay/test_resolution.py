@@ -11,6 +11,7 @@ from fixtures.presets import ideal
 
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.tick import Tick
+from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.logs import Received
@@ -45,12 +46,14 @@ def flown_in_real_time(
     engaged: dict[int, bool] | None = None,
     landed: dict[int, bool] | None = None,
     shifted: tuple[float, float, int] = (9.0, 9.0, 0),
+    reset: EstimateReset | None = None,
 ) -> tuple[RecordedRun, list[Tick]]:
     """Fly as the node does: everything arrives when it does, and the recorder hears it later.
 
     Odometry is withheld from the controller over ``silent`` seconds, when its watchdog acts; the
     first ones come before any reference. ``engaged`` and ``landed`` are by the time in
     milliseconds. Stamps are ``shifted`` by the last number [ms] over the seconds of the first two.
+    From the stamp of a ``reset`` on odometries are in other coordinates.
     """
     random = np.random.default_rng(1)
     simulator = ideal(
@@ -81,7 +84,11 @@ def flown_in_real_time(
         recorded(told, START_NS + time_ms * MS) for time_ms, told in (landed or {}).items()
     ]
     due, due_landings = list(engagements), list(landings)
+    resets = [] if reset is None else [recorded(reset, reset.stamp_ns)]
+    due_resets = list(resets)
     while (sent := stream.step()) is not None:
+        while due_resets and due_resets[0].publish_time_ns < START_NS + sent.time_ns:
+            controller.reset_estimate(due_resets.pop(0).value)
         while due and due[0].publish_time_ns < START_NS + sent.time_ns:
             controller.engage(due.pop(0).value)
         while due_landings and due_landings[0].publish_time_ns < START_NS + sent.time_ns:
@@ -105,6 +112,8 @@ def flown_in_real_time(
         if shifted[0] <= sent.time_ns * 1e-9 < shifted[1]:
             stamp_ns = odometry.stamp_ns + shifted[2] * MS
             odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
+        if reset is not None and odometry.stamp_ns > reset.stamp_ns:
+            odometry = reset.odometry(odometry)
         odometries.append(recorded(odometry, START_NS + sent.time_ns, later_ns=MS))
         take(controller.receive_odometry(odometry, now_ns=now_ns), now_ns)
     run = RecordedRun(
@@ -116,6 +125,7 @@ def flown_in_real_time(
         parameters={"/uav1/mpc": MPC.flattened()},
         engagements=engagements,
         landings=landings,
+        resets=resets,
     )
     return run, ticks
 
@@ -140,6 +150,17 @@ def test_commands_that_did_not_act_are_resolved_as_such() -> None:
     for unknown in ("engagements", "landings"):
         unknowing = dataclasses.replace(run, **{unknown: ()})
         assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
+
+
+def test_steps_of_the_estimate_are_resolved_as_they_were_announced() -> None:
+    step = EstimateReset(
+        stamp_ns=START_NS + 1205 * MS, turn=0.7, step_W=np.array([1.0, -2.0, 0.3])
+    )
+    run, ticks = flown_in_real_time(reset=step)
+    flown = as_bytes([tick.command for tick in ticks if tick.command])
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == flown
+    unknowing = dataclasses.replace(run, resets=())
+    assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
 
 
 @pytest.mark.parametrize("odom_rate", [50.0, 120.0])
