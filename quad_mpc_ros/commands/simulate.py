@@ -31,7 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--plant",
         metavar="NAME",
         help=f"what flies: {', '.join(PLANTS)} (default: as simulator.plant says, internal); "
-        "rotorpy and rotors come with a preset, over which --config and --set win",
+        "betaflight, rotorpy and rotors come with a preset, over which --config and --set win",
     )
 
 

