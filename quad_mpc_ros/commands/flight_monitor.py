@@ -114,7 +114,7 @@ class FlightMonitor(Observer):
         if self._reference is None:
             return flown, None
         window = conversions.reference_from_message(decoded(REFERENCE, self._reference))
-        return flown, float(np.linalg.norm(window.p_WB[0] - odometry.p_WB))
+        return flown, float(np.linalg.norm(window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB))
 
     def start_simulator(self) -> None:
         """Start the clock of the simulator."""

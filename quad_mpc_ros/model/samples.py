@@ -225,6 +225,22 @@ class ReferenceWindow:
             frame_id=frame_id,
         )
 
+    def pose_at(self, stamp_ns: int) -> tuple[Array, Array]:
+        """Return about where the reference is at a time: position (3,) and quaternion (4,).
+
+        The position is on the line between two samples, the attitude that of the one before. What
+        the MPC follows is sampled better (``model/reference_window.py``).
+        """
+        after_ns = stamp_ns - self.stamp_ns
+        offsets_ns = self.offset_ns
+        before = max(int(offsets_ns.searchsorted(after_ns, side="right")) - 1, 0)
+        p, q = self.p_WB[before], self.q_WB_xyzw[before]
+        past_ns = after_ns - int(offsets_ns[before])
+        if past_ns <= 0 or before + 1 == len(offsets_ns):
+            return p, q
+        fraction = past_ns / int(offsets_ns[before + 1] - offsets_ns[before])
+        return p + fraction * (self.p_WB[before + 1] - p), q
+
 
 def _level(yaw: float) -> Array:
     """Return the quaternion (4,) of a level attitude."""

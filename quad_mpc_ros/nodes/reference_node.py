@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from std_srvs.srv import Trigger
 
@@ -47,7 +47,16 @@ _BODY_FRAME = "base_link"
 _LEAD_NS = 100_000_000
 _LONGER = 1.5
 _TRIALS = 3
+_RENEWAL = 0.05  # of a window's length: so soon the next goes out, though it shows the same
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
+
+
+class _Shown(NamedTuple):
+    """What the last window showed, stamped how far ahead, and when it went out."""
+
+    outlook: tuple[object, ...]
+    ahead_ns: int
+    at_ns: int
 
 
 class ReferenceNode(ManagedNode[ReferenceConfig]):
@@ -59,7 +68,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     flight stands still.
 
     The flight goes by a clock that is never set, and windows come out of a thread of their own,
-    while the executor plans.
+    while the executor plans: one as soon as something is to be flown otherwise than the last one
+    showed, and else when a twentieth of that has passed.
     """
 
     _config: ReferenceConfig
@@ -82,6 +92,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
+        self._shown: _Shown | None = None
+        self._renewal_ns = round(_RENEWAL * config.window_duration * 1e9)
         self._reference = self.health.publisher(REFERENCE)
         self._path = self.health.publisher(REFERENCE_PATH)
         self.managed_subscription(ODOMETRY, self._on_odometry, raw=True)
@@ -104,6 +116,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def activate(self) -> None:
         """Begin, or go on where it stopped."""
         self._time.resume(self._now_ns())
+        self._shown = None
         self._publish_path(self._live.course(self._flight_ns()))
 
     def deactivate(self) -> None:
@@ -151,8 +164,24 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def _on_beat(self) -> None:
         with self._publishing:
-            if self.active:
+            if self.active and self._is_due(self._now_ns()):
                 self._publish(self._now_ns())
+
+    def _is_due(self, now_ns: int) -> bool:
+        """Whether the last window says no more what is to come, or not for long enough."""
+        outlook, ahead_ns = self._live.outlook(), self._stamps.ahead_ns
+        shown, self._shown = self._shown, _Shown(outlook, ahead_ns, now_ns)
+        if (
+            shown is None
+            or not outlook
+            or [*map(id, outlook)] != [*map(id, shown.outlook)]
+            or ahead_ns != shown.ahead_ns
+            or abs(now_ns - shown.at_ns) >= self._renewal_ns
+            or self._live.changes(self._time.at(shown.at_ns), self._time.at(now_ns))
+        ):
+            return True
+        self._shown = shown
+        return False
 
     def _on_engaged(self, message: Any) -> None:
         reply = self._live.engage(bool(message.data))

@@ -169,11 +169,12 @@ class Supervisor:
         self._blind.release()
         if plan is not None:
             self._plan = _HeldPlan(plan, now_ns)
-        reference = self.inputs.reference
+        window = self.inputs.reference
+        reference = None if window is None else window.pose_at(odometry.stamp_ns)
         breaches = (
             self._flight_limits.check(
                 odometry,
-                p_reference=reference.p_WB[0] if reference is not None else None,
+                p_reference=reference[0] if reference is not None else None,
                 now_ns=now_ns,
             ),
             self._swinging.check(odometry, reference, now_ns=now_ns),

@@ -11,7 +11,7 @@ import math
 from collections import deque
 
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.safety.ladder import Action, Breach
 
@@ -48,16 +48,20 @@ class Swinging:
             self._forget()
 
     def check(
-        self, odometry: OdometrySample, reference: ReferenceWindow | None, *, now_ns: int
+        self, odometry: OdometrySample, reference: tuple[Array, Array] | None, *, now_ns: int
     ) -> Breach | None:
-        """Return the breach in force, if there is one."""
+        """Return the breach in force, if there is one.
+
+        ``reference`` is where the vehicle should be, position (3,) and quaternion (4,).
+        """
         if not self._engaged:
             return None
         if self._until_ns is None or now_ns >= self._until_ns:
             if reference is None:
                 return None
-            self._follow(odometry.p_WB, reference.p_WB[0])
-            if not self._is_swinging(odometry, reference.q_WB_xyzw[0], now_ns):
+            p_reference, q_reference_xyzw = reference
+            self._follow(odometry.p_WB, p_reference)
+            if not self._is_swinging(odometry, q_reference_xyzw, now_ns):
                 return None
             self._begin(now_ns)
         return Breach(self._action, "it swings: lags or delay may be longer than the model's")

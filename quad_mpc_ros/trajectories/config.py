@@ -139,10 +139,17 @@ class ReferenceConfig(
         maximum=1e3,
     )
     publish_rate: float = parameter(
-        50.0, doc="Windows per second; in lockstep one per odometry.", unit="Hz", above=0.0
+        50.0,
+        doc="Windows per second at most: one goes out when something changes, and else each "
+        "twentieth of window_duration; in lockstep one per odometry.",
+        unit="Hz",
+        above=0.0,
     )
     window_duration: float = parameter(
-        2.0, doc="How far a window reaches; at least the horizon of the MPC.", unit="s", above=0.0
+        2.0,
+        doc="How far a window reaches; at least the horizon of the MPC and a tenth more.",
+        unit="s",
+        above=0.0,
     )
     window_step: float = parameter(
         0.05, doc="Time between the samples of a window.", unit="s", above=0.0

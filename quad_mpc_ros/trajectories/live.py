@@ -143,6 +143,19 @@ class LiveReference:
             return None
         return self._server.window(stamp_ns)
 
+    def outlook(self) -> tuple[object, ...]:
+        """Return objects that are the same ones as long as an earlier window holds.
+
+        None of them where each window is another: waiting at a vehicle that moves.
+        """
+        if self._director is None:
+            return () if self._engaged is not None else (self._server,)
+        return self._server, self._director.timeline.last
+
+    def changes(self, after_ns: int, until_ns: int) -> bool:
+        """Whether the reference jumps between two times, where windows do not show it before."""
+        return self._server.changes(after_ns, until_ns)
+
     def whole(self) -> TrajectorySamples:
         """Return the trajectory that is configured, to be drawn."""
         return ReferenceServer(self._config, self._trajectory).whole()

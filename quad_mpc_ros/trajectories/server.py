@@ -91,6 +91,16 @@ class ReferenceServer:
             )
         return windows
 
+    def changes(self, after_ns: int, until_ns: int) -> bool:
+        """Whether what a window shows changes between two stamps, but for its reaching further.
+
+        That is so where nothing is previewed, and the trajectory jumps.
+        """
+        if self._started_ns is None or self._preview:
+            return False
+        start_ns = self._started_ns
+        return bool(self._trajectory.jumps(after_ns - start_ns, until_ns - start_ns))
+
     def whole(self) -> TrajectorySamples:
         """Return the whole trajectory once, to be drawn: every step and both sides of jumps.
 

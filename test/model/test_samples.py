@@ -67,3 +67,27 @@ def test_through_refuses_what_has_no_motion(
 ) -> None:
     with pytest.raises(ValueError, match="expected increasing times"):
         ReferenceWindow.through(seconds, positions)
+
+
+def test_pose_at_is_on_the_line_between_samples() -> None:
+    window = ReferenceWindow(
+        stamp_ns=100,
+        offset_ns=np.array([0, 10, 10, 30]),
+        p_WB=np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [5.0, 0.0, 1.0], [5.0, 2.0, 1.0]]),
+        q_WB_xyzw=np.eye(4),
+        v_WB_W=np.zeros((4, 3)),
+        a_WB_W=np.zeros((4, 3)),
+        w_WB_W=np.zeros((4, 3)),
+    )
+    for stamp_ns, p_WB, sample in (
+        (0, [0.0, 0.0, 1.0], 0),
+        (100, [0.0, 0.0, 1.0], 0),
+        (105, [0.5, 0.0, 1.0], 0),
+        (110, [5.0, 0.0, 1.0], 2),
+        (120, [5.0, 1.0, 1.0], 2),
+        (130, [5.0, 2.0, 1.0], 3),
+        (999, [5.0, 2.0, 1.0], 3),
+    ):
+        p, q = window.pose_at(stamp_ns)
+        assert p.tolist() == p_WB
+        assert q.tolist() == np.eye(4)[sample].tolist()

@@ -27,7 +27,9 @@ from quad_mpc_ros.trajectories.director import Reply
 from quad_mpc_ros.trajectories.timeline import StampClock
 
 SECOND = 1_000_000_000
+# Short windows, of which many come.
 ARGUMENTS = ["--ros-args", "-p", "trajectory:=circle", "-p", "circle_speed:=5.0"]
+ARGUMENTS += ["-p", "window_duration:=0.4"]
 
 
 class Flown:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 from fixtures.presets import agile, ideal
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.mpc_config import SwingingParameters
 from quad_mpc_ros.safety.ladder import Action
 from quad_mpc_ros.safety.swinging import Swinging
@@ -49,10 +48,7 @@ def breaches(
         now_ns = tick * PERIOD_NS
         lean = amplitude * math.sin(2.0 * math.pi * frequency * 1e-9 * now_ns)
         attitude = Rotation.from_rotvec([lean, 0.0, 0.0]) * asked
-        reference = ReferenceWindow.hover(np.zeros(3), stamp_ns=now_ns)
-        reference = dataclasses.replace(
-            reference, q_WB_xyzw=np.tile(asked.as_quat(), (len(reference.p_WB), 1))
-        )
+        reference = np.zeros(3), asked.as_quat()
         breach = swinging.check(odometry(attitude, now_ns=now_ns), reference, now_ns=now_ns)
         if breach is not None:
             assert breach.action is Action.HOVER

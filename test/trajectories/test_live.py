@@ -392,3 +392,31 @@ def test_told_that_commands_act_it_flies_on() -> None:
     before = reference.window(START + SECOND)
     assert reference.engage(True) is None
     assert_same_windows(reference.window(START + SECOND), before)
+
+
+def test_the_outlook_is_the_same_until_something_is_to_be_flown_otherwise() -> None:
+    def same(one: tuple[object, ...], other: tuple[object, ...]) -> bool:
+        return bool(one) and [*map(id, one)] == [*map(id, other)]
+
+    reference, now = hovering()
+    outlook = reference.outlook()
+    reference.window(now)
+    assert reference.land(now + 60 * SECOND).accepted
+    landing = reference.outlook()
+    assert not same(landing, outlook) and same(reference.outlook(), landing)
+    assert reference.hold(now + 61 * SECOND).accepted
+    assert not same(reference.outlook(), landing)
+    reference.engage(False)
+    assert not reference.outlook(), "it waits at the vehicle, which may move"
+    reference.engage(True)
+    assert not same(reference.outlook(), landing) and reference.outlook()
+
+
+def test_a_jump_that_no_window_shows_before_is_a_change() -> None:
+    square = live(mode="at_once", trajectory="square", preview=False, dwell_time=2.0)
+    square.observe(odometry(START))
+    assert not square.changes(START + SECOND, START + 2 * SECOND - 1)
+    assert square.changes(START + 2 * SECOND - 1, START + 2 * SECOND)
+    previewed = live(mode="at_once", trajectory="square", preview=True, dwell_time=2.0)
+    previewed.observe(odometry(START))
+    assert not previewed.changes(START, START + 10 * SECOND)

@@ -117,7 +117,9 @@ class Rig(Observer):
             self._position_due = time.monotonic() + _POSITION_PERIOD
             odometry, window = self.odometry.last, self.reference.last
             if odometry is not None and window is not None:
-                self._position_error = float(np.linalg.norm(window.p_WB[0] - odometry.p_WB))
+                self._position_error = float(
+                    np.linalg.norm(window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB)
+                )
         return self._position_error
 
     def spin(self, seconds: float) -> None:
