@@ -4,6 +4,8 @@ R. Verschueren et al., "acados: a modular open-source framework for fast embedde
 control", Mathematical Programming Computation, 2021. The wheel ``comma-deps-acados`` brings its
 libraries, its Python interface and a CasADi.
 
+Limits of tilt and speed are soft constraints of the same sizes, with one slack each.
+
 State (p_WB, v_WB_W, q_WB_xyzw), input (throttle, w_WB_B), the rigid body with the drag and the
 thrust curve of the vehicle. The errors are those of the manifold formulation, Log(R_r' R) for the
 attitude; the reference of a stage is its parameter vector, so that one call sets it.
@@ -30,12 +32,20 @@ from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.mpc_config import MpcConfig
 
 STATE_SIZE, INPUT_SIZE = 10, 4
+FREE = 1e4
+"""A bound that nothing reaches."""
 REFERENCE_SIZE = 3 + 3 + 9 + INPUT_SIZE
 """A stage's reference: p_WB, v_WB_W, R_WB row by row, input."""
 
 # One step of order 4 a stage. At rates up to their bounds it was measured to err less in position
 # and velocity than four of the manifold formulation's substeps; more would only cost acados time.
 _RUNGE_KUTTA_STEPS = 1
+SOFT = ("tilt_max", "speed_max")
+"""The limits that are stated as soft constraints, the tilt in two rows, the speed in one."""
+# Of breaking one, per rad and per m/s. The manifold formulation finds them anew for each problem;
+# these are what it finds in all but one of twenty steps of the square.
+_PRICES = np.array([100.0, 60.0])
+_SQUARES = _PRICES * np.array([1.0, 1.0 / 6.0])
 _LIBRARIES = ("libblasfeo.so", "libhpipm.so", "libqpOASES_e.so", "libacados.so")
 _TINY = 1e-24  # keeps the derivative of a length finite at zero
 
@@ -84,9 +94,10 @@ def _require_plain_model(config: MpcConfig) -> None:
         raise PeerUnavailableError(
             f"the acados peer has no {', '.join(wanted)}: --set mpc.{wanted[0]}=0, or false"
         )
-    if config.limits.in_use:
-        name = f"{config.limits.owner}.{config.limits.in_use[0]}"
-        raise PeerUnavailableError(f"the acados peer has no {name}: --set {name}=0")
+    for name in config.limits.in_use:
+        if name not in SOFT:
+            path = f"{config.limits.owner}.{name}"
+            raise PeerUnavailableError(f"the acados peer has no {path}: --set {path}=0")
 
 
 def _acados() -> Path:
@@ -147,6 +158,7 @@ def _problem(template: Any, config: MpcConfig, folder: Path, *, converge: bool) 
     problem.parameter_values = np.zeros(REFERENCE_SIZE)
     _set_cost(casadi, problem, config)
     _set_bounds(problem, config)
+    _set_limits(casadi, problem, config)
     _set_options(problem.solver_options, config, converge=converge)
     return problem
 
@@ -217,6 +229,34 @@ def _set_bounds(problem: Any, config: MpcConfig) -> None:
     bounds.ubu = np.array([config.throttle_max, *config.omega_max])
     bounds.idxbu = np.arange(INPUT_SIZE)
     bounds.x0 = np.array([0.0] * 9 + [1.0])
+
+
+def _set_limits(casadi: Any, problem: Any, config: MpcConfig) -> None:
+    """State tilt and speed as soft constraints; the bounds are set with each reference.
+
+    The tilt as the components of up along the body's x and y axes: a square about the disc, and
+    not its angle, which has no gradient where the vehicle is level.
+    """
+    used = [name for name in SOFT if name in config.limits.in_use]
+    if not used:
+        return
+    x, bounds, cost = problem.model.x, problem.constraints, problem.cost
+    up = _rotation(casadi, x[6:10])[2, :]
+    speed = casadi.sqrt(casadi.dot(x[3:6], x[3:6]) + _TINY)
+    rows = {"tilt_max": [up[0], up[1]], "speed_max": [speed]}
+    expression = casadi.vertcat(*(row for name in used for row in rows[name]))
+    problem.model.con_h_expr = problem.model.con_h_expr_e = expression
+    of = [SOFT.index(name) for name in used for _ in rows[name]]
+    count, free = len(of), np.full(len(of), FREE)
+    bounds.lh = bounds.lh_e = -free
+    bounds.uh = bounds.uh_e = free
+    bounds.idxsh = bounds.idxsh_e = np.arange(count)
+    prices, squares, step = _PRICES[of], _SQUARES[of], config.horizon_step
+    # HPIPM has a slack downwards as well, and needs a price for it.
+    cost.zl = cost.zu = prices / step
+    cost.Zl = cost.Zu = squares / step
+    cost.zl_e = cost.zu_e = prices
+    cost.Zl_e = cost.Zu_e = squares
 
 
 def _set_options(options: Any, config: MpcConfig, *, converge: bool) -> None:

@@ -54,7 +54,7 @@ ALLOWED_SIZE = 10
 _LEAST, _MOST, _FALL, _RISE = 2, 3, 4, 7
 
 # What a reference may have beyond what it asks for: tilt [rad], speed [m/s], throttle.
-_TILT_MARGIN, _SPEED_MARGIN, _THROTTLE_MARGIN = 0.3, 1.0, 0.1
+TILT_MARGIN, SPEED_MARGIN, _THROTTLE_MARGIN = 0.3, 1.0, 0.1
 # Prices: this share of a slope, which is that of all stages that follow together; of a typical
 # violation at least this, and at least this share of the steepest slope; and the quadratic price
 # as a share of the linear one.
@@ -125,10 +125,10 @@ def allow(
     tracked = target_in(target)
     for i in range(len(allowed)):
         own = math.acos(kernels.clamp(tracked.R_WB[i, 2, 2], -1.0, 1.0))
-        tilt = max(limits[_TILT], own + _TILT_MARGIN)
+        tilt = max(limits[_TILT], own + TILT_MARGIN)
         allowed[i, _TILT] = tilt if limits[_TILT] > 0.0 and tilt < math.pi else FREE
         v = kernels.vector(tracked.v_WB_W[i])
-        speed = max(limits[_SPEED], math.sqrt(kernels.dot(v, v)) + _SPEED_MARGIN)
+        speed = max(limits[_SPEED], math.sqrt(kernels.dot(v, v)) + SPEED_MARGIN)
         allowed[i, _SPEED] = speed if limits[_SPEED] > 0.0 else FREE
         margin, throttle = limits[_THROTTLE], tracked.mean_inputs[i, 0]
         has_margin = margin > 0.0

@@ -21,6 +21,7 @@ from quad_mpc_ros.control.mpc import Mpc
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.simulation import closed_loop
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 
@@ -105,3 +106,28 @@ def test_what_its_model_lacks_is_told(tmp_path: Path, mpc: MpcConfig) -> None:
     lagging = dataclasses.replace(mpc, rate_time_constant=0.03)
     with pytest.raises(PeerUnavailableError, match="rate_time_constant"):
         build_solver(lagging, tmp_path)
+
+
+def test_both_keep_a_tilt_softly(
+    folder: Path, mpc: MpcConfig, simulator: SimulatorConfig, reference: ReferenceConfig
+) -> None:
+    """Theirs is a square about the disc of tilts, which is wider at its corners."""
+    limited = mpc.updated({"limits.tilt_max": 0.5, "limits.speed_max": 3.0})
+    theirs = AcadosPeer(limited, build_solver(limited, folder / "limited"))
+    corner = np.arcsin(np.sqrt(2.0) * np.sin(0.5))
+    mean_errors = []
+    for peer, tilt in ((theirs, corner), (ControllerPeer(limited), 0.5)):
+        steps = list(
+            closed_loop.fly(simulator=simulator, reference=reference, controller=peer.step)
+        )
+        assert all(step.command is not None for step in steps)
+        assert np.arccos(min(step.truth.up for step in steps)) < tilt + 0.05
+        assert max(step.truth.speed for step in steps) < 3.2
+        errors = [np.linalg.norm(step.truth.p_WB - step.window.p_WB[0]) for step in steps]
+        mean_errors.append(float(np.mean(errors)))
+    assert mean_errors[0] == pytest.approx(mean_errors[1], rel=0.2)
+
+
+def test_other_limits_are_refused(folder: Path, mpc: MpcConfig) -> None:
+    with pytest.raises(PeerUnavailableError, match=r"has no mpc\.limits\.rate_slew"):
+        build_solver(mpc.updated({"limits.rate_slew": 50.0}), folder / "refused")
