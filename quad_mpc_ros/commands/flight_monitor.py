@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Collection, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -36,7 +38,7 @@ _PEERS: dict[str, dict[str, int]] = {
         REFERENCE.name: 1,
     },
     "recorder": {
-        f"/{topic.name}": 1
+        topic.name: 1
         for topic in (ODOMETRY, REFERENCE, COMMAND, PREDICTED_PATH, REFERENCE_PATH, STATS)
     },
 }
@@ -49,12 +51,45 @@ _ONLY_ONE = {
 _CLOCK_PEERS = 4
 
 
-class FlightMonitor(Observer):
-    """A small node of its own, spun from the main thread of ``quad_mpc fly``."""
+def _expected(recorded: Collection[str] | None, *, watched: bool) -> dict[str, dict[str, int]]:
+    """Return who must hear whom of a vehicle, of which a monitor hears as well if ``watched``."""
+    peers = {node: dict(topics) for node, topics in _PEERS.items()}
+    if not watched:
+        peers["simulator"][ODOMETRY.name] -= 1
+        peers["reference"][REFERENCE.name] -= 1
+    if recorded is not None:
+        for name in peers["recorder"].keys() - set(recorded):
+            del peers["recorder"][name]
+            for topics in (peers["mpc"], peers["reference"]):
+                if name in topics:
+                    topics[name] -= 1
+    return peers
 
-    def __init__(self, *, lockstep: bool) -> None:
+
+class FlightMonitor(Observer):
+    """A small node of its own, spun from the main thread of ``quad_mpc fly``.
+
+    It looks after the vehicles in ``namespaces``, of which it watches the first one fly.
+    ``recorded`` are the topics that are, if not all.
+    """
+
+    def __init__(
+        self,
+        *,
+        lockstep: bool,
+        namespaces: Sequence[str] = ("",),
+        recorded: Collection[str] | None = None,
+    ) -> None:
         super().__init__("quad_mpc_flight")
-        self._peers = {node: dict(topics) for node, topics in _PEERS.items()}
+        self._prefixes = [f"{namespace}/" if namespace else "" for namespace in namespaces]
+        self._peers: dict[str, dict[str, int]] = {}
+        for prefix in self._prefixes:
+            watched = prefix == self._prefixes[0]
+            for node, topics in _expected(recorded, watched=watched).items():
+                on_bag = node == "recorder"
+                self._peers[prefix + node] = {
+                    f"/{prefix}{name}" if on_bag else name: count for name, count in topics.items()
+                }
         if lockstep:
             self._peers["simulator"][CLOCK.name] = _CLOCK_PEERS
             self._peers["recorder"][CLOCK.name] = 1
@@ -67,9 +102,14 @@ class FlightMonitor(Observer):
         super().__enter__()
         subscribe(self.node, DIAGNOSTICS, self._on_diagnostics)
         # Raw: they are decoded only when somebody looks, not fifty times a second.
-        subscribe(self.node, ODOMETRY, self._on_odometry, raw=True)
-        subscribe(self.node, REFERENCE, self._on_reference, raw=True)
-        self._start = self.node.create_client(Trigger, "simulator/start")
+        first = self._prefixes[0]
+        for topic, callback in ((ODOMETRY, self._on_odometry), (REFERENCE, self._on_reference)):
+            named = dataclasses.replace(topic, name=first + topic.name)
+            subscribe(self.node, named, callback, raw=True)
+        self._starts = [
+            self.node.create_client(Trigger, f"{prefix}simulator/start")
+            for prefix in self._prefixes
+        ]
         return self
 
     def spin(self, seconds: float) -> None:
@@ -78,7 +118,7 @@ class FlightMonitor(Observer):
 
     def ready(self) -> bool:
         """Whether every node hears the others and the recorder has everybody's parameters."""
-        return not self.missing() and bool(self._start.service_is_ready())
+        return not self.missing() and all(start.service_is_ready() for start in self._starts)
 
     def missing(self) -> list[str]:
         """Return what is still to come, as ``node: topic``."""
@@ -90,17 +130,20 @@ class FlightMonitor(Observer):
                 for topic, peers in topics.items()
                 if int(health.get(f"{PEERS_KEY}{topic}", 0)) < peers
             ]
-        if self._health.get("recorder", {}).get("parameters_missing", "all"):
-            missing.append("recorder: parameters")
+        for prefix in self._prefixes:
+            if self._health.get(f"{prefix}recorder", {}).get("parameters_missing", "all"):
+                missing.append(f"{prefix}recorder: parameters")
         return missing
 
     def intruders(self) -> str:
         """Return a topic that somebody else publishes as well, or nothing."""
-        for node, topics in _ONLY_ONE.items():
-            for topic in topics:
-                count = int(self._health.get(node, {}).get(f"{PEERS_KEY}{topic}", 0))
-                if count > 1:
-                    return f"{count} publishers on {topic}"
+        for prefix in self._prefixes:
+            for node, topics in _ONLY_ONE.items():
+                for topic in topics:
+                    health = self._health.get(prefix + node, {})
+                    count = int(health.get(f"{PEERS_KEY}{topic}", 0))
+                    if count > 1:
+                        return f"{count} publishers on {prefix}{topic}"
         return ""
 
     def progress(self) -> tuple[float, float | None]:
@@ -117,10 +160,9 @@ class FlightMonitor(Observer):
         return flown, float(np.linalg.norm(window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB))
 
     def start_simulator(self) -> None:
-        """Start the clock of the simulator."""
-        self.executor.spin_until_future_complete(
-            self._start.call_async(Trigger.Request()), timeout_sec=5.0
-        )
+        """Start the clock of the simulator, or of all of them."""
+        for answer in [start.call_async(Trigger.Request()) for start in self._starts]:
+            self.executor.spin_until_future_complete(answer, timeout_sec=5.0)
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:

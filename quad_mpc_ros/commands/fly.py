@@ -9,19 +9,23 @@ import time
 from typing import Any
 
 from quad_mpc_ros.commands import EXIT_FAILED
-from quad_mpc_ros.commands.processes import NodeProcess, require_ros, start_all, stop_all
+from quad_mpc_ros.commands.fleet import fly_fleet
+from quad_mpc_ros.commands.processes import (
+    FlightError,
+    NodeProcess,
+    require_ros,
+    start_all,
+    stop_all,
+)
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.results import finish
 from quad_mpc_ros.commands.run_configuration import RunConfig, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
+from quad_mpc_ros.configuration import UserError
 
 # The first start after an installation compiles, on a small computer for minutes.
 _READY_TIMEOUT = 240.0
 _PATIENCE = 5.0
-
-
-class FlightError(Exception):
-    """The flight could not start or came to an early end; the message says why."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -37,14 +41,28 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="simulated time that waits for every command: repeatable bit for bit",
     )
+    parser.add_argument(
+        "--vehicles",
+        type=int,
+        default=1,
+        metavar="N",
+        help="fly N vehicles at once, each in a namespace, uav1 and so on, without figures "
+        "(default: 1)",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Fly, record and evaluate; return the exit code."""
     require_ros("fly", instead=", or fly without ROS: quad_mpc simulate")
-    config = run_configuration(options, lockstep=options.lockstep)
+    if options.vehicles < 1 or (options.lockstep and options.vehicles > 1):
+        raise UserError(
+            f"--vehicles: given {options.vehicles}, expected 1 or more, and 1 with --lockstep"
+        )
     # Other machines on the network fly their own; who wants them to hear this sets the variable.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    if options.vehicles > 1:
+        return fly_fleet(options)
+    config = run_configuration(options, lockstep=options.lockstep)
     print(f"flying the {config.reference.trajectory} into {config.out}", file=sys.stderr)
     processes = start_all(config, lockstep=options.lockstep)
     try:

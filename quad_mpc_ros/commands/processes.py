@@ -26,11 +26,16 @@ _RECORDER_NICENESS = 5
 _ROS_PACKAGES = ("rclpy", "nav_msgs", "trajectory_msgs", "diagnostic_msgs", "std_srvs")
 
 
+class FlightError(Exception):
+    """The flight could not start or came to an early end; the message says why."""
+
+
 class NodeProcess:
     """One node, with its parameter file and its log in the folder of the run.
 
     ``module`` is run instead of the node's own, ``remaps`` are topics by the name that the node
-    knows, ``overrides`` are parameters that win over those of the run.
+    knows, ``overrides`` are parameters that win over those of the run, ``namespace`` is a
+    vehicle's.
     """
 
     def __init__(
@@ -42,10 +47,12 @@ class NodeProcess:
         module: str | None = None,
         remaps: Mapping[str, str] = MappingProxyType({}),
         overrides: Mapping[str, Any] = MappingProxyType({}),
+        namespace: str = "",
     ) -> None:
         from quad_mpc_ros.configuration import files
 
         self.node = node
+        names = {**remaps, "__ns": f"/{namespace}"} if namespace else remaps
         self._log = run.out / "log" / f"{node}.log"
         self._log.parent.mkdir(exist_ok=True)
         parameters = self._log.with_suffix(".yaml")
@@ -56,11 +63,12 @@ class NodeProcess:
             "autostart": node != "simulator",
             **overrides,
         }
-        parameters.write_text(files.dump(node, values), encoding="utf-8")
+        full_name = f"/{namespace}/{node}" if namespace else node
+        parameters.write_text(files.dump(full_name, values), encoding="utf-8")
         # Appended: a node may be started more than once in a run.
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(
-                _command_line(module or f"{node}_node", parameters, remaps),
+                _command_line(module or f"{node}_node", parameters, names),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -133,12 +141,17 @@ def require_ros(command: str, *, instead: str = "") -> None:
         )
 
 
-def start_all(run: RunConfig, *, lockstep: bool) -> dict[str, NodeProcess]:
+def start_all(run: RunConfig, *, lockstep: bool, namespace: str = "") -> dict[str, NodeProcess]:
     """Start every node of a flight; in lockstep all but the simulator follow its clock."""
     from quad_mpc_ros.commands.run_configuration import SCHEMA
 
     return {
-        node: NodeProcess(node, run=run, use_sim_time=lockstep and node != "simulator")
+        node: NodeProcess(
+            node,
+            run=run,
+            use_sim_time=lockstep and node != "simulator",
+            namespace=namespace,
+        )
         for node in SCHEMA
     }
 

@@ -69,6 +69,9 @@ class Context:
 class LaunchConfiguration:
     name: str
 
+    def perform(self, context: Context) -> str:
+        return context.text(self)
+
 
 @dataclass
 class EqualsSubstitution:
@@ -164,6 +167,11 @@ class OnProcessExit:
     on_exit: list[EmitEvent]
 
 
+@dataclass(kw_only=True)
+class OpaqueFunction:
+    function: Callable[[Context], list[Any]]
+
+
 @dataclass
 class RegisterEventHandler:
     event_handler: OnProcessExit
@@ -176,7 +184,7 @@ class LaunchDescription:
 
 MODULES = {
     "launch": [LaunchDescription],
-    "launch.actions": [DeclareLaunchArgument, EmitEvent, RegisterEventHandler],
+    "launch.actions": [DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler],
     "launch.conditions": [IfCondition],
     "launch.event_handlers": [OnProcessExit],
     "launch.events": [Shutdown],
@@ -236,8 +244,12 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Launch:
         described = runpy.run_path(str(ROOT / "launch" / file))["generate_launch_description"]()
         context = Context(given=arguments)
         nodes: dict[int, Started] = {}
-        for entity in described.entities:
+        entities = list(described.entities)
+        while entities:
+            entity = entities.pop(0)
             match entity:
+                case OpaqueFunction():
+                    entities = [*entity.function(context), *entities]
                 case DeclareLaunchArgument():
                     entity.execute(context)
                 case Node():
@@ -270,6 +282,8 @@ CALLS: list[tuple[str, dict[str, str]]] = [
     ("square.launch.py", {}),
     ("square.launch.py", {"record": "false", "lockstep": "true", "duration": "10.0"}),
     ("square.launch.py", {"visualise": "true", "namespace": "uav1", "duration": "10"}),
+    ("fleet.launch.py", {}),
+    ("fleet.launch.py", {"vehicles": "3", "record": "true", "duration": "10"}),
     ("mpc.launch.py", {}),
     ("mpc.launch.py", {"with_reference": "false", "odom": "/uav1/odometry/filtered"}),
     *(("bridge.launch.py", {"bridge": bridge}) for bridge in BRIDGES),
@@ -293,7 +307,8 @@ def test_every_node_exists_and_takes_its_parameters(
         assert node.executable in declared("console_scripts")
         # Parameter files speak of nodes by their names, and those are told apart by them.
         assert node.executable in (f"{node.name}_node", node.name)
-        assert node.namespace == given.get("namespace", "")
+        if file != "fleet.launch.py":
+            assert node.namespace == given.get("namespace", "")
         config = CONFIGS[node.name]()
         for source in node.parameters:
             if isinstance(source, Path):
@@ -330,6 +345,17 @@ def test_beside_rosflight_the_commands_of_the_mpc_have_a_name_of_their_own(launc
         (mpc,) = (n for n in launch("bridge.launch.py", bridge=bridge) if n.name == "mpc")
         config = CONFIGS[f"{bridge}_bridge"]()
         assert mpc.remappings.get("command", "command") == config.flattened()["mpc_command_topic"]
+
+
+def test_each_vehicle_of_a_fleet_has_its_nodes_in_a_namespace_of_its_own(launch: Launch) -> None:
+    nodes = launch("fleet.launch.py", vehicles="3", record="true")
+    assert sorted((node.namespace, node.name) for node in nodes) == [
+        (f"uav{number}", name)
+        for number in (1, 2, 3)
+        for name in ("mpc", "recorder", "reference", "simulator")
+    ]
+    with pytest.raises(ValueError, match="expected 1 or more"):
+        launch("fleet.launch.py", vehicles="0")
 
 
 def test_what_is_wrong_is_refused(launch: Launch) -> None:

@@ -1,0 +1,88 @@
+"""Fly several vehicles at once, each in a namespace: uav1, uav2 and so on.
+
+ros2 launch quad_mpc_ros fleet.launch.py vehicles:=4
+ros2 launch quad_mpc_ros fleet.launch.py vehicles:=8 config:=my_vehicle.yaml duration:=60.0
+"""
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
+from launch.conditions import IfCondition
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+from launch import LaunchDescription
+
+PACKAGE = "quad_mpc_ros"
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the nodes of all vehicles; the launch ends with the first simulator."""
+    default_config = Path(get_package_share_directory(PACKAGE), "config", "default.yaml")
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("vehicles", default_value="2", description="how many vehicles"),
+            DeclareLaunchArgument(
+                "config",
+                default_value=str(default_config),
+                description="ROS parameter file for the nodes of all vehicles",
+            ),
+            DeclareLaunchArgument(
+                "duration",
+                default_value="0.0",
+                description="seconds to fly, 0.0 is until interrupted",
+            ),
+            DeclareLaunchArgument(
+                "record", default_value="false", description="record a bag of each vehicle"
+            ),
+            OpaqueFunction(function=_vehicles),
+        ]
+    )
+
+
+def _vehicles(context) -> list:
+    """Return the nodes of as many vehicles as are asked for."""
+    count = int(LaunchConfiguration("vehicles").perform(context))
+    if count < 1:
+        raise ValueError(f"vehicles: given {count}, expected 1 or more")
+    duration = ParameterValue(LaunchConfiguration("duration"), value_type=float)
+    actions = []
+    for number in range(1, count + 1):
+        namespace = f"uav{number}"
+        simulator = _node("simulator", namespace, {"duration": duration})
+        actions += [
+            _node("mpc", namespace),
+            _node("reference", namespace),
+            _node("recorder", namespace, condition="record"),
+            simulator,
+            RegisterEventHandler(
+                OnProcessExit(
+                    target_action=simulator,
+                    on_exit=[EmitEvent(event=Shutdown(reason="a simulator has ended"))],
+                )
+            ),
+        ]
+    return actions
+
+
+def _node(
+    name: str, namespace: str, parameters: dict | None = None, condition: str | None = None
+) -> Node:
+    return Node(
+        package=PACKAGE,
+        executable=f"{name}_node",
+        name=name,
+        namespace=namespace,
+        parameters=[LaunchConfiguration("config"), parameters or {}],
+        output="screen",
+        condition=None if condition is None else IfCondition(LaunchConfiguration(condition)),
+    )
