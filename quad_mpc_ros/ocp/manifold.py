@@ -272,7 +272,7 @@ class ManifoldProblem:
         """Return the plan of the last line search, in arrays of its own."""
         states = self._planned.states
         inputs = self._planned.inputs.copy().reshape(-1, INPUT_SIZE)
-        inputs[:, 1:] /= self._rate_gain
+        inputs[:, 1:] = (inputs[:, 1:] - self._state.rate_offset) / self._rate_gain
         return Plan(
             stamp_ns=self._state.stamp_ns,
             step=self._step,
