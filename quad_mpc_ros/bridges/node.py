@@ -155,6 +155,11 @@ class BridgeNode(ReportingNode[BridgeConfig]):
 
     def _serve(self, ask: Callable[..., Response], request: Any, response: Any) -> Any:
         """Send what was asked for; the stack's own response is logged when it comes."""
+        rivals = self.health.rivals() if request.data else ""
+        if rivals:
+            response.success, response.message = False, f"{rivals}: end the others first"
+            self.get_logger().info(response.message)
+            return response
         decided = ask(bool(request.data), now_ns=self._time.now_ns())
         missing = [
             call.service

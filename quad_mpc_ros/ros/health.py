@@ -117,16 +117,21 @@ class HealthReporter:
         self._publisher.publish(message)
         self._reported_s, self._counted = time.monotonic(), peers
 
-    def _with_rivals(self, health: Health) -> Health:
-        """Return the health with a warning of topics with two publishers where one is allowed."""
+    def rivals(self) -> str:
+        """Return which topics have two publishers where there must be one; empty if none has."""
         rivals = [
             f"{count} publishers on {name}"
             for name in sorted(self._single & self._endpoints.keys())
             if (count := _peer_count(self._endpoints[name])) > 1
         ]
+        return f"{', '.join(rivals)}, where there must be one" if rivals else ""
+
+    def _with_rivals(self, health: Health) -> Health:
+        """Return the health with a warning of topics with two publishers where one is allowed."""
+        rivals = self.rivals()
         if not rivals:
             return health
-        text = f"{', '.join(rivals)}, where there must be one; {health.text}"
+        text = f"{rivals}; {health.text}"
         return replace(health, level=max(health.level, WARN), text=text)
 
     def _create_publisher(self, topic: Topic) -> Publisher:

@@ -25,7 +25,15 @@ from quad_mpc_ros.bridges.bridge import Bridge
 from quad_mpc_ros.bridges.node import run_bridge
 from quad_mpc_ros.bridges.rates import RatesBridge
 from quad_mpc_ros.bridges.rosflight import RosflightBridge
-from quad_mpc_ros.messages.topics import COMMAND, ENGAGED, LANDED, ODOMETRY, REFERENCE, Topic
+from quad_mpc_ros.messages.topics import (
+    COMMAND,
+    ENGAGED,
+    LANDED,
+    ODOMETRY,
+    ODOMETRY_RESET,
+    REFERENCE,
+    Topic,
+)
 from quad_mpc_ros.ros.health import HealthReporter
 from quad_mpc_ros.ros.messages import qos_of
 
@@ -145,6 +153,23 @@ def test_passes_odometry_always_and_commands_when_engaged(peer: Peer, tmp_path: 
     assert "Traceback" not in (tmp_path / "log").read_text()
 
 
+def test_nobody_is_handed_over_to_two_sources_of_commands(peer: Peer, tmp_path: Path) -> None:
+    process = start("rates", log=tmp_path / "log")
+    try:
+        assert peer.fly(lambda: peer.odometries and peer.engage.service_is_ready())
+        rival = peer.node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)
+        assert peer.spin(rival.get_subscription_count)
+        asked = peer.engage.call_async(SetBool.Request(data=True))
+        assert peer.fly(asked.done)
+        assert not asked.result().success
+        assert "2 publishers on command, where there must be one" in asked.result().message
+        peer.node.destroy_publisher(rival)
+        assert peer.fly(lambda: peer.asked_to_engage())
+    finally:
+        code = end(process)
+    assert code == 0
+
+
 class StandIn:
     """In place of a publisher to a stack whose messages are not installed: when was it used?"""
 
@@ -168,7 +193,7 @@ def test_every_node_is_silent_when_commands_stop_and_the_state_goes_on(
     publisher, subscription = HealthReporter.publisher, HealthReporter.subscription
 
     def made_publisher(self: HealthReporter, topic: Topic) -> Any:
-        ours = topic in (ODOMETRY, ENGAGED, LANDED)
+        ours = topic in (ODOMETRY, ODOMETRY_RESET, ENGAGED, LANDED)
         return publisher(self, topic) if ours else StandIn(used, topic.name)
 
     def made_subscription(
@@ -193,6 +218,7 @@ def test_every_node_is_silent_when_commands_stop_and_the_state_goes_on(
     )
     node = node_module.BridgeNode(kind)
     peer.executor.add_node(node)
+    peer.node.destroy_publisher(peer.command)  # two would be one too many
     peer.command = peer.node.create_publisher(
         TwistStamped, node.config.mpc_command_topic, qos_profile_sensor_data
     )
