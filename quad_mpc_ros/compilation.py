@@ -173,9 +173,12 @@ def _call_of(function: CompiledFunction) -> tuple[Callable[..., Any], dict[str, 
     scope: dict[str, Any] = {**_NAMED, "numba_s": function.by_numba}
     lines = [f"def __call__(self, {', '.join(names)}):"]
     given = ", ".join(names)
-    for number, code in enumerate(kept_code(function)):
+    kept = [*kept_code(function)]
+    for number, code in enumerate(kept):
+        # Where there is a choice, who calls has to know before.
+        alone = len(kept) == 1 and machine_code.looks_itself(code.kinds)
         try:
-            condition, types = machine_code.checks(code.kinds, names)
+            condition, types = machine_code.checks(code.kinds, names, whole=not alone)
             scope[f"kept_{number}"] = machine_code.loaded(code)
         except (UnfitError, ArithmeticError, AttributeError, KeyError, ValueError):
             continue  # Numba will do
@@ -183,7 +186,9 @@ def _call_of(function: CompiledFunction) -> tuple[Callable[..., Any], dict[str, 
         for name, alias in aliases.items():
             condition = condition.replace(f" is {name} ", f" is {alias} ")
             scope[alias] = types[name]
-        lines += [f"    if {condition}:", f"        return kept_{number}({given})"]
+        call = f"return kept_{number}({given})"
+        trial = ["try:", f"    {call}", "except TypeError:", "    pass"] if alone else [call]
+        lines += [f"    if {condition}:", *(f"        {line}" for line in trial)]
     lines.append(f"    return numba_s({given})")
     exec("\n".join(lines), scope)
     return scope["__call__"], scope

@@ -21,7 +21,7 @@ import pickle
 import platform
 import struct
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader
 from pathlib import Path
@@ -69,7 +69,11 @@ class KeptCode:
 
 
 def loaded(code: KeptCode) -> Callable[..., Any]:
-    """Return a function that runs machine code; its arguments are not checked for their types."""
+    """Return a function that runs machine code.
+
+    Where :func:`looks_itself` says so it raises ``TypeError`` for arrays of other types and
+    layouts. All else has to be checked before (:func:`checks`).
+    """
     if platform.machine() != "x86_64" or sys.platform != "linux":
         raise UnfitError("only for Linux on x86_64")
     helpers = _helpers()
@@ -78,7 +82,8 @@ def loaded(code: KeptCode) -> Callable[..., Any]:
     for name, constants in code.environments.items():
         environments[name] = helpers.dynfunc.Environment(scope if name == code.environment else {})
         environments[name].consts[:] = map(_as_it_is_here, constants)
-    placed = _Placed(code.object_file, {name: id(made) for name, made in environments.items()})
+    given = {name: id(made) for name, made in environments.items()}
+    placed = _Placed(code.object_file, given, resolved=_resolver(code.kinds))
     _forever.append((placed, environments))
     return helpers.dynfunc.make_function(  # type: ignore[no-any-return]
         sys.modules[code.module],
@@ -112,10 +117,15 @@ class _Section(NamedTuple):
 
 
 class _Placed:
-    """An object file in memory; ``environments`` are addresses of Python's objects by name."""
+    """An object file in memory; ``environments`` are addresses of Python's objects by name.
 
-    def __init__(self, data: bytes, environments: Mapping[str, int]) -> None:
-        self._data = data
+    ``resolved`` returns the address of what the file refers to.
+    """
+
+    def __init__(
+        self, data: bytes, environments: Mapping[str, int], *, resolved: Callable[[str], int]
+    ) -> None:
+        self._data, self._resolved = data, resolved
         header = _HEADER.unpack_from(data)
         if header[0][:5] != b"\x7fELF\x02" or header[2] != _MACHINE:
             raise UnfitError("not an object file of x86_64")
@@ -184,7 +194,7 @@ class _Placed:
         section, value = symbol[3], symbol[4]
         if section == _UNDEFINED:
             name = self._name(symbol)
-            return _resolved(name) if name else 0
+            return self._resolved(name) if name else 0
         if section in (_ABSOLUTE, _COMMON):
             return value
         return self._bases.get(section, 0) + value
@@ -276,6 +286,87 @@ def _extension(folder: Path, name: str) -> Any:
     raise UnfitError(f"this Numba has no {full}")
 
 
+_TAKE_ARRAY = "NRT_adapt_ndarray_from_python"
+# NumPy's numbers of its types, and of what an array is (numpy/ndarraytypes.h).
+_TYPE_NUMBERS = {"float64": 12, "int64": 7}
+_IN_ORDER = 0x0001 | 0x0100 | 0x0400  # C contiguous, aligned, writeable
+
+
+def looks_itself(kinds: Iterable[Kind]) -> bool:
+    """Return whether machine code sees by itself that an array is not what it takes it for.
+
+    It does where all arrays are contiguous, of floating or of whole numbers of eight bytes. It
+    does not see how many dimensions there are, nor, where there are both, which of the two.
+    """
+    return {array[1:] for array in _arrays(kinds)} <= {
+        (dtype, dimensions, "C") for dtype in _TYPE_NUMBERS for dimensions in range(8)
+    }
+
+
+def _arrays(kinds: Iterable[Kind]) -> list[Kind]:
+    """Return the arrays among kinds, and within their parts."""
+    found = []
+    for kind in kinds:
+        if kind[0] == "array":
+            found.append(kind)
+        elif kind[0] in ("tuple", "named"):
+            found += _arrays(kind[-1])
+    return found
+
+
+def _resolver(kinds: Iterable[Kind]) -> Callable[[str], int]:
+    """Return what resolves the references of machine code for arguments of certain kinds."""
+    kinds = tuple(kinds)
+    dtypes = frozenset(array[1] for array in _arrays(kinds))
+    if not (dtypes and looks_itself(kinds)):
+        return _resolved
+    careful = _careful(dtypes)
+    return lambda name: careful if name == _TAKE_ARRAY else _resolved(name)
+
+
+@functools.cache
+def _careful(dtypes: frozenset[str]) -> int:
+    """Return the address of what takes arrays as Numba does, but refuses those of other types.
+
+    Numba's own asks for nothing but the size of a number. In Python, the question for type and
+    layout takes longer than all of the call.
+    """
+    one, *_, other = (_TYPE_NUMBERS[dtype] for dtype in (*dtypes, *dtypes))
+    array_type, taken = (value.to_bytes(8, "little") for value in (id(np.ndarray), _taker()))
+    order = _IN_ORDER.to_bytes(4, "little")
+    code = b"".join(
+        (
+            b"\x48\xb8" + array_type,  # mov rax, the type of arrays
+            b"\x48\x39\x47\x08",  # cmp [rdi + 8], rax: the argument's type
+            b"\x75\x33",  # jne refuse
+            b"\x8b\x47\x40",  # mov eax, [rdi + 64]: its flags
+            b"\x25" + order,  # and eax, those of interest
+            b"\x3d" + order,  # cmp eax, all of them
+            b"\x75\x24",  # jne refuse
+            b"\x48\x8b\x47\x38",  # mov rax, [rdi + 56]: the type of its numbers
+            b"\x83\x78\x1c" + bytes([one]),  # cmp dword [rax + 28]: that type's number
+            b"\x74\x06",  # je fit
+            b"\x83\x78\x1c" + bytes([other]),  # cmp dword [rax + 28]
+            b"\x75\x14",  # jne refuse
+            b"\x80\x78\x1a\x3e",  # fit: cmp byte [rax + 26], '>': the order of its bytes
+            b"\x74\x0e",  # je refuse
+            b"\x48\xb8" + taken,  # mov rax, what Numba does then
+            b"\xff\xe0",  # jmp rax
+            b"\xcc\xcc",
+            b"\xb8\xff\xff\xff\xff\xc3",  # refuse: mov eax, -1; ret
+        )
+    )
+    memory = _Memory(len(code), 0)
+    memory.write(0, code)
+    memory.make_executable()
+    _forever.append(memory)
+    return memory.address
+
+
+def _taker() -> int:
+    return _resolved(_TAKE_ARRAY)
+
+
 def _resolved(name: str) -> int:
     """Return the address of a function or a datum of Numba, Python or the C library."""
     if name == "_Py_NoneStruct":
@@ -312,10 +403,22 @@ _unpickler = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.c_int, 
 )
 
 
-def checks(kinds: Iterable[Kind], names: Iterable[str]) -> tuple[str, dict[str, type]]:
-    """Return an expression that is true for arguments of certain kinds, and what it names."""
+def checks(
+    kinds: Sequence[Kind], names: Iterable[str], *, whole: bool = True
+) -> tuple[str, dict[str, type]]:
+    """Return an expression that is true for arguments of certain kinds, and what it names.
+
+    Of arrays the ``whole`` type, or what machine code that looks itself does not see.
+    """
     scope: dict[str, type] = {}
-    parts = [_check(kind, name, scope) for kind, name in zip(kinds, names, strict=True)]
+    several = len({array[1] for array in _arrays(kinds)}) > 1
+    parts = []
+    for kind, name in zip(kinds, names, strict=True):
+        if whole or kind[0] != "array":
+            parts.append(_check(kind, name, scope))
+        else:
+            parts.append(f"type({name}) is ndarray and {name}.ndim == {kind[2]}")
+            parts += [_check_numbers(kind, name)] if several else []
     return " and ".join(parts) or "True", scope
 
 
@@ -329,12 +432,12 @@ def _check(kind: Kind, name: str, scope: dict[str, type]) -> str:
             return f"(type({name}) is bool or type({name}) is bool_)"
         case ("none",):
             return f"{name} is None"
-        case ("array", dtype, dimensions, layout):
+        case ("array", _, dimensions, layout):
             flags = f"{name}.flags"
             strided = f"{flags}.behaved and not {flags}.c_contiguous and not {flags}.f_contiguous"
             return (
                 f"type({name}) is ndarray and {name}.ndim == {dimensions} "
-                f"and ({name}.dtype is dtype_{dtype} or {name}.dtype == dtype_{dtype}) "
+                f"and {_check_numbers(kind, name)} "
                 f"and {f'{flags}.carray' if layout == 'C' else strided}"
             )
         case ("tuple", parts):
@@ -347,6 +450,10 @@ def _check(kind: Kind, name: str, scope: dict[str, type]) -> str:
             scope[alias] = found
             return _check_parts(alias, parts, name, scope)
     raise UnfitError(f"an argument of kind {kind}")
+
+
+def _check_numbers(kind: Kind, name: str) -> str:
+    return f"({name}.dtype is dtype_{kind[1]} or {name}.dtype == dtype_{kind[1]})"
 
 
 def _check_parts(of: str, parts: Iterable[Kind], name: str, scope: dict[str, type]) -> str:

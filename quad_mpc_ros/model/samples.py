@@ -233,6 +233,8 @@ class ReferenceWindow:
         """
         after_ns = stamp_ns - self.stamp_ns
         offsets_ns = self.offset_ns
+        if after_ns == int(offsets_ns[0]) != int(offsets_ns[min(1, len(offsets_ns) - 1)]):
+            return self.p_WB[0], self.q_WB_xyzw[0]  # as in lockstep
         before = max(int(offsets_ns.searchsorted(after_ns, side="right")) - 1, 0)
         p, q = self.p_WB[before], self.q_WB_xyzw[before]
         past_ns = after_ns - int(offsets_ns[before])

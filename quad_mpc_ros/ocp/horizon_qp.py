@@ -69,16 +69,17 @@ class HorizonQP:
             self._set_up_limits(soft, A_places[fixed:])
         count_H = n * int(np.triu(pattern.H).sum())
         width = nx + nu + 1
-        self._from_A = _entries(
+        self._from_dynamics = _entries(
             n, pattern.A, -state / state[:, None], A_places[:count_A], width=width, skipped=1
-        )
-        self._from_B = _entries(
-            n,
-            pattern.B,
-            -size / state[:, None],
-            A_places[count_A : count_A + count_B],
-            width=width,
-            column=nx,
+        ).and_also(
+            _entries(
+                n,
+                pattern.B,
+                -size / state[:, None],
+                A_places[count_A : count_A + count_B],
+                width=width,
+                column=nx,
+            )
         )
         self._from_H = _entries(
             n, np.triu(pattern.H), state * state[:, None], P_places[:count_H], width=nx + 1
@@ -92,10 +93,9 @@ class HorizonQP:
         before, own = soft.mask[:, :nu], soft.mask[:, nu:]
         first, count = (n - 1) * int(before.sum()), n * int(own.sum())
         width, sizes = 2 * nu + nx + 1, self._sizes[: nu + nx] / self._row_sizes[:, None]
-        self._from_limits = (
-            _entries(n, before, sizes[:, :nu], places[:first], width=width, skipped=1),
-            _entries(n, own, sizes, places[first : first + count], width=width, column=nu),
-        )
+        self._from_limits = _entries(
+            n, before, sizes[:, :nu], places[:first], width=width, skipped=1
+        ).and_also(_entries(n, own, sizes, places[first : first + count], width=width, column=nu))
         self.A.data[places[first + count :]] = -1.0
         self._bounds[:, n * (nx + nu) :] = np.array([[-FREE], [FREE]])
         self.lower[n * (nx + nu + nr) :] = 0.0
@@ -110,8 +110,7 @@ class HorizonQP:
             raise ValueError(
                 f"{stages.soft_shape} soft rows and slacks, expected {(self._nr, self._ns)}"
             )
-        self._from_A.write(stages.dynamics, into=self.A.data)
-        self._from_B.write(stages.dynamics, into=self.A.data)
+        self._from_dynamics.write(stages.dynamics, into=self.A.data)
         self._from_H.write(stages.state_cost, into=self.P.data)
         _write_vectors(
             x0=stages.x0,
@@ -125,8 +124,7 @@ class HorizonQP:
             bounds=self._bounds,
         )
         if self._nr > 0:
-            for entries in self._from_limits:
-                entries.write(stages.limits, into=self.A.data)
+            self._from_limits.write(stages.limits, into=self.A.data)
             _write_limits(
                 limits=stages.limits,
                 slack_cost=stages.slack_cost,
@@ -225,6 +223,10 @@ class _Entries(NamedTuple):
     sources: _Places
     factors: Array
     places: _Places
+
+    def and_also(self, other: _Entries) -> _Entries:
+        """Return these and other entries of the same block."""
+        return _Entries(*(np.concatenate(parts) for parts in zip(self, other, strict=True)))
 
     def write(self, block: Array, *, into: Array) -> None:
         """Write the entries of a block, times their factors, to their places."""

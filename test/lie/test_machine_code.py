@@ -201,3 +201,37 @@ def test_a_flight_is_the_same_bit_for_bit(tmp_path: Path) -> None:
     without = run(tmp_path, FLIGHT + "\nassert 'numba' not in sys.modules")
     assert by_numba == kept == without
     assert len(kept.splitlines()) == 150
+
+
+def test_arrays_of_two_types_are_told_apart(tmp_path: Path) -> None:
+    """By machine code itself, or before it is called; numbers of eight bytes look alike."""
+    (tmp_path / "picked.py").write_text(
+        "from quad_mpc_ros.compilation import compiled\n"
+        "@compiled\n"
+        "def picked(values, places):\n"
+        "    return values[places[0]] + values[places[1]]\n"
+    )
+    first = """
+from picked import picked
+values, places = np.arange(5.0), np.array([1, 3])
+assert picked(values, places) == 4.0
+"""
+    run(tmp_path, first)
+    run(
+        tmp_path,
+        first
+        + """
+assert picked.compiled_types == [], "it is kept"
+for other in (values.astype(np.int64), values.astype(np.float32), values[:, None][:, 0]):
+    assert picked(other, places) == 4
+for other in (places.astype(np.int32), places.astype(np.uint64), places[::-1], places.copy()):
+    assert picked(values, other) == 4.0
+for wrong in (places.astype(float), None, 7):
+    try:
+        picked(values, wrong)
+    except Exception as error:
+        assert 'numba' in type(error).__module__ or isinstance(error, TypeError), error
+    else:
+        raise AssertionError(wrong)
+""",
+    )
