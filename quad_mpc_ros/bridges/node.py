@@ -8,17 +8,20 @@ import importlib.util
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from std_srvs.srv import SetBool
 
 from quad_mpc_ros.bridges.bridge import (
     Bridge,
     Outgoing,
+    OutgoingBytes,
     OutgoingMessage,
     Response,
     ServiceCall,
     Subscription,
 )
 from quad_mpc_ros.bridges.config import BridgeConfig
+from quad_mpc_ros.bridges.serial_line import SerialLine
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
@@ -43,6 +46,7 @@ from quad_mpc_ros.safety.validation import odometry_fault
 _OURS = (ODOMETRY, ODOMETRY_RESET, REFERENCE, ENGAGED, LANDED)
 _WARNING_PERIOD = 5.0
 _QUIET_NS = 500_000_000
+_LINE_PERIOD = 0.005
 
 
 class BridgeNode(ReportingNode[BridgeConfig]):
@@ -84,6 +88,10 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             )
         for name, ask in (("arm", self._bridge.arm), ("engage", self._bridge.engage)):
             self.create_service(SetBool, f"~/{name}", functools.partial(self._serve, ask))
+        self._line = SerialLine(self._bridge.line) if self._bridge.line is not None else None
+        if self._line is not None:
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self.create_timer(_LINE_PERIOD, self._on_line, clock=steady)
 
     def _refuse_clashes(self, command: Topic) -> None:
         """Refuse two types under one name, of which DDS takes only the first."""
@@ -125,6 +133,15 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         if odometry is not None:
             self._publish_odometry(odometry)
         for warning in self._bridge.take_warnings():
+            self.get_logger().warning(warning, throttle_duration_sec=_WARNING_PERIOD)
+
+    def _on_line(self) -> None:
+        assert self._line is not None
+        now_ns = self._time.now_ns()
+        self._line.write(self._bridge.exchange(self._line.read(), now_ns=now_ns))
+        self._follow_engagement(now_ns)
+        warnings = self._bridge.take_warnings()
+        for warning in [*warnings, *filter(None, [self._line.fault])]:
             self.get_logger().warning(warning, throttle_duration_sec=_WARNING_PERIOD)
 
     def _publish_odometry(self, odometry: OdometrySample) -> None:
@@ -183,6 +200,9 @@ class BridgeNode(ReportingNode[BridgeConfig]):
     def _send(self, outgoing: Outgoing) -> None:
         if isinstance(outgoing, OutgoingMessage):
             self._stack[outgoing.topic.name].publish(outgoing.message)
+        elif isinstance(outgoing, OutgoingBytes):
+            assert self._line is not None
+            self._line.write(outgoing.data)
         else:
             self._request(outgoing)
 

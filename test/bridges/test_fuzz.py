@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.betaflight import set_raw_rc
 from fixtures.bridges import BRIDGES, engage
 
-from quad_mpc_ros.bridges.bridge import Bridge, Outgoing, Response, ServiceCall
+from quad_mpc_ros.bridges.bridge import Bridge, Outgoing, OutgoingBytes, Response, ServiceCall
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.model.samples import OdometrySample
 
@@ -169,6 +170,10 @@ def check_sendings(sendings: list[Outgoing], case: str, bridge: Bridge) -> None:
         if isinstance(sending, ServiceCall):
             assert (sending.service, sending.type_name) in bridge.services
             check_message(sending.request)
+            continue
+        if isinstance(sending, OutgoingBytes):
+            (pulses,) = set_raw_rc(sending.data)
+            assert all(1000 <= pulse <= 2000 for pulse in pulses)
             continue
         assert sending.topic in bridge.publications
         message = sending.message
