@@ -153,6 +153,31 @@ def allow(
 
 
 @compiled
+def flips(step: float, u_max: Array, target: Array) -> bool:
+    """Whether the thrust axis of a target turns faster somewhere than body rates are bounded to.
+
+    As it does near free fall, where the direction of little thrust means little. The stages are of
+    ``step`` seconds.
+    """
+    tracked = target_in(target)
+    before, slowest = tracked.R_WB_start, math.cos(min(max(u_max[1], u_max[2]) * step, math.pi))
+    for i in range(len(tracked.R_WB)):
+        after, cosine = tracked.R_WB[i], 0.0
+        for k in range(3):
+            cosine += before[k, 2] * after[k, 2]
+        if cosine < slowest:
+            return True
+        before = after
+    return False
+
+
+@compiled
+def let_tilt(allowed: Array) -> None:
+    """Allow any tilt."""
+    allowed[:, _TILT] = FREE
+
+
+@compiled
 def draw_near(step: float, start: Array, distance: float, target: Array) -> None:
     """Move the positions of a target to where the first is no further away than a distance.
 

@@ -47,6 +47,8 @@ from quad_mpc_ros.ocp.limits import (
     allow,
     damp,
     draw_near,
+    flips,
+    let_tilt,
     penalty,
     steepest_slope,
     values_of,
@@ -68,6 +70,8 @@ _JUMP_ITERATIONS = 3
 _JUMP_FACTOR, _JUMP_FLOOR = 4.0, 0.1
 _STEP_LENGTHS = (1.0, 0.5, 0.25, 0.1)
 _CONVERGED = 0.95
+# For how long after a flip of the reference the vehicle may be behind.
+_RECOVERING_NS = 500_000_000
 
 
 class ManifoldProblem:
@@ -105,6 +109,7 @@ class ManifoldProblem:
         self._limited = layout.rows > 0
         self._allowed = np.zeros((self._steps if self._limited else 0, ALLOWED_SIZE))
         self._prices, self._closeness = np.zeros(4), 0.0
+        self._flips_until_ns, self._flipping = 0, False
         self._no_deviation = np.zeros((self._steps, INPUT_SIZE))
         self._last: tuple[int, float] | None = None  # stamp and cost of the last plan
         # Of the present iterate: its cost, how many iterations are left, and whether the stages
@@ -185,6 +190,11 @@ class ManifoldProblem:
             target=self._target,
             allowed=self._allowed,
         )
+        if flips(self._step, self._u_max, self._target):
+            self._flips_until_ns = state.stamp_ns + _RECOVERING_NS
+        self._flipping = 0 <= self._flips_until_ns - state.stamp_ns <= _RECOVERING_NS
+        if self._flipping:
+            let_tilt(self._allowed)
 
     def _warm_start(self, stamp_ns: int) -> tuple[float, int]:
         """Linearise along the best start there is; return its cost and the iterations it needs."""
@@ -209,7 +219,8 @@ class ManifoldProblem:
         self._linearised = False
         if self._limited:
             steepest = steepest_slope(self._prices)
-            share = max(self._closeness, min(1.0, steepest / self._steep))
+            jump = 0.0 if self._flipping else min(1.0, steepest / self._steep)
+            share = max(self._closeness, jump)
             damp(
                 R=self._R,
                 steepest=share * steepest,

@@ -34,7 +34,8 @@ class Target(NamedTuple):
     """The reference of N stages of M substeps: the parts of one buffer, see :func:`target_in`.
 
     ``p_WB``, ``v_WB_W`` (N, 3) and ``R_WB`` (N, 3, 3) at the ends of the stages, ``inputs``
-    (N, M, 4) held over the substeps and ``mean_inputs`` (N, 4) their means over the stages.
+    (N, M, 4) held over the substeps and ``mean_inputs`` (N, 4) their means over the stages;
+    ``R_WB_start`` (3, 3) is the attitude at the start of the first.
     """
 
     p_WB: Array
@@ -42,6 +43,7 @@ class Target(NamedTuple):
     R_WB: Array
     inputs: Array
     mean_inputs: Array
+    R_WB_start: Array
 
 
 @compiled
@@ -53,7 +55,8 @@ def target_in(buffer: Array) -> Target:
         buffer[3 * n : 6 * n].reshape((n, 3)),
         buffer[6 * n : 15 * n].reshape((n, 3, 3)),
         buffer[15 * n : (15 + SUBSTEPS * INPUT_SIZE) * n].reshape((n, SUBSTEPS, INPUT_SIZE)),
-        buffer[(15 + SUBSTEPS * INPUT_SIZE) * n :].reshape((n, INPUT_SIZE)),
+        buffer[(15 + SUBSTEPS * INPUT_SIZE) * n : -9].reshape((n, INPUT_SIZE)),
+        buffer[-9:].reshape((3, 3)),
     )
 
 
@@ -64,7 +67,7 @@ class TargetSampler:
         self._dt = step / SUBSTEPS
         count = steps * SUBSTEPS
         self._ends_ns = np.rint(self._dt * 1e9 * np.arange(count + 1)).astype(np.int64)
-        self.buffer = np.zeros(steps * _STAGE_SIZE)
+        self.buffer = np.zeros(steps * _STAGE_SIZE + 9)
         """The last target, see :func:`target_in`."""
 
     def sample(
@@ -121,6 +124,8 @@ def _sample(
                 kernels.vector(v[k]),
                 kernels.vector(dv[k]),
             )
+        if k == 0:
+            kernels.store_matrix(R_held, target.R_WB_start)
         held[k, 0] = throttle
         kernels.store_vector(tilt, tilts[k])
         for n in range(3):

@@ -22,6 +22,7 @@ TARGET = Target(
     R_WB=so3.exp(RNG.normal(size=(STEPS, 3))),
     inputs=np.zeros((STEPS, 4, 4)),
     mean_inputs=np.zeros((STEPS, 4)),
+    R_WB_start=np.eye(3),
 )
 
 

@@ -11,14 +11,16 @@ import numpy as np
 import pytest
 from fixtures.presets import agile, ideal
 
+from quad_mpc_ros import load_config
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.safety.ladder import Source
-from quad_mpc_ros.simulation.closed_loop import fly
+from quad_mpc_ros.simulation.closed_loop import fly, start_on
 from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.trajectories.configured import judged_trajectory
 
 LAGS = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
 TILT = {"limits.tilt_max": math.radians(35.0)}
@@ -165,3 +167,37 @@ def test_a_flip_is_a_flip(trajectory: str, disturbed: dict[str, Any]) -> None:
     free, limited = (errors(limits, trajectory, disturbed) for limits in ({}, TILT))
     assert np.sqrt(np.mean(limited**2)) <= 1.1 * np.sqrt(np.mean(free**2))
     assert limited.max() <= 1.1 * free.max()
+
+
+def near_free_fall(tilt_max: float) -> float:
+    """Return the largest error [m] of an upright ellipse whose least thrust is 0.2 m/s^2."""
+    mpc, simulator, reference = load_config(
+        "vehicles/sun_2022",
+        assignments=(
+            f"mpc.limits.tilt_max={tilt_max}",
+            "mpc.lockstep=true",
+            "mpc.swinging.action=warn",
+            "simulator.duration=4.0",
+            "reference.trajectory=ellipse",
+            "reference.ellipse_plane=vertical",
+            "reference.ellipse_semi_axes=[5.0, 2.5]",
+            "reference.ellipse_frequency=2.0",
+            "reference.height=20.0",
+            "reference.omega_max=[1000.0, 1000.0, 1000.0]",
+        ),
+    )
+    trajectory, _ = judged_trajectory(reference)
+    steps = fly(
+        mpc=mpc,
+        simulator=simulator.updated(start_on(trajectory, simulator)),
+        reference=reference,
+        trajectory=trajectory,
+    )
+    return max(float(np.linalg.norm(step.truth.p_WB - step.window.p_WB[0])) for step in steps)
+
+
+def test_near_free_fall_a_limit_costs_nothing() -> None:
+    """There the reference turns over faster than any vehicle can."""
+    free = near_free_fall(0.0)
+    for tilt_max in (0.61, 1.5, 3.1):
+        assert near_free_fall(tilt_max) <= 1.2 * free
