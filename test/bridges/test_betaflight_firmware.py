@@ -92,6 +92,8 @@ class Bridged(BetaflightPlant):
         self.is_bridged, self.is_armed = False, is_armed
         self.warnings: list[str] = []
         self.before_ns = self.underway = 0
+        self.pilot: tuple[int, ...] = ()
+        self.is_cut = False
         self.pulses: tuple[float, ...] = ()
         super().__init__(config)
         self.is_bridged = True
@@ -139,14 +141,15 @@ class Bridged(BetaflightPlant):
                 data = os.read(self.controller, 4096)
                 self.underway -= len(data)
                 self._firmware.send(data)
-        self.pulses = self._firmware.step(MILLISECOND, sensed=sensed)
+        self.pulses = self._firmware.step(MILLISECOND, sensed=sensed, channels=self.pilot)
         if answers := self._firmware.received():
             os.write(self.controller, answers)
         return self.pulses
 
     def _write(self, data: bytes) -> None:
-        self.line.write(data)
-        self.underway += len(data)
+        if not self.is_cut:
+            self.line.write(data)
+            self.underway += len(data)
 
     def live(self, seconds: float, throttle: float | None = None, w: Any = (0, 0, 0)) -> None:
         """Let time pass, with odometry and, if so, commands 50 times a second."""
@@ -246,6 +249,64 @@ def test_from_the_ground_it_is_armed_and_after_silence_disarmed() -> None:
         assert plant.bridge.handover[0] == "released"
         plant.live(1.0, HOVER)
         assert max(plant.pulses) == 1000.0
+
+
+OVERRIDE = ("set msp_override_channels_mask = 15", "aux 1 50 1 1700 2100 0 0")
+
+
+def pilot(*, arm: bool, override: bool, throttle: int = 1000) -> tuple[int, ...]:
+    """Return the channels of a transmitter: sticks centred, switches for the two modes."""
+    switches = (2000 if arm else 1000, 2000 if override else 1000)
+    return (1500, 1500, throttle, 1500, *switches, *(10 * (1000,)))
+
+
+def test_a_pilot_arms_lends_the_sticks_and_takes_them_back() -> None:
+    ground = {"initial_position": (0.0, 0.0, 0.0), "initial_throttle": 0.0}
+    with bridged(*OVERRIDE, changes=ground, is_armed=False, receiver="pilot") as plant:
+        plant.pilot = pilot(arm=False, override=False)
+        plant.live(1.0, 0.0)
+        plant.engage()
+        plant.live(0.2, 0.0)
+        assert plant.bridge.handover[0] == "offered"
+        plant.pilot = pilot(arm=True, override=False)
+        plant.live(0.5, 0.0)
+        assert min(plant.pulses) > 1040.0  # idling
+        plant.pilot = pilot(arm=True, override=True)
+        plant.live(0.2, 0.0)
+        assert plant.bridge.handover[0] == "engaged"
+        plant.live(1.0, 1.4 * HOVER)
+        plant.live(0.3, HOVER, (0.0, 1.0, 0.0))
+        assert plant.state.p_WB[2] > 0.3
+        assert plant.odometry(0).w_WB_B[1] == pytest.approx(1.0, abs=0.1)
+        plant.pilot = pilot(arm=True, override=False, throttle=1700)
+        plant.live(0.5, HOVER, (0.0, 1.0, 0.0))
+        assert plant.bridge.handover[0] == "released"
+        assert abs(plant.odometry(0).w_WB_B[1]) < 0.1  # the pilot's sticks are centred
+        plant.pilot = pilot(arm=True, override=True)
+        plant.live(0.5, 1.5 * HOVER, (0.0, 1.0, 0.0))
+        assert abs(plant.odometry(0).w_WB_B[1]) < 0.1 and plant.bridge.handover[0] == "released"
+
+
+def test_without_commands_the_bridge_does_not_let_the_firmware_hold_the_last_sticks() -> None:
+    """Which it would: with the line cut it goes on turning."""
+    ground = {"initial_position": (0.0, 0.0, 0.0), "initial_throttle": 0.0}
+    for is_cut in (True, False):
+        with bridged(*OVERRIDE, changes=ground, is_armed=False, receiver="pilot") as plant:
+            plant.pilot = pilot(arm=False, override=False)
+            plant.live(1.0, 0.0)
+            plant.engage()
+            plant.pilot = pilot(arm=True, override=False)
+            plant.live(0.5, 0.0)
+            plant.pilot = pilot(arm=True, override=True)
+            plant.live(0.2, 0.0)
+            plant.live(1.0, 1.4 * HOVER)
+            plant.live(0.4, 1.1 * HOVER, (0.0, 0.0, 1.0))
+            assert plant.bridge.handover[0] == "engaged"
+            plant.is_cut = is_cut
+            plant.live(0.8)
+            assert plant.state.p_WB[2] > 0.5
+            turning = plant.odometry(0).w_WB_B[2]
+            assert turning == pytest.approx(1.0 if is_cut else 0.0, abs=0.1)
 
 
 def test_what_blocks_arming_is_told_by_the_firmware_itself() -> None:

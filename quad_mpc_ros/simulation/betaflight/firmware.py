@@ -15,6 +15,7 @@ import subprocess
 import tempfile
 import time
 import weakref
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,11 +25,11 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.simulation.betaflight.installation import firmware_path, shim_path
 
-CHANNELS = 8
 PULSE_MIN, PULSE_MID, PULSE_MAX = 1000, 1500, 2000
-_REQUEST = struct.Struct("<qII")
+_REQUEST = struct.Struct("<qIHH")
 _ANSWER = struct.Struct("<q4fII")
 _STATE = struct.Struct("<d3d3d4d3d3dd")
+_RECEIVER = struct.Struct("<d16H")
 
 _BOOT_NS = 1_000_000_000  # more than its start takes
 _TALK_NS = 20_000_000
@@ -125,14 +126,18 @@ class Firmware:
         duration_ns: int,
         *,
         sensed: Sensed = AT_REST,
+        channels: Sequence[int] = (),
     ) -> tuple[float, ...]:
         """Let its time pass; return the pulse widths of the four motors [us] at the end.
 
-        It begins with all that was sent over :meth:`connect` until now.
+        It begins with all that was sent over :meth:`connect` until now. The sixteen ``channels``
+        [us] are those of a receiver of its own, which it has from the first time on.
         """
         state = _packed(sensed)
+        receiver = _RECEIVER.pack(0.0, *channels) if channels else b""
+        head = _REQUEST.pack(duration_ns, self._sent, len(state), len(receiver))
         try:
-            self._link.sendall(_REQUEST.pack(duration_ns, self._sent, len(state)) + state)
+            self._link.sendall(head + receiver + state)
             return self._answer()
         except TimeoutError as error:
             raise RuntimeError("Betaflight does not answer") from error

@@ -7,7 +7,7 @@
  * only while it stands still. So a flight is the same each time, at any speed.
  *
  * Of the firmware it knows the ports that are published for simulators: motors to 9001, state from
- * 9003, receiver from 9004 (not used here), UART1 on TCP 5761, which becomes any that is free.
+ * 9003, receiver from 9004, UART1 on TCP 5761, which becomes any that is free.
  */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
@@ -35,7 +35,8 @@ enum { TCP_WAIT_US = 500 };
 typedef struct {
     int64_t grant_ns;       /* how long the main loop may go on */
     uint32_t taken;         /* bytes that must have come over TCP before */
-    uint32_t state_size;    /* of the packet that follows; 0 is none */
+    uint16_t state_size;    /* of the packets that follow; 0 is none */
+    uint16_t receiver_size;
 } request_t;
 
 typedef struct {
@@ -44,6 +45,13 @@ typedef struct {
     uint32_t port;          /* of UART1, 0 before it is open */
     uint32_t unused;
 } answer_t;
+
+typedef struct {
+    int fd;
+    int full, busy; /* a packet waits; its thread works on one */
+    size_t size;
+    char data[512];
+} inbox_t;
 
 static pthread_t main_thread;
 static int link_fd = -1;
@@ -56,10 +64,7 @@ static pthread_mutex_t turn = PTHREAD_MUTEX_INITIALIZER;
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static pthread_cond_t changed = PTHREAD_COND_INITIALIZER;
-static int state_fd = -1, receiver_fd = -1;
-static int state_full, state_busy; /* a packet waits; the thread works on one */
-static size_t state_size;
-static char state[512];
+static inbox_t state = {.fd = -1}, receiver = {.fd = -1};
 static uint32_t tcp_read, tcp_taken;
 static int threads_waiting;
 static __thread int has_turn, has_waited;
@@ -114,16 +119,16 @@ static void get(void *data, size_t size)
     }
 }
 
-static void hand_over(size_t size)
+static void hand_over(inbox_t *inbox, size_t size)
 {
     if (size == 0) return;
-    if (size > sizeof(state)) _exit(1);
+    if (size > sizeof(inbox->data)) _exit(1);
     pthread_mutex_lock(&lock);
-    get(state, size);
-    state_size = size;
-    state_full = 1;
+    get(inbox->data, size);
+    inbox->size = size;
+    inbox->full = 1;
     pthread_cond_broadcast(&changed);
-    while (state_full || state_busy) pthread_cond_wait(&changed, &lock);
+    while (inbox->full || inbox->busy) pthread_cond_wait(&changed, &lock);
     pthread_mutex_unlock(&lock);
 }
 
@@ -136,7 +141,8 @@ static void ask_for_time(void)
         memcpy(answer.motors, motors, sizeof(motors));
         put(&answer, sizeof(answer));
         get(&request, sizeof(request));
-        hand_over(request.state_size);
+        hand_over(&receiver, request.receiver_size);
+        hand_over(&state, request.state_size);
         pthread_mutex_lock(&lock);
         while ((int32_t)(tcp_taken - request.taken) < 0) pthread_cond_wait(&changed, &lock);
         pthread_mutex_unlock(&lock);
@@ -171,10 +177,10 @@ int bind(int fd, const struct sockaddr *address, socklen_t size)
     struct sockaddr_in wanted = *(const struct sockaddr_in *)address;
     switch (ntohs(wanted.sin_port)) {
     case PORT_STATE:
-        state_fd = fd;
+        state.fd = fd;
         return 0;
     case PORT_RECEIVER:
-        receiver_fd = fd;
+        receiver.fd = fd;
         return 0;
     case PORT_UART1:
         wanted.sin_port = 0;
@@ -189,12 +195,12 @@ int bind(int fd, const struct sockaddr *address, socklen_t size)
     }
 }
 
-static int wait_for_state(void)
+static int wait_for(inbox_t *inbox)
 {
     pthread_mutex_lock(&lock);
-    state_busy = 0;
+    inbox->busy = 0;
     pthread_cond_broadcast(&changed);
-    while (!state_full) pthread_cond_wait(&changed, &lock);
+    while (!inbox->full) pthread_cond_wait(&changed, &lock);
     pthread_mutex_unlock(&lock);
     return 1;
 }
@@ -225,19 +231,21 @@ int select(int count, fd_set *in, fd_set *out, fd_set *bad, struct timeval *time
         pthread_cond_broadcast(&changed);
         pthread_mutex_unlock(&lock);
     }
-    if (state_fd >= 0 && state_fd < count && FD_ISSET(state_fd, in)) return wait_for_state();
-    while (receiver_fd >= 0 && receiver_fd < count && FD_ISSET(receiver_fd, in)) pause();
+    if (state.fd >= 0 && state.fd < count && FD_ISSET(state.fd, in)) return wait_for(&state);
+    if (receiver.fd >= 0 && receiver.fd < count && FD_ISSET(receiver.fd, in))
+        return wait_for(&receiver);
     return wait_for_tcp(count, in, out, bad, timeout);
 }
 
 ssize_t recvfrom(int fd, void *data, size_t size, int flags, struct sockaddr *from, socklen_t *length)
 {
-    if (fd != state_fd) return real_recvfrom(fd, data, size, flags, from, length);
+    inbox_t *inbox = fd == state.fd ? &state : fd == receiver.fd ? &receiver : NULL;
+    if (inbox == NULL) return real_recvfrom(fd, data, size, flags, from, length);
     pthread_mutex_lock(&lock);
-    if (state_size < size) size = state_size;
-    memcpy(data, state, size);
-    state_full = 0;
-    state_busy = 1;
+    if (inbox->size < size) size = inbox->size;
+    memcpy(data, inbox->data, size);
+    inbox->full = 0;
+    inbox->busy = 1;
     pthread_mutex_unlock(&lock);
     return (ssize_t)size;
 }
