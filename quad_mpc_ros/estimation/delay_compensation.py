@@ -119,10 +119,7 @@ class DelayCompensation:
     def record(self, command: Input, *, stamp_ns: int) -> None:
         """Remember a command by the stamp of the odometry that it answers."""
         # What the rates follow: the model has no gain of its own.
-        followed = Input(
-            throttle=command.throttle,
-            w_WB_B=self._rate_gain * command.w_WB_B + self._ekf.rate_offset,
-        )
+        followed = Input(throttle=command.throttle, w_WB_B=self._rate_gain * command.w_WB_B)
         self._sent, self._sent_ns = followed.vector(), stamp_ns
         self._history.record(followed, stamp_ns=stamp_ns)
 
@@ -189,12 +186,7 @@ class DelayCompensation:
         if self._sent_ns is not None and stamp_ns >= self._sent_ns:
             since_sent = (stamp_ns - self._sent_ns) * 1e-9
         return PredictedState(
-            stamp_ns + self._delay_ns,
-            state,
-            parameters,
-            sent=self._sent,
-            since_sent=since_sent,
-            rate_offset=self._ekf.rate_offset,
+            stamp_ns + self._delay_ns, state, parameters, sent=self._sent, since_sent=since_sent
         )
 
     def _follow(self, odometry: OdometrySample) -> None:

@@ -36,8 +36,8 @@ target tilts them by the difference (:mod:`quad_mpc_ros.ocp.target`).
 
 A time constant of zero is no lag and stays. The throttle, which nobody measures, is followed
 through the lag. The noise of the velocity is found on the way (:mod:`.velocity_noise`), time
-constants and offsets of the rates have filters of their own (:mod:`.rate_lags`). The delay of the
-input is not estimated: ``docs/tuning.md`` says why.
+constants of the rates have filters of their own (:mod:`.rate_lags`). The delay of the input is not
+estimated: ``docs/tuning.md`` says why.
 """
 
 from __future__ import annotations
@@ -153,11 +153,6 @@ class DisturbanceEkf:
     def throttle(self) -> float:
         """The throttle that the vehicle has by now."""
         return float(self._estimate[THROTTLE])
-
-    @property
-    def rate_offset(self) -> Array:
-        """What the rates have beyond what they are told to follow (3,) [rad/s]."""
-        return self._rate_lags.offsets()
 
     @property
     def is_at_bounds(self) -> bool:

@@ -12,14 +12,6 @@ led to the measured rates slowly only, stays with it,
 
 with the derivative of w by tau beside it. By that derivative a filter of one state for each tau
 learns from measured - w, both low-passed alike, for slow motions are what the horizon is of.
-
-**Offsets.** A centre of mass that is not where the rotors believe it turns the body until the
-integral of the rate loop has found it, and for good where that is too weak. What the rates have
-beyond what they are told to follow is integrated from measured - w, within a third of a second,
-and taken off commands: the inputs of the horizon are what the rates will follow, offset included.
-What comes and goes is none: a vehicle that answers later than modelled, and swings, is off to both
-sides in turns. So the integral is slowed down by the square of |mean| / mean of magnitudes over a
-second, which is 1 for what keeps its sign.
 """
 
 from __future__ import annotations
@@ -35,18 +27,14 @@ from quad_mpc_ros.model.actuators import first_order_lag, first_order_lag_slopes
 from quad_mpc_ros.model.parameters import RATE_TIME_CONSTANTS
 
 # One vector: time constants and variances of roll and pitch, of yaw; the model's rates, their
-# derivatives; how far they are off and the derivatives, low-passed; offsets, and how far rates are
-# off in the mean, with their sign and without.
-_ROLL_PITCH, _YAW, _RATE, _SLOPE, _OFF, _OFF_SLOPE = 0, 2, 4, 7, 10, 13
-_OFFSET, _MEAN, _EXTENT, _SIZE = 16, 19, 22, 25
+# derivatives; how far they are off and the derivatives, low-passed.
+_ROLL_PITCH, _YAW, _RATE, _SLOPE, _OFF, _OFF_SLOPE, _SIZE = 0, 2, 4, 7, 10, 13, 16
 _VARIANCE = 1  # beside its time constant
 
 _SPREAD = 0.5  # of a time constant at the start, relative
 _WALK = 0.1  # relative, 1 / sqrt(s)
 _NOISE = 0.1  # rad/s, of a measured rate against the model
 _LEADING, _SMOOTHING = 0.3, 0.1  # s
-_SETTLING, _KEEPING, _FARTHEST = 0.3, 1.0, 3.5  # s, s, rad/s, of an offset
-_NO_EXTENT = 1e-6  # rad/s
 _FASTEST, _SLOWEST, _SLOWEST_YAW = 0.5, 2.0, 6.0  # bounds, as factors on what is configured
 
 
@@ -77,16 +65,11 @@ class RateLags:
         """The time constant of yaw [s]."""
         return float(self._state[_YAW])
 
-    def offsets(self) -> Array:
-        """Return what the rates have beyond what they are told to follow (3,) [rad/s]."""
-        return self._state[_OFFSET:_MEAN].copy()
-
     def reset(self) -> None:
         """Believe the configured time constants again, and that loosely."""
         for place, nominal in zip((_ROLL_PITCH, _YAW), self._nominal, strict=True):
             self._state[place] = nominal
             self._state[place + _VARIANCE] = (_SPREAD * nominal) ** 2
-        self._state[_OFFSET:] = 0.0
 
     def memory(self) -> Array:
         """Return what is believed."""
@@ -137,8 +120,6 @@ def _update(
         state[_OFF_SLOPE + axis] += share * (slope - state[_OFF_SLOPE + axis])
         state[_RATE + axis] += lead * off
         state[_SLOPE + axis] = (1.0 - lead) * slope
-        if learns:
-            _integrate(state, axis, off, duration)
         if not follows:
             state[_OFF + axis] = state[_OFF_SLOPE + axis] = 0.0
         elif learns:
@@ -146,17 +127,6 @@ def _update(
             state[place + _VARIANCE] += _walked(axis, nominal[group]) * duration
             bounds = _FASTEST * nominal[group], slowest * nominal[group]
             _correct(state, place, axis, shares[axis], bounds)
-
-
-@compiled
-def _integrate(state: Array, axis: int, off: float, duration: float) -> None:
-    """Integrate what the rates have beyond the model, by the share of it that keeps its sign."""
-    kept = 1.0 - math.exp(-duration / _KEEPING)
-    state[_MEAN + axis] += kept * (off - state[_MEAN + axis])
-    state[_EXTENT + axis] += kept * (abs(off) - state[_EXTENT + axis])
-    steady = abs(state[_MEAN + axis]) / max(state[_EXTENT + axis], _NO_EXTENT)
-    grown = state[_OFFSET + axis] + steady**2 * duration / _SETTLING * off
-    state[_OFFSET + axis] = kernels.clamp(grown, -_FARTHEST, _FARTHEST)
 
 
 @compiled

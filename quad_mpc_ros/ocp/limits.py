@@ -172,9 +172,10 @@ def flips(step: float, u_max: Array, target: Array) -> bool:
 
 
 @compiled
-def let_tilt(allowed: Array) -> None:
-    """Allow any tilt."""
-    allowed[:, _TILT] = FREE
+def let_tilt(allowed: Array, flipping: bool) -> None:
+    """Allow any tilt while the reference is ``flipping``."""
+    if flipping:
+        allowed[:, _TILT] = FREE
 
 
 @compiled

@@ -193,8 +193,7 @@ class ManifoldProblem:
         if flips(self._step, self._u_max, self._target):
             self._flips_until_ns = state.stamp_ns + _RECOVERING_NS
         self._flipping = 0 <= self._flips_until_ns - state.stamp_ns <= _RECOVERING_NS
-        if self._flipping:
-            let_tilt(self._allowed)
+        let_tilt(self._allowed, self._flipping)
 
     def _warm_start(self, stamp_ns: int) -> tuple[float, int]:
         """Linearise along the best start there is; return its cost and the iterations it needs."""
@@ -283,7 +282,7 @@ class ManifoldProblem:
         """Return the plan of the last line search, in arrays of its own."""
         states = self._planned.states
         inputs = self._planned.inputs.copy().reshape(-1, INPUT_SIZE)
-        inputs[:, 1:] = (inputs[:, 1:] - self._state.rate_offset) / self._rate_gain
+        inputs[:, 1:] /= self._rate_gain
         return Plan(
             stamp_ns=self._state.stamp_ns,
             step=self._step,

@@ -28,8 +28,7 @@ class PredictedState(NamedTuple):
     rates that the vehicle will have then; ``sent`` (4,) is what was commanded last, and
     ``since_sent`` [s] the time since the odometry that it answered, infinity before the first
     one; ``parameters`` (20,) are what is believed of the vehicle
-    (:mod:`quad_mpc_ros.model.parameters`), ``rate_offset`` (3,) [rad/s] what rates
-    have in the long run beyond what is commanded of them, times their gain.
+    (:mod:`quad_mpc_ros.model.parameters`).
     """
 
     stamp_ns: int
@@ -37,7 +36,6 @@ class PredictedState(NamedTuple):
     parameters: Array
     sent: Array
     since_sent: float
-    rate_offset: Array
 
     @property
     def x(self) -> State:

@@ -57,36 +57,3 @@ def test_a_rate_loop_counts_as_what_it_is_for_slow_commands(gain: float, chatter
         )
     assert lags.roll_pitch == pytest.approx(1.0 / gain, rel=0.15)
     assert lags.yaw == pytest.approx(4.0 / gain, rel=0.15)
-
-
-def test_an_offset_of_the_rates_is_found_beside_their_lags() -> None:
-    lags, lag, offset = RateLags(nominal(0.045)), 0.03, np.array([1.2, -0.7, 0.3])
-    decay, rates = np.exp(-PERIOD / lag), np.zeros(3)
-    for k in range(750):
-        command = np.sin(PERIOD * k * np.array([2.0, 3.1, 1.7]))
-        rates = command + offset + decay * (rates - command - offset)
-        followed = np.concatenate(([0.3], command + lags.offsets()))
-        lags.update(
-            acting=Acting(np.array([PERIOD]), followed[None]),
-            measured=rates,
-            learns=True,
-            follows=k > 0,
-        )
-        if k == 75:  # 1.5 s
-            np.testing.assert_allclose(lags.offsets(), offset, atol=0.1)
-    np.testing.assert_allclose(lags.offsets(), offset, atol=0.02)
-    np.testing.assert_allclose(lags.time_constants(), lag, rtol=0.1)
-
-
-def test_offsets_are_bounded_and_not_learned_where_nothing_is() -> None:
-    lags, still = RateLags(nominal(0.045)), np.array([[0.3, 0.0, 0.0, 0.0]])
-    for learns in (False, True):
-        for _ in range(500):
-            lags.update(
-                acting=Acting(np.array([PERIOD]), still),
-                measured=np.array([50.0, -50.0, 0.0]),
-                learns=learns,
-                follows=True,
-            )
-        expected = [3.5, -3.5, 0.0] if learns else np.zeros(3)
-        np.testing.assert_array_equal(lags.offsets(), expected)

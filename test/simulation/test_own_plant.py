@@ -82,7 +82,9 @@ def test_one_that_is_registered_is_made_with_its_own_parameters(
     config = SimulatorConfig.build({"plant": "brick", "brick_drag": 0.2})
     assert isinstance(make_plant(config), own_package.bricks.Brick)
     assert config.flattened()["brick_drag"] == 0.2
-    with pytest.raises(ConfigurationError, match="given 'stone', expected one of internal, rot"):
+    with pytest.raises(
+        ConfigurationError, match="'stone', expected one of betaflight, internal, rot"
+    ):
         SimulatorConfig.build({"plant": "stone"})
 
 
