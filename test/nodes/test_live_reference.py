@@ -242,7 +242,7 @@ def test_bad_input_is_refused_with_its_reason_and_the_flight_goes_on(
         assert " refused: " in verdict
         assert reason in verdict
     paths = len(pilot.paths)
-    pilot.fly(1.0)
+    pilot.fly(3.0)
     assert len(pilot.paths) == paths  # nothing new is drawn
     windows = pilot.windows()
     assert_nothing_jumps(windows)
