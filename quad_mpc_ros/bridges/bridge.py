@@ -33,10 +33,11 @@ from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.handover import Ground, Handover, Stack, State, Surroundings
 from quad_mpc_ros.bridges.odometry import OdometryStamps, PositionJumps
 from quad_mpc_ros.bridges.thrust import ThrustMap
-from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.conversions import NewMessage, odometry_from_message
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.model.state import with_body_twist
 from quad_mpc_ros.safety.validation import odometry_fault
 
 _FASTEST_TURN = 100.0  # rad/s: more than the gyroscope of a vehicle can measure
@@ -335,6 +336,24 @@ class Bridge(ABC):
         for field, value in fields.items():
             setattr(request, field, value)
         return ServiceCall(service=name, type_name=type_name, request=request)
+
+    def _odometry_subscription(self, name: str, *, twist_frame: str) -> Subscription:
+        """Return a subscription to an estimator's ``nav_msgs/Odometry``, in ENU.
+
+        ``twist_frame`` is where its twist is told: ``child`` (body) or ``world``.
+        """
+
+        def receive(message: Any, now_ns: int) -> OdometrySample | None:
+            odometry: OdometrySample | None = odometry_from_message(message)
+            if twist_frame == "world":
+                odometry = self._converted(
+                    name, lambda: with_body_twist(odometry_from_message(message))
+                )
+            return self._passed_on(odometry, now_ns=now_ns)
+
+        return Subscription(
+            topic=Topic(name=name, type_name="nav_msgs/msg/Odometry"), receive=receive
+        )
 
     def _converted(
         self, source: str, convert: Callable[[], OdometrySample | None]

@@ -6,15 +6,14 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from quad_mpc_ros.bridges.bridge import OutgoingMessage, Subscription, SwitchedBridge
+from quad_mpc_ros.bridges.bridge import OutgoingMessage, SwitchedBridge
 from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.bridges.frames import flu_from_frd
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.conversions import NewMessage, odometry_from_message
+from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
-from quad_mpc_ros.model.state import with_body_twist
+from quad_mpc_ros.model.samples import CommandSample
 
 
 def fill_rates(
@@ -88,10 +87,9 @@ class RatesBridge(SwitchedBridge):
             name=config.setpoint_topic, type_name="geometry_msgs/msg/TwistStamped", reliable=True
         )
         self.publications = (self._setpoint,)
-        odometry = Topic(name=config.odometry_topic, type_name="nav_msgs/msg/Odometry")
         battery = Topic(name=config.battery_topic, type_name="sensor_msgs/msg/BatteryState")
         self.subscriptions = [
-            Subscription(topic=odometry, receive=self._on_odometry),
+            self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame),
             *self._battery_subscription(battery),
         ]
 
@@ -116,12 +114,3 @@ class RatesBridge(SwitchedBridge):
                 return self.thrust.specific_thrust(throttle)
             case _:
                 return self.thrust.stack_throttle(throttle)
-
-    def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
-        odometry: OdometrySample | None = odometry_from_message(message)
-        if self._config.twist_frame == "world":
-            odometry = self._converted(
-                self._config.odometry_topic,
-                lambda: with_body_twist(odometry_from_message(message)),
-            )
-        return self._passed_on(odometry, now_ns=now_ns)

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.messages import cdr
-from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import (
     CommandSample,
     OdometrySample,
@@ -28,6 +27,7 @@ from quad_mpc_ros.model.samples import (
 )
 
 if TYPE_CHECKING:
+    from quad_mpc_ros.model.estimate_reset import EstimateReset
     from quad_mpc_ros.ocp.plan import Plan
 
 NewMessage = Callable[[str], Any]
@@ -254,6 +254,8 @@ def reset_from_message(message: Any) -> EstimateReset:
     Raises:
         ValueError: It is no finite turn about the vertical with a step.
     """
+    from quad_mpc_ros.model.estimate_reset import EstimateReset  # which needs compiled code
+
     step_W = _vector(message.transform.translation)
     x, y, z, w = _quaternion(message.transform.rotation).tolist()
     vertical = math.hypot(x, y) < _TURN_OFF and abs(math.hypot(z, w) - 1.0) < _TURN_OFF

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 
 
@@ -36,9 +36,10 @@ class EstimateReset:
         Heading and position step; what remains of tilt and velocity is the estimate's own.
         """
         duration = 1e-9 * (after.stamp_ns - before.stamp_ns)
-        q = _turned_by(before.q_WB_xyzw, duration * before.w_WB_B)
-        turn = math.remainder(_heading(after.q_WB_xyzw) - _heading(q), math.tau)
-        p = before.p_WB + duration * _rotated(before.q_WB_xyzw, before.v_WB_B)
+        R_WB = so3.rotation_from_quaternion_xyzw(before.q_WB_xyzw)
+        led = so3.quaternion_xyzw_from_rotation(R_WB @ so3.exp(duration * before.w_WB_B))
+        turn = math.remainder(_heading(after.q_WB_xyzw) - _heading(led), math.tau)
+        p = before.p_WB + duration * (R_WB @ before.v_WB_B)
         step_W = after.p_WB - _rotation(turn) @ p
         return cls(stamp_ns=after.stamp_ns, turn=turn, step_W=step_W, frame_id=after.frame_id)
 
@@ -52,9 +53,8 @@ class EstimateReset:
 
     def attitudes(self, q_WB_xyzw: Array) -> Array:
         """Return attitudes (..., 4), body to world, in the new coordinates."""
-        s, c = math.sin(0.5 * self.turn), math.cos(0.5 * self.turn)
-        x, y, z, w = np.moveaxis(q_WB_xyzw, -1, 0)
-        return np.stack([c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z], axis=-1)
+        R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw)
+        return np.asarray(so3.quaternion_xyzw_from_rotation(_rotation(self.turn) @ R_WB))
 
     def odometry(self, odometry: OdometrySample) -> OdometrySample:
         """Return an odometry, with its twist in the body frame, in the new coordinates."""
@@ -86,26 +86,9 @@ _VECTORS = ("v_WB_W", "a_WB_W", "w_WB_W")
 
 
 def _rotation(turn: float) -> Array:
-    s, c = math.sin(turn), math.cos(turn)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(so3.exp([0.0, 0.0, turn]))
 
 
 def _heading(q_xyzw: Array) -> float:
     """Return the turn about the world's z axis after the shortest tilt from level [rad]."""
     return 2.0 * math.atan2(float(q_xyzw[2]), float(q_xyzw[3]))
-
-
-def _product(a_xyzw: Array, b_xyzw: Array) -> Array:
-    u, v, s, t = a_xyzw[:3], b_xyzw[:3], a_xyzw[3], b_xyzw[3]
-    return np.array([*(s * v + t * u + np.cross(u, v)), s * t - u @ v])
-
-
-def _turned_by(q_xyzw: Array, turn_B: Array) -> Array:
-    """Return an attitude after a small turn in body axes (3,) [rad]."""
-    small = np.array([*(0.5 * turn_B), 1.0])
-    return _product(q_xyzw, small / np.linalg.norm(small))
-
-
-def _rotated(q_xyzw: Array, v_B: Array) -> Array:
-    """Return a vector of the body (3,) in the world."""
-    return _product(_product(q_xyzw, np.array([*v_B, 0.0])), q_xyzw * [-1.0, -1.0, -1.0, 1.0])[:3]

@@ -8,7 +8,6 @@ and 2025.12 hold the last sticks of MSP for ever, so nobody else would bring it 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from quad_mpc_ros.bridges.betaflight.config import BetaflightConfig
 from quad_mpc_ros.bridges.betaflight.lines import (
@@ -29,13 +28,10 @@ from quad_mpc_ros.bridges.bridge import (
     Outgoing,
     OutgoingBytes,
     Response,
-    Subscription,
 )
 from quad_mpc_ros.bridges.handover import Stack, State
-from quad_mpc_ros.messages.conversions import NewMessage, odometry_from_message
-from quad_mpc_ros.messages.topics import Topic
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
-from quad_mpc_ros.model.state import with_body_twist
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.model.samples import CommandSample
 
 _SECOND = 1_000_000_000
 _REPEAT_NS = 50_000_000  # sticks at least so often; Betaflight counts 150 ms as a loss
@@ -65,8 +61,9 @@ class BetaflightBridge(Bridge):
         super().__init__(config, new)
         self.line = Line(device=config.device, baud=config.baud)
         self.publications = ()
-        odometry = Topic(name=config.odometry_topic, type_name="nav_msgs/msg/Odometry")
-        self.subscriptions = [Subscription(topic=odometry, receive=self._on_odometry)]
+        self.subscriptions = [
+            self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
+        ]
         self._told = Telemetry()
         is_msp = config.transport == "msp"
         self._speech: Speech = MspSpeech(self._told) if is_msp else CrsfSpeech(self._told)
@@ -216,15 +213,6 @@ class BetaflightBridge(Bridge):
         idle, low = self._config.motor_idle, float(self._config.min_check)
         share = (self.thrust.stack_throttle(throttle) - idle) / (1.0 - idle)
         return low + (_HIGH - low) * min(max(share, 0.0), 1.0)
-
-    def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
-        odometry: OdometrySample | None = odometry_from_message(message)
-        if self._config.twist_frame == "world":
-            odometry = self._converted(
-                self._config.odometry_topic,
-                lambda: with_body_twist(odometry_from_message(message)),
-            )
-        return self._passed_on(odometry, now_ns=now_ns)
 
 
 def _configured(config: BetaflightConfig) -> tuple[Curve, ...]:
