@@ -21,6 +21,11 @@ os.environ["PYTHONSAFEPATH"] = "1"
 # hear each other.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
+# Fast DDS hands out its ports in shared memory under a lock that it breaks after two seconds, and
+# across all domains. Where many nodes start at once on a busy machine, or others were killed, one
+# of them then hears nobody for good. Loopback is as real, and has a port for each domain.
+os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
+
 
 def _free_domain() -> int:
     """Return a domain without nodes, kept from other runs by a lock as long as this one lasts."""
