@@ -256,7 +256,7 @@ class Controller:
     ) -> Tick:
         """Have the command of who commands, record that it is sent, and return the tick."""
         u = self._supervisor.command(
-            decision.source, duration=duration, now_ns=now_ns, learned=self._mpc.learned()
+            decision.source, duration=duration, now_ns=now_ns, learned=self._mpc.learned
         )
         command = None
         if u is not None:

@@ -21,13 +21,14 @@ from __future__ import annotations
 
 import enum
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.model.state import state_from_odometry
 
 _GRAVITY = 9.81  # m/s^2
 _STRONGEST = 1.5  # true thrust over the modelled
@@ -63,6 +64,27 @@ class Contact(enum.Enum):
     STANDING = "standing"
 
 
+class _Motion(NamedTuple):
+    """How it moves, filtered: height, speed and that along the ground; and its way [m] from where
+    it stood or was seen first, and that upwards.
+    """
+
+    height: float
+    speed: float
+    aside: float
+    way: float
+    rise: float
+
+
+class _Course(NamedTuple):
+    """What a reference is to do: its height now, the lowest and the highest, the largest speed."""
+
+    height: float
+    lowest: float
+    highest: float
+    speed: float
+
+
 class GroundContact:
     """Follows a vehicle from odometry to odometry."""
 
@@ -76,8 +98,10 @@ class GroundContact:
         self._engaged = True
         self._stood_at: float | None = None
         self._thrust = 0.0
-        # Filtered, and where it stood or was seen first.
-        self._p, self._v, self._p_ground = np.zeros((3, 3))
+        # Position and velocity, filtered, and where it stood or was seen first.
+        self._filtered = np.zeros((3, 3))
+        self._window: ReferenceWindow | None = None
+        self._course = _Course(0.0, 0.0, 0.0, 0.0)
         self._forget()
 
     def engage(self, engaged: bool) -> None:
@@ -113,8 +137,8 @@ class GroundContact:
             self._stood_at += float(reset.step_W[2])
         self._still = None
         if self._stamp_ns is not None:
-            self._p, self._p_ground = reset.points(self._p), reset.points(self._p_ground)
-            self._v = reset.vectors(self._v)
+            p, v, p_ground = self._filtered
+            p[:], v[:], p_ground[:] = reset.points(p), reset.vectors(v), reset.points(p_ground)
 
     @property
     def standing(self) -> bool:
@@ -146,45 +170,65 @@ class GroundContact:
             return self.contact
         if self._stamp_ns == odometry.stamp_ns:
             return self.contact
-        x = state_from_odometry(odometry)
-        self._follow(odometry.stamp_ns, x.p_WB, x.v_WB_W)
+        self._follow(odometry)
         self._weigh(odometry.stamp_ns, thrust=thrust, lift=thrust * odometry.up)
-        height = float(x.p_WB[2])
-        self.asks_for_height = window is not None and _asks_for_height(window, height)
-        rests = window is None or (not self.asks_for_height and _moves_slowly(window))
+        height, course = float(odometry.p_WB[2]), self._course_of(window)
+        self.asks_for_height = course is not None and _asks_for_height(course, height)
+        rests = course is None or (not self.asks_for_height and course.speed < _REFERENCE_SPEED)
         self.contact = self._judged(odometry.stamp_ns, reference_rests=rests)
         if self.standing:
             self._stood_at = height
-        sinks = rests and window is not None and float(window.p_WB[0, 2]) < height - _BELOW
+        sinks = rests and course is not None and course.height < height - _BELOW
         self.touching = not self.standing and sinks and self._is_near_ground(height)
-        lands = rests and window is not None and _sinks(window, height)
+        lands = rests and course is not None and _sinks(course, height)
         self._lands = lands and self._is_low(height)
         if self.standing and self._little_since_ns is not None:
             # It has not left, however its odometry drifts.
-            self._p_ground += self._share(_DRIFT_FILTER) * (self._p - self._p_ground)
+            self._draw_ground(_DRIFT_FILTER)
         elif not (self.contact is Contact.FLYING or self.asks_for_height):
-            self._p_ground += self._share(_GROUND_FILTER) * (self._p - self._p_ground)
+            self._draw_ground(_GROUND_FILTER)
         return self.contact
+
+    def _draw_ground(self, time_constant: float) -> None:
+        """Let where it stood follow where it is."""
+        p, _, p_ground = self._filtered
+        p_ground += self._share(time_constant) * (p - p_ground)
+
+    def _course_of(self, window: ReferenceWindow | None) -> _Course | None:
+        if window is None:
+            return None
+        if window is not self._window:
+            self._window = window
+            self._course = _Course(*_course(window.p_WB, window.v_WB_W))
+        return self._course
 
     def _wait(self, odometry: OdometrySample, window: ReferenceWindow | None) -> None:
         """While commands do not act nothing but the flight stack knows: it is believed."""
         self.contact = Contact.STANDING if self._landed else Contact.UNKNOWN
-        height = float(odometry.p_WB[2])
-        self.asks_for_height = window is not None and _asks_for_height(window, height)
+        height, course = float(odometry.p_WB[2]), self._course_of(window)
+        self.asks_for_height = course is not None and _asks_for_height(course, height)
         if self._landed:
             self._stood_at = height
 
-    def _follow(self, stamp_ns: int, p_WB: Array, v_WB_W: Array) -> None:
+    def _follow(self, odometry: OdometrySample) -> None:
         """Filter position and velocity."""
-        before_ns, self._stamp_ns = self._stamp_ns, stamp_ns
-        if before_ns is None or not 0 < stamp_ns - before_ns <= _LONGEST_GAP_NS:
+        before_ns, self._stamp_ns = self._stamp_ns, odometry.stamp_ns
+        anew = before_ns is None or not 0 < odometry.stamp_ns - before_ns <= _LONGEST_GAP_NS
+        if before_ns is None or anew:
             self._little_since_ns = self._lifting_since_ns = self._still = None
             self._duration = 0.0
-            self._p, self._v, self._p_ground = p_WB.copy(), v_WB_W.copy(), p_WB.copy()
-            return
-        self._duration = 1e-9 * (stamp_ns - before_ns)
-        self._p = self._p + self._share(_FILTER) * (p_WB - self._p)
-        self._v = self._v + self._share(_FILTER) * (v_WB_W - self._v)
+        else:
+            self._duration = 1e-9 * (odometry.stamp_ns - before_ns)
+        self._motion = _Motion(
+            *_follow(
+                p_WB=odometry.p_WB,
+                q_WB_xyzw=odometry.q_WB_xyzw,
+                v_WB_B=odometry.v_WB_B,
+                anew=anew,
+                share=self._share(_FILTER),
+                filtered=self._filtered,
+            )
+        )
 
     def _share(self, time_constant: float) -> float:
         return 1.0 - math.exp(-self._duration / time_constant)
@@ -221,7 +265,7 @@ class GroundContact:
         return since_ns is not None and stamp_ns - since_ns >= _SETTLING_NS
 
     def _is_slow(self) -> bool:
-        return float(self._v @ self._v) < _RESTING**2
+        return self._motion.speed < _RESTING
 
     def _is_near_ground(self, height: float) -> bool:
         """Whether it is slow, with little thrust, about as high as where it stood."""
@@ -234,26 +278,24 @@ class GroundContact:
 
     def _is_moving(self) -> bool:
         """Whether it is faster than noise, which alone does not change the height as well."""
-        square_speed = float(self._v @ self._v)
-        shifted = abs(float(self._p[2] - self._p_ground[2])) > _SHIFTED
-        return square_speed > (_MOVING if shifted else _FAST) ** 2
+        shifted = abs(self._motion.rise) > _SHIFTED
+        return self._motion.speed > (_MOVING if shifted else _FAST)
 
     def _has_left(self, *, little: bool) -> bool:
         """Whether it is no longer where it was seen first, or stood."""
         if self.contact is Contact.FLYING:
             return False
-        way = self._p - self._p_ground
         if self.standing:
-            return (bool(way[2] > _MOVED) or self._slips()) and not little
-        return bool(way @ way > _MOVED**2) and not little
+            return (self._motion.rise > _MOVED or self._slips()) and not little
+        return self._motion.way > _MOVED and not little
 
     def _slips(self) -> bool:
         """Whether it goes aside under thrust, as one does that takes off from where it leans."""
-        return self._thrust > _SOME and math.hypot(self._v[0], self._v[1]) > _SLIPPING
+        return self._thrust > _SOME and self._motion.aside > _SLIPPING
 
     def _stays(self, stamp_ns: int) -> bool:
         """Whether it keeps its height with so little thrust that it would fall."""
-        height = float(self._p[2])
+        height = self._motion.height
         if self._still is None:
             self._still = _Stillness(stamp_ns, height)
         self._still.add(height, self._thrust)
@@ -291,18 +333,39 @@ def _lasts(since_ns: int | None, now_ns: int) -> bool:
     return since_ns is not None and now_ns - since_ns >= _LIFTING_NS
 
 
-def _asks_for_height(window: ReferenceWindow, height: float) -> bool:
-    heights = window.p_WB[:, 2]
-    highest = float(heights.max())
-    return highest > height + _ABOVE or highest > float(heights[0]) + _RISING
+def _asks_for_height(course: _Course, height: float) -> bool:
+    return course.highest > height + _ABOVE or course.highest > course.height + _RISING
 
 
-def _sinks(window: ReferenceWindow, height: float) -> bool:
+def _sinks(course: _Course, height: float) -> bool:
     """Whether the reference goes down, or is below already."""
-    heights = window.p_WB[:, 2]
-    lowest, now = float(heights.min()), float(heights[0])
-    return lowest < now - _RISING or now < height - _BELOW
+    return course.lowest < course.height - _RISING or course.height < height - _BELOW
 
 
-def _moves_slowly(window: ReferenceWindow) -> bool:
-    return bool((window.v_WB_W * window.v_WB_W).sum(axis=1).max() < _REFERENCE_SPEED**2)
+@compiled
+def _follow(
+    p_WB: Array, q_WB_xyzw: Array, v_WB_B: Array, anew: bool, share: float, filtered: Array
+) -> tuple[float, float, float, float, float]:
+    """Filter position and velocity, or begin ``anew`` with them; return how it moves."""
+    R_WB = kernels.rotation((q_WB_xyzw[0], q_WB_xyzw[1], q_WB_xyzw[2], q_WB_xyzw[3]))
+    v_WB_W = kernels.apply(R_WB, kernels.vector(v_WB_B))
+    p, v, p_ground = filtered[0], filtered[1], filtered[2]
+    for k in range(3):
+        if anew:
+            p[k], v[k], p_ground[k] = p_WB[k], v_WB_W[k], p_WB[k]
+        p[k] += share * (p_WB[k] - p[k])
+        v[k] += share * (v_WB_W[k] - v[k])
+    aside, rise = math.hypot(v[0], v[1]), p[2] - p_ground[2]
+    way = math.hypot(math.hypot(p[0] - p_ground[0], p[1] - p_ground[1]), rise)
+    return p[2], math.hypot(aside, v[2]), aside, way, rise
+
+
+@compiled
+def _course(p_WB: Array, v_WB_W: Array) -> tuple[float, float, float, float]:
+    lowest = highest = p_WB[0, 2]
+    square = 0.0
+    for i in range(len(p_WB)):
+        lowest, highest = min(lowest, p_WB[i, 2]), max(highest, p_WB[i, 2])
+        v = kernels.vector(v_WB_W[i])
+        square = max(square, kernels.dot(v, v))
+    return p_WB[0, 2], lowest, highest, math.sqrt(square)

@@ -47,6 +47,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.estimation import velocity_noise
 from quad_mpc_ros.estimation.command_history import Acting
 from quad_mpc_ros.estimation.rate_lags import RateLags
@@ -81,11 +82,14 @@ from quad_mpc_ros.model.parameters import (
     THRUST_TIME_CONSTANT,
     UNEVEN_DRAG,
 )
-from quad_mpc_ros.model.rollout import ACTUATORS
+from quad_mpc_ros.model.rollout import BODY_RATES
 
 # At the start: horizontally, vertically, of the scale.
 _ACCELERATION_SPREAD, _VERTICAL_SPREAD, _SCALE_SPREAD = 1.0, 0.5, 0.2
 
+_DISTURBANCE, _UNEVEN_DRAG, _LEARNED_DRAG = (
+    part.start for part in (DISTURBANCE, UNEVEN_DRAG, LEARNED_DRAG)
+)
 
 # From a command to what it does by default [s], and by how much closer at most vehicles are
 # followed that answer sooner.
@@ -157,23 +161,15 @@ class DisturbanceEkf:
     @property
     def is_at_bounds(self) -> bool:
         """Whether disturbance or scale are as far as they may go."""
-        d, k = self._estimate[D:K], self._estimate[K]
-        far = max(abs(d[0]), abs(d[1])) >= self._farthest or abs(d[2]) >= VERTICAL_BOUND
-        return bool(far or not SCALE_BOUNDS[0] < k < SCALE_BOUNDS[1])
+        x, y, z, k = self._estimate[D : K + 1].tolist()
+        far = max(abs(x), abs(y)) >= self._farthest or abs(z) >= VERTICAL_BOUND
+        return far or not SCALE_BOUNDS[0] < k < SCALE_BOUNDS[1]
 
     def parameters(self) -> Array:
         """Return the parameters (20,) as believed by now."""
         believed = self._nominal.copy()
-        believed[THRUST_TIME_CONSTANT] = self._estimate[TAU]
-        believed[RATE_TIME_CONSTANTS] = self._rate_lags.time_constants()
-        believed[DISTURBANCE] = self._estimate[D:K]
-        believed[THRUST_SCALE] = self._estimate[K]
-        learned = self._estimate[MU] - believed[DRAG]
-        if learned != 0.0:
-            uneven = learned * self._shape
-            believed[LEARNED_DRAG] = learned + uneven
-            believed[DRAG] += learned
-            believed[UNEVEN_DRAG] += uneven
+        self._rate_lags.write(believed)
+        _write_learned(self._estimate, self._shape, believed)
         return believed
 
     def memory(self) -> EkfMemory:
@@ -239,11 +235,28 @@ class DisturbanceEkf:
         )
         self._rate_lags.update(
             acting=acting,
-            measured=after[ACTUATORS][1:],
+            measured=after[BODY_RATES],
             learns=outcome == LEARNED,
             follows=outcome in (PAUSED, LEARNED),
         )
         return outcome
+
+
+@compiled
+def _write_learned(estimate: Array, shape: Array, parameters: Array) -> None:
+    """Write what is believed of thrust, air and drag into the configured parameters (20,).
+
+    ``shape`` (3,) is what each axis has more or less of the mean drag, as a share of it.
+    """
+    parameters[THRUST_TIME_CONSTANT] = estimate[TAU]
+    parameters[THRUST_SCALE] = estimate[K]
+    learned = estimate[MU] - parameters[DRAG]
+    parameters[DRAG] += learned
+    for k in range(3):
+        parameters[_DISTURBANCE + k] = estimate[D + k]
+        uneven = learned * shape[k]
+        parameters[_LEARNED_DRAG + k] = learned + uneven
+        parameters[_UNEVEN_DRAG + k] += uneven
 
 
 def _least_noise(nominal: Array, delay: float) -> float:

@@ -51,9 +51,11 @@ class RateLags:
         self._state = np.zeros(_SIZE)
         self.reset()
 
-    def time_constants(self) -> Array:
-        """Return the time constants of roll, pitch and yaw (3,) [s]."""
-        return np.asarray(self._shares * self._state[[_ROLL_PITCH, _ROLL_PITCH, _YAW]])
+    def write(self, parameters: Array) -> None:
+        """Write the time constants of roll, pitch and yaw into the parameters (20,)."""
+        shared, yaw = self._state.item(_ROLL_PITCH), self._state.item(_YAW)
+        roll, pitch, own = self._shares
+        parameters[RATE_TIME_CONSTANTS] = roll * shared, pitch * shared, own * yaw
 
     @property
     def roll_pitch(self) -> float:

@@ -16,7 +16,8 @@ import math
 
 import numpy as np
 
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.estimate_reset import EstimateReset
 
 _OMEGA, _DAMPING = 3.0, 0.8  # rad/s
@@ -30,38 +31,42 @@ class VelocityBias:
     """Follows the bias ``b`` of the velocity in the world (3,) [m/s]."""
 
     def __init__(self) -> None:
-        self._bias = [0.0, 0.0, 0.0]
-        self._led = [0.0, 0.0, 0.0]
-        self._v = [0.0, 0.0, 0.0]
+        self._bias, self._led, self._v = self._state = np.zeros((3, 3))
         self._stamp_ns: int | None = None
 
-    def follow(self, *, p_WB: Array, v_WB_W: Array, stamp_ns: int) -> list[float]:
-        """Take an odometry, position (3,) [m] and velocity (3,) [m/s]; return the bias."""
-        p, v = p_WB.tolist(), v_WB_W.tolist()
+    def follow(self, *, p_WB: Array, v_WB_W: Array, stamp_ns: int) -> Array:
+        """Take an odometry, position (3,) [m] and velocity (3,) [m/s]; return the bias.
+
+        The next call overwrites it.
+        """
         duration = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
-        if 0.0 < duration <= _LONGEST_GAP:
-            self._learn(p, v, duration)
-        else:
-            self._led = p
-        self._v, self._stamp_ns = v, stamp_ns
+        self._stamp_ns = stamp_ns
+        _follow(p_WB=p_WB, v_WB_W=v_WB_W, duration=duration, state=self._state)
         return self._bias
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Take an announced step of the estimate."""
         if self._stamp_ns is not None and self._stamp_ns < reset.stamp_ns:
-            self._led = reset.points(np.array(self._led)).tolist()
-            self._v = reset.vectors(np.array(self._v)).tolist()
-            self._bias = reset.vectors(np.array(self._bias)).tolist()
+            self._led[:] = reset.points(self._led)
+            self._v[:] = reset.vectors(self._v)
+            self._bias[:] = reset.vectors(self._bias)
 
-    def _learn(self, p: list[float], v: list[float], duration: float) -> None:
-        led = [
-            self._led[k] + duration * (0.5 * (v[k] + self._v[k]) - self._bias[k]) for k in range(3)
-        ]
-        off = [p[k] - led[k] for k in range(3)]
-        if math.hypot(*off) > _JUMP:
-            self._led = p
-            return
-        share = 1.0 - math.exp(-2.0 * _DAMPING * _OMEGA * duration)
-        turned = _OMEGA / (2.0 * _DAMPING) * share
-        self._led = [led[k] + share * off[k] for k in range(3)]
-        self._bias = [min(max(self._bias[k] - turned * off[k], -_MOST), _MOST) for k in range(3)]
+
+@compiled
+def _follow(p_WB: Array, v_WB_W: Array, duration: float, state: Array) -> None:
+    """Go on to an odometry; the state (3, 3) is bias, where the velocity led, and velocity."""
+    bias, led, before = state[0], state[1], state[2]
+    square = 0.0
+    for k in range(3):
+        led[k] += duration * (0.5 * (v_WB_W[k] + before[k]) - bias[k])
+        before[k] = v_WB_W[k]
+        square += (p_WB[k] - led[k]) ** 2
+    if not 0.0 < duration <= _LONGEST_GAP or math.sqrt(square) > _JUMP:
+        led[:] = p_WB
+        return
+    share = 1.0 - math.exp(-2.0 * _DAMPING * _OMEGA * duration)
+    turned = _OMEGA / (2.0 * _DAMPING) * share
+    for k in range(3):
+        off = p_WB[k] - led[k]
+        led[k] += share * off
+        bias[k] = kernels.clamp(bias[k] - turned * off, -_MOST, _MOST)

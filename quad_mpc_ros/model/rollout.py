@@ -33,6 +33,7 @@ from quad_mpc_ros.model.actuators import Actuators, actuators_in, first_order_la
 from quad_mpc_ros.model.parameters import ModelParameters, parameters_in
 
 P_WB, V_WB_W, R_WB, ACTUATORS = slice(0, 3), slice(3, 6), slice(6, 15), slice(15, 19)
+BODY_RATES = slice(16, 19)
 """Parts of a state's row: position, velocity, rotation row by row, throttle and body rates."""
 
 ROW_SIZE = 19

@@ -50,7 +50,9 @@ class Input:
 
     def vector(self) -> Array:
         """Return (throttle, rates) as one vector, (4,)."""
-        return np.concatenate(([self.throttle], self.w_WB_B))
+        u = np.empty(INPUT_SIZE)
+        u[THROTTLE], u[BODY_RATE] = self.throttle, self.w_WB_B
+        return u
 
 
 def boxplus(x: State, tangent: Array) -> State:

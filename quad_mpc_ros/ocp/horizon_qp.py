@@ -15,6 +15,7 @@ is in the matrices.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,15 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array, kernels
-from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages, LimitPattern, Mask
+from quad_mpc_ros.ocp.stages import (
+    HorizonPattern,
+    HorizonStages,
+    LimitPattern,
+    Mask,
+    Shape,
+    StageParts,
+    stages_in,
+)
 
 # A bound that holds nothing; OSQP's own infinity is beyond what a solver here may be given.
 FREE = 1e9
@@ -54,97 +63,94 @@ class HorizonQP:
         columns, rows = n * (nx + nu + ns), n * (nx + nu + nr + ns)
         self.A, A_places = _assemble(self._constraint_blocks(), shape=(rows, columns))
         self.P, P_places = _assemble(self._cost_blocks(), shape=(columns, columns))
-        self.q, self._bounds = np.zeros(columns), np.zeros((2, rows))
-        self.lower, self.upper = self._bounds
+        # One array, for compiled code: first what the cost is of.
+        self._cost_size = at_A = columns + self.P.nnz
+        self._numbers = np.zeros(at_A + self.A.nnz + 2 * rows)
+        self.q, self.P.data, self.A.data, self.lower, self.upper = np.split(
+            self._numbers, np.cumsum([columns, self.P.nnz, self.A.nnz, rows])
+        )
         self.cost_scale = 1.0
         """Factor on the cost as it stands, and so on the multipliers; 1 without soft rows."""
+        self.magnitude = 0.0
+        """A number at least as large as each of the problem's; NaN when one is NaN."""
 
+        stages = HorizonStages.zeros(n, nx, nu, rows=nr, slacks=ns)
+        self._shape, self._given = stages.shape, tuple(stages.shape.tolist())
+        # Where the numbers of the stages are in their buffer.
+        numbering = dataclasses.replace(stages, buffer=np.arange(float(len(stages.buffer))))
         count_A, count_B = (n - 1) * int(pattern.A.sum()), n * int(pattern.B.sum())
         fixed = count_A + count_B + n * (nx + nu + ns)
         # Next states, bounded inputs and slacks.
         self.A.data[A_places[count_A + count_B : fixed]] = 1.0
+        count_H = n * int(np.triu(pattern.H).sum())
+        self._entries = _Entries.all_of(
+            _entries(numbering.A[1:], pattern.A, -state / state[:, None]),
+            _entries(numbering.B, pattern.B, -size / state[:, None]),
+            at=at_A + A_places[: count_A + count_B],
+        ).and_also(
+            _Entries.all_of(
+                _entries(numbering.H, np.triu(pattern.H), state * state[:, None]),
+                at=columns + P_places[:count_H],
+            )
+        )
         if nr > 0:
             inputs = slice(count_A + count_B + n * nx, count_A + count_B + n * (nx + nu))
             self.A.data[A_places[inputs]] = _INPUT_ROW
-            self._set_up_limits(soft, A_places[fixed:])
-        count_H = n * int(np.triu(pattern.H).sum())
-        width = nx + nu + 1
-        self._from_dynamics = _entries(
-            n, pattern.A, -state / state[:, None], A_places[:count_A], width=width, skipped=1
-        ).and_also(
-            _entries(
-                n,
-                pattern.B,
-                -size / state[:, None],
-                A_places[count_A : count_A + count_B],
-                width=width,
-                column=nx,
-            )
-        )
-        self._from_H = _entries(
-            n, np.triu(pattern.H), state * state[:, None], P_places[:count_H], width=nx + 1
-        )
-        self._places_R = P_places[count_H : count_H + n * nu]
-        self._places_D = P_places[count_H + n * nu :]
+            self._set_up_limits(soft, numbering, A_places[fixed:], at=at_A)
+        # Those of R, and of the quadratic prices of slacks.
+        self._diagonal = columns + P_places[count_H:]
 
-    def _set_up_limits(self, soft: LimitPattern, places: _Places) -> None:
-        """Take the pattern of the soft rows, and the places of their entries."""
+    def _set_up_limits(
+        self, soft: LimitPattern, numbering: HorizonStages, places: _Places, *, at: int
+    ) -> None:
+        """Take the pattern of the soft rows, and the places of their entries, ``at`` on."""
         n, nx, nu, nr = self._n, self._nx, self._nu, self._nr
         before, own = soft.mask[:, :nu], soft.mask[:, nu:]
-        first, count = (n - 1) * int(before.sum()), n * int(own.sum())
-        width, sizes = 2 * nu + nx + 1, self._sizes[: nu + nx] / self._row_sizes[:, None]
-        self._from_limits = _entries(
-            n, before, sizes[:, :nu], places[:first], width=width, skipped=1
-        ).and_also(_entries(n, own, sizes, places[first : first + count], width=width, column=nu))
-        self.A.data[places[first + count :]] = -1.0
-        self._bounds[:, n * (nx + nu) :] = np.array([[-FREE], [FREE]])
+        count = (n - 1) * int(before.sum()) + n * int(own.sum())
+        sizes = self._sizes[: nu + nx] / self._row_sizes[:, None]
+        self._entries = self._entries.and_also(
+            _Entries.all_of(
+                _entries(numbering.normals[1:, :, :nu], before, sizes[:, :nu]),
+                _entries(numbering.normals[:, :, nu:], own, sizes),
+                at=at + places[:count],
+            )
+        )
+        self.A.data[places[count:]] = -1.0
+        self.lower[n * (nx + nu) :], self.upper[n * (nx + nu) :] = -FREE, FREE
         self.lower[n * (nx + nu + nr) :] = 0.0
 
     def update(self, stages: HorizonStages) -> None:
         """Write the numbers of a horizon; shapes as in :class:`HorizonStages`."""
-        expected = self._n, self._nx, self._nu
-        if stages.shape != expected:
-            # Compiled code does not look where it writes.
-            raise ValueError(f"stages of shape {stages.shape}, expected {expected}")
-        if stages.soft_shape != (self._nr, self._ns):
-            raise ValueError(
-                f"{stages.soft_shape} soft rows and slacks, expected {(self._nr, self._ns)}"
-            )
-        self._from_dynamics.write(stages.dynamics, into=self.A.data)
-        self._from_H.write(stages.state_cost, into=self.P.data)
-        _write_vectors(
-            x0=stages.x0,
-            dynamics=stages.dynamics,
-            state_cost=stages.state_cost,
-            input_terms=stages.input_terms,
+        if stages.shape is not self._shape:
+            self._check_shape(stages)
+        sources, factors, places = self._entries
+        self.cost_scale, self.magnitude = _write(
+            shape=self._shape,
+            stages=stages.buffer,
+            sources=sources,
+            factors=factors,
+            places=places,
+            diagonal=self._diagonal,
             sizes=self._sizes,
-            places_R=self._places_R,
-            P_data=self.P.data,
-            q=self.q,
-            bounds=self._bounds,
+            row_sizes=self._row_sizes,
+            cost_size=self._cost_size,
+            numbers=self._numbers,
         )
-        if self._nr > 0:
-            self._from_limits.write(stages.limits, into=self.A.data)
-            _write_limits(
-                limits=stages.limits,
-                slack_cost=stages.slack_cost,
-                row_sizes=self._row_sizes,
-                sizes=self._sizes,
-                places_D=self._places_D,
-                P_data=self.P.data,
-                q=self.q,
-                bounds=self._bounds,
+
+    def _check_shape(self, stages: HorizonStages) -> None:
+        """Refuse other shapes: compiled code does not look where it writes."""
+        given = tuple(stages.shape.tolist())
+        if given != self._given:
+            raise ValueError(
+                "steps, states, inputs, soft rows and slacks of the stages: "
+                f"{given}, expected {self._given}"
             )
-            self.cost_scale = _normalise(self.P.data, self.q)
+        self._shape = stages.shape
 
     @property
     def is_soft(self) -> bool:
         """Whether there are soft rows."""
         return self._nr > 0
-
-    def magnitude(self) -> float:
-        """Return a number at least as large as each of the problem's; NaN when one is NaN."""
-        return _infinity_norm(self.q, self._bounds, self.A.data, self.P.data)
 
     def settle_slacks(self, z: Array, y: Array) -> None:
         """Write the slacks of a start, into variables that are otherwise zero and multipliers.
@@ -153,7 +159,7 @@ class HorizonQP:
         prices, which change from one problem to the next, less what the rows pay.
         """
         if self._nr > 0:
-            _settle_slacks(z, y, self.q, self.upper, steps=self._n, slack_of=self._slack_of)
+            _settle_slacks(z, y, self.q, self.upper, self._n, self._slack_of)
 
     def split(self, z: Array) -> tuple[Array, Array]:
         """Return inputs (N, nu) and states 1 to N (N, nx) of a solution, in physical units."""
@@ -218,45 +224,31 @@ class HorizonQP:
 
 
 class _Entries(NamedTuple):
-    """Entries of a block of stages: where they are in it, their factors, and where they go."""
+    """Numbers of the stages: where they are in them, their factors, and where they go."""
 
     sources: _Places
     factors: Array
     places: _Places
 
+    @staticmethod
+    def all_of(*blocks: tuple[_Places, Array], at: _Places) -> _Entries:
+        """Return the entries of blocks, one after another, that go to places."""
+        sources, factors = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+        return _Entries(sources, factors, at)
+
     def and_also(self, other: _Entries) -> _Entries:
-        """Return these and other entries of the same block."""
+        """Return these and other entries."""
         return _Entries(*(np.concatenate(parts) for parts in zip(self, other, strict=True)))
 
-    def write(self, block: Array, *, into: Array) -> None:
-        """Write the entries of a block, times their factors, to their places."""
-        _scatter(
-            block=block,
-            sources=self.sources,
-            factors=self.factors,
-            places=self.places,
-            data=into,
-        )
 
+def _entries(block: Array, mask: Mask, scale: Array) -> tuple[_Places, Array]:
+    """Return sources and factors of the masked entries of all stages of a block.
 
-def _entries(
-    steps: int,
-    mask: Mask,
-    scale: Array,
-    places: _Places,
-    *,
-    width: int,
-    column: int = 0,
-    skipped: int = 0,
-) -> _Entries:
-    """Return the masked entries of all stages of a block but the first ``skipped``.
-
-    A stage's block has rows of ``width`` entries, the mask begins at a ``column`` of it.
+    The block (n, rows, columns) holds where in the buffer each of its numbers is.
     """
     rows, columns = np.nonzero(mask)
-    in_stage = rows * width + column + columns
-    sources = np.arange(skipped, steps)[:, None] * (len(mask) * width) + in_stage
-    return _Entries(sources.ravel(), np.tile(scale[rows, columns], steps - skipped), places)
+    sources = block[:, rows, columns].astype(np.intp)
+    return sources.ravel(), np.tile(scale[rows, columns], len(block))
 
 
 @compiled
@@ -271,73 +263,95 @@ def _split(z: Array, sizes: Array, inputs: Array, states: Array) -> None:
 
 
 @compiled
-def _scatter(block: Array, sources: _Places, factors: Array, places: _Places, data: Array) -> None:
-    """Write some of a block's entries, times their factors, to their places."""
-    entries = block.reshape(-1)
+def _write(
+    shape: Shape,
+    stages: Array,
+    sources: _Places,
+    factors: Array,
+    places: _Places,
+    diagonal: _Places,
+    sizes: Array,
+    row_sizes: Array,
+    cost_size: int,
+    numbers: Array,
+) -> tuple[float, float]:
+    """Write the numbers of the QP; return the factor on its cost, and their magnitude."""
+    given, n, width = stages_in(shape, stages), shape[0], len(sizes)
     for k in range(len(sources)):
-        data[places[k]] = factors[k] * entries[sources[k]]
+        numbers[places[k]] = factors[k] * stages[sources[k]]
+    q, bounds = numbers[: n * width], numbers[len(numbers) - 2 * n * (width + shape[3]) :]
+    lower, upper = bounds[: len(bounds) // 2], bounds[len(bounds) // 2 :]
+    _write_dynamics(given, sizes, q, lower, upper)
+    _write_inputs(given, sizes, diagonal, numbers, lower, upper)
+    if shape[3] == 0:
+        return 1.0, kernels.infinity_norm(numbers)
+    _write_limits(given, sizes, row_sizes, diagonal, numbers, lower, upper)
+    factor = 1.0 / max(1.0, kernels.infinity_norm(q))
+    for k in range(cost_size):
+        numbers[k] *= factor
+    return factor, kernels.infinity_norm(numbers)
 
 
 @compiled
-def _write_vectors(
-    x0: Array,
-    dynamics: Array,
-    state_cost: Array,
-    input_terms: Array,
-    sizes: Array,
-    places_R: _Places,
-    P_data: Array,
-    q: Array,
-    bounds: Array,
-) -> None:
-    """Write R, linear cost, right sides of the dynamics and bounds, all scaled."""
-    lower, upper, width = bounds[0], bounds[1], len(sizes)
-    n, nx, nu = len(dynamics), len(x0), input_terms.shape[2]
+def _write_dynamics(given: StageParts, sizes: Array, q: Array, lower: Array, upper: Array) -> None:
+    """Write the right sides of the dynamics, and the linear cost of states."""
+    n, nx, nu = len(given.dynamics), len(given.x0), given.input_terms.shape[2]
     for i in range(n):
-        for k in range(nu):
-            size, bound = sizes[k], n * nx + i * nu + k
-            R, r = input_terms[i, 0, k], input_terms[i, 1, k]
-            least, most = input_terms[i, 2, k], input_terms[i, 3, k]
-            P_data[places_R[i * nu + k]] = R * size * size
-            q[i * width + k] = r * size
-            lower[bound], upper[bound] = least / size, most / size
         for k in range(nx):
             size = sizes[nu + k]
-            q[i * width + nu + k] = state_cost[i, k, nx] * size
-            constant = dynamics[i, k, nx + nu]
+            q[i * len(sizes) + nu + k] = given.state_cost[i, k, nx] * size
+            constant = given.dynamics[i, k, nx + nu]
             if i == 0:
                 for j in range(nx):
-                    constant += dynamics[0, k, j] * x0[j]
+                    constant += given.dynamics[0, k, j] * given.x0[j]
             lower[i * nx + k] = upper[i * nx + k] = constant / size
 
 
 @compiled
-def _write_limits(
-    limits: Array,
-    slack_cost: Array,
-    row_sizes: Array,
+def _write_inputs(
+    given: StageParts,
     sizes: Array,
-    places_D: _Places,
-    P_data: Array,
-    q: Array,
-    bounds: Array,
+    diagonal: _Places,
+    numbers: Array,
+    lower: Array,
+    upper: Array,
 ) -> None:
-    """Write the bounds of soft rows and the prices of slacks, scaled."""
-    n, nr, ns, width = len(limits), len(row_sizes), slack_cost.shape[1], len(sizes)
-    first, upper = n * (width - ns), bounds[1]
-    nu = limits.shape[2] - 1 - (width - ns)
+    """Write the cost of inputs, and their bounds."""
+    n, nx, nu = len(given.dynamics), len(given.x0), given.input_terms.shape[2]
+    for i in range(n):
+        for k in range(nu):
+            size, bound = sizes[k], n * nx + i * nu + k
+            R, r = given.input_terms[i, 0, k], given.input_terms[i, 1, k]
+            least, most = given.input_terms[i, 2, k], given.input_terms[i, 3, k]
+            numbers[diagonal[i * nu + k]] = R * size * size
+            numbers[i * len(sizes) + k] = r * size
+            lower[bound], upper[bound] = least / size, most / size
+
+
+@compiled
+def _write_limits(
+    given: StageParts,
+    sizes: Array,
+    row_sizes: Array,
+    diagonal: _Places,
+    numbers: Array,
+    lower: Array,
+    upper: Array,
+) -> None:
+    """Write the bounds of soft rows and the prices of slacks."""
+    n, nr, ns, width = len(given.limits), len(row_sizes), given.slack_cost.shape[1], len(sizes)
+    first, nu = n * (width - ns), given.input_terms.shape[2]
     for k in range(first - n * nu, first):
-        bounds[0, k] *= _INPUT_ROW
-        bounds[1, k] *= _INPUT_ROW
+        lower[k] *= _INPUT_ROW
+        upper[k] *= _INPUT_ROW
     for i in range(n):
         for j in range(nr):
-            bound = limits[i, j, limits.shape[2] - 1] / row_sizes[j]
+            bound = given.limits[i, j, given.limits.shape[2] - 1] / row_sizes[j]
             upper[first + i * nr + j] = min(bound, FREE)
         for k in range(ns):
-            slack = width - ns + k
-            size = sizes[slack]
-            q[i * width + slack] = slack_cost[i, k, 0] * size
-            P_data[places_D[i * ns + k]] = slack_cost[i, k, 1] * size * size
+            size = sizes[width - ns + k]
+            numbers[i * width + width - ns + k] = given.slack_cost[i, k, 0] * size
+            numbers[diagonal[n * nu + i * ns + k]] = given.slack_cost[i, k, 1] * size * size
 
 
 @compiled
@@ -357,27 +371,6 @@ def _settle_slacks(
                     z[slack] = max(z[slack], -upper[row])
                     y[bound] += y[row]
             y[bound] = min(y[bound], 0.0)
-
-
-@compiled
-def _normalise(P_data: Array, q: Array) -> float:
-    """Divide a cost by its largest slope where that is above one; return the factor."""
-    factor = 1.0 / max(1.0, kernels.infinity_norm(q))
-    for k in range(len(P_data)):
-        P_data[k] *= factor
-    for k in range(len(q)):
-        q[k] *= factor
-    return factor
-
-
-@compiled
-def _infinity_norm(q: Array, bounds: Array, A_data: Array, P_data: Array) -> float:
-    return (
-        kernels.infinity_norm(q)
-        + kernels.infinity_norm(bounds.reshape(-1))
-        + kernels.infinity_norm(A_data)
-        + kernels.infinity_norm(P_data)
-    )
 
 
 def _assemble(

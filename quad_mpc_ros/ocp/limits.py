@@ -38,7 +38,7 @@ from quad_mpc_ros.model.rollout import SUBSTEPS, body_in
 from quad_mpc_ros.model.state import INPUT_SIZE
 from quad_mpc_ros.mpc_config import LimitParameters
 from quad_mpc_ros.ocp.horizon_qp import FREE
-from quad_mpc_ros.ocp.stages import LimitPattern
+from quad_mpc_ros.ocp.stages import LimitPattern, Shape, StageParts, stages_in
 from quad_mpc_ros.ocp.target import target_in
 from quad_mpc_ros.ocp.trajectory import trajectory_in
 
@@ -107,6 +107,34 @@ def values_of(limits: LimitParameters) -> Array:
 
 
 @compiled
+def prepare(
+    limits: Array,
+    step: float,
+    distance: float,
+    u_min: Array,
+    u_max: Array,
+    start: Array,
+    sent: Array,
+    since: float,
+    target: Array,
+    allowed: Array,
+) -> bool:
+    """Draw a target near, and write what limits allow along it; return whether it flips."""
+    draw_near(step, start, distance, target)
+    allow(
+        limits,
+        step,
+        u_min=u_min,
+        u_max=u_max,
+        sent=sent,
+        since=since,
+        target=target,
+        allowed=allowed,
+    )
+    return flips(step, u_max, target)
+
+
+@compiled
 def allow(
     limits: Array,
     step: float,
@@ -171,11 +199,9 @@ def flips(step: float, u_max: Array, target: Array) -> bool:
     return False
 
 
-@compiled
-def let_tilt(allowed: Array, flipping: bool) -> None:
-    """Allow any tilt while the reference is ``flipping``."""
-    if flipping:
-        allowed[:, _TILT] = FREE
+def let_tilt(allowed: Array) -> None:
+    """Allow any tilt."""
+    allowed[:, _TILT] = FREE
 
 
 @compiled
@@ -200,12 +226,19 @@ def draw_near(step: float, start: Array, distance: float, target: Array) -> None
 
 
 @compiled
-def damp(R: Array, steepest: float, state_cost: Array, input_terms: Array) -> None:
+def damp(
+    R: Array, prices: Array, closeness: float, steep: float, shape: Shape, stages: Array
+) -> None:
     """Let changes of the plan cost something, lest a step be all or nothing.
 
-    ``R`` (4,) are the weights on its inputs, ``steepest`` the slope that is to be met. What
-    changes no more costs what it did, so where the iterations lead stays the same.
+    ``R`` (4,) are the weights on its inputs. It is in proportion to the steepest slope that there
+    is, and to how close the plan is to a limit, or the slope to a ``steep`` one. What changes no
+    more costs what it did, so where the iterations lead stays the same.
     """
+    slope = steepest_slope(prices)
+    steepest = max(closeness, min(1.0, slope / steep)) * slope
+    given = stages_in(shape, stages)
+    state_cost, input_terms = given.state_cost, given.input_terms
     for i in range(len(input_terms)):
         input_terms[i, 0, 0] = R[0] + _DAMPING_THROTTLE * steepest
         for k in range(3):
@@ -279,21 +312,19 @@ def write_limits(
     target: Array,
     nominal: Array,
     allowed: Array,
-    dynamics: Array,
-    state_cost: Array,
-    input_terms: Array,
     prices: Array,
-    limits: Array,
-    slack_cost: Array,
+    shape: Shape,
+    stages: Array,
 ) -> tuple[float, float]:
     """Write soft rows and prices (4,) about a plan; return what it pays, and its closeness.
 
-    Dynamics, state costs and input terms are those of the QP.
+    The stages have the rest of the QP about it.
     """
-    tracked, plan = target_in(target), trajectory_in(nominal)
-    n, nx = len(dynamics), dynamics.shape[1]
+    tracked, plan, given = target_in(target), trajectory_in(nominal), stages_in(shape, stages)
+    limits, slack_cost = given.limits, given.slack_cost
+    n, nx = len(given.dynamics), len(given.x0)
     slopes = np.empty((n, nx))
-    _write_prices(dynamics, state_cost, input_terms, prices, slopes)
+    _write_prices(given, prices, slopes)
     inputs = np.empty((n, INPUT_SIZE))
     for i in range(n):
         for k in range(INPUT_SIZE):
@@ -373,10 +404,9 @@ def _write_speed(v: kernels.Vector, slope: Array, allowed: float, row: Array) ->
 
 
 @compiled
-def _write_prices(
-    dynamics: Array, state_cost: Array, input_terms: Array, prices: Array, slopes: Array
-) -> None:
+def _write_prices(given: StageParts, prices: Array, slopes: Array) -> None:
     """Write the slopes (N, nx) of the cost in the states 1 to N, and the prices (4,) of them."""
+    dynamics, state_cost, input_terms = given.dynamics, given.state_cost, given.input_terms
     n, nx = len(dynamics), dynamics.shape[1]
     for kind in range(len(prices)):
         prices[kind] = _LEAST_PRICE / _TYPICAL[kind]

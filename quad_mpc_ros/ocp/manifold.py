@@ -20,13 +20,14 @@ frame, whose norm is the same, and the exact Jacobian of the attitude error. Whe
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.configuration import per_axis
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.jacobians import (
     ATTITUDE,
     POSITION,
@@ -37,26 +38,23 @@ from quad_mpc_ros.model.jacobians import (
     jacobians,
 )
 from quad_mpc_ros.model.parameters import parameters_in
-from quad_mpc_ros.model.rollout import P_WB, R_WB, SUBSTEPS, roll_out
+from quad_mpc_ros.model.rollout import SUBSTEPS, body_in, roll_out
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import INPUT_SIZE
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.limits import (
     ALLOWED_SIZE,
     LimitLayout,
-    allow,
     damp,
-    draw_near,
-    flips,
     let_tilt,
     penalty,
-    steepest_slope,
+    prepare,
     values_of,
     write_limits,
 )
 from quad_mpc_ros.ocp.plan import Plan
 from quad_mpc_ros.ocp.problem import PredictedState
-from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages
+from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages, Shape, stages_in
 from quad_mpc_ros.ocp.target import TargetSampler, target_in
 from quad_mpc_ros.ocp.tracking_cost import Weights, quadratic_cost, tracking_cost
 from quad_mpc_ros.ocp.trajectory import apply_bounds, buffer_size, mark_free, shift, trajectory_in
@@ -179,21 +177,23 @@ class ManifoldProblem:
 
     def _set_limits(self, state: PredictedState) -> None:
         """Set what the limits allow along the target, and bring that near."""
-        draw_near(self._step, start=state.row, distance=self._pull_distance, target=self._target)
-        allow(
+        flips = prepare(
             limits=self._limits,
             step=self._step,
+            distance=self._pull_distance,
             u_min=self._u_min,
             u_max=self._u_max,
+            start=state.row,
             sent=state.sent,
             since=state.since_sent,
             target=self._target,
             allowed=self._allowed,
         )
-        if flips(self._step, self._u_max, self._target):
+        if flips:
             self._flips_until_ns = state.stamp_ns + _RECOVERING_NS
         self._flipping = 0 <= self._flips_until_ns - state.stamp_ns <= _RECOVERING_NS
-        let_tilt(self._allowed, self._flipping)
+        if self._flipping:
+            let_tilt(self._allowed)
 
     def _warm_start(self, stamp_ns: int) -> tuple[float, int]:
         """Linearise along the best start there is; return its cost and the iterations it needs."""
@@ -217,14 +217,13 @@ class ManifoldProblem:
                 self._cost = cost
         self._linearised = False
         if self._limited:
-            steepest = steepest_slope(self._prices)
-            jump = 0.0 if self._flipping else min(1.0, steepest / self._steep)
-            share = max(self._closeness, jump)
             damp(
                 R=self._R,
-                steepest=share * steepest,
-                state_cost=self._stages.state_cost,
-                input_terms=self._stages.input_terms,
+                prices=self._prices,
+                closeness=self._closeness,
+                steep=math.inf if self._flipping else self._steep,
+                shape=self._stages.shape,
+                stages=self._stages.buffer,
             )
         return self._stages
 
@@ -239,9 +238,8 @@ class ManifoldProblem:
             deviation=deviation,
             elapsed=elapsed,
             nominal=self._nominal,
-            dynamics=stages.dynamics,
-            state_cost=stages.state_cost,
-            input_terms=stages.input_terms,
+            shape=stages.shape,
+            stages=stages.buffer,
         )
         if self._limited:
             paid, self._closeness = write_limits(
@@ -249,12 +247,9 @@ class ManifoldProblem:
                 target=self._target,
                 nominal=self._nominal,
                 allowed=self._allowed,
-                dynamics=stages.dynamics,
-                state_cost=stages.state_cost,
-                input_terms=stages.input_terms,
                 prices=self._prices,
-                limits=stages.limits,
-                slack_cost=stages.slack_cost,
+                shape=stages.shape,
+                stages=stages.buffer,
             )
             cost += paid
         return cost
@@ -280,16 +275,17 @@ class ManifoldProblem:
 
     def plan(self) -> Plan:
         """Return the plan of the last line search, in arrays of its own."""
-        states = self._planned.states
-        inputs = self._planned.inputs.copy().reshape(-1, INPUT_SIZE)
-        inputs[:, 1:] /= self._rate_gain
+        count = self._steps + 1
+        inputs = np.empty((self._steps * SUBSTEPS, INPUT_SIZE))
+        p_WB, R_WB = np.empty((count, 3)), np.empty((count, 3, 3))
+        _copy_plan(self._plan, self._rate_gain, inputs=inputs, p_WB=p_WB, R_WB=R_WB)
         return Plan(
             stamp_ns=self._state.stamp_ns,
             step=self._step,
             input_step=self._step / SUBSTEPS,
             inputs=inputs,
-            p_WB=states[:, P_WB].copy(),
-            R_WB=states[:, R_WB].copy().reshape(-1, 3, 3),
+            p_WB=p_WB,
+            R_WB=R_WB,
         )
 
 
@@ -331,13 +327,14 @@ def _linearise(
     deviation: Array,
     elapsed: float,
     nominal: Array,
-    dynamics: Array,
-    state_cost: Array,
-    input_terms: Array,
+    shape: Shape,
+    stages: Array,
 ) -> float:
     """Write the QP about a plan shifted by ``elapsed`` stages, and the plan; return its cost."""
     weights, step, u_min, u_max = settings_in(settings)
-    tracked, plan, nx = target_in(target), trajectory_in(nominal), dynamics.shape[1]
+    tracked, plan, given = target_in(target), trajectory_in(nominal), stages_in(shape, stages)
+    dynamics, state_cost, input_terms = given.dynamics, given.state_cost, given.input_terms
+    nx = dynamics.shape[1]
     free, errors = np.empty_like(plan.inputs), np.empty((len(dynamics), 9))
     shift(deviation, elapsed, plan.deviation)
     apply_bounds(tracked, plan, u_min=u_min, u_max=u_max)
@@ -399,3 +396,18 @@ def _line_search(
             return reached
     plan[:] = nominal
     return cost
+
+
+@compiled
+def _copy_plan(plan: Array, rate_gain: Array, inputs: Array, p_WB: Array, R_WB: Array) -> None:
+    """Write the inputs (N M, 4) of a plan as commands, and its poses 0 to N."""
+    planned = trajectory_in(plan)
+    commands = planned.inputs.reshape((len(inputs), INPUT_SIZE))
+    for i in range(len(inputs)):
+        inputs[i, 0] = commands[i, 0]
+        for k in range(3):
+            inputs[i, 1 + k] = commands[i, 1 + k] / rate_gain[k]
+    for i in range(len(p_WB)):
+        body = body_in(planned.states[i])
+        kernels.store_vector(body.p, p_WB[i])
+        kernels.store_matrix(body.R, R_WB[i])

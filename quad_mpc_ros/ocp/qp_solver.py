@@ -61,7 +61,7 @@ class QpSolver:
         """
         # Given NaN, OSQP keeps its old data or says "solved"; it must not come to that. Written so
         # that NaN, which compares with nothing, is refused.
-        if not self._qp.magnitude() < _LARGEST:
+        if not self._qp.magnitude < _LARGEST:
             self.forget()
             return _REFUSED
         qp, z, y = self._qp, self._zero if from_zero else self._z, self._y

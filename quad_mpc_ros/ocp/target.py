@@ -67,6 +67,8 @@ class TargetSampler:
         self._dt = step / SUBSTEPS
         count = steps * SUBSTEPS
         self._ends_ns = np.rint(self._dt * 1e9 * np.arange(count + 1)).astype(np.int64)
+        self._window: ReferenceWindow | None = None
+        self._samples = np.zeros((0, 0))
         self.buffer = np.zeros(steps * _STAGE_SIZE + 9)
         """The last target, see :func:`target_in`."""
 
@@ -83,11 +85,13 @@ class TargetSampler:
 
         ``parameters`` (20,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
         """
+        if window is not self._window:  # one serves several ticks
+            self._window, self._samples = window, packed(window)
         _sample(
             elapsed_ns=stamp_ns - window.stamp_ns,
             ends_ns=self._ends_ns,
             offsets_ns=window.offset_ns,
-            samples=packed(window),
+            samples=self._samples,
             parameters=parameters,
             dt=self._dt,
             u_min=u_min,

@@ -8,6 +8,7 @@ command (:mod:`.command_limits`). It reads no clock: ``now_ns`` is given.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 from quad_mpc_ros.estimation.contact import GroundContact
@@ -214,12 +215,17 @@ class Supervisor:
     # --- what is sent
 
     def command(
-        self, source: Source, *, duration: float, now_ns: int, learned: Learned | None = None
+        self,
+        source: Source,
+        *,
+        duration: float,
+        now_ns: int,
+        learned: Callable[[], Learned] = Learned,
     ) -> Input | None:
         """Return the command of a source within every limit, which is then in force.
 
         None if the source sends nothing. It is expected to act for ``duration`` [s]. Fallbacks
-        allow for what was ``learned``.
+        ask for what was ``learned``, and allow for it.
         """
         wanted = self._wanted(source, duration=duration, now_ns=now_ns, learned=learned)
         if wanted is None:
@@ -243,7 +249,7 @@ class Supervisor:
         self._sent = _Sent(u, now_ns)
 
     def _wanted(
-        self, source: Source, *, duration: float, now_ns: int, learned: Learned | None
+        self, source: Source, *, duration: float, now_ns: int, learned: Callable[[], Learned]
     ) -> Input | None:
         """Return the command of a source, before any limit."""
         if source is not Source.HOVER:
@@ -256,14 +262,14 @@ class Supervisor:
             case Source.HOVER if odometry is not None:
                 x = state_from_odometry(odometry)
                 p_hold = self._flight_limits.inside(x.p_WB)
-                return self._hover.command(x, p_hold=p_hold, learned=learned, duration=duration)
+                return self._hover.command(x, p_hold=p_hold, learned=learned(), duration=duration)
             case Source.IDLE:
                 return idle(self._config)
             case Source.BLIND if odometry is not None and blind_since_ns is not None:
                 return self._blind.command(
                     state_from_odometry(odometry).R_WB,
                     elapsed=(now_ns - blind_since_ns) * 1e-9,
-                    learned=learned,
+                    learned=learned(),
                 )
             case _:
                 return None

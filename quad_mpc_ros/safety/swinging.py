@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from collections import deque
 
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.safety.ladder import Action, Breach
@@ -119,22 +120,23 @@ class _Reversals:
         return len(self._times_ns)
 
 
+@compiled
 def _lean(q_WB_xyzw: Array, q_reference_xyzw: Array) -> tuple[float, float]:
     """Return how far the thrust leans from the reference's, about world x and y [rad].
 
-    The horizontal part of the rotation vector between the two. Plain numbers: it is asked each
-    tick, and of so few arrays would take ten times as long.
+    The horizontal part of the rotation vector between the two.
     """
     x, y, z = _thrust_axis(q_WB_xyzw)
     asked_x, asked_y, asked_z = _thrust_axis(q_reference_xyzw)
     about_x, about_y = asked_y * z - asked_z * y, asked_z * x - asked_x * z
-    sine = math.hypot(about_x, about_y, asked_x * y - asked_y * x)
+    sine = math.hypot(math.hypot(about_x, about_y), asked_x * y - asked_y * x)
     angle = math.atan2(sine, asked_x * x + asked_y * y + asked_z * z)
     share = angle / sine if sine > 0.0 else 1.0
     return share * about_x, share * about_y
 
 
-def _thrust_axis(q_WB_xyzw: Array) -> tuple[float, float, float]:
+@compiled
+def _thrust_axis(q_xyzw: Array) -> kernels.Vector:
     """Return the body's z axis in the world."""
-    x, y, z, w = q_WB_xyzw.tolist()
+    x, y, z, w = q_xyzw[0], q_xyzw[1], q_xyzw[2], q_xyzw[3]
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)

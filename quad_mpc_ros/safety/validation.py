@@ -128,8 +128,9 @@ def _usable(values: Array) -> bool:
 def _are_usable(rows: Array) -> bool:
     """Whether all of (n, m) are."""
     usable = True
-    for values in rows:
-        usable &= _usable(values)
+    for i in range(rows.shape[0]):
+        for k in range(rows.shape[1]):
+            usable &= abs(rows[i, k]) <= _LARGEST
     return usable
 
 

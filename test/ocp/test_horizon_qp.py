@@ -124,7 +124,7 @@ def test_variables_are_divided_by_their_size() -> None:
 
 def test_stages_of_another_horizon_are_refused() -> None:
     qp = HorizonQP(a_pattern(3))
-    with pytest.raises(ValueError, match=r"stages of shape \(4, 4, 2\), expected \(3, 4, 2\)"):
+    with pytest.raises(ValueError, match=r"stages: \(4, 4, 2, 0, 0\), expected \(3, 4, 2, 0, 0\)"):
         qp.update(a_horizon(4, seed=0))
 
 
