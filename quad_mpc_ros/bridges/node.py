@@ -58,6 +58,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._bridge = kind(self.config, _new)
         command = dataclasses.replace(COMMAND, name=self.config.mpc_command_topic)
         self._refuse_clashes(command)
+        self._refuse_other_releases()
         with told(self):  # compiled code is loaded when it is first called: not in flight
             odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id="odom")
             sample(ReferenceWindow.hover((0.0, 0.0, 0.0)), 0)
@@ -105,6 +106,25 @@ class BridgeNode(ReportingNode[BridgeConfig]):
                     f"{topic.type_name}, and ours, of type {same.type_name}: start it in a "
                     "namespace, or set mpc_command_topic and remap the mpc's topic command to it"
                 )
+
+    def _refuse_other_releases(self) -> None:
+        """Refuse message packages that are installed and lack a type."""
+        bridge = self._bridge
+        topics = (*(each.topic for each in bridge.subscriptions), *bridge.publications)
+        for type_name in (
+            *(topic.type_name for topic in topics),
+            *(type_name for _, type_name in bridge.services),
+        ):
+            try:
+                message_class(type_name)
+            except AttributeError:
+                package = type_name.partition("/")[0]
+                raise UserError(
+                    f"{bridge.name}: the installed {package} has no {type_name}, it is of "
+                    f"another release: {bridge.how_to_get}"
+                ) from None
+            except ModuleNotFoundError:
+                pass  # which :func:`_require` has told
 
     def _on_command(self, message: Any) -> None:
         self._command_ns = now_ns = self._time.now_ns()

@@ -262,6 +262,22 @@ def asked(used: dict[str, list[float]]) -> list[float]:
     return used.get("/fmu/in/vehicle_command", [])
 
 
+def test_messages_of_another_release_are_refused_in_one_line(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    class OldBridge(RatesBridge):
+        name = "old_bridge"
+        how_to_get = "build the release of the vehicle"
+        services = (("off", "std_srvs/srv/Nonesuch"),)
+
+    assert run_bridge(OldBridge, ["--ros-args"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line == (
+        "error: old_bridge: the installed std_srvs has no std_srvs/srv/Nonesuch, it is of another "
+        "release: build the release of the vehicle"
+    )
+
+
 def test_one_name_for_two_types_is_refused_in_one_line(
     new: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
