@@ -159,8 +159,9 @@ def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=spec.name,
         description=f"{spec.doc}{unit}",
-        # A parameter has one type, unless it says that it may have another: a number or three.
-        dynamic_typing=spec.per_axis,
+        # A parameter has one type, unless it says that it may have another: a number or three. An
+        # empty array has none: to rclpy it is one of bytes, to the command line one of bools.
+        dynamic_typing=spec.per_axis or (spec.kind.endswith("_array") and spec.length is None),
         additional_constraints=spec.allowed() + (f"; may be set {when}" if managed else ""),
         read_only=not (managed or spec.live),
     )
