@@ -1,0 +1,16 @@
+"""What tests with an installed ROS 2 begin with."""
+
+from __future__ import annotations
+
+import pytest
+from fixtures.installed_ros import environment, ros2
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled() -> None:
+    """Compile, as README says: nodes that start together would all do it at once.
+
+    Skips the tests where there is no ROS 2 or not this package in it.
+    """
+    environment()
+    ros2("run", "quad_mpc_ros", "quad_mpc", "compile", patience=600.0)

@@ -1,0 +1,139 @@
+"""The launch files under the real ``ros2 launch``: they start, and end whole."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+import rclpy
+from fixtures.installed_ros import Running, importable, running, wait_for
+from rosbags.highlevel import AnyReader
+
+# Bridge and a message or service that it needs; Betaflight's wants a serial port.
+BRIDGES = {
+    "rates": "geometry_msgs.msg.TwistStamped",
+    "px4": "px4_msgs.msg.VehicleOdometry",
+    "mavros": "mavros_msgs.msg.AttitudeTarget",
+    "rosflight": "roscopter_msgs.msg.State",
+    "aerostack2": "as2_msgs.msg.Thrust",
+    "crazyswarm2": "crazyflie_interfaces.srv.NotifySetpointsStop",
+}
+ENOUGH = 30_000  # bytes of a bag: a second or two of flight
+
+
+@pytest.fixture
+def nodes() -> Iterator[rclpy.node.Node]:
+    """Yield a node that sees which others there are."""
+    rclpy.init()
+    yield rclpy.create_node("watcher")
+    rclpy.shutdown()
+
+
+def names(node: rclpy.node.Node) -> set[str]:
+    return {f"{space.rstrip('/')}/{name}" for name, space in node.get_node_names_and_namespaces()}
+
+
+def bags(folder: Path) -> list[Path]:
+    return sorted(path.parent for path in folder.glob("rosbag2_*/*.mcap"))
+
+
+def is_recording(folder: Path, count: int) -> bool:
+    sizes = [path.stat().st_size for path in folder.glob("rosbag2_*/*.mcap")]
+    return len(sizes) == count and min(sizes) > ENOUGH
+
+
+def assert_all_ended_whole(launched: Running) -> None:
+    """Every process has ended by itself, none with an error."""
+    pids, text = launched.pids, launched.text
+    assert pids
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+    assert text.count("process has finished cleanly") == len(pids), text
+    assert "Traceback" not in text, text
+    assert "SIGKILL" not in text, text
+
+
+def recorded_topics(bag: Path) -> dict[str, int]:
+    """Return the number of messages by topic, as another reader finds them."""
+    assert (bag / "metadata.yaml").is_file()
+    with AnyReader([bag]) as reader:
+        assert sum(1 for _ in reader.messages()) == reader.message_count
+        return {topic: info.msgcount for topic, info in reader.topics.items()}
+
+
+def test_the_square_in_lockstep_ends_with_its_simulator(tmp_path: Path) -> None:
+    arguments = ("lockstep:=true", "duration:=2.0", "record:=false", "visualise:=true")
+    with running("launch", "quad_mpc_ros", "square.launch.py", *arguments, folder=tmp_path) as run:
+        assert run.ends() == 0, run.text
+        assert len(run.pids) == 4
+        assert_all_ended_whole(run)
+        assert "the MPC flies" in run.text
+
+
+def test_one_interrupt_ends_the_square_with_a_whole_bag(tmp_path: Path) -> None:
+    arguments = ("square.launch.py", "namespace:=uav1")
+    with running("launch", "quad_mpc_ros", *arguments, folder=tmp_path) as run:
+        wait_for(lambda: is_recording(tmp_path, 1), what="recorded", while_running=run)
+        run.interrupt()
+        run.ends()
+        assert_all_ended_whole(run)
+    (bag,) = bags(tmp_path)
+    topics = recorded_topics(bag)
+    assert topics["/uav1/command"] > 10
+    assert topics["/uav1/odom"] > 10
+
+
+def test_two_interrupts_in_a_row_end_two_vehicles_with_whole_bags(tmp_path: Path) -> None:
+    arguments = ("fleet.launch.py", "vehicles:=2", "record:=true")
+    with running("launch", "quad_mpc_ros", *arguments, folder=tmp_path) as run:
+        wait_for(lambda: is_recording(tmp_path, 2), what="recorded", while_running=run)
+        run.interrupt_all()
+        time.sleep(0.1)
+        run.interrupt_all()
+        run.ends()
+        assert len(run.pids) == 8
+        assert_all_ended_whole(run)
+    found = {"uav1": 0, "uav2": 0}
+    for bag in bags(tmp_path):
+        topics = recorded_topics(bag)
+        (vehicle,) = (name for name in found if f"/{name}/command" in topics)
+        found[vehicle] = topics[f"/{vehicle}/command"]
+        others = found.keys() - {vehicle}
+        assert not any(topic.startswith(f"/{other}/") for topic in topics for other in others)
+    assert min(found.values()) > 10
+
+
+def test_controller_and_bridges_start_in_namespaces_and_end(
+    tmp_path: Path, nodes: rclpy.node.Node
+) -> None:
+    """Every launch file for a stack, at once: ``mpc.launch.py`` and each bridge that can be."""
+    starting = {"alone": ("mpc.launch.py", "odom:=/elsewhere")}
+    for bridge, needed in BRIDGES.items():
+        if importable(needed):
+            starting[bridge] = ("bridge.launch.py", f"bridge:={bridge}", "with_reference:=false")
+    with ExitStack() as stack:
+        launched = {}
+        for space, arguments in starting.items():
+            command = ("launch", "quad_mpc_ros", *arguments, f"namespace:={space}")
+            log = f"{space}.log"
+            launched[space] = stack.enter_context(running(*command, folder=tmp_path, log=log))
+        for space, run in launched.items():
+            beside = "reference" if space == "alone" else f"{space}_bridge"
+            expected = {f"/{space}/mpc", f"/{space}/{beside}"}
+            wait_for(
+                lambda expected=expected: expected <= names(nodes),
+                what=f"there: {expected}",
+                while_running=run,
+            )
+            assert len(run.pids) == 2
+        assert nodes.count_subscribers("/elsewhere") == 2
+        for run in launched.values():
+            run.interrupt()
+        for run in launched.values():
+            run.ends()
+            assert_all_ended_whole(run)
