@@ -263,6 +263,7 @@ class Controller:
             self._mpc.sent(u, stamp_ns=stamp_ns)
             command = CommandSample(stamp_ns=stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
         odom_age_ns, reference_age_ns = self._supervisor.inputs.ages_ns(now_ns)
+        reference = self._supervisor.inputs.reference
         self._last_tick = Tick(
             command=command,
             decision=decision,
@@ -275,6 +276,7 @@ class Controller:
                 stamp_ns=stamp_ns,
                 odom_age_ns=odom_age_ns,
                 reference_age_ns=reference_age_ns,
+                reference_stamp_ns=0 if reference is None else reference.stamp_ns,
                 contact=self._ground.contact.value,
             ),
             plan=plan,

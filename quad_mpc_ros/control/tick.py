@@ -69,6 +69,7 @@ class TickStats:
     estimate_resets: int = 0  # how often it was let go so far
     odom_age_ms: float  # age of the odometry by its stamp when the tick began [ms]
     reference_age_ms: float  # age of the reference since it arrived [ms]
+    reference_stamp_ns: int = 0  # its stamp [ns], 0 without one
     commands: int  # commands sent so far
     fallbacks: int  # of those, not from the MPC
     solver_failures: int  # solves so far that gave no plan
@@ -88,6 +89,7 @@ def figures_of(
     stamp_ns: int,
     odom_age_ns: int,
     reference_age_ns: int,
+    reference_stamp_ns: int,
     contact: str,
 ) -> TickStats:
     """Return the figures of a tick; ``step`` is None when the MPC did not run."""
@@ -97,6 +99,7 @@ def figures_of(
         reason=decision.reason,
         odom_age_ms=1e-6 * odom_age_ns,
         reference_age_ms=1e-6 * reference_age_ns,
+        reference_stamp_ns=reference_stamp_ns,
         contact=contact,
         **counts._asdict(),
         **_solver_figures(step),

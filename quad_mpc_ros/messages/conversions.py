@@ -272,6 +272,31 @@ def reset_from_message(message: Any) -> EstimateReset:
     )
 
 
+def parameter_changes_from_message(message: Any) -> tuple[str, dict[str, Any]]:
+    """Return the node of a ``rcl_interfaces/ParameterEvent`` and what it set, by name.
+
+    Parameters that were only declared, with their first value, are left out.
+    """
+    values = {
+        str(parameter.name): _parameter_value(parameter.value)
+        for parameter in message.changed_parameters
+    }
+    return str(message.node), values
+
+
+_PARAMETER_FIELDS = (
+    *("", "bool_value", "integer_value", "double_value", "string_value"),
+    *("byte_array_value", "bool_array_value", "integer_array_value"),
+    *("double_array_value", "string_array_value"),
+)
+"""Which field of a ``rcl_interfaces/ParameterValue`` counts, by its type."""
+
+
+def _parameter_value(message: Any) -> Any:
+    value = getattr(message, _PARAMETER_FIELDS[message.type])
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
 def fill_reset(message: Any, reset: EstimateReset) -> None:
     """Write an estimator's step into a ``geometry_msgs/TransformStamped``: its former frame."""
     fill_header(message.header, reset.stamp_ns, reset.frame_id)

@@ -56,6 +56,10 @@ STATS = Topic(
 )
 DIAGNOSTICS = Topic(name="/diagnostics", type_name=STATS.type_name, reliable=True, depth=10)
 CLOCK = Topic(name="/clock", type_name="rosgraph_msgs/msg/Clock")
+# Of every node of ROS: which of its parameters were set, and to what.
+PARAMETER_EVENTS = Topic(
+    name="/parameter_events", type_name="rcl_interfaces/msg/ParameterEvent", reliable=True
+)
 
 # For viewers; tf2 broadcasters and listeners all use this name and depth.
 MARKERS = Topic(
@@ -78,5 +82,6 @@ RECORDED = (
     STATS,
     DIAGNOSTICS,
     CLOCK,
+    PARAMETER_EVENTS,
 )
 """What a recorder takes when nothing else is asked of it."""

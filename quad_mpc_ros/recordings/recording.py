@@ -16,6 +16,7 @@ from quad_mpc_ros.messages.topics import (
     LANDED,
     ODOMETRY,
     ODOMETRY_RESET,
+    PARAMETER_EVENTS,
     PREDICTED_PATH,
     RECORDED_COMMAND,
     REFERENCE,
@@ -55,6 +56,10 @@ from quad_mpc_ros.trajectories.point_table import PointTable
 Taker = Callable[[RecordedMessage], None]
 
 _MOST_LISTED = 12
+_OF_A_RUN = (
+    *(REFERENCE, COMMAND, ENGAGED, LANDED, ODOMETRY_RESET, STATS),
+    PARAMETER_EVENTS,
+)
 
 
 class Recording:
@@ -135,7 +140,7 @@ class Recording:
         self,
         names: TopicNames = OUR_NAMES,
         *,
-        topics: Collection[Topic] = (REFERENCE, COMMAND, ENGAGED, LANDED, ODOMETRY_RESET, STATS),
+        topics: Collection[Topic] = _OF_A_RUN,
     ) -> RecordedRun:
         """Return the odometry and ``topics`` of the controller, the others left empty.
 
@@ -149,6 +154,7 @@ class Recording:
         engagements: list[logs.Received[bool]] = []
         landings: list[logs.Received[bool]] = []
         resets: list[logs.Received[EstimateReset]] = []
+        changes: list[logs.Received[Mapping[str, Any]]] = []
         takers: dict[Topic, Taker] = {
             REFERENCE: _into(windows, conversions.reference_from_message),
             COMMAND: _into(commands, conversions.command_from_message),
@@ -159,6 +165,7 @@ class Recording:
                 lambda message, reset: resets.append(_received(message, reset)),
             ),
             STATS: self._figures(stats),
+            PARAMETER_EVENTS: self._changes(changes),
         }
         takers = {topic: takers[topic] for topic in topics}
         if names.pose:
@@ -188,6 +195,7 @@ class Recording:
             engagements=engagements,
             landings=landings,
             resets=resets,
+            changes=changes,
         )
 
     def _stream(
@@ -219,6 +227,18 @@ class Recording:
 
         return take
 
+    def _changes(self, changes: list[logs.Received[Mapping[str, Any]]]) -> Taker:
+        """Return what keeps the parameters set of the controller whose figures are recorded."""
+        spaces = [name.removesuffix(STATS.name) for name in self._names_of(STATS)]
+
+        def take(message: RecordedMessage) -> None:
+            node, values = conversions.parameter_changes_from_message(message.message)
+            space, name = node.rsplit("/", 1) if "/" in node else ("", node)
+            if values and name == MpcConfig.owner and f"{space}/" in (spaces or [f"{space}/"]):
+                changes.append(_received(message, values))
+
+        return take
+
     def _checked(self, topic: Topic, name: str) -> str:
         """Return the full name of a topic that was asked for by name."""
         known = self.bag.topics
@@ -240,7 +260,7 @@ class Recording:
         names = [
             name
             for name, info in self.bag.topics.items()
-            if f"/{name}".endswith(f"/{topic.name}")
+            if f"/{name}".endswith(f"/{topic.name.removeprefix('/')}")
             and info.type_name == topic.type_name
             and info.message_count > 0
         ]

@@ -74,7 +74,7 @@ class RecordedRun:
     the ticks, ``parameters`` those recorded, by node. ``engagements`` tell from when on the
     vehicle acted on commands, and from when on it did not; before the first of them it did.
     ``landings`` tell from when on it stood on the ground, and from when on not; ``resets`` how
-    the estimate stepped.
+    the estimate stepped; ``changes`` which parameters of the controller were set in flight.
     """
 
     bag: Path
@@ -86,6 +86,7 @@ class RecordedRun:
     engagements: Sequence[Received[bool]] = ()
     landings: Sequence[Received[bool]] = ()
     resets: Sequence[Received[EstimateReset]] = ()
+    changes: Sequence[Received[Mapping[str, Any]]] = ()
 
 
 def odometry_of_pose(message: Any) -> OdometrySample:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -59,14 +59,16 @@ def resolve(
 ) -> Iterator[Resolved]:
     """Yield every odometry of a recorded flight with what a controller answers to it.
 
-    ``windows`` replaces the recorded reference. ``warn`` is given what the controller would have
-    told the log.
+    Live parameters that were set in flight are set again, but for those that ``config`` has
+    otherwise than the flight began with. ``windows`` replaces the recorded reference. ``warn`` is
+    given what the controller would have told the log.
     """
     controller = Controller(config)
     sent = _first_by_stamp(run.commands)
     window: ReferenceWindow | None = None
     engagements, landings = deque(run.engagements), deque(run.landings)
     resets = deque(run.resets)
+    changes = _Changes(run, config)
 
     def reset_estimate_until(now_ns: int) -> None:
         while resets and resets[0].publish_time_ns <= now_ns:
@@ -83,6 +85,9 @@ def resolve(
             reset_estimate_until(event.window_ns)  # what came later moved this window as well
             controller.receive_reference(window, now_ns=event.window_ns)
         reset_estimate_until(event.now_ns)
+        changed = changes.before(event)
+        if changed is not None:
+            controller.reconfigure(changed)
         if event.odometry is None:
             tick = controller.watch(now_ns=event.now_ns)
         else:
@@ -108,6 +113,46 @@ class _Event:
     window: ReferenceWindow | None = None
     window_ns: int = 0
     answered: bool = False
+
+
+class _Changes:
+    """The parameters that were set in flight, one after the other.
+
+    One thread sets parameters and sends commands, so what was published before a command was in
+    force when that was found. Stamps would not tell: in simulated time they are alike.
+    """
+
+    def __init__(self, run: RecordedRun, config: MpcConfig) -> None:
+        self._config = config
+        began = recorded_parameters(run.parameters, MpcConfig)
+        flown = MpcConfig.build(began).flattened() if began else config.flattened()
+        self._adopted = {
+            spec.name
+            for spec in config.specs()
+            if spec.live and config.flattened()[spec.name] == flown.get(spec.name)
+        }
+        self._due = deque(run.changes)
+        self._published_ns = {
+            sent.value.stamp_ns: sent.publish_time_ns for sent in reversed(run.commands)
+        }
+
+    def before(self, event: _Event) -> MpcConfig | None:
+        """Return the configuration in force at an event, if it is new then."""
+        if not self._due:
+            return None
+        odometry = event.odometry
+        published_ns = self._published_ns.get(
+            event.now_ns if odometry is None else odometry.value.stamp_ns,
+            event.now_ns if odometry is None else odometry.publish_time_ns,
+        )
+        changes: dict[str, Any] = {}
+        while self._due and self._due[0].publish_time_ns <= published_ns:
+            changes |= self._due.popleft().value
+        adopted = {name: changes[name] for name in changes.keys() & self._adopted}
+        if not adopted:
+            return None
+        self._config = self._config.updated(adopted)
+        return self._config
 
 
 def _events(run: RecordedRun, config: MpcConfig, windows: WindowSource | None) -> Iterator[_Event]:
@@ -138,7 +183,8 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
     """Give each odometry the window that the controller had, when it had it.
 
     The recorder hears messages at other times than the controller does, and some that it does
-    not, but each tick tells in its figures when it began and when its window had arrived. At the
+    not, but each tick tells in its figures when it began, which window it had and when that had
+    arrived; earlier versions did not tell which. At the
     recorded control rate the odometries are therefore those that were answered. Where no tick
     tells, the time is the odometry's stamp and the window the last one recorded before it.
     """
@@ -160,7 +206,9 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
             window = windows.before(odometry.log_time_ns)
         else:
             window_ns -= round(1e6 * tick.reference_age_ms)
-            window = windows.received_at(window_ns, log_time_ns=odometry.log_time_ns)
+            window = windows.of_stamp(tick.reference_stamp_ns, received_ns=window_ns)
+            if window is None:
+                window = windows.received_at(window_ns, log_time_ns=odometry.log_time_ns)
         yield _Event(
             now_ns=now_ns,
             odometry=odometry,
@@ -184,11 +232,21 @@ class _Windows:
         published_ns = np.array([window.publish_time_ns for window in windows], dtype=np.int64)
         self._order = np.argsort(published_ns, kind="stable")
         self._published_ns = published_ns[self._order]
+        self._places: dict[int, list[int]] = {}  # by stamp
+        for place, window in enumerate(windows):
+            self._places.setdefault(window.value.stamp_ns, []).append(place)
 
     def before(self, log_time_ns: int) -> ReferenceWindow | None:
         """Return the last window recorded by a time."""
         number = int(np.searchsorted(self._recorded_ns, log_time_ns, side="right")) - 1
         return self._windows[number].value if number >= 0 else None
+
+    def of_stamp(self, stamp_ns: int, *, received_ns: int) -> ReferenceWindow | None:
+        """Return the window of a stamp, of several the last one published when it was received."""
+        alike = [self._windows[place] for place in self._places.get(stamp_ns, [])]
+        before = [window for window in alike if window.publish_time_ns <= received_ns]
+        found = before[-1:] or alike[:1]
+        return found[0].value if found else None
 
     def received_at(self, received_ns: int, *, log_time_ns: int) -> ReferenceWindow | None:
         """Return the last window published when one was received."""

@@ -47,13 +47,15 @@ def flown_in_real_time(
     landed: dict[int, bool] | None = None,
     shifted: tuple[float, float, int] = (9.0, 9.0, 0),
     reset: EstimateReset | None = None,
+    changes: dict[int, dict[str, object]] | None = None,
 ) -> tuple[RecordedRun, list[Tick]]:
     """Fly as the node does: everything arrives when it does, and the recorder hears it later.
 
     Odometry is withheld from the controller over ``silent`` seconds, when its watchdog acts; the
     first ones come before any reference. ``engaged`` and ``landed`` are by the time in
-    milliseconds. Stamps are ``shifted`` by the last number [ms] over the seconds of the first two.
-    From the stamp of a ``reset`` on odometries are in other coordinates.
+    milliseconds, and so are ``changes`` of parameters. Stamps are ``shifted`` by the last number
+    [ms] over the seconds of the first two. From the stamp of a ``reset`` on odometries are in
+    other coordinates.
     """
     random = np.random.default_rng(1)
     simulator = ideal(
@@ -86,11 +88,17 @@ def flown_in_real_time(
     due, due_landings = list(engagements), list(landings)
     resets = [] if reset is None else [recorded(reset, reset.stamp_ns)]
     due_resets = list(resets)
+    changed = [
+        recorded(values, START_NS + time_ms * MS) for time_ms, values in (changes or {}).items()
+    ]
+    due_changes = list(changed)
     while (sent := stream.step()) is not None:
         while due_resets and due_resets[0].publish_time_ns < START_NS + sent.time_ns:
             controller.reset_estimate(due_resets.pop(0).value)
         while due and due[0].publish_time_ns < START_NS + sent.time_ns:
             controller.engage(due.pop(0).value)
+        while due_changes and due_changes[0].publish_time_ns < START_NS + sent.time_ns:
+            controller.reconfigure(controller.config.updated(due_changes.pop(0).value))
         while due_landings and due_landings[0].publish_time_ns < START_NS + sent.time_ns:
             controller.landed(due_landings.pop(0).value)
         now_ns = START_NS + sent.time_ns + int(random.uniform(0.2, 3.0) * MS)
@@ -126,6 +134,7 @@ def flown_in_real_time(
         engagements=engagements,
         landings=landings,
         resets=resets,
+        changes=changed,
     )
     return run, ticks
 
@@ -161,6 +170,31 @@ def test_steps_of_the_estimate_are_resolved_as_they_were_announced() -> None:
     assert as_bytes(commands_of(list(resolve(run, MPC)))) == flown
     unknowing = dataclasses.replace(run, resets=())
     assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
+
+
+CHANGES: dict[int, dict[str, object]] = {
+    805: {"R": [0.0, 0.3, 0.3, 0.3], "throttle_max": 0.8},
+    1605: {"throttle_max": 0.9},
+    2005: {"Q": [4.0, 4.0, 8.0, 2.0, 2.0, 2.0, 1.0, 1.0, 1.0]},
+}
+
+
+def test_parameters_that_were_set_in_flight_are_set_again() -> None:
+    run, ticks = flown_in_real_time(changes=CHANGES)
+    flown = as_bytes([tick.command for tick in ticks if tick.command])
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == flown
+    unknowing = dataclasses.replace(run, changes=())
+    assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
+
+
+def test_what_is_asked_for_is_not_changed_by_what_was_set_in_flight() -> None:
+    run, _ = flown_in_real_time(changes=CHANGES)
+    others = {ms: {k: v for k, v in set_.items() if k != "R"} for ms, set_ in CHANGES.items()}
+    without, _ = flown_in_real_time(changes=others)
+    same_flight = dataclasses.replace(run, changes=without.changes)
+    gentle = MPC.updated({"R": [0.0, 0.1, 0.1, 0.1]})
+    asked = as_bytes(commands_of(list(resolve(run, gentle))))
+    assert asked == as_bytes(commands_of(list(resolve(same_flight, gentle))))
 
 
 @pytest.mark.parametrize("odom_rate", [50.0, 120.0])
