@@ -41,6 +41,7 @@ Spoken = Iterator[tuple[str, Any]]
 SECOND = 1_000_000_000
 GROUND_TIME_NS = int(1.5 * SECOND)  # before the pilot asks for anything
 DURATION = 10.5
+WATCH_NS = SECOND // 50
 VEHICLE = VehicleParameters().vehicle()
 SQUARE = ReferenceConfig()
 
@@ -130,13 +131,14 @@ class FakePx4(FakeStack):
         self.reset_counter = 0
         self.offset_ned = np.zeros(3)
         self.status_speaks = True
+        self.clock_ns = 0  # by which its clock was set
 
     def speak(self, truth: OdometrySample, now_ns: int) -> Spoken:
         if now_ns >= self.status_due_ns and self.status_speaks:
             yield "/fmu/out/vehicle_status_v4", self.status()
             self.status_due_ns = now_ns + SECOND // 2
         message = self.new("px4_msgs/msg/VehicleOdometry")
-        message.timestamp = message.timestamp_sample = truth.stamp_ns // 1000
+        message.timestamp = message.timestamp_sample = (truth.stamp_ns + self.clock_ns) // 1000
         message.pose_frame = message.velocity_frame = 1
         message.position = ENU_FROM_NED.T @ truth.p_WB + self.offset_ned
         message.q = wxyz_of_ned_frd(truth)
@@ -431,10 +433,17 @@ class Bridged:
         self.bridge, self.stack = bridge, stack
         self.receivers = {each.topic.name: each.receive for each in bridge.subscriptions}
         self.sent_ns: list[int] = []
+        self.held_until_ns = 0
+        """Until when the link from the stack passes nothing on."""
+        self.on_the_way: list[tuple[str, Any]] = []
 
     def odometries(self, truth: OdometrySample, now_ns: int) -> list[OdometrySample]:
         found = []
-        for topic, message in self.stack.speak(truth, now_ns):
+        self.on_the_way += self.stack.speak(truth, now_ns)
+        if now_ns < self.held_until_ns:
+            return []
+        arriving, self.on_the_way = self.on_the_way, []
+        for topic, message in arriving:
             odometry = self.receivers[topic](message, now_ns)
             if odometry is not None:
                 found.append(odometry)
@@ -552,10 +561,12 @@ def fly(
         if sent.time_ns >= ground_time_ns and not flight.acting_ns:
             way.ask(now_ns)
         controller.receive_reference(window, now_ns=now_ns)
+        ticks = [controller.watch(now_ns=now_ns)] if sent.time_ns % WATCH_NS == 0 else []
         for odometry in way.odometries(sent.truth, now_ns):
             controller.engage(way.engaged(now_ns))
             controller.landed(way.landed(now_ns))
-            tick = controller.receive_odometry(odometry, now_ns=now_ns)
+            ticks.append(controller.receive_odometry(odometry, now_ns=now_ns))
+        for tick in ticks:
             if tick is None or tick.command is None:
                 continue
             flight.sources.add(tick.decision.source)
@@ -680,6 +691,53 @@ def test_a_reset_of_the_estimator_is_flown_on_from(new: New) -> None:
     assert tick.stats.rejected_inputs == 0
     # Where the estimator says that the square is, it is flown: shifted by the reset.
     assert max(flight.errors) < 3.1
+
+
+LEMNISCATE = ReferenceConfig(trajectory="lemniscate", amplitude_x=3.0, angular_frequency=0.8)
+DISTURBED_NS = SIMULATION_START_NS + 9 * SECOND
+
+
+def flown_about(new: New, disturb: Callable[[Bridged], None]) -> tuple[Flight, Array]:
+    """Fly the lemniscate behind PX4, disturbed once; return the errors (n,) [m] from then on."""
+    way = bridged("px4", new)
+
+    def at(now_ns: int) -> None:
+        if now_ns == DISTURBED_NS:
+            disturb(way)
+
+    flight = fly(way, odom_rate=100.0, duration=13.0, reference=LEMNISCATE, at=at)
+    assert flight.acting_ns
+    return flight, np.array(flight.errors[(DISTURBED_NS - flight.acting_ns) // (SECOND // 100) :])
+
+
+@pytest.mark.parametrize("step", [3, -3])
+def test_a_clock_of_the_stack_that_is_set_is_not_felt(step: int, new: New) -> None:
+    _, undisturbed = flown_about(new, lambda way: None)
+
+    def set_clock(way: Bridged) -> None:
+        assert isinstance(way.stack, FakePx4)
+        way.stack.clock_ns = step * SECOND
+
+    flight, errors = flown_about(new, set_clock)
+    assert flight.sources == {Source.MPC}
+    assert errors.max() < undisturbed.max() + 0.05
+
+
+def test_a_link_that_stalls_for_three_tenths_of_a_second_leaves_the_vehicle_on_its_way(
+    new: New,
+) -> None:
+    """All that it held up comes at once, late by its stamps; the last plan bridges the gap."""
+    _, undisturbed = flown_about(new, lambda way: None)
+
+    def stall(way: Bridged) -> None:
+        way.held_until_ns = DISTURBED_NS + 3 * SECOND // 10
+
+    flight, errors = flown_about(new, stall)
+    assert errors.max() < undisturbed.max() + 0.05
+    assert errors[-100:].max() < undisturbed[-100:].max() + 0.01
+    assert flight.sources <= {Source.MPC, Source.PLAN, Source.BLIND}
+    tick = flight.controller._last_tick
+    assert tick is not None and tick.decision.source is Source.MPC
 
 
 def test_px4_hears_nothing_when_its_status_is_lost(new: New) -> None:
