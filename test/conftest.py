@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 # Before anything imports NumPy: its threads gain nothing on small matrices but wait for others.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -47,6 +48,10 @@ def _free_domain() -> int:
 
 
 os.environ["ROS_DOMAIN_ID"] = str(_free_domain())
+
+# How long an example takes is the machine's business.
+settings.register_profile("patient", deadline=None)
+settings.load_profile("patient")
 
 pytest_plugins = [
     "fixtures.bags",

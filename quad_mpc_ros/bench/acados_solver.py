@@ -48,6 +48,7 @@ _PRICES = np.array([100.0, 60.0])
 _SQUARES = _PRICES * np.array([1.0, 1.0 / 6.0])
 _LIBRARIES = ("libblasfeo.so", "libhpipm.so", "libqpOASES_e.so", "libacados.so")
 _TINY = 1e-24  # keeps the derivative of a length finite at zero
+_SOFT = 1e-3  # m/s^2, and that of its root
 
 
 def build_solver(config: MpcConfig, folder: Path, *, converge: bool = False) -> Any:
@@ -171,7 +172,8 @@ def _dynamics(casadi: Any, x: Any, u: Any, vehicle: Vehicle) -> Any:
     R, drag = _rotation(casadi, q), casadi.vertcat(*per_axis(vehicle.drag))
     push, air = thrust / vehicle.mass, drag * v
     if not vehicle.drags_alike:
-        v_B = R.T @ v
+        v_B, rotors = R.T @ v, casadi.vertcat(*per_axis(vehicle.rotor_drag))
+        drag = drag + rotors * casadi.sqrt(casadi.fmax(push, _SOFT) / vehicle.gravity)
         push += vehicle.translational_lift * (v_B[0] ** 2 + v_B[1] ** 2)
         air = R @ (drag * v_B)
     acceleration = push * R[:, 2] + gravity - air

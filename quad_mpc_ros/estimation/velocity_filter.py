@@ -152,6 +152,8 @@ def _predict(
         estimate[K],
         uneven,
         modelled.translational_lift,
+        modelled.learned_drag,
+        modelled.rotor_drag,
     )
     throttle = Throttle(estimate[THROTTLE], estimate[THROTTLE_SLOPE])
     start = body_in(before)

@@ -21,6 +21,7 @@ from quad_mpc_ros.identification.model import (
     RATE_BIAS,
     RATE_GAIN,
     RATE_TAU,
+    ROTOR_DRAG,
     SCALE,
     THRUST_TAU,
     ResponseModel,
@@ -36,9 +37,9 @@ _TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
 _DELAYS = np.arange(0.0, 0.301, 0.02)
 
 # In the order of the model's parameters.
-_LOWEST = np.repeat([0.0, 0.2, 0.0, 0.1, 0.0, -0.5, -20.0, -5.0], [3, 3, 2, 1, 3, 1, 2, 3])
-_HIGHEST = np.repeat([1.0, 3.0, 1.0, 0.5, 10.0, 0.5, 20.0, 5.0], [3, 3, 1, 1, 4, 1, 2, 3])
-_SIZES = np.repeat([0.03, 0.3, 0.03, 1.0, 0.3, 0.02, 1.0, 0.1], [3, 3, 2, 1, 3, 1, 2, 3])
+_LOWEST = np.repeat([0.0, 0.2, 0.0, 0.1, 0.0, -0.5, 0.0, -20.0, -5.0], [3, 3, 2, 1, 3, 1, 3, 2, 3])
+_HIGHEST = np.repeat([1.0, 3.0, 1.0, 0.5, 10.0, 0.5, 10.0, 20.0, 5.0], [3, 3, 1, 1, 4, 1, 3, 2, 3])
+_SIZES = np.repeat([0.03, 0.3, 0.03, 1.0, 0.3, 0.02, 0.3, 1.0, 0.1], [3, 3, 2, 1, 3, 1, 3, 2, 3])
 
 # Residuals smaller than these are no knowledge: rounding, and what the model leaves out.
 _LEAST_SPREAD_RATE, _LEAST_SPREAD_VELOCITY = 0.02, 0.005  # rad/s, m/s
@@ -50,15 +51,19 @@ _AT_BOUND = 1e-3  # of the size of a parameter
 _UNKNOWN = 1e-6  # what is known of a parameter beforehand, in its size
 _ALIKE_WINDOWS = 4  # in a row whose residuals may be alike
 _TIME_DIFFERENCE = 0.005  # s; a shorter one sees nothing of lags faster than the odometry
-# A window weighs on those parameters together that the velocity shows, of which there are so many.
+# A window weighs on those parameters together that the velocity shows, of which there are so many
+# without the drag of the rotors, which few flights tell.
 _TOGETHER = 10
 _FEWEST_WINDOWS = _TOGETHER + 2
 
 # No interval is narrower than this share of the value: the model is not truer than that.
 _LEAST_SHARE = 0.01
 # Half of a 95 % interval above both is no answer: share of the value, and its natural size.
-_SHARES = np.repeat([0.5, 0.0, 0.5], [3, 3, 7])
-_VAGUE = np.repeat([0.01, 0.1, 0.01, 0.1, 0.1, 0.01], [3, 3, 2, 1, 3, 1])
+_SHARES = np.repeat([0.5, 0.0, 0.5], [3, 3, 10])
+_VAGUE = np.repeat([0.01, 0.1, 0.01, 0.1, 0.1, 0.01, 0.1], [3, 3, 2, 1, 3, 1, 3])
+# The drag of the rotors is told apart from the other where it is so many half intervals from what
+# is given. Else it would only blur that.
+_APART = 2.0
 _ARE_TIMES = np.isin(np.arange(PARAMETERS), [*range(3), THRUST_TAU, DELAY])
 _TOLD = len(_VAGUE)  # the parameters before these may be told; those after are beside the point
 
@@ -74,7 +79,7 @@ class _Spread:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Fit:
-    """Parameters (18,), half of their 95 % intervals, and of each were it the only one (13,)."""
+    """Parameters (21,), half of their 95 % intervals, and of each were it the only one (16,)."""
 
     theta: Array
     half_width: Array
@@ -146,7 +151,7 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
     free = np.ones(PARAMETERS, dtype=bool)
     while True:
         found = _fit(model, theta, free)
-        theta, untold = found.theta.copy(), _untold(found, free)
+        theta, untold = found.theta.copy(), _untold(found, free, held)
         if not len(untold):
             break
         estimates |= found.estimates(untold)
@@ -154,7 +159,12 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
     estimates |= found.estimates(np.flatnonzero(free[:_TOLD]))
     axes = {
         name: tuple(estimates[p] for p in range(each.start, each.stop))
-        for name, each in (("tau", RATE_TAU), ("gain", RATE_GAIN), ("drag", DRAG))
+        for name, each in (
+            ("tau", RATE_TAU),
+            ("gain", RATE_GAIN),
+            ("drag", DRAG),
+            ("rotors", ROTOR_DRAG),
+        )
     }
     rates, velocity = model.residuals(theta)
     return Identification(
@@ -165,6 +175,7 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
         thrust_scale=estimates[SCALE],
         drag=axes["drag"],
         translational_lift=estimates[LIFT],
+        rotor_drag=axes["rotors"],
         wind_acceleration_W=theta[ACCELERATION],
         rate_residual=_root_mean_square(rates),
         velocity_residual=_root_mean_square(velocity[model.in_window > 0.0]),
@@ -177,12 +188,13 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
 
 
 def _as_given(given: MpcConfig) -> Array:
-    """Return the parameters (18,) that a configuration has; the thrust is that of its vehicle."""
+    """Return the parameters (21,) that a configuration has; the thrust is that of its vehicle."""
     theta = np.zeros(PARAMETERS)
     theta[RATE_TAU] = per_axis(given.rate_time_constant)
     theta[RATE_GAIN], theta[SCALE] = per_axis(given.rate_gain), 1.0
     theta[THRUST_TAU], theta[DELAY] = given.thrust_time_constant, given.input_delay
     theta[DRAG], theta[LIFT] = per_axis(given.drag), given.translational_lift
+    theta[ROTOR_DRAG] = per_axis(given.rotor_drag)
     return theta
 
 
@@ -198,11 +210,17 @@ def _fit(model: ResponseModel, theta: Array, free: NDArray[np.bool_]) -> _Fit:
     return _Fit(theta=theta, half_width=half_width[:_TOLD], alone=alone[:_TOLD])
 
 
-def _untold(found: _Fit, free: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _untold(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.intp]:
     """Return what the flight does not show at all, or else what it tells the least, if too little.
 
-    One that is held as given may be what the others were mistaken for.
+    One that is held as given may be what the others were mistaken for. Before all others the drag
+    of the rotors that is not apart from what is ``given`` (21,).
     """
+    rotors = np.arange(ROTOR_DRAG.start, ROTOR_DRAG.stop)
+    width = np.maximum(_APART * found.half_width, found.enough)[ROTOR_DRAG]
+    alike = free[ROTOR_DRAG] & (np.abs(found.theta - given)[ROTOR_DRAG] <= width)
+    if alike.any():
+        return rotors[alike]
     width = np.where(free[:_TOLD], found.half_width / found.enough, 0.0)
     alone = np.where(free[:_TOLD], found.alone / found.enough, 0.0)
     unseen = np.flatnonzero((alone > 1.0) | (free[:_TOLD] & found.at_bound))

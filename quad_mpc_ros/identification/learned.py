@@ -77,6 +77,7 @@ def learned_file(found: Learned, given: MpcConfig, *, head: str, keep: vehicle_f
         "thrust_time_constant",
         "gravity",
         "drag",
+        "rotor_drag",
         "translational_lift",
         "torque_curve",
         "input_delay",

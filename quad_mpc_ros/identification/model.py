@@ -4,9 +4,10 @@ Commands act after the delay d; body rates and throttle follow them with first-o
 
     dw/dt = (gamma w_c(t - d) - w) / tau_w,  ds/dt = (s_c(t - d) - s) / tau_s,
     dv/dt = g + (k T(s)/m + k_h (u_x^2 + u_y^2)) R e3 - R D R' v + a,   u = R' v,
+    D = diag(mu + nu sqrt(k T(s)/(m g))),
 
 which is the prediction model of the controller but for the gains gamma of the rate loop. tau_w and
-gamma are those of each axis, D = diag(mu_x, mu_y, mu_z). Both lags are followed exactly from edge
+gamma are those of each axis, as mu and nu are. Both lags are followed exactly from edge
 to edge of the commands, wherever those lie between the odometries. The velocity is compared over
 windows, each from a start of its own: errors do not add up, and neither is it differentiated.
 """
@@ -24,14 +25,15 @@ from quad_mpc_ros.identification.measurements import Measurements
 from quad_mpc_ros.lie import Array, so3
 
 # The parameters, in order: time constants [s] and gains of the body rates, time constant of the
-# throttle, delay [s], thrust scale, drag [1/s], translational lift [1/m], horizontal acceleration
-# [m/s^2], bias of the measured body rates [rad/s].
+# throttle, delay [s], thrust scale, drag [1/s], lift [1/m], drag of the rotors [1/s],
+# horizontal acceleration [m/s^2], bias of the measured body rates [rad/s].
 RATE_TAU, RATE_GAIN = slice(0, 3), slice(3, 6)
 THRUST_TAU, DELAY, SCALE = 6, 7, 8
-DRAG, LIFT = slice(9, 12), 12
-ACCELERATION, RATE_BIAS = slice(13, 15), slice(15, 18)
-PARAMETERS = 18
+DRAG, LIFT, ROTOR_DRAG = slice(9, 12), 12, slice(13, 16)
+ACCELERATION, RATE_BIAS = slice(16, 18), slice(18, 21)
+PARAMETERS = 21
 LINEAR_IN_VELOCITY = slice(SCALE, ACCELERATION.stop)
+_ROTORS = slice(ROTOR_DRAG.start - SCALE, ROTOR_DRAG.stop - SCALE)  # of what is linear
 
 WINDOW = 0.5  # s
 _FEWEST_IN_WINDOW = 5
@@ -70,8 +72,11 @@ class ResponseModel:
 
     def thrust_impulse(
         self, *, rate_tau: ArrayLike, rate_gain: ArrayLike = 1.0, thrust_tau: float, delay: float
-    ) -> Array:
-        """Return what the modelled thrust adds to the velocity between odometries (n-1, 3)."""
+    ) -> tuple[Array, Array]:
+        """Return what the modelled thrust adds to the velocity between odometries (n-1, 3).
+
+        Second is the mean speed of the rotors there (n-1,), over that of hover.
+        """
         data, vehicle = self._data, self._data.vehicle
         edges = data.command_time + delay
         inside = edges[(edges > data.time[0]) & (edges < data.time[-1])]
@@ -88,9 +93,12 @@ class ResponseModel:
         rates = _Rates(self._lag("rate", _key(rate_tau)), np.asarray(rate_gain))
         axis = self._thrust_axis(rates, delay, start, duration, interval)
         push = (duration * thrust / vehicle.mass)[:, None] * axis
-        return np.column_stack(
-            [np.bincount(interval, push[:, i], minlength=len(self._interval)) for i in range(3)]
+        speed = np.sqrt(np.maximum(thrust, 0.0) / (vehicle.mass * vehicle.gravity))
+        *impulse, turned = (
+            np.bincount(interval, weights, minlength=len(self._interval))
+            for weights in (*push.T, duration * speed)
         )
+        return np.column_stack(impulse), turned / self._interval
 
     def _thrust_axis(
         self,
@@ -117,30 +125,47 @@ class ResponseModel:
         return np.asarray((self._data.R_WB[interval] @ so3.exp(turn))[..., 2])
 
     def increments(
-        self, *, rate_tau: ArrayLike, rate_gain: ArrayLike = 1.0, thrust_tau: float, delay: float
+        self,
+        *,
+        rate_tau: ArrayLike,
+        rate_gain: ArrayLike = 1.0,
+        thrust_tau: float,
+        delay: float,
+        scale: float = 1.0,
     ) -> Array:
-        """Return the derivatives (n-1, 3, 7) of the velocity gained between odometries.
+        """Return the derivatives (n-1, 3, 10) of the velocity gained between odometries.
 
-        They are by thrust scale, drag of the three axes, lift and the two horizontal
-        accelerations, in which it is linear.
+        They are by thrust scale, drag of the three axes, lift, drag of the rotors and the two
+        horizontal accelerations, in which it is linear; the rotors turn as for a thrust ``scale``.
         """
-        columns = np.zeros((len(self._interval), 3, 7))
-        columns[:, :, 0] = self.thrust_impulse(
+        columns = np.zeros((len(self._interval), 3, 10))
+        columns[:, :, 0], speed = self.thrust_impulse(
             rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
         )
         columns[:, :, 1:5] = self._air
-        columns[:, 0, 5] = columns[:, 1, 6] = self._interval
+        columns[:, :, _ROTORS] = np.sqrt(scale) * speed[:, None, None] * self._air[:, :, :3]
+        columns[:, 0, 8] = columns[:, 1, 9] = self._interval
         return columns
 
     def velocity_columns(
-        self, *, rate_tau: ArrayLike, rate_gain: ArrayLike = 1.0, thrust_tau: float, delay: float
+        self,
+        *,
+        rate_tau: ArrayLike,
+        rate_gain: ArrayLike = 1.0,
+        thrust_tau: float,
+        delay: float,
+        scale: float = 1.0,
     ) -> tuple[Array, Array]:
-        """Return what the velocity is without thrust, and its derivatives (n, 3, 7).
+        """Return what the velocity is without thrust, and its derivatives (n, 3, 10).
 
         Both are relative to their windows; the derivatives are those of :meth:`increments`.
         """
         columns = self.increments(
-            rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
+            rate_tau=rate_tau,
+            rate_gain=rate_gain,
+            thrust_tau=thrust_tau,
+            delay=delay,
+            scale=scale,
         )
         fall = np.zeros((len(self._interval), 3))
         fall[:, 2] = self._data.vehicle.gravity * self._interval
@@ -171,7 +196,7 @@ class ResponseModel:
         return rates, left - columns @ theta[LINEAR_IN_VELOCITY]
 
     def jacobians(self, theta: Array, *, difference: float = _DIFFERENCE) -> tuple[Array, Array]:
-        """Return the derivatives of both residuals, (u, 3, 18) and (n, 3, 18).
+        """Return the derivatives of both residuals, (u, 3, 21) and (n, 3, 21).
 
         Those by times are central differences over ``difference`` [s] to both sides. Lags and
         gains of the rates move the velocity only by how the thrust turns between two odometries,
@@ -181,6 +206,8 @@ class ResponseModel:
         velocity = np.zeros((len(self._data.time), 3, PARAMETERS))
         _, columns = self._velocity_columns(theta)
         velocity[:, :, LINEAR_IN_VELOCITY] = -columns
+        by_speed = columns[:, :, _ROTORS] @ theta[ROTOR_DRAG]
+        velocity[:, :, SCALE] -= 0.5 / theta[SCALE] * by_speed
         modelled = self.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
         above, below, span = _beside(theta, RATE_TAU, difference)
         slower = self.rates(rate_tau=above[RATE_TAU], delay=theta[DELAY])
@@ -204,6 +231,7 @@ class ResponseModel:
             rate_gain=theta[RATE_GAIN],
             thrust_tau=theta[THRUST_TAU],
             delay=theta[DELAY],
+            scale=theta[SCALE],
         )
 
     def _response(self, channel: str, time_constant: tuple[float, ...]) -> LaggedCommands:

@@ -92,6 +92,13 @@ def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
             found.translational_lift,
             "level flight was slow",
         ),
+        *(
+            _Row(f"rotor_drag {axis}", "1/s", before, estimate, _FAST)
+            for axis, before, estimate in zip(
+                _BODY_AXES, per_axis(given.rotor_drag), found.rotor_drag, strict=True
+            )
+            if estimate.observable  # else it is part of the drag, and nothing is missing
+        ),
     ]
 
 
@@ -186,7 +193,7 @@ def parameter_file(
     if (reason := refusal(found)) is not None:
         raise UserError(f"nothing is written: {reason}")
     entries: vehicle_file.Entries = {}
-    for name in ("rate_time_constant", "rate_gain", "drag"):
+    for name in ("rate_time_constant", "rate_gain", "drag", "rotor_drag"):
         told = [_told(estimate) for estimate in getattr(found, name)]
         entries[name] = vehicle_file.axes_entry(told, getattr(given, name))
     for name in ("thrust_time_constant", "input_delay", "translational_lift"):

@@ -47,7 +47,7 @@ class Identification:
 
     Time constants of the rates, their gains and drag are those of the body axes. What is not
     observable was held as given while the others were fitted; its estimate is that of the fit
-    before.
+    before. ``rotor_drag`` [1/s] is the drag that grows with the rotors' speed.
 
     ``thrust_scale`` is that of thrust per mass: nothing flown can tell the two apart.
     ``wind_acceleration_W`` (2,) [m/s^2] is the constant horizontal acceleration that was fitted
@@ -64,6 +64,7 @@ class Identification:
     thrust_scale: Estimate
     drag: tuple[Estimate, ...]
     translational_lift: Estimate
+    rotor_drag: tuple[Estimate, ...]
     wind_acceleration_W: Array
     rate_residual: float
     velocity_residual: float

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
+import numpy as np
+
 from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.identification.result import Estimate
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -17,7 +19,15 @@ Entries = dict[str, tuple[Any, str]]
 
 KEPT, UNTOLD = "kept", "kept, not told"
 # What a reference must know of the vehicle as well.
-_SHARED = ("mass", "gravity", "drag", "translational_lift", "motor_count", "thrust_curve")
+_SHARED = (
+    "mass",
+    "gravity",
+    "drag",
+    "rotor_drag",
+    "translational_lift",
+    "motor_count",
+    "thrust_curve",
+)
 _DIGITS, _DECIMALS = 4, 7  # of what is written
 
 
@@ -78,7 +88,7 @@ def _section(node: str, entries: Mapping[str, tuple[Any, str]]) -> list[str]:
     return [
         f"/**/{node}:",
         "  ros__parameters:" + ("" if entries else " {}"),
-        *(f"    {name}: {_listed(value)}  # {note}" for name, (value, note) in entries.items()),
+        *(f"    {name}: {_written(value)}  # {note}" for name, (value, note) in entries.items()),
     ]
 
 
@@ -87,5 +97,8 @@ def rounded(value: float) -> float:
     return round(float(f"{value:.{_DIGITS}g}"), _DECIMALS)
 
 
-def _listed(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+def _written(value: Any) -> str:
+    """Return a value as YAML; to which 1e-07 is text."""
+    if isinstance(value, (tuple, list)):
+        return f"[{', '.join(map(_written, value))}]"
+    return np.format_float_positional(value, trim="0") if isinstance(value, float) else str(value)

@@ -22,6 +22,7 @@ from quad_mpc_ros.model.rollout import (
     Midpoint,
     body_in,
     discretised,
+    rotor_speed,
     store_body,
     substep,
     uneven_air,
@@ -48,14 +49,16 @@ class _Turning(NamedTuple):
 
 
 class _Air(NamedTuple):
-    """Derivatives of what uneven air does, by the velocity half way and by a turn of the body.
+    """Derivatives of what uneven air does, by velocity half way, turn of the body and thrust.
 
-    ``kept`` is what the velocity half way has of that before, ``half`` of an acceleration.
+    ``by_push`` is that of the acceleration by the thrust over mass. ``kept`` is what the velocity
+    half way has of that before, ``half`` of an acceleration.
     """
 
     uneven: bool
     by_v: kernels.Matrix
     by_turn: kernels.Matrix
+    by_push: kernels.Vector
     kept: float
     half: float
 
@@ -97,8 +100,21 @@ def jacobians(
             _turn_on(d, midpoint, air, mean_kept, mean_gained, lagging, turning)
             slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[0] + model.b)
             push = kernels.scaled(slope, kernels.column(midpoint.R, 2))
-            by_throttle = _push_on(d, air, kernels.scaled(mean_kept[0], push), by_throttle)
-            by_command = _push_on(d, air, kernels.scaled(mean_gained[0], push), by_command)
+            slowed = kernels.scaled(slope, air.by_push)
+            by_throttle = _push_on(
+                d,
+                air,
+                kernels.scaled(mean_kept[0], push),
+                kernels.scaled(mean_kept[0], slowed),
+                by_throttle,
+            )
+            by_command = _push_on(
+                d,
+                air,
+                kernels.scaled(mean_gained[0], push),
+                kernels.scaled(mean_gained[0], slowed),
+                by_command,
+            )
             kept = followed(d.decay, kept, (0.0, 0.0, 0.0, 0.0))
             gained = followed(d.decay, gained, let)
             own_p += d.phi1 * own_v
@@ -127,11 +143,15 @@ def _air(model: ModelParameters, d: Discretisation, midpoint: Midpoint) -> _Air:
     """Return the derivatives of what uneven air does, zero for air that is not."""
     none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if not d.uneven:
-        return _Air(False, none, none, 0.0, 0.0)
-    u, drag, R = midpoint.v_B, model.uneven_drag, midpoint.R
-    x, y, z = uneven_air(model, u)
+        return _Air(False, none, none, (0.0, 0.0, 0.0), 0.0, 0.0)
+    u, drag, rotors, R = midpoint.v_B, model.uneven_drag, model.rotor_drag, midpoint.R
+    speed = rotor_speed(model, midpoint.push)
+    by_push = 0.5 * speed / midpoint.push if midpoint.push > 0.0 else 0.0
+    x, y, z = uneven_air(model, u, speed)
     lift = 2.0 * model.translational_lift
-    slope = (-drag[0], 0.0, 0.0, 0.0, -drag[1], 0.0, lift * u[0], lift * u[1], -drag[2])
+    by_x, by_y = -drag[0] - speed * rotors[0], -drag[1] - speed * rotors[1]
+    by_z = -drag[2] - speed * rotors[2]
+    slope = (by_x, 0.0, 0.0, 0.0, by_y, 0.0, lift * u[0], lift * u[1], by_z)
     # Of R e(R' v) by a turn phi of the body: R (phi x e) + R e' (u x phi).
     turned = kernels.multiply(slope, (0.0, -u[2], u[1], u[2], 0.0, -u[0], -u[1], u[0], 0.0))
     by_turn = (
@@ -149,6 +169,9 @@ def _air(model: ModelParameters, d: Discretisation, midpoint: Midpoint) -> _Air:
         True,
         kernels.multiply(kernels.multiply(R, slope), kernels.transposed(R)),
         kernels.multiply(R, by_turn),
+        kernels.apply(
+            R, kernels.scaled(-by_push, (rotors[0] * u[0], rotors[1] * u[1], rotors[2] * u[2]))
+        ),
         1.0 - 0.5 * d.dt * model.drag,
         0.5 * d.dt,
     )
@@ -159,13 +182,18 @@ def _push_on(
     d: Discretisation,
     air: _Air,
     acceleration: kernels.Vector,
+    direct: kernels.Vector,
     moved: tuple[kernels.Vector, kernels.Vector],
 ) -> tuple[kernels.Vector, kernels.Vector]:
-    """Return velocity and position after a substep with an acceleration."""
+    """Return velocity and position after a substep with an acceleration.
+
+    ``direct`` is what the air does of it at once, by what moves, at the same velocity half way.
+    """
     v, p = moved
     if air.uneven:
         v_mid = kernels.plus(kernels.scaled(air.kept, v), kernels.scaled(air.half, acceleration))
-        acceleration = kernels.plus(acceleration, kernels.apply(air.by_v, v_mid))
+        by_air = kernels.plus(kernels.apply(air.by_v, v_mid), direct)
+        acceleration = kernels.plus(acceleration, by_air)
     return (
         kernels.plus(kernels.scaled(d.velocity_decay, v), kernels.scaled(d.phi1, acceleration)),
         kernels.plus(
@@ -209,11 +237,8 @@ def _turn_on(
             kernels.plus(kernels.scaled(turned[1], x_axis), kernels.scaled(-turned[0], y_axis)),
         )
         moved = kernels.vector(dv[n]), kernels.vector(dp[n])
-        v, p = _push_on(d, air, acceleration, moved)
-        if air.uneven:
-            direct = kernels.apply(air.by_turn, turned)
-            v = kernels.plus(v, kernels.scaled(d.phi1, direct))
-            p = kernels.plus(p, kernels.scaled(d.phi2, direct))
+        direct = kernels.apply(air.by_turn, turned) if air.uneven else (0.0, 0.0, 0.0)
+        v, p = _push_on(d, air, acceleration, direct, moved)
         kernels.store_vector(v, dv[n])
         kernels.store_vector(p, dp[n])
         kernels.store_vector(
@@ -221,7 +246,7 @@ def _turn_on(
         )
     for n in range(_TURNING, _COLUMNS if air.uneven else _TURNING):
         moved = kernels.vector(dv[n]), kernels.vector(dp[n])
-        v, p = _push_on(d, air, (0.0, 0.0, 0.0), moved)
+        v, p = _push_on(d, air, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), moved)
         kernels.store_vector(v, dv[n])
         kernels.store_vector(p, dp[n])
 

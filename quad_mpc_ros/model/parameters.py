@@ -22,7 +22,7 @@ RATE_TIME_CONSTANTS = slice(6, 9)
 DISTURBANCE = slice(9, 12)
 THRUST_SCALE = 12
 UNEVEN_DRAG, LEARNED_DRAG = slice(13, 16), slice(17, 20)
-VECTOR_SIZE = 20
+VECTOR_SIZE = 23
 
 
 class ModelParameters(NamedTuple):
@@ -36,6 +36,8 @@ class ModelParameters(NamedTuple):
     integrated exactly, and ``uneven_drag`` what each axis has more or less than that;
     ``translational_lift`` [1/m] is k_h. ``learned_drag`` [1/s] is what of the drag along each axis
     was learned in flight: both contain it, and the reference's attitudes know nothing of it.
+    ``rotor_drag`` [1/s] is the drag along each axis that grows with the rotors' speed, at that of
+    hover.
     """
 
     a: float
@@ -50,6 +52,7 @@ class ModelParameters(NamedTuple):
     uneven_drag: kernels.Vector = (0.0, 0.0, 0.0)
     translational_lift: float = 0.0
     learned_drag: kernels.Vector = (0.0, 0.0, 0.0)
+    rotor_drag: kernels.Vector = (0.0, 0.0, 0.0)
 
 
 def parameters_of(
@@ -71,18 +74,19 @@ def parameters_of(
             rate_time_constants=per_axis(rate_time_constant),
             uneven_drag=(drag[0] - mean, drag[1] - mean, drag[2] - mean),
             translational_lift=vehicle.translational_lift,
+            rotor_drag=per_axis(vehicle.rotor_drag),
         )
     )
 
 
 def packed(parameters: ModelParameters) -> Array:
-    """Return the vector (20,)."""
+    """Return the vector (23,)."""
     return np.hstack(parameters)
 
 
 @compiled
 def parameters_in(vector: Array) -> ModelParameters:
-    """Return what is in the vector (20,)."""
+    """Return what is in the vector (23,)."""
     return ModelParameters(
         vector[0],
         vector[1],
@@ -96,6 +100,7 @@ def parameters_in(vector: Array) -> ModelParameters:
         (vector[13], vector[14], vector[15]),
         vector[16],
         (vector[17], vector[18], vector[19]),
+        (vector[20], vector[21], vector[22]),
     )
 
 

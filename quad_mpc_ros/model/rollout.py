@@ -7,17 +7,19 @@ State: position and velocity in the world, attitude R_WB, and the actuators, thr
     dp/dt = v,  dv/dt = g + k (T(s)/m) R_WB e3 - R D R' v + k_h (u_x^2 + u_y^2) R e3 + d,
     dR/dt = R [w],  dw/dt = (w_c - w) / tau_w,  ds/dt = (s_c - s) / tau_s,
 
-with u = R' v, drag D = diag(mu_x, mu_y, mu_z), the thrust k_h gained by flying across the rotors
-(Faessler, Franchi, Scaramuzza, "Differential flatness of quadrotor dynamics subject to rotor
-drag", RA-L 2018), and a tau_w for each axis: yaw, which is turned by drag of the rotors alone, is
-often several times slower.
+with u = R' v; a drag D = diag(mu + nu sqrt(k T(s) / m g)), with three mu that the air has of the
+body and three nu that it has of the rotors and their speed (Svacha, Mohta, Kumar, "Improving
+quadrotor trajectory tracking by compensating for aerodynamic effects", ICUAS 2017); the thrust k_h
+gained by flying across the rotors (Faessler, Franchi, Scaramuzza, "Differential flatness of
+quadrotor dynamics subject to rotor drag", RA-L 2018); and a tau_w for each axis: yaw, which is
+turned by drag of the rotors alone, is often several times slower.
 
 The simulated plant (:mod:`quad_mpc_ros.simulation.dynamics`) has equations of its own on purpose:
 a mistake in one of them shows in flight.
 
 Over a substep, under one command, the turn is the exact integral of the lagging rate, and the
-thrust is that of the mean throttle along the attitude half way. The mean of the drag over the axes
-is exact; what differs from it, and the lift, act as they do half way.
+thrust is that of the mean throttle along the attitude half way. The mean of the mu over the axes
+is exact; what differs from it, the drag of the rotors and the lift act as they do half way.
 
 Outside of compiled code a state is a row of 19 numbers, whose parts are named here.
 """
@@ -117,14 +119,32 @@ def discretised(model: ModelParameters, dt: float) -> Discretisation:
         math.exp(-x),
         phi1,
         phi2,
-        model.uneven_drag != (0.0, 0.0, 0.0) or model.translational_lift != 0.0,
+        is_uneven(model),
     )
 
 
 @compiled
-def uneven_air(model: ModelParameters, u: kernels.Vector) -> kernels.Vector:
-    """Return what the air does at a velocity ``u``, both in the body, beyond the mean drag."""
-    d = model.uneven_drag
+def is_uneven(model: ModelParameters) -> bool:
+    """Whether the air does anything but the drag that is alike along all axes."""
+    none = (0.0, 0.0, 0.0)
+    rotors = model.rotor_drag != none
+    return model.uneven_drag != none or model.translational_lift != 0.0 or rotors
+
+
+@compiled
+def rotor_speed(model: ModelParameters, push: float) -> float:
+    """Return the speed of the rotors over that of hover, by the thrust over mass [m/s^2]."""
+    return math.sqrt(max(push, 0.0) / model.gravity)
+
+
+@compiled
+def uneven_air(model: ModelParameters, u: kernels.Vector, speed: float) -> kernels.Vector:
+    """Return what the air does at a velocity ``u``, both in the body, beyond the mean drag.
+
+    ``speed`` is that of the rotors over hover's.
+    """
+    even, rotors = model.uneven_drag, model.rotor_drag
+    d = even[0] + speed * rotors[0], even[1] + speed * rotors[1], even[2] + speed * rotors[2]
     lift = model.translational_lift * (u[0] * u[0] + u[1] * u[1])
     return -d[0] * u[0], -d[1] * u[1], lift - d[2] * u[2]
 
@@ -160,7 +180,7 @@ def substep(
         v_B = kernels.apply_transposed(
             R_mid, kernels.plus(x.v, kernels.scaled(0.5 * step.dt, slowed))
         )
-        a = kernels.plus(a, kernels.apply(R_mid, uneven_air(model, v_B)))
+        a = kernels.plus(a, kernels.apply(R_mid, uneven_air(model, v_B, rotor_speed(model, push))))
     after = Body(
         kernels.plus(
             x.p, kernels.plus(kernels.scaled(step.phi1, x.v), kernels.scaled(step.phi2, a))

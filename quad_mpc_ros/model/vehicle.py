@@ -34,6 +34,13 @@ class VehicleParameters(Configuration):
     drag: float | tuple[float, ...] = parameter(
         0.2, doc="Linear drag mu: acceleration per velocity.", unit="1/s", minimum=0.0
     )
+    rotor_drag: float | tuple[float, ...] = parameter(
+        0.0,
+        doc="Drag that grows with the speed of the rotors: acceleration per velocity, as much at "
+        "the speed of hover.",
+        unit="1/s",
+        minimum=0.0,
+    )
     translational_lift: float = parameter(
         0.0,
         doc="Thrust gained by flying across the rotors, k_h: acceleration along body z per square "
@@ -85,7 +92,8 @@ class VehicleParameters(Configuration):
     @property
     def drags_alike(self) -> bool:
         """Whether the air acts alike along all body axes: attitude does not change its force."""
-        return len(set(per_axis(self.drag))) == 1 and self.translational_lift == 0.0
+        alike = len(set(per_axis(self.drag))) == 1 and self.translational_lift == 0.0
+        return alike and not any(per_axis(self.rotor_drag))
 
     def vehicle(self) -> Vehicle:
         """Return the vehicle that these parameters describe."""
@@ -103,12 +111,20 @@ class Vehicle(VehicleParameters):
         """Return the thrust over mass along body z (n,) [m/s^2] of motions through still air.
 
         Of the specific force a + R D R' v + g e3 - k_h (v_x^2 + v_y^2) z_B what lies along body
-        z. Shapes: ``a_WB_W`` and ``v_WB_W`` (n, 3), ``R_WB`` (n, 3, 3).
+        z, where D grows with the root of that thrust. Shapes: ``a_WB_W`` and ``v_WB_W`` (n, 3),
+        ``R_WB`` (n, 3, 3).
         """
         along = np.einsum("ni,ni->n", R_WB[:, :, 2], a_WB_W) + self.gravity * R_WB[:, 2, 2]
         v_WB_B = np.einsum("nji,nj->ni", R_WB, v_WB_W)
         lift = self.translational_lift * np.sum(v_WB_B[:, :2] ** 2, axis=1)
-        return np.asarray(along + per_axis(self.drag)[2] * v_WB_B[:, 2] - lift)
+        still = np.asarray(along + per_axis(self.drag)[2] * v_WB_B[:, 2] - lift)
+        rotors = per_axis(self.rotor_drag)[2]
+        if rotors == 0.0:
+            return still
+        # T = still + 2 b sqrt(T), a square in the root.
+        b = 0.5 * rotors * v_WB_B[:, 2] / math.sqrt(self.gravity)
+        root = np.maximum(b + np.sqrt(np.maximum(b * b + still, 0.0)), 0.0)
+        return np.where(still > 0.0, root * root, still)
 
     def thrust_slope(self, throttle: float) -> float:
         """Return d thrust / d throttle [N]."""

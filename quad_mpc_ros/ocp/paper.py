@@ -8,6 +8,8 @@ with A and B of the error dynamics (Eq. 4), and the reference constant over the 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from quad_mpc_ros.configuration import per_axis
@@ -64,10 +66,13 @@ class PaperProblem:
         eye, none = np.eye(3, dtype=bool), np.zeros((3, 3), dtype=bool)
         kept = eye.copy()
         kept[2, :2] = self._vehicle.translational_lift > 0.0
+        # Thrust pushes along z, and slows down across it where the rotors drag.
+        pushed = np.zeros((6, 4), dtype=bool)
+        pushed[3:, 0] = [*(drag > 0.0 for drag in per_axis(self._vehicle.rotor_drag)[:2]), True]
         return HorizonPattern(
             steps=self._steps,
             A=np.block([[eye, block, block], [none, kept, block], [none, none, eye]]),
-            B=np.vstack((np.zeros((5, 4), dtype=bool), np.eye(4, dtype=bool))),
+            B=np.vstack((pushed, np.eye(3, 4, 1, dtype=bool))),
             H=np.eye(TANGENT_SIZE, dtype=bool),
             state_size=_STATE_SIZE,
             input_size=_INPUT_SIZE,
@@ -127,7 +132,10 @@ def error_dynamics(
     A = np.zeros((TANGENT_SIZE, TANGENT_SIZE))
     A[POSITION, VELOCITY] = x.R_WB
     A[POSITION, ATTITUDE] = -x.R_WB @ so3.hat(x.v_WB_B)
-    A[VELOCITY, VELOCITY] = -np.diag(per_axis(vehicle.drag))
+    drag, thrust = np.array(per_axis(vehicle.drag)), vehicle.thrust(throttle)
+    speed = math.sqrt(max(thrust, 0.0) / (vehicle.mass * vehicle.gravity))
+    rotors = np.array(per_axis(vehicle.rotor_drag))
+    A[VELOCITY, VELOCITY] = -np.diag(drag + speed * rotors)
     A[VELOCITY.stop - 1, VELOCITY][:2] += 2.0 * vehicle.translational_lift * x.v_WB_B[:2]
     A[VELOCITY, ATTITUDE] = so3.hat(-vehicle.gravity * x.R_WB[2])
 
@@ -135,6 +143,8 @@ def error_dynamics(
     slope = vehicle.motor_count * (2.0 * a * throttle_error + 2.0 * a * throttle + b)
     B = np.zeros((TANGENT_SIZE, INPUT_SIZE))
     B[VELOCITY.stop - 1, 0] = slope / vehicle.mass
+    if thrust > 0.0:
+        B[VELOCITY, 0] -= 0.5 * speed / thrust * slope * rotors * x.v_WB_B
     B[ATTITUDE, BODY_RATE] = _EYE_3
     return A, B
 

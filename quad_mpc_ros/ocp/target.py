@@ -20,12 +20,14 @@ from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.actuators import lead
 from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, throttle_for
 from quad_mpc_ros.model.reference_window import POINT_SIZE, packed, point_parts, sample_into
-from quad_mpc_ros.model.rollout import SUBSTEPS, uneven_air
+from quad_mpc_ros.model.rollout import SUBSTEPS, is_uneven, rotor_speed, uneven_air
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import INPUT_SIZE
 
 # rad, in a substep: where a tilt begins or ends it does not turn.
 _TILT_JUMP = 0.05
+# Of looking for the rotors' speed.
+_ROUNDS = 12
 
 _STAGE_SIZE = 15 + (SUBSTEPS + 1) * INPUT_SIZE
 
@@ -83,7 +85,7 @@ class TargetSampler:
     ) -> Array:
         """Write the target of a horizon from ``stamp_ns`` on into the buffer, and return that.
 
-        ``parameters`` (20,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
+        ``parameters`` (23,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
         """
         if window is not self._window:  # one serves several ticks
             self._window, self._samples = window, packed(window)
@@ -184,10 +186,9 @@ def _hold(
     """
     d_W = model.a_W
     x, y, z = kernels.plus(a_WB_W, kernels.scaled(model.drag, v_WB_W))
-    if model.uneven_drag != (0.0, 0.0, 0.0) or model.translational_lift != 0.0:
-        air = kernels.apply(R_WB, uneven_air(model, kernels.apply_transposed(R_WB, v_WB_W)))
-        x, y, z = x - air[0], y - air[1], z - air[2]
     force = x, y, z + model.gravity
+    if is_uneven(model):
+        force = kernels.plus(force, kernels.scaled(-1.0, _air(model, R_WB, v_WB_W, force)))
     against = kernels.plus(force, kernels.scaled(-1.0, d_W))
     learned, tilt = model.learned_drag, (0.0, 0.0, 0.0)
     if learned != (0.0, 0.0, 0.0):
@@ -198,6 +199,22 @@ def _hold(
         Q = _tilt(force, against)
         R_WB, tilt = kernels.multiply(Q, R_WB), kernels.log(Q)
     return R_WB, throttle_for(model, kernels.dot(kernels.column(R_WB, 2), against)), tilt
+
+
+@compiled
+def _air(
+    model: ModelParameters, R_WB: kernels.Matrix, v_WB_W: kernels.Vector, force: kernels.Vector
+) -> kernels.Vector:
+    """Return what uneven air does, in the world, where the thrust has to make up for it.
+
+    ``force`` is what the thrust has to make without it. How fast the rotors turn depends on the
+    whole, to which each round comes nearer by a tenth or so.
+    """
+    u, along = kernels.apply_transposed(R_WB, v_WB_W), kernels.dot(kernels.column(R_WB, 2), force)
+    air = uneven_air(model, u, rotor_speed(model, along))
+    for _ in range(_ROUNDS if model.rotor_drag != (0.0, 0.0, 0.0) else 0):
+        air = uneven_air(model, u, rotor_speed(model, along - air[2]))
+    return kernels.apply(R_WB, air)
 
 
 @compiled

@@ -9,6 +9,8 @@ writes NED/FRD, where both signs flip. Velocity is in body axes, as in the paper
 
 from __future__ import annotations
 
+import math
+
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import kernels
 
@@ -18,9 +20,10 @@ Drive = tuple[float, kernels.Vector]
 Course = tuple[Drive, Drive, Drive, kernels.Matrix, kernels.Matrix]
 """The drive at start, middle and end of a step, and the turns over its first and second half."""
 
-World = tuple[bool, float, kernels.Vector, float, kernels.Vector]
-"""Whether the true rigid body flies, gravity [m/s^2], drag of each body axis [1/s], thrust gained
-by flying across the rotors [1/m], velocity of the air [m/s]."""
+World = tuple[bool, float, kernels.Vector, kernels.Vector, float, kernels.Vector]
+"""Whether the true rigid body flies, gravity [m/s^2], drag of each body axis [1/s], that of the
+rotors at the speed of hover [1/s], thrust gained by flying across them [1/m], velocity of the air
+[m/s]."""
 
 
 @compiled
@@ -29,12 +32,15 @@ def paper_dynamics(
 ) -> kernels.Vector:
     """Return dv/dt of Eq. (3) literally: nothing transports the velocity as body axes turn.
 
-    Drag and what flying across the rotors lifts act on the velocity relative to the air.
+    Drag and what flying across the rotors lifts act on the velocity relative to the air. Drag of
+    the rotors is proportional to their speed, and that to the root of the thrust.
     """
     lift, _ = drive
-    _, gravity, drag, gained, wind_W = world
+    _, gravity, air, rotors, gained, wind_W = world
+    turning = math.sqrt(max(lift, 0.0) / gravity)
     wind_B = kernels.apply_transposed(R_WB, wind_W)
     u, v, w = v_WB_B[0] - wind_B[0], v_WB_B[1] - wind_B[1], v_WB_B[2] - wind_B[2]
+    drag = air[0] + turning * rotors[0], air[1] + turning * rotors[1], air[2] + turning * rotors[2]
     return (
         -gravity * R_WB[6] - drag[0] * u,
         -gravity * R_WB[7] - drag[1] * v,

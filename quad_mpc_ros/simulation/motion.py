@@ -1,7 +1,7 @@
 """The motion of the package's own vehicle while neither command nor wind changes, compiled.
 
 One call moves it over any number of steps of the integrator: actuators, equations of motion,
-ground. A state is a row of 19 numbers and the vehicle a vector of 13, both named here.
+ground. A state is a row of 19 numbers and the vehicle a vector of 16, both named here.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ Lift = tuple[float, float, float]
 def constants(
     vehicle: Vehicle, *, dynamics: str, rate_time_constant: PerAxis, thrust_time_constant: float
 ) -> Array:
-    """Return a vehicle as the compiled code takes it (13,).
+    """Return a vehicle as the compiled code takes it (16,).
 
     Its equations (1 for the true rigid body), gravity, the coefficients of thrust over mass
-    [m/s^2], the time constants of throttle and body rates [s], drag and translational lift.
+    [m/s^2], the time constants of throttle and body rates [s], drag, drag of the rotors and
+    translational lift.
     """
     curve = vehicle.motor_count / vehicle.mass * np.array(vehicle.thrust_curve)
     return np.array(
@@ -43,6 +44,7 @@ def constants(
             thrust_time_constant,
             *per_axis(rate_time_constant),
             *per_axis(vehicle.drag),
+            *per_axis(vehicle.rotor_drag),
             vehicle.translational_lift,
         ]
     )
@@ -61,7 +63,8 @@ def advance(
     lift = vehicle[2], vehicle[3], vehicle[4]
     lags = vehicle[5], (vehicle[6], vehicle[7], vehicle[8])
     drag = vehicle[9], vehicle[10], vehicle[11]
-    world = is_rigid_body, gravity, drag, vehicle[12], kernels.vector(wind_W)
+    rotor_drag = vehicle[12], vehicle[13], vehicle[14]
+    world = is_rigid_body, gravity, drag, rotor_drag, vehicle[15], kernels.vector(wind_W)
     followed = command[0], (command[1], command[2], command[3])
     p, v = kernels.vector(row[0:3]), kernels.vector(row[3:6])
     R = kernels.matrix_in_row(row[6:15])

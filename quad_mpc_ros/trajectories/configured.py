@@ -103,7 +103,13 @@ def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]
 
 def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
     try:
-        trajectory = FlatTrajectory(path, gravity=config.gravity, drag=config.drag, yaw=config.yaw)
+        trajectory = FlatTrajectory(
+            path,
+            gravity=config.gravity,
+            drag=config.drag,
+            rotor_drag=config.rotor_drag,
+            yaw=config.yaw,
+        )
     except ValueError as error:
         raise _refusal(config, str(error)) from error
     return trajectory, judged(trajectory, config)
@@ -159,7 +165,9 @@ def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> Fla
     R_WB = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw)
     yaw = np.unwrap([yaw_of(R) for R in R_WB])
     path = _through(seconds - seconds[0], window.p_WB, yaw, config)
-    return FlatTrajectory(path, gravity=config.gravity, drag=config.drag)
+    return FlatTrajectory(
+        path, gravity=config.gravity, drag=config.drag, rotor_drag=config.rotor_drag
+    )
 
 
 def _through(seconds: Array, p_WB: Array, yaw: Array, config: ReferenceConfig) -> Path:

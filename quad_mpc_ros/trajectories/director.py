@@ -348,7 +348,9 @@ def _at_rest(config: ReferenceConfig, p_WB: Array, yaw: float) -> FlatTrajectory
 
 
 def _flat(config: ReferenceConfig, path: Path, yaw: float) -> FlatTrajectory:
-    return FlatTrajectory(path, gravity=config.gravity, drag=config.drag, yaw=yaw)
+    return FlatTrajectory(
+        path, gravity=config.gravity, drag=config.drag, rotor_drag=config.rotor_drag, yaw=yaw
+    )
 
 
 def _end_of(trajectory: Trajectory) -> FlatState:

@@ -181,7 +181,8 @@ class _Sweeps:
         return float((np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max())
 
     def _force(self, places: Array) -> Array:
-        """Return the specific force (n, 3) [m/s^2], with the drag of a level body."""
+        """Return the specific force (n, 3) [m/s^2], with the drag of a body that hovers."""
         v = np.gradient(places, self.seconds[1], axis=0)
         a = np.gradient(v, self.seconds[1], axis=0)
-        return np.asarray(a + per_axis(self._config.drag) * v + [0.0, 0.0, self._config.gravity])
+        drag = np.add(per_axis(self._config.drag), per_axis(self._config.rotor_drag))
+        return np.asarray(a + drag * v + [0.0, 0.0, self._config.gravity])

@@ -35,10 +35,18 @@ class FlatTrajectory:
     smooth = True
     fixed = True
 
-    def __init__(self, path: Path, *, gravity: float, drag: PerAxis, yaw: float = 0.0) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        gravity: float,
+        drag: PerAxis,
+        rotor_drag: PerAxis = 0.0,
+        yaw: float = 0.0,
+    ) -> None:
         """Prepare the frames; raises ``ValueError`` with the time of free fall."""
         self._path = path
-        self._gravity, self._drag, self._yaw = gravity, drag, yaw
+        self._gravity, self._drag, self._rotor_drag, self._yaw = gravity, drag, rotor_drag, yaw
         self._frames = self._prepared_frames()
         start = path.at(np.zeros(1))
         self._heading = yaw + float(np.ravel(start.yaw)[0])
@@ -99,6 +107,7 @@ class FlatTrajectory:
             yaw_rate=path.yaw_rate,
             gravity=self._gravity,
             drag=self._drag,
+            rotor_drag=self._rotor_drag,
             chart=chart,
         )
 
@@ -107,7 +116,10 @@ class FlatTrajectory:
         duration = self._path.duration
         steps = np.clip(np.ceil(duration / _KNOT_STEP), _LEAST_KNOTS, _MOST_KNOTS)
         knots = np.linspace(0.0, duration, int(steps) + 1)
-        x_drag, y_drag, _ = per_axis(self._drag)
+        # What it is at the speed of hover: the charts only have to be near.
+        total = np.add(per_axis(self._drag), per_axis(self._rotor_drag))
+        x_drag, y_drag = float(total[0]), float(total[1])
+        depends_on_frame = x_drag != y_drag or any(per_axis(self._rotor_drag))
         with np.errstate(over="ignore", invalid="ignore"):
             path = self._path.at(knots)
             z, _, _ = thrust_axis(
@@ -121,7 +133,7 @@ class FlatTrajectory:
         if self._path.periodic or z[:, 2].min() >= 0.0:
             return None
         frames = ThrustFrames(knots, z)
-        for _ in range(_FRAME_ROUNDS if x_drag != y_drag else 0):
+        for _ in range(_FRAME_ROUNDS if depends_on_frame else 0):
             # The thrust's direction depends on the frame then, a little.
             frames = ThrustFrames(knots, self._flat_inputs(path, frames.at(knots)).R_WB[..., 2])
         return frames

@@ -67,12 +67,13 @@ class ThrustPath:
         from scipy.integrate import solve_ivp
 
         self.duration = duration
-        self._thrust, self._drag = thrust, _drag(config)
+        self._thrust, self._drag = thrust, _AlikeDrag.of(config)
         self._weight = np.array([0.0, 0.0, config.gravity])
 
         def rate(time: float, state: Array) -> Array:
-            force, _ = thrust(np.array([time]))
-            return np.concatenate((state[3:], force[0] - self._weight - self._drag * state[3:]))
+            force, force_rate = thrust(np.array([time]))
+            drag, _ = self._drag.under(force, force_rate)
+            return np.concatenate((state[3:], force[0] - self._weight - drag[0] * state[3:]))
 
         solved = solve_ivp(
             rate,
@@ -92,18 +93,38 @@ class ThrustPath:
         seconds = np.clip(seconds, 0.0, self.duration)
         force, force_rate = self._thrust(seconds)
         state = self._state(seconds).T
-        acceleration = force - self._weight - self._drag * state[:, 3:]
+        drag, drag_rate = self._drag.under(force, force_rate)
+        acceleration = force - self._weight - drag * state[:, 3:]
         return PathSamples(
             p_WB=state[:, :3],
             v_WB_W=state[:, 3:],
             a_WB_W=acceleration,
-            j_WB_W=force_rate - self._drag * acceleration,
+            j_WB_W=force_rate - drag * acceleration - drag_rate * state[:, 3:],
         )
 
 
-def _drag(config: TurnParameters) -> float:
-    x, y, _ = per_axis(config.drag)
-    return x if x == y else 0.5 * (x + y)
+@dataclass(frozen=True)
+class _AlikeDrag:
+    """The mean drag across the thrust [1/s], of the air and of the rotors at hover's speed."""
+
+    air: float
+    rotors: float
+    gravity: float
+
+    @classmethod
+    def of(cls, config: TurnParameters) -> _AlikeDrag:
+        """Return that of a vehicle."""
+        (x, y, _), (rotors_x, rotors_y, _) = per_axis(config.drag), per_axis(config.rotor_drag)
+        mean = x if x == y else 0.5 * (x + y)
+        return cls(mean, 0.5 * (rotors_x + rotors_y), config.gravity)
+
+    def under(self, force: Array, force_rate: Array) -> tuple[Array, Array]:
+        """Return it, and its rate, (n, 1) each, under thrusts over mass (n, 3) and their rates."""
+        size = np.linalg.norm(force, axis=1, keepdims=True)
+        speed = np.sqrt(size / self.gravity)
+        size_rate = np.sum(force * force_rate, axis=1, keepdims=True) / size
+        speed_rate = 0.5 * size_rate / (self.gravity * speed)
+        return self.air + self.rotors * speed, self.rotors * speed_rate
 
 
 def turning_over(
@@ -114,8 +135,9 @@ def turning_over(
     The leg ends as the turn begins: moving freely but for the coasting thrust, upwards. In the
     turn that keeps its size and turns by way of a direction ``towards`` (3,).
     """
-    gravity, drag = config.gravity, _drag(config)
+    gravity = config.gravity
     force = config.coasting_thrust * gravity
+    (((drag,),), _) = _AlikeDrag.of(config).under(force * _UP[None], np.zeros((1, 3)))
     acceleration = (force - gravity) * _UP - drag * v_WB_W
     leg = Leg(
         End.at_rest(np.array([*config.origin, config.height])),

@@ -14,7 +14,11 @@ from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly, start_
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 
-AIR: dict[str, Any] = {"drag": (0.35, 0.2, 0.55), "translational_lift": 0.015}
+AIR: dict[str, Any] = {
+    "drag": (0.25, 0.1, 0.35),
+    "rotor_drag": (0.1, 0.1, 0.2),
+    "translational_lift": 0.015,
+}
 NONE: Mapping[str, Any] = {}
 LAGS: dict[str, Any] = {"rate_time_constant": (0.03, 0.035, 0.1), "thrust_time_constant": 0.03}
 

@@ -474,6 +474,7 @@ EACH_AXIS = {
     "drag": (0.35, 0.2, 0.55),
     "translational_lift": 0.015,
 }
+ROTORS = {"drag": (0.1, 0.1, 0.2), "rotor_drag": (0.4, 0.3, 0.6)}
 THE_TRUTH = {
     "rate_time_constant": EACH_AXIS["rate_time_constant"],
     "rate_gain": (1.0, 1.0, 1.0),
@@ -507,6 +508,36 @@ def test_drag_and_lag_of_each_axis_are_told_by_twenty_seconds_of_noise(seed: int
     lags = (*told["rate_time_constant"], *told["thrust_time_constant"], *told["input_delay"])
     assert all(width <= 0.004 for _, width in lags)
     assert all(width <= 0.03 for _, width in told["drag"])
+
+
+def test_drag_of_the_rotors_is_told_from_that_of_the_body() -> None:
+    """By a flight whose thrust varies with its speed; without noise, which hides it for long."""
+    found = identified(flown(**{**EACH_AXIS, **ROTORS}, duration=20.0, lively=1.5))
+    for name, truth in ROTORS.items():
+        estimates = getattr(found, name)
+        assert all(estimate.observable for estimate in estimates), name
+        assert [estimate.value for estimate in estimates] == pytest.approx(truth, abs=0.05), name
+    text = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
+    written = yaml.safe_load(text)["/**/reference"]["ros__parameters"]["rotor_drag"]
+    assert written == pytest.approx(ROTORS["rotor_drag"], abs=0.05)
+    assert "rotor_drag x [1/s]" in identification_table(found, GIVEN, command_age=float("nan"))
+
+
+def test_where_there_is_none_nothing_is_said_of_the_rotors_drag() -> None:
+    found = identified(noisy(flown(**EACH_AXIS)))
+    assert not any(estimate.observable for estimate in found.rotor_drag)
+    assert "rotor_drag" not in identification_table(found, GIVEN, command_age=float("nan"))
+    text = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
+    assert "    rotor_drag: 0.0  # kept, not told\n" in text
+
+
+def test_a_number_near_nothing_is_written_as_one() -> None:
+    """YAML takes 1e-07 for text."""
+    found = identified(noisy(flown(**EACH_AXIS)))
+    little = dataclasses.replace(found.drag[0], value=1.2e-7, observable=True)
+    found = dataclasses.replace(found, drag=(little, *found.drag[1:]))
+    text = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
+    assert yaml.safe_load(text)["/**/mpc"]["ros__parameters"]["drag"][0] == pytest.approx(1e-7)
 
 
 def test_a_rate_loop_that_does_not_reach_its_command_is_told() -> None:

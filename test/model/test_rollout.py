@@ -31,7 +31,8 @@ SLOWER_YAW = 2.5  # than roll and pitch
 A_W, THRUST_SCALE = (0.8, -1.1, 0.4), 0.85
 # Drag of one vehicle per axis with lift, and a plate's, that differs more than any vehicle's.
 UNEVEN = Vehicle(drag=(0.3, 0.15, 0.45), translational_lift=0.015)
-VEHICLES = [VEHICLE, UNEVEN, Vehicle(drag=(0.0, 0.8, 1.5), translational_lift=0.05)]
+ROTORS = Vehicle(drag=(0.1, 0.1, 0.1), rotor_drag=(0.4, 0.3, 0.6), translational_lift=0.015)
+VEHICLES = [VEHICLE, UNEVEN, ROTORS, Vehicle(drag=(0.0, 0.8, 1.5), translational_lift=0.05)]
 
 
 def start(seed: int) -> Array:
@@ -93,6 +94,7 @@ def integrated(x: Array, inputs: Array, lags: tuple[float, float], vehicle: Vehi
     )
     a, b, c = vehicle.thrust_curve
     drag, lift = np.array(per_axis(vehicle.drag)), vehicle.translational_lift
+    rotors = np.array(per_axis(vehicle.rotor_drag))
     for u in inputs:
         if lags[0] == 0.0:
             y[10:13] = u[1:]
@@ -104,7 +106,8 @@ def integrated(x: Array, inputs: Array, lags: tuple[float, float], vehicle: Vehi
             attitude = Rotation.from_quat(y[6:10])
             v_B = attitude.inv().apply(y[3:6])
             thrust = THRUST_SCALE * 4.0 * (a * s * s + b * s + c)
-            force = -drag * v_B
+            turning = np.sqrt(max(thrust, 0.0) / (vehicle.mass * vehicle.gravity))
+            force = -(drag + turning * rotors) * v_B
             force[2] += thrust / vehicle.mass + lift * (v_B[0] ** 2 + v_B[1] ** 2)
             dv = attitude.apply(force) + np.array(A_W)
             dv[2] -= vehicle.gravity

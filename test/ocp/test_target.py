@@ -25,6 +25,7 @@ from quad_mpc_ros.trajectories.server import ReferenceServer
 
 VEHICLE = Vehicle()
 UNEVEN = Vehicle(drag=(0.3, 0.15, 0.45), translational_lift=0.015)
+ROTORS = Vehicle(drag=0.1, rotor_drag=(0.4, 0.3, 0.6), translational_lift=0.015)
 STEPS, STEP = 10, 0.05
 U_MIN, U_MAX = np.array([0.0, -30.0, -30.0, -30.0]), np.array([1.0, 30.0, 30.0, 30.0])
 START = 10**9
@@ -36,6 +37,7 @@ def eight(angular_frequency: float, vehicle: Vehicle = VEHICLE) -> ReferenceWind
         trajectory="lemniscate",
         angular_frequency=angular_frequency,
         drag=vehicle.drag,
+        rotor_drag=vehicle.rotor_drag,
         translational_lift=vehicle.translational_lift,
         yaw=0.7,
     )
@@ -83,7 +85,7 @@ def on_reference(window: ReferenceWindow, target: Target, model: ModelParameters
     return row(now.p_WB, now.v_WB_W, now.R_WB, actuators)
 
 
-@pytest.mark.parametrize("vehicle", [VEHICLE, UNEVEN])
+@pytest.mark.parametrize("vehicle", [VEHICLE, UNEVEN, ROTORS])
 @pytest.mark.parametrize("lags", [(0.0, 0.0), (0.03, 0.03), (0.05, 0.02)])
 @pytest.mark.parametrize("angular_frequency", [1.0, 2.2])
 def test_nothing_needs_to_be_corrected_on_a_reference_that_can_be_flown(
@@ -117,7 +119,9 @@ def test_a_disturbance_is_met_by_tilt_and_throttle() -> None:
     assert target.R_WB[0, 1, 2] > 0.0
 
 
-@pytest.mark.parametrize(("vehicle", "more"), [(VEHICLE, 0.3), (VEHICLE, -0.2), (UNEVEN, 0.3)])
+@pytest.mark.parametrize(
+    ("vehicle", "more"), [(VEHICLE, 0.3), (VEHICLE, -0.2), (UNEVEN, 0.3), (ROTORS, 0.3)]
+)
 def test_drag_that_the_reference_does_not_know_is_met(vehicle: Vehicle, more: float) -> None:
     """Flown open loop, with attitudes made with the drag that was expected."""
     expected = model_of(rate=0.0, thrust=0.0, vehicle=vehicle)

@@ -48,7 +48,7 @@ class World:
     def fly(self, throttle: float, rates: tuple[float, float, float], duration: float) -> None:
         target_w, vehicle = np.array(rates), self.vehicle
         drag, rate_tau = np.array(per_axis(vehicle.drag)), np.array(per_axis(self.rate_tau))
-        at_once = rate_tau == 0.0
+        at_once, rotors = rate_tau == 0.0, np.array(per_axis(vehicle.rotor_drag))
         self.y[10:13][at_once] = target_w[at_once]
         if self.thrust_tau == 0.0:
             self.y[13] = throttle
@@ -61,10 +61,11 @@ class World:
             through_air = attitude.inv().apply(v - np.array(self.wind))
             lift = vehicle.translational_lift * (through_air[0] ** 2 + through_air[1] ** 2)
             curve = np.polyval(vehicle.thrust_curve, s)
+            turning = np.sqrt(max(4.0 * curve, 0.0) / (vehicle.mass * vehicle.gravity))
             acceleration = (
                 (4.0 * curve / vehicle.mass + lift) * up
                 - np.array([0.0, 0.0, vehicle.gravity])
-                - attitude.apply(drag * through_air)
+                - attitude.apply((drag + turning * rotors) * through_air)
             )
             spin = 0.5 * np.array(
                 [
@@ -148,7 +149,11 @@ def test_lagged_flight_agrees_with_another_integrator(
 
 
 def test_drag_of_each_axis_and_lift_agree_with_another_integrator() -> None:
-    air: dict[str, Any] = {"drag": (0.3, 0.1, 0.6), "translational_lift": 0.02}
+    air: dict[str, Any] = {
+        "drag": (0.3, 0.1, 0.6),
+        "rotor_drag": (0.4, 0.2, 0.1),
+        "translational_lift": 0.02,
+    }
     world = start(rate_tau=0.03, vehicle=Vehicle(**air))
     world.wind = (5.0, -2.0, 1.0)
     body = started_plant(rate_time_constant=0.03, wind=world.wind, integration_step=0.0005, **air)

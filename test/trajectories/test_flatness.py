@@ -22,10 +22,15 @@ GRAVITY = 9.81
 STILL = np.zeros((1, 3))
 
 
-def strong(drag: PerAxis, lift: float) -> Vehicle:
+def strong(path: Path) -> Vehicle:
     """Return a vehicle that lacks no thrust."""
-    curve = (20.0, 10.0, -5.0)  # some lift is more than the path needs
-    return Vehicle(drag=drag, translational_lift=lift, thrust_curve=curve, gravity=GRAVITY)
+    return Vehicle(
+        drag=path.drag,
+        rotor_drag=path.rotors,
+        translational_lift=path.lift,
+        thrust_curve=(20.0, 10.0, -5.0),  # some lift is more than the path needs
+        gravity=GRAVITY,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +44,7 @@ class Path:
     yaw_rate: float
     drag: PerAxis
     lift: float = 0.0
+    rotors: PerAxis = 0.0
 
     def derivative(self, order: int, times: Array) -> Array:
         angle = np.outer(times, self.frequency) + self.phase + 0.5 * np.pi * order
@@ -53,13 +59,14 @@ class Path:
             yaw_rate=self.yaw_rate,
             gravity=GRAVITY,
             drag=self.drag,
+            rotor_drag=self.rotors,
             translational_lift=self.lift,
         )
 
 
 def miss(path: Path, *, duration: float, step: float) -> float:
     """Return how far [m] the path is missed when its inputs are flown open loop from its start."""
-    vehicle = strong(path.drag, path.lift)
+    vehicle = strong(path)
     starts = step * np.arange(round(duration / step) + 1)
     start, middle = path.inputs(starts[:1]), path.inputs(starts[:-1] + 0.5 * step)
     R_WB = start.R_WB[0]
@@ -78,7 +85,7 @@ def miss(path: Path, *, duration: float, step: float) -> float:
 
 
 upright = st.builds(
-    lambda ax, ay, az, wx, wy, wz, phase, yaw, yaw_rate, drag, lift: Path(
+    lambda ax, ay, az, wx, wy, wz, phase, yaw, yaw_rate, drag, lift, rotors: Path(
         amplitude=np.array([ax, ay, az]),
         frequency=np.array([wx, wy, wz]),
         phase=np.array([0.0, phase, -phase]),
@@ -86,6 +93,7 @@ upright = st.builds(
         yaw_rate=yaw_rate,
         drag=drag,
         lift=lift,
+        rotors=rotors,
     ),
     *[st.floats(0.0, 4.0)] * 2,
     st.floats(0.0, 0.8),
@@ -96,6 +104,9 @@ upright = st.builds(
     st.floats(-2.0, 2.0),
     st.floats(0.0, 1.0) | st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.0, 1.0)),
     st.floats(0.0, 0.01),
+    st.just(0.0)
+    | st.floats(0.0, 0.5)
+    | st.tuples(st.floats(0.0, 0.4), st.floats(0.0, 0.4), st.floats(0.0, 0.5)),
 )
 
 # Upwards it accelerates by up to twice gravity downwards, so that the thrust points down there,
@@ -166,7 +177,8 @@ def test_newtons_law_holds_with_a_rotation(path: Path) -> None:
     assert_allclose(np.linalg.det(R_WB), np.ones(40))
     force = inputs.specific_thrust[:, None] * R_WB[:, :, 2]
     v_WB_B = np.einsum("nji,nj->ni", R_WB, path.derivative(1, times))
-    air = -np.array(per_axis(path.drag)) * v_WB_B
+    speed = np.sqrt(inputs.specific_thrust / GRAVITY)[:, None]
+    air = -(np.array(per_axis(path.drag)) + speed * per_axis(path.rotors)) * v_WB_B
     air[:, 2] += path.lift * (v_WB_B[:, 0] ** 2 + v_WB_B[:, 1] ** 2)
     outer = np.array([0.0, 0.0, -GRAVITY]) + np.einsum("nij,nj->ni", R_WB, air)
     assert_allclose(force + outer, path.derivative(2, times), atol=1e-10)
