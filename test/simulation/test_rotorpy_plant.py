@@ -80,7 +80,13 @@ def test_the_vehicle_file_describes_its_hummingbird() -> None:
     loaded = files.load(["rotorpy"], [], schema=SCHEMA)
     mpc, simulator = cast(MpcConfig, loaded["mpc"]), configured()
     strongest = quad_params["k_eta"] * quad_params["rotor_speed_max"] ** 2
+    rotors = quad_params["num_rotors"]
+    hover = math.sqrt(mpc.mass * mpc.gravity / (rotors * quad_params["k_eta"]))  # rad/s
+    along, across = (rotors * quad_params[k] * hover / mpc.mass for k in ("k_d", "k_z"))
+    lift = rotors * quad_params["k_h"] / mpc.mass
     for vehicle in (mpc, simulator):
+        assert_allclose(vehicle.rotor_drag, [along, along, across], rtol=1e-3)
+        assert_allclose(vehicle.translational_lift, lift, rtol=1e-3)
         assert vehicle.mass == quad_params["mass"]
         assert vehicle.motor_count == quad_params["num_rotors"]
         assert_allclose(vehicle.thrust_curve, [strongest, 0.0, 0.0], rtol=1e-12)
