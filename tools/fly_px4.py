@@ -1,12 +1,13 @@
 """Fly PX4, real or simulated, from take-off to landing, several times, and print how well.
 
-    python tools/fly_px4.py --config vehicle.yaml [--flights 5] [--out DIR] [--set NODE.P=V]...
+    python tools/fly_px4.py --config vehicle.yaml [--flights 5 | --short] [--out DIR] [--set N.P=V]
 
 PX4 and its uXRCE-DDS agent run already, disarmed on the ground, and px4_msgs is there
 (docs/stacks/px4.md). Bridge, reference and controller are those of the nodes, in this one
 process; PX4's own stamps are the clock, so a simulator slower than the wall clock does no harm.
 Each flight: engage, arm, take off, hover for 20 s, the reference of the configuration for 32 s,
-goals at the corners of a square of 2 m, land, and wait until PX4 disarms by itself.
+goals at the corners of a square of 2 m, land, and wait until PX4 disarms by itself. A short one
+hovers for 4 s and lands.
 """
 
 from __future__ import annotations
@@ -174,16 +175,19 @@ class Pilot:
         return self._live.go_to(self._last_ns, frame_id="odom", p_WB=goal, q_WB_xyzw=q)
 
 
-def course() -> list[Phase]:
+def course(*, short: bool) -> list[Phase]:
     """Return the phases of one flight in the air."""
-    return [
-        Phase("take off", lambda pilot: pilot.take_off(), 6.0),
-        Phase("hover", lambda pilot: None, 20.0),
+    about = [
         Phase("reference", lambda pilot: pilot.start(), 32.0, settled=4.0),
         *(
             Phase(f"corner {k + 1}", lambda pilot, at=corner: pilot.go_to(at), 6.0, settled=4.0)
             for k, corner in enumerate(CORNERS)
         ),
+    ]
+    return [
+        Phase("take off", lambda pilot: pilot.take_off(), 6.0),
+        Phase("hover", lambda pilot: None, 4.0 if short else 20.0),
+        *(() if short else about),
         Phase("land", lambda pilot: pilot.land(), 10.0),
     ]
 
@@ -232,8 +236,9 @@ HEADER = (
 class Flyer:
     """Flies the courses one after the other."""
 
-    def __init__(self, pilot: Pilot, executor: Any, *, patience: float) -> None:
+    def __init__(self, pilot: Pilot, executor: Any, *, patience: float, short: bool) -> None:
         self._pilot, self._executor, self._patience = pilot, executor, patience
+        self._short = short
 
     def fly(self) -> list[Phase]:
         """Fly once, from the ground to disarmed; raises ``TimeoutError``."""
@@ -242,7 +247,7 @@ class Flyer:
         self._spin(self._pilot.arm, until=lambda answer: self._pilot.engaged)
         self._pass(ground)
         flown = [ground]
-        for phase in course():
+        for phase in course(short=self._short):
             asked = phase.ask(self._pilot)
             if asked is not None and not asked.accepted:
                 self._spin(lambda phase=phase: phase.ask(self._pilot), until=lambda r: r.accepted)
@@ -288,6 +293,7 @@ def main() -> int:
     parser.add_argument("--config", action="append", default=[], metavar="FILE")
     parser.add_argument("--set", action="append", default=[], dest="assignments", metavar="N.P=V")
     parser.add_argument("--flights", type=int, default=1)
+    parser.add_argument("--short", action="store_true", help="take off, hover for 4 s and land")
     parser.add_argument("--out", type=Path, help="folder for a CSV file a flight")
     parser.add_argument("--patience", type=float, default=120.0, help="seconds for PX4 to answer")
     options = parser.parse_args()
@@ -297,7 +303,7 @@ def main() -> int:
     node, executor = rclpy.create_node("fly_px4"), SingleThreadedExecutor()
     executor.add_node(node)
     pilot = Pilot(config, node)
-    flyer = Flyer(pilot, executor, patience=options.patience)
+    flyer = Flyer(pilot, executor, patience=options.patience, short=options.short)
     bound = min(pilot.mpc.omega_max) - 1e-6
     for number in range(options.flights):
         print(f"flight {number + 1}", flush=True)
