@@ -151,6 +151,7 @@ setup(
             "simulator_node = quad_mpc_ros.nodes.simulator_node:main",
             "reference_node = quad_mpc_ros.nodes.reference_node:main",
             "mpc_node = quad_mpc_ros.nodes.mpc_node:main",
+            "stack_node = quad_mpc_ros.stack_node:main",
             "recorder_node = quad_mpc_ros.nodes.recorder_node:main",
             "visualisation_node = quad_mpc_ros.nodes.visualisation_node:main",
             "player_node = quad_mpc_ros.nodes.player_node:main",

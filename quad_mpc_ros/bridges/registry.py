@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from quad_mpc_ros.configuration import Configuration
+from quad_mpc_ros.configuration import Configuration, UserError
 
 GROUP = "quad_mpc_ros.bridges"
 
@@ -53,6 +53,18 @@ def bridge_configurations() -> dict[str, type[Configuration]]:
         except (ImportError, AttributeError):  # quad_mpc bridges tells of it
             continue
     return found
+
+
+def load_bridge(name: str) -> Any:
+    """Return the bridge of a name, with or without its ending ``_bridge``.
+
+    Raises :class:`UserError` for one that is not registered.
+    """
+    entries = {entry.name: entry for entry in _entries()}
+    entry = entries.get(name) or entries.get(f"{name}_bridge")
+    if entry is None:
+        raise UserError(f"--bridge: given {name!r}, expected one of {', '.join(entries)}")
+    return entry.load()
 
 
 def _entries() -> list[EntryPoint]:

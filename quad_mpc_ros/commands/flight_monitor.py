@@ -51,9 +51,17 @@ _ONLY_ONE = {
 _CLOCK_PEERS = 4
 
 
-def _expected(recorded: Collection[str] | None, *, watched: bool) -> dict[str, dict[str, int]]:
-    """Return who must hear whom of a vehicle, of which a monitor hears as well if ``watched``."""
+def _expected(
+    recorded: Collection[str] | None, *, watched: bool, together: bool
+) -> dict[str, dict[str, int]]:
+    """Return who must hear whom of a vehicle, of which a monitor hears as well if ``watched``.
+
+    MPC and reference ``together`` in one process need no DDS.
+    """
     peers = {node: dict(topics) for node, topics in _PEERS.items()}
+    if together:
+        del peers["mpc"][REFERENCE.name]
+        peers["reference"][REFERENCE.name] -= 1
     if not watched:
         peers["simulator"][ODOMETRY.name] -= 1
         peers["reference"][REFERENCE.name] -= 1
@@ -70,7 +78,8 @@ class FlightMonitor(Observer):
     """A small node of its own, spun from the main thread of ``quad_mpc fly``.
 
     It looks after the vehicles in ``namespaces``, of which it watches the first one fly.
-    ``recorded`` are the topics that are, if not all.
+    ``recorded`` are the topics that are, if not all; ``together`` are MPC and reference in one
+    process.
     """
 
     def __init__(
@@ -79,13 +88,15 @@ class FlightMonitor(Observer):
         lockstep: bool,
         namespaces: Sequence[str] = ("",),
         recorded: Collection[str] | None = None,
+        together: bool = False,
     ) -> None:
         super().__init__("quad_mpc_flight")
         self._prefixes = [f"{namespace}/" if namespace else "" for namespace in namespaces]
         self._peers: dict[str, dict[str, int]] = {}
         for prefix in self._prefixes:
             watched = prefix == self._prefixes[0]
-            for node, topics in _expected(recorded, watched=watched).items():
+            expected = _expected(recorded, watched=watched, together=together)
+            for node, topics in expected.items():
                 on_bag = node == "recorder"
                 self._peers[prefix + node] = {
                     f"/{prefix}{name}" if on_bag else name: count for name, count in topics.items()

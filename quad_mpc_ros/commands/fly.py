@@ -42,6 +42,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="simulated time that waits for every command: repeatable bit for bit",
     )
     parser.add_argument(
+        "--together",
+        action="store_true",
+        help="mpc and reference in one process, as stack_node does; with one vehicle",
+    )
+    parser.add_argument(
         "--vehicles",
         type=int,
         default=1,
@@ -58,15 +63,18 @@ def run(options: argparse.Namespace) -> int:
         raise UserError(
             f"--vehicles: given {options.vehicles}, expected 1 or more, and 1 with --lockstep"
         )
+    if options.together and options.vehicles > 1:
+        raise UserError(f"--together: expected --vehicles 1, given {options.vehicles}")
     # Other machines on the network fly their own; who wants them to hear this sets the variable.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     if options.vehicles > 1:
         return fly_fleet(options)
     config = run_configuration(options, lockstep=options.lockstep)
     print(f"flying the {config.reference.trajectory} into {config.out}", file=sys.stderr)
-    processes = start_all(config, lockstep=options.lockstep)
+    lockstep, together = options.lockstep, options.together
+    processes = start_all(config, lockstep=lockstep, together=together)
     try:
-        wall_seconds = _flight(config, processes, lockstep=options.lockstep)
+        wall_seconds = _flight(config, processes, lockstep=lockstep, together=together)
     except FlightError as failure:
         stop_all(processes)
         print(f"error: {failure}", file=sys.stderr)
@@ -77,14 +85,16 @@ def run(options: argparse.Namespace) -> int:
     return EXIT_FAILED if processes["recorder"].exit_code else code
 
 
-def _flight(config: RunConfig, processes: dict[str, NodeProcess], *, lockstep: bool) -> float:
+def _flight(
+    config: RunConfig, processes: dict[str, NodeProcess], *, lockstep: bool, together: bool
+) -> float:
     """Wait until the nodes hear each other, start the clock, wait for the end.
 
     Returns the seconds flown on the wall clock. Raises :class:`FlightError`.
     """
     from quad_mpc_ros.commands.flight_monitor import FlightMonitor
 
-    with FlightMonitor(lockstep=lockstep) as monitor:
+    with FlightMonitor(lockstep=lockstep, together=together) as monitor:
         _await_readiness(monitor, processes)
         monitor.start_simulator()
         flying = {node: process for node, process in processes.items() if node != "simulator"}

@@ -33,9 +33,9 @@ class FlightError(Exception):
 class NodeProcess:
     """One node, with its parameter file and its log in the folder of the run.
 
-    ``module`` is run instead of the node's own, ``remaps`` are topics by the name that the node
-    knows, ``overrides`` are parameters that win over those of the run, ``namespace`` is a
-    vehicle's.
+    ``module`` is run instead of the node's own, ``others`` are nodes in it as well, ``remaps`` are
+    topics by the name that the node knows, ``overrides`` are parameters that win over those of the
+    run, ``namespace`` is a vehicle's.
     """
 
     def __init__(
@@ -45,6 +45,7 @@ class NodeProcess:
         run: RunConfig,
         use_sim_time: bool = False,
         module: str | None = None,
+        others: Sequence[str] = (),
         remaps: Mapping[str, str] = MappingProxyType({}),
         overrides: Mapping[str, Any] = MappingProxyType({}),
         namespace: str = "",
@@ -56,19 +57,21 @@ class NodeProcess:
         self._log = run.out / "log" / f"{node}.log"
         self._log.parent.mkdir(exist_ok=True)
         parameters = self._log.with_suffix(".yaml")
-        values = {
-            **getattr(run, node).flattened(),
-            "use_sim_time": use_sim_time,
-            # The flight begins when all is ready: then the simulator is started, and not before.
-            "autostart": node != "simulator",
-            **overrides,
-        }
-        full_name = f"/{namespace}/{node}" if namespace else node
-        parameters.write_text(files.dump(full_name, values), encoding="utf-8")
+        texts = []
+        for name in (node, *others):
+            values = {
+                **getattr(run, name).flattened(),
+                "use_sim_time": use_sim_time,
+                # The flight begins when all is ready: then the simulator is started, not before.
+                "autostart": name != "simulator",
+                **overrides,
+            }
+            texts.append(files.dump(f"/{namespace}/{name}" if namespace else name, values))
+        parameters.write_text("".join(texts), encoding="utf-8")
         # Appended: a node may be started more than once in a run.
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(
-                _command_line(module or f"{node}_node", parameters, names),
+                _command_line(module or f"nodes.{node}_node", parameters, names),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -119,7 +122,7 @@ def run_in_foreground(node: str, ros_arguments: Sequence[str]) -> int:
     Raises ``KeyboardInterrupt`` on Ctrl-C, which the node gets as well, after it has ended.
     """
     process = subprocess.Popen(
-        (*_module(f"{node}_node"), "--ros-args", *ros_arguments),
+        (*_module(f"nodes.{node}_node"), "--ros-args", *ros_arguments),
         stdin=subprocess.DEVNULL,
         env=_environment(),
         preexec_fn=_die_with_parent,
@@ -141,8 +144,13 @@ def require_ros(command: str, *, instead: str = "") -> None:
         )
 
 
-def start_all(run: RunConfig, *, lockstep: bool, namespace: str = "") -> dict[str, NodeProcess]:
-    """Start every node of a flight; in lockstep all but the simulator follow its clock."""
+def start_all(
+    run: RunConfig, *, lockstep: bool, namespace: str = "", together: bool = False
+) -> dict[str, NodeProcess]:
+    """Start every node of a flight; in lockstep all but the simulator follow its clock.
+
+    MPC and reference ``together`` are one process, by the name of the MPC.
+    """
     from quad_mpc_ros.commands.run_configuration import SCHEMA
 
     return {
@@ -151,8 +159,11 @@ def start_all(run: RunConfig, *, lockstep: bool, namespace: str = "") -> dict[st
             run=run,
             use_sim_time=lockstep and node != "simulator",
             namespace=namespace,
+            module="stack_node" if together and node == "mpc" else None,
+            others=("reference",) if together and node == "mpc" else (),
         )
         for node in SCHEMA
+        if not (together and node == "reference")
     }
 
 
@@ -168,7 +179,7 @@ def _command_line(module: str, parameters: Path, remaps: Mapping[str, str]) -> S
 
 
 def _module(module: str) -> Sequence[str]:
-    return (sys.executable, "-P", "-m", f"quad_mpc_ros.nodes.{module}")
+    return (sys.executable, "-P", "-m", f"quad_mpc_ros.{module}")
 
 
 def _environment() -> dict[str, str]:

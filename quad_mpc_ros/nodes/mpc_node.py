@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import sys
+from collections import deque
 from typing import Any
 
 from quad_mpc_ros import realtime
@@ -13,6 +14,7 @@ from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
+from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.clocks import SteadyTime
@@ -40,8 +42,11 @@ class MpcNode(ManagedNode[MpcConfig]):
     _controller: Controller
     _standby: Standby
 
-    def __init__(self) -> None:
+    def __init__(self, *, hears_reference: bool = True) -> None:
+        """Make it; without ``hears_reference`` windows come by :meth:`take_reference` alone."""
         super().__init__("mpc", MpcConfig)
+        self._hears_reference, self._in_lockstep = hears_reference, False
+        self._handed: deque[tuple[ReferenceWindow, int]] = deque(maxlen=1)
         self._tick: Tick | None = None
         self._time = SteadyTime(self.get_clock())
         self.start()
@@ -61,6 +66,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         with told(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds)
         self._standby = Standby()
+        self._in_lockstep = config.lockstep
         self._engaged: bool | None = None  # where no bridge says it, commands act
         self._landed: bool | None = None
         self._command = self.health.publisher(topics.COMMAND)
@@ -71,7 +77,8 @@ class MpcNode(ManagedNode[MpcConfig]):
 
         # Bytes in and out: the objects that rclpy makes of them take longer than the control step.
         self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
-        self.managed_subscription(topics.REFERENCE, self._on_reference, raw=True)
+        if self._hears_reference:
+            self.managed_subscription(topics.REFERENCE, self._on_reference, raw=True)
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
@@ -100,7 +107,23 @@ class MpcNode(ManagedNode[MpcConfig]):
         """Apply live parameters between two ticks."""
         self._controller.reconfigure(config)
 
+    def take_reference(self, window: ReferenceWindow) -> None:
+        """Take a window from another node of this process, in whichever thread.
+
+        It is looked at with the next odometry; in lockstep, where that waits for it, at once.
+        """
+        self._handed.append((window, self._time.now_ns()))
+        if self._in_lockstep and self.executor is not None:
+            self.executor.create_task(self._receive_handed)
+
+    def _receive_handed(self) -> None:
+        """Take the newest window that was handed over, if there is one."""
+        if self._handed and self._configured:
+            window, now_ns = self._handed.pop()
+            self._receive_reference(window, now_ns=now_ns)
+
     def _on_odometry(self, data: bytes) -> None:
+        self._receive_handed()
         now_ns = self._time.now_ns()
         try:
             odometry = odometry_in(data)
@@ -119,7 +142,9 @@ class MpcNode(ManagedNode[MpcConfig]):
         except ValueError as error:
             self._warn(str(error))
             return
-        now_ns = self._time.now_ns()
+        self._receive_reference(window, now_ns=self._time.now_ns())
+
+    def _receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
         self._standby.receive_reference(window, now_ns=now_ns)
         if self.active:
             self._finish(self._controller.receive_reference(window, now_ns=now_ns))
@@ -147,6 +172,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._warn(str(error))
 
     def _on_watch(self) -> None:
+        self._receive_handed()
         if self.active:
             self._finish(self._controller.watch(now_ns=self._time.now_ns()))
 

@@ -25,7 +25,7 @@ from quad_mpc_ros.messages.topics import (
     REFERENCE_PATH,
     TRAJECTORY,
 )
-from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
@@ -75,8 +75,10 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     _config: ReferenceConfig
     _live: LiveReference
 
-    def __init__(self) -> None:
+    def __init__(self, *, hand_over: Callable[[ReferenceWindow], None] | None = None) -> None:
+        """Make it; windows are handed over to another node of the process as well."""
         super().__init__("reference", ReferenceConfig)
+        self._hand_over = hand_over
         self._newest_ns = 0
         self._steady = SteadyTime(self.get_clock())
         self._publishing = threading.Lock()
@@ -266,6 +268,10 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if window is None:
             return
         window = replace(window, stamp_ns=now_ns + self._stamps.ahead_ns)
+        if self._hand_over is not None:
+            self._hand_over(window)
+            if self._reference.get_subscription_count() == 0:
+                return
         self._reference.publish(cdr.written_reference(window, child_frame_id=_BODY_FRAME))
 
     def _publish_path(self, samples: TrajectorySamples) -> None:

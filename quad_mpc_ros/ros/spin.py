@@ -1,11 +1,12 @@
-"""Running a node from the command line: start, spin, end cleanly, exit code."""
+"""Running nodes from the command line: start, spin, end cleanly, exit code."""
 
 from __future__ import annotations
 
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+import traceback
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -23,6 +24,7 @@ from quad_mpc_ros.ros.rclpy_internals import RCLError, fastest_executor
 EXIT_BAD_INPUT = 2
 # A signal that comes just before the executor waits does not wake it; then it ends this late.
 _SPIN_TIMEOUT = 1.0
+_SWITCH_INTERVAL = 0.0005  # s; Python's own are 5 ms, a quarter of a control period
 
 
 def run(
@@ -40,26 +42,41 @@ def run(
         The exit code: 2 for a wrong parameter, which is one line on stderr.
     """
     with _heard_once(process_ends=args is None) as finishing:
-        return _run(create, args, finishing, message_info=message_info)
+        return _run([create], args, finishing, message_info=message_info)
+
+
+def run_together(creates: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
+    """Make nodes in one process, as :func:`run` does one, and end all when one ends.
+
+    The first has the main thread, each of the others one of its own: what takes one of them long
+    is not to delay another. Who of them runs is decided anew every half a millisecond.
+    """
+    sys.setswitchinterval(_SWITCH_INTERVAL)
+    with _heard_once(process_ends=args is None) as finishing:
+        return _run(creates, args, finishing)
 
 
 def _run(
-    create: Callable[[], Node],
+    creates: Sequence[Callable[[], Node]],
     args: list[str] | None,
     finishing: Callable[[], None],
     *,
-    message_info: bool,
+    message_info: bool = False,
 ) -> int:
-    node: Node | None = None
+    nodes: list[Node] = []
+    threads: list[threading.Thread] = []
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.ALL)
-        node = create()
-        refuse_unread_files(
-            node.get_name(), node.get_namespace(), sys.argv if args is None else args
-        )
+        for create in creates:
+            nodes.append(create())
+        for node in nodes:
+            refuse_unread_files(
+                node.get_name(), node.get_namespace(), sys.argv if args is None else args
+            )
         settle_memory()
+        threads += map(_spinning, nodes[1:])
         # Never the multi-threaded executor: a single thread owns the controller.
-        _spin(node, fastest_executor(message_info=message_info))
+        _spin(nodes[0], fastest_executor(message_info=message_info))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
@@ -71,10 +88,14 @@ def _run(
         # else told to end while still starting: rclpy then fails at whatever comes next
     finally:
         finishing()
-        if node is not None:
+        if threads:
+            rclpy.try_shutdown()  # which ends their spinning
+        for thread in threads:
+            thread.join()
+        for node in reversed(nodes):
             node.destroy_node()
         rclpy.try_shutdown()
-    return int(getattr(node, "exit_code", 0))
+    return max((int(getattr(node, "exit_code", 0)) for node in nodes), default=0)
 
 
 @contextmanager
@@ -116,6 +137,25 @@ def _heard_once(*, process_ends: bool) -> Iterator[Callable[[], None]]:
 def stop() -> None:
     """Let the spinning node end after the callback that runs now."""
     rclpy.try_shutdown()
+
+
+def _spinning(node: Any) -> threading.Thread:
+    """Return a thread that spins a node; a defect of it ends all of the process."""
+
+    def spin() -> None:
+        try:
+            _spin(node, fastest_executor(message_info=False))
+        except ExternalShutdownException:
+            pass
+        except Exception:
+            if rclpy.ok():
+                node.get_logger().fatal(traceback.format_exc())
+                node.exit_code = 1
+                stop()
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    return thread
 
 
 def _spin(node: Node, executor: Any) -> None:

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -34,9 +34,12 @@ MATCHING = 0.3
 
 
 @contextmanager
-def _node_process(name: str, *arguments: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
+def _node_process(
+    name: str, *arguments: str, before: Sequence[str], log: Path
+) -> Iterator[subprocess.Popen[bytes]]:
     """Run a node; it is ended by SIGINT at the end of the block, by force if need be."""
-    command = [sys.executable, "-m", f"quad_mpc_ros.nodes.{name}_node", "--ros-args", *arguments]
+    module = f"quad_mpc_ros.{'stack_node' if name == 'stack' else f'nodes.{name}_node'}"
+    command = [sys.executable, "-m", module, *before, "--ros-args", *arguments]
     with log.open("wb") as output:
         process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
     try:
@@ -93,12 +96,18 @@ def peer() -> Iterator[Peer]:
 
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
-    """Start nodes by name and ROS arguments; they end with the test. Logs: tmp_path/<name>.log."""
+    """Start nodes by name and ROS arguments, with others ``before`` those; they end with the test.
+
+    Logs: tmp_path/<name>.log.
+    """
     with ExitStack() as stack:
 
-        def start_node(name: str, *arguments: str) -> subprocess.Popen[bytes]:
+        def start_node(
+            name: str, *arguments: str, before: Sequence[str] = ()
+        ) -> subprocess.Popen[bytes]:
             log = tmp_path / f"{name}.log"
-            return stack.enter_context(_node_process(name, *arguments, log=log))
+            process = _node_process(name, *arguments, before=before, log=log)
+            return stack.enter_context(process)
 
         yield start_node
 

@@ -60,6 +60,14 @@ def test_simulate_commands_what_the_lockstep_flight_does(lockstep: Path, tmp_pat
     assert _commands(out) == _commands(lockstep)
 
 
+def test_in_one_process_mpc_and_reference_fly_the_same(lockstep: Path, tmp_path: Path) -> None:
+    together = _fly(tmp_path / "together", "--lockstep", "--together")
+    assert _commands(together) == _commands(lockstep)
+    with AnyReader([together / "bag"]) as reader:  # which others hear as before
+        connections = [c for c in reader.connections if c.topic == "/reference"]
+        assert sum(1 for _ in reader.messages(connections)) >= 500
+
+
 def test_a_lockstep_flight_resolves_to_the_same_commands(lockstep: Path, tmp_path: Path) -> None:
     assert main(["resolve", str(lockstep), "--out", str(tmp_path / "again")]) == 0
     assert _commands(tmp_path / "again") == _commands(lockstep)

@@ -92,7 +92,8 @@ def test_every_executable_has_its_main_function(name: str, target: str) -> None:
     room, stem = ("bridges", name.removesuffix("_bridge"))
     if stem == name:
         room, stem = "nodes", name
-    assert name == "quad_mpc" or module == f"quad_mpc_ros.{room}.{stem}"
+    expected = {"quad_mpc": "cli", "stack_node": "stack_node"}.get(name, f"{room}.{stem}")
+    assert module == f"quad_mpc_ros.{expected}"
     assert callable(operator.attrgetter(attribute)(importlib.import_module(module)))
 
 

@@ -143,10 +143,12 @@ class Node:
 
     executable: Any
     package: Any
-    name: Any
     namespace: Any
     parameters: list[Any]
     output: str
+    name: Any = ""
+    arguments: list[Any] = field(default_factory=list)
+    ros_arguments: list[Any] = field(default_factory=list)
     remappings: list[tuple[Any, Any]] = field(default_factory=list)
     condition: IfCondition | None = None
 
@@ -197,7 +199,10 @@ MODULES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Started:
-    """A node as it would be started; ``parameters`` are files and values, later ones win."""
+    """A node as it would be started; ``parameters`` are files and values, later ones win.
+
+    ``words`` are its arguments, those for ROS last.
+    """
 
     package: str
     executable: str
@@ -205,6 +210,7 @@ class Started:
     namespace: str
     parameters: tuple[Path | dict[str, Any], ...]
     remappings: dict[str, str]
+    words: tuple[str, ...]
 
 
 def started(node: Node, context: Context) -> Started:
@@ -221,6 +227,7 @@ def started(node: Node, context: Context) -> Started:
             for each in node.parameters
         ),
         remappings={context.text(a): context.text(b) for a, b in node.remappings},
+        words=tuple(map(context.text, [*node.arguments, *node.ros_arguments])),
     )
 
 
@@ -288,6 +295,8 @@ CALLS: list[tuple[str, dict[str, str]]] = [
     ("mpc.launch.py", {"with_reference": "false", "odom": "/uav1/odometry/filtered"}),
     *(("bridge.launch.py", {"bridge": bridge}) for bridge in BRIDGES),
     ("bridge.launch.py", {"bridge": "px4", "with_reference": "false", "namespace": "uav1"}),
+    ("stack.launch.py", {}),
+    *(("stack.launch.py", {"bridge": bridge, "namespace": "uav1"}) for bridge in BRIDGES),
 ]
 IDS = ["-".join((file.partition(".")[0], *given.values())) for file, given in CALLS]
 
@@ -305,6 +314,11 @@ def test_every_node_exists_and_takes_its_parameters(
     for node in nodes:
         assert node.package == "quad_mpc_ros"
         assert node.executable in declared("console_scripts")
+        if node.executable == "stack_node":  # several, which keep their names
+            assert node.name == ""
+            assert node.words[:2] == ("--bridge", given.get("bridge", "none"))
+            assert node.words[2:] == ("-p", "reference:mode:=on_request")
+            continue
         # Parameter files speak of nodes by their names, and those are told apart by them.
         assert node.executable in (f"{node.name}_node", node.name)
         if file != "fleet.launch.py":
@@ -343,8 +357,10 @@ def test_one_vehicle_file_serves_every_node_beside_a_bridge(
 def test_beside_rosflight_the_commands_of_the_mpc_have_a_name_of_their_own(launch: Launch) -> None:
     for bridge in ("rosflight", "px4"):
         (mpc,) = (n for n in launch("bridge.launch.py", bridge=bridge) if n.name == "mpc")
-        config = CONFIGS[f"{bridge}_bridge"]()
-        assert mpc.remappings.get("command", "command") == config.flattened()["mpc_command_topic"]
+        topic = CONFIGS[f"{bridge}_bridge"]().flattened()["mpc_command_topic"]
+        assert mpc.remappings.get("command", "command") == topic
+        (stack,) = launch("stack.launch.py", bridge=bridge)
+        assert stack.remappings.get("mpc:command", "command") == topic
 
 
 def test_each_vehicle_of_a_fleet_has_its_nodes_in_a_namespace_of_its_own(launch: Launch) -> None:

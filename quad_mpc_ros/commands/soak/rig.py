@@ -76,7 +76,7 @@ class Rig(Observer):
         """Start a node, with parameters that win over those of the run."""
         module, remaps = None, {}
         if node == "mpc" and self._relays:
-            module = "mpc_with_faults"
+            module = "nodes.mpc_with_faults"
             remaps = {topic.name: PREFIX + topic.name for topic in (ODOMETRY, REFERENCE)}
         self.processes[node] = NodeProcess(
             node, run=self._run, module=module, remaps=remaps, overrides=overrides
