@@ -19,7 +19,7 @@ from quad_mpc_ros.nodes.published_order import PublishedOrder
 from quad_mpc_ros.nodes.topic_recorder import TopicRecorder
 from quad_mpc_ros.recordings.config import RecorderConfig, TopicSelection
 from quad_mpc_ros.recordings.parameters import write_parameters
-from quad_mpc_ros.recordings.writer import BagWriter, Split, exists_already
+from quad_mpc_ros.recordings.writer import BagExistsError, BagWriter, Split
 from quad_mpc_ros.ros.messages import message_class
 
 
@@ -35,7 +35,7 @@ class Recorder:
     ) -> None:
         """Prepare it. Raises :class:`BagError` when the folder of the bag exists already."""
         if config.directory and Path(config.directory).exists():
-            raise exists_already(Path(config.directory))
+            raise BagExistsError(Path(config.directory))
         self._node = node
         self._config = config
         self._on_fault = on_fault
@@ -77,7 +77,7 @@ class Recorder:
         Raises :class:`BagError` when it cannot be created.
         """
         if self._writer is None:
-            self._writer = _new_bag(self._config)
+            self._writer = new_bag(self._config)
             write_parameters(self._writer, self._node.get_name(), self._config.flattened())
         self.poll()
         return self._writer.directory
@@ -206,9 +206,22 @@ class Recorder:
             self._on_fault(self.fault)
 
 
-def _new_bag(config: RecorderConfig) -> BagWriter:
+def new_bag(config: RecorderConfig) -> BagWriter:
+    """Begin a bag where it is asked for, or else under a name that no other recorder has taken."""
+    if config.directory:
+        return _bag_in(Path(config.directory), config)
+    name = datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
+    names = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(1)))
+    while True:
+        try:
+            return _bag_in(Path(next(names)), config)
+        except BagExistsError:
+            pass  # of a vehicle beside this one that began in the same second
+
+
+def _bag_in(directory: Path, config: RecorderConfig) -> BagWriter:
     return BagWriter(
-        _directory(config),
+        directory,
         compression=config.compression,  # type: ignore[arg-type]
         split=Split(
             max_size=config.max_bag_size,
@@ -216,11 +229,3 @@ def _new_bag(config: RecorderConfig) -> BagWriter:
         ),
         durable=config.sync,
     )
-
-
-def _directory(config: RecorderConfig) -> Path:
-    if config.directory:
-        return Path(config.directory)
-    name = datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
-    names = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(1)))
-    return next(path for path in map(Path, names) if not path.exists())

@@ -237,9 +237,11 @@ class BagWriter:
             ) from error
 
 
-def exists_already(directory: Path) -> BagError:
-    """Return what is told when a bag is to be written where something is."""
-    return BagError(f"{directory} exists already; choose another name or move it")
+class BagExistsError(BagError):
+    """A bag is to be written where something is."""
+
+    def __init__(self, directory: Path) -> None:
+        super().__init__(f"{directory} exists already; choose another name or move it")
 
 
 @contextmanager
@@ -247,7 +249,7 @@ def _creating(directory: Path) -> Iterator[None]:
     try:
         yield
     except FileExistsError as error:
-        raise exists_already(directory) from error
+        raise BagExistsError(directory) from error
     except OSError as error:
         raise BagError(
             f"{directory} cannot be created: {os_reason(error)}; choose a directory that you "

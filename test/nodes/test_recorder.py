@@ -8,8 +8,10 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -21,6 +23,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
 from std_msgs.msg import Header, Int32, String
 
+from quad_mpc_ros.nodes.recorder import new_bag
+from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.repair import repair
 
@@ -331,3 +335,20 @@ def test_killed_at_any_moment_at_most_the_last_second_is_lost(
         assert all(killed - moment < 1.0 for moment in sent[kept[-1] + 1 :])
         peer.node.destroy_publisher(publisher)
         peer.spin(0.2)
+
+
+def test_recorders_that_begin_in_one_second_have_bags_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    begin = threading.Barrier(4)
+
+    def record() -> Path:
+        begin.wait()
+        with new_bag(RecorderConfig()) as bag:
+            return bag.directory
+
+    with ThreadPoolExecutor(4) as threads:
+        directories = [future.result() for future in [threads.submit(record) for _ in range(4)]]
+    assert len(set(directories)) == 4
+    assert all((directory / "metadata.yaml").is_file() for directory in directories)
