@@ -97,8 +97,8 @@ class _Fit:
         low = (theta <= _LOWEST[:_TOLD] + margin) & (_LOWEST[:_TOLD] != 0.0)
         return np.asarray(low | (theta >= _HIGHEST[:_TOLD] - margin))
 
-    def estimates(self, parameters: NDArray[np.intp]) -> dict[int, Estimate]:
-        """Return what is told of parameters."""
+    def estimates(self, parameters: NDArray[np.intp], *, told: bool) -> dict[int, Estimate]:
+        """Return what is found of parameters, and, if they are ``told``, whether it is of use."""
         least = _LEAST_SHARE * np.abs(self.theta[:_TOLD])
         width, enough, at_bound = np.maximum(self.half_width, least), self.enough, self.at_bound
         return {
@@ -106,7 +106,7 @@ class _Fit:
                 value=float(self.theta[p]),
                 half_width=float(width[p]),
                 seen=bool(self.alone[p] <= enough[p]),
-                observable=bool(width[p] <= enough[p] and not at_bound[p]),
+                observable=bool(told and width[p] <= enough[p] and not at_bound[p]),
                 at_bound=bool(at_bound[p]),
             )
             for p in parameters.tolist()
@@ -154,9 +154,9 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
         theta, untold = found.theta.copy(), _untold(found, free, held)
         if not len(untold):
             break
-        estimates |= found.estimates(untold)
+        estimates |= found.estimates(untold, told=False)
         theta[untold], free[untold] = held[untold], False
-    estimates |= found.estimates(np.flatnonzero(free[:_TOLD]))
+    estimates |= found.estimates(np.flatnonzero(free[:_TOLD]), told=True)
     axes = {
         name: tuple(estimates[p] for p in range(each.start, each.stop))
         for name, each in (
@@ -214,13 +214,14 @@ def _untold(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.in
     """Return what the flight does not show at all, or else what it tells the least, if too little.
 
     One that is held as given may be what the others were mistaken for. Before all others the drag
-    of the rotors that is not apart from what is ``given`` (21,).
+    of the rotors that is not apart from what is ``given`` (21,), or blurs that of the body.
     """
     rotors = np.arange(ROTOR_DRAG.start, ROTOR_DRAG.stop)
     width = np.maximum(_APART * found.half_width, found.enough)[ROTOR_DRAG]
-    alike = free[ROTOR_DRAG] & (np.abs(found.theta - given)[ROTOR_DRAG] <= width)
-    if alike.any():
-        return rotors[alike]
+    alike = np.abs(found.theta - given)[ROTOR_DRAG] <= width
+    blurs = (found.half_width > found.enough)[DRAG]
+    if (free[ROTOR_DRAG] & (alike | blurs)).any():
+        return rotors[free[ROTOR_DRAG] & (alike | blurs)]
     width = np.where(free[:_TOLD], found.half_width / found.enough, 0.0)
     alone = np.where(free[:_TOLD], found.alone / found.enough, 0.0)
     unseen = np.flatnonzero((alone > 1.0) | (free[:_TOLD] & found.at_bound))

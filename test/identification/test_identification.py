@@ -531,6 +531,15 @@ def test_where_there_is_none_nothing_is_said_of_the_rotors_drag() -> None:
     assert "    rotor_drag: 0.0  # kept, not told\n" in text
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_is_not_taken_for_drag_of_the_rotors(seed: int) -> None:
+    """What is found for it before it is held as given is not believed, either."""
+    found = identified(noisy(flown(**EACH_AXIS, duration=20.0, seed=seed), seed=seed))
+    assert not any(estimate.observable for estimate in found.rotor_drag)
+    parameters = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
+    assert yaml.safe_load(parameters)["/**/mpc"]["ros__parameters"]["rotor_drag"] == 0.0
+
+
 def test_a_number_near_nothing_is_written_as_one() -> None:
     """YAML takes 1e-07 for text."""
     found = identified(noisy(flown(**EACH_AXIS)))
