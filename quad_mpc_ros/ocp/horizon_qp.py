@@ -19,11 +19,11 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.ocp.sparse import SparseMatrix
 from quad_mpc_ros.ocp.stages import (
     HorizonPattern,
     HorizonStages,
@@ -375,22 +375,14 @@ def _settle_slacks(
 
 def _assemble(
     blocks: list[tuple[Mask, int, int]], *, shape: tuple[int, int]
-) -> tuple[sp.csc_matrix, _Places]:
+) -> tuple[SparseMatrix, _Places]:
     """Return the matrix of the blocks' pattern, full of zeros, and where each entry's data is.
 
-    Entries are listed one block after another. SciPy would drop explicit zeros, so the numbering
-    travels through the conversion as data, counted from one.
+    Entries are listed one block after another.
     """
     rows, columns = [], []
     for mask, row, column in blocks:
         block_rows, block_columns = np.nonzero(mask)
         rows.append(block_rows + row)
         columns.append(block_columns + column)
-    row_index, column_index = np.concatenate(rows), np.concatenate(columns)
-    numbering = np.arange(1.0, len(row_index) + 1.0)
-    matrix = sp.csc_matrix((numbering, (row_index, column_index)), shape=shape)
-    matrix.sort_indices()
-    places = np.empty(len(row_index), dtype=np.intp)
-    places[matrix.data.astype(np.intp) - 1] = np.arange(len(row_index))
-    matrix.data[:] = 0.0
-    return matrix, places
+    return SparseMatrix.of_pattern(np.concatenate(rows), np.concatenate(columns), shape=shape)

@@ -1,22 +1,48 @@
 """OSQP's compiled solver, called directly: the one file that uses what OSQP keeps to itself.
 
-The Python layer of OSQP spends a quarter of a solve on copying results that nobody reads. The
-tests compare the two ways, with the oldest and the newest OSQP, and say what a new version lacks.
+The Python layer of OSQP spends a quarter of a solve on copying results that nobody reads, and to
+import it takes SciPy and Jinja with it: 17 MB, and a third of what a node imports. The tests
+compare the two ways, with the oldest and the newest OSQP, and say what a new version lacks.
 """
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from collections.abc import Callable
-from typing import NamedTuple
-
-import osqp
-import scipy.sparse as sp
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from quad_mpc_ros.lie import Array
+from quad_mpc_ros.ocp.sparse import SparseMatrix
 
-SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
-OUT_OF_TIME = int(osqp.SolverStatus.OSQP_TIME_LIMIT_REACHED)
-OUT_OF_ITERATIONS = int(osqp.SolverStatus.OSQP_MAX_ITER_REACHED)
+
+def _extension() -> Any:
+    """Return OSQP's compiled solver, of which there may be but one in a process."""
+    name = "osqp.ext_builtin"
+    package = importlib.util.find_spec("osqp")
+    folders = package.submodule_search_locations if package is not None else None
+    for folder in [] if name in sys.modules else folders or []:
+        for suffix in EXTENSION_SUFFIXES:
+            path = Path(folder, f"ext_builtin{suffix}")
+            spec = importlib.util.spec_from_file_location(name, path) if path.exists() else None
+            if spec is not None and spec.loader is not None:
+                sys.modules[name] = module = importlib.util.module_from_spec(spec)
+                spec.loader.exec_module(module)
+                return module
+    if name in sys.modules:
+        return sys.modules[name]
+    from osqp import ext_builtin  # wherever it may be
+
+    return ext_builtin
+
+
+_OSQP = _extension()
+_STATUS = _OSQP.osqp_status_type
+SOLVED = int(_STATUS.OSQP_SOLVED)
+OUT_OF_TIME = int(_STATUS.OSQP_TIME_LIMIT_REACHED)
+OUT_OF_ITERATIONS = int(_STATUS.OSQP_MAX_ITER_REACHED)
 
 
 class OsqpResult(NamedTuple):
@@ -42,17 +68,23 @@ class OsqpAdapter:
     def __init__(
         self,
         *,
-        P: sp.csc_matrix,
+        P: SparseMatrix,
         q: Array,
-        A: sp.csc_matrix,
+        A: SparseMatrix,
         lower: Array,
         upper: Array,
         settings: dict[str, float],
     ) -> None:
         """Set up OSQP. ``P`` is the upper triangle; ``settings`` are OSQP's own, by its names."""
-        self._osqp = osqp.OSQP()
-        self._osqp.setup(P=P, q=q, A=A, l=lower, u=upper, **settings)
-        self._solver = self._osqp._solver
+        chosen = _OSQP.OSQPSettings()
+        _OSQP.osqp_set_default_settings(chosen)
+        for name, value in settings.items():
+            setattr(chosen, name, value)
+        rows, columns = A.shape
+        self._solver = _OSQP.OSQPSolver(
+            _OSQP.CSC(P), q, _OSQP.CSC(A), lower, upper, rows, columns, chosen
+        )
+        self._solver.update_rho(settings["rho"])  # as OSQP's own layer does
         # They are views of what the solver writes; each look at x and y makes a copy.
         self._info, self._solution = self._solver.info, self._solver.solution
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import piqp
 import pytest
-from fixtures.stages import changed, stages_of
+from fixtures.stages import as_scipy, changed, stages_of
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.control.mpc import Mpc
@@ -184,9 +184,9 @@ def kkt_residuals(qp: HorizonQP, z: Array) -> tuple[float, float, float]:
     are what is then left of the gradient in the inputs.
     """
     n, nx, nu = qp.pattern.steps, len(qp.pattern.state_size), len(qp.pattern.input_size)
-    upper_triangle = qp.P.toarray()
+    upper_triangle = as_scipy(qp.P).toarray()
     P = upper_triangle + np.triu(upper_triangle, 1).T
-    A = qp.A.toarray()
+    A = as_scipy(qp.A).toarray()
     value = A @ z
     primal = max(np.max(qp.lower - value), np.max(value - qp.upper))
 
@@ -260,7 +260,7 @@ def matrix_pattern(qp: HorizonQP) -> tuple[bytes, ...]:
 def test_a_stage_touches_only_its_neighbours() -> None:
     """Interleaved variables make the factorisation cheap: cost grows with N, not its cube."""
     qp = HorizonQP(a_pattern(9))
-    entries = qp.A.tocoo()
+    entries = as_scipy(qp.A).tocoo()
     dynamics = entries.row < 9 * 4
     stage_of_row, stage_of_column = entries.row // 4, entries.col // 6
     assert np.abs(stage_of_row - stage_of_column)[dynamics].max() == 1

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from importlib.metadata import version
 
 import osqp
 import pytest
+from fixtures.stages import as_scipy
 from numpy.testing import assert_array_equal
 
 from quad_mpc_ros.mpc_config import SolverParameters
@@ -30,7 +33,7 @@ def qp(flown_pattern: HorizonPattern, stages: list[HorizonStages]) -> HorizonQP:
 
 def test_the_compiled_solver_has_what_the_adapter_calls(qp: HorizonQP) -> None:
     public = osqp.OSQP()
-    public.setup(P=qp.P, q=qp.q, A=qp.A, l=qp.lower, u=qp.upper, verbose=False)
+    public.setup(P=as_scipy(qp.P), q=qp.q, A=as_scipy(qp.A), l=qp.lower, u=qp.upper, verbose=False)
     public.solve(raise_error=False)
     needed = {
         "_solver": ("update_data_vec", "update_data_mat", "warm_start", "solve"),
@@ -56,7 +59,7 @@ def test_the_public_interface_of_osqp_gives_the_same(
     solver.solve()
     public = osqp.OSQP()
     public.setup(
-        P=qp.P, q=qp.q, A=qp.A, l=qp.lower, u=qp.upper, verbose=False,
+        P=as_scipy(qp.P), q=qp.q, A=as_scipy(qp.A), l=qp.lower, u=qp.upper, verbose=False,
         eps_abs=1e-3, eps_rel=1e-3, max_iter=400, scaling=1,
         check_termination=5, rho=0.3, alpha=1.4,
         adaptive_rho=1, adaptive_rho_interval=10,
@@ -73,3 +76,21 @@ def test_the_public_interface_of_osqp_gives_the_same(
         assert found.primal_residual == first.info.prim_res
         assert found.dual_residual == first.info.dual_res
         assert found.status == first.info.status
+
+
+def test_a_controller_does_without_what_osqp_imports() -> None:
+    """And OSQP itself may be imported after it."""
+    code = (
+        "import sys\n"
+        "from quad_mpc_ros.control.controller import Controller\n"
+        "print(*{'scipy', 'jinja2', 'osqp.interface'} & sys.modules.keys())\n"
+        "from quad_mpc_ros.ocp import osqp_adapter\n"
+        "import osqp\n"
+        "assert osqp.SolverStatus.OSQP_SOLVED == osqp_adapter.SOLVED\n"
+        "assert osqp.OSQP().ext is sys.modules['osqp.ext_builtin']\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.strip() == ""
