@@ -189,7 +189,8 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._warn(warning)
 
     def _publish_insight(self, tick: Tick) -> None:
-        self._stats.publish(diagnostics.written_stats(tick.stats))
+        if self._stats.get_subscription_count() > 0:  # else nobody reads them
+            self._stats.publish(diagnostics.written_stats(tick.stats))
         if tick.plan is not None and self._path_is_due(tick.plan.stamp_ns):
             frame_id = self._controller.config.odometry.frame_id
             self._predicted_path.publish(conversions.written_plan(tick.plan, frame_id=frame_id))

@@ -1,15 +1,17 @@
 """OSQP's compiled solver, called directly: the one file that uses what OSQP keeps to itself.
 
 The Python layer of OSQP spends a quarter of a solve on copying results that nobody reads, and to
-import it takes SciPy and Jinja with it: 17 MB, and a third of what a node imports. The tests
+import it takes SciPy and Jinja with it: 15 MB, and a third of what a node imports. The tests
 compare the two ways, with the oldest and the newest OSQP, and say what a new version lacks.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import sys
-from collections.abc import Callable
+import types
+from collections.abc import Callable, Iterator
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,6 +40,38 @@ def _extension() -> Any:
     return ext_builtin
 
 
+class _StandIn(types.ModuleType):
+    """What OSQP's compiled solver asks SciPy for: is a matrix of the one kind that it takes?
+
+    Whoever else asks for SciPy meanwhile, in another thread, gets it.
+    """
+
+    def isspmatrix_csc(self, _: object) -> bool:
+        """Return that it is."""
+        return True
+
+    def __getattr__(self, name: str) -> Any:
+        _remove(self)
+        return getattr(importlib.import_module(_SPARSE), name)
+
+
+@contextlib.contextmanager
+def _without_scipy() -> Iterator[None]:
+    """Keep OSQP from importing SciPy, unless somebody has imported it."""
+    stand_in = _StandIn(_SPARSE)
+    sys.modules.setdefault(_SPARSE, stand_in)
+    try:
+        yield
+    finally:
+        _remove(stand_in)
+
+
+def _remove(stand_in: _StandIn) -> None:
+    if sys.modules.get(_SPARSE) is stand_in:
+        del sys.modules[_SPARSE]
+
+
+_SPARSE = "scipy.sparse"
 _OSQP = _extension()
 _STATUS = _OSQP.osqp_status_type
 SOLVED = int(_STATUS.OSQP_SOLVED)
@@ -81,8 +115,10 @@ class OsqpAdapter:
         for name, value in settings.items():
             setattr(chosen, name, value)
         rows, columns = A.shape
+        with _without_scipy():
+            columnwise = _OSQP.CSC(P), _OSQP.CSC(A)
         self._solver = _OSQP.OSQPSolver(
-            _OSQP.CSC(P), q, _OSQP.CSC(A), lower, upper, rows, columns, chosen
+            columnwise[0], q, columnwise[1], lower, upper, rows, columns, chosen
         )
         self._solver.update_rho(settings["rho"])  # as OSQP's own layer does
         # They are views of what the solver writes; each look at x and y makes a copy.

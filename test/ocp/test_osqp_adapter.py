@@ -82,8 +82,10 @@ def test_a_controller_does_without_what_osqp_imports() -> None:
     """And OSQP itself may be imported after it."""
     code = (
         "import sys\n"
-        "from quad_mpc_ros.control.controller import Controller\n"
-        "print(*{'scipy', 'jinja2', 'osqp.interface'} & sys.modules.keys())\n"
+        "from quad_mpc_ros.control.warm_up import warmed_up\n"
+        "from quad_mpc_ros.mpc_config import MpcConfig\n"
+        "warmed_up(MpcConfig())\n"
+        "print(*{'scipy.sparse', 'jinja2', 'osqp.interface'} & sys.modules.keys())\n"
         "from quad_mpc_ros.ocp import osqp_adapter\n"
         "import osqp\n"
         "assert osqp.SolverStatus.OSQP_SOLVED == osqp_adapter.SOLVED\n"
@@ -94,3 +96,20 @@ def test_a_controller_does_without_what_osqp_imports() -> None:
     )
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout.strip() == ""
+
+
+def test_scipy_is_itself_for_whoever_asks_while_a_problem_is_set_up() -> None:
+    code = (
+        "import sys\n"
+        "from quad_mpc_ros.ocp import osqp_adapter\n"
+        "with osqp_adapter._without_scipy():\n"
+        "    assert not isinstance(sys.modules['scipy.sparse'].__doc__, str)\n"
+        "    from scipy.sparse.linalg import splu\n"
+        "    from scipy import sparse\n"
+        "assert sparse.csc_matrix((2, 2)).nnz == 0\n"
+        "assert sys.modules['scipy.sparse'] is sparse\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 0, ended.stderr
