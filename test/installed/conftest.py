@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
+import tempfile
+from pathlib import Path
+
 import pytest
 from fixtures.installed_ros import environment, ros2
 
@@ -13,4 +17,6 @@ def _compiled() -> None:
     Skips the tests where there is no ROS 2 or not this package in it.
     """
     environment()
-    ros2("run", "quad_mpc_ros", "quad_mpc", "compile", patience=600.0)
+    with Path(tempfile.gettempdir(), "quad_mpc_ros_test_compile.lock").open("a") as one_by_one:
+        fcntl.flock(one_by_one, fcntl.LOCK_EX)
+        ros2("run", "quad_mpc_ros", "quad_mpc", "compile", patience=600.0)

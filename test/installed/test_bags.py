@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from fixtures.installed_ros import running, wait_for
 from fixtures.setup_py import executable
 from geometry_msgs.msg import TwistStamped
@@ -23,12 +24,18 @@ from rosbags.highlevel import AnyReader
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.soak.relay import PREFIX, Relay, odometry_relay, reference_relay
 from quad_mpc_ros.faults import distortions
+from quad_mpc_ros.messages.conversions import stamp_of_serialized as stamp_of
+from quad_mpc_ros.messages.diagnostics import stats_from_message
 from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.recording import Recording
-from quad_mpc_ros.recordings.run import TopicNames
+from quad_mpc_ros.recordings.run import RecordedRun, TopicNames
 from quad_mpc_ros.recordings.writer import BagWriter
 
+pytestmark = pytest.mark.timeout(400)  # of a busy machine
+
+TRIALS = 3
+RELAYED = (f"/{PREFIX}odom", f"/{PREFIX}reference")
 MANY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -72,7 +79,7 @@ class Flight:
             each()
         return True
 
-    def end(self) -> None:
+    def end_nodes(self) -> None:
         for process in self._processes:
             process.terminate()
         for process in self._processes:
@@ -81,6 +88,10 @@ class Flight:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+        self._processes.clear()
+
+    def end(self) -> None:
+        self.end_nodes()
         self.node.destroy_node()
         rclpy.shutdown()
 
@@ -95,7 +106,7 @@ def flight(tmp_path: Path) -> Iterator[Flight]:
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("flown") / "run"
-    given = ("--reference", "lemniscate", "--start", "reference", "--duration", "3")
+    given = ("--reference", "lemniscate", "--start", "reference", "--duration", "2")
     assert main(["simulate", *given, "--out", str(out)]) == 0
     return out / "bag"
 
@@ -116,8 +127,11 @@ def flown_in_order(flown: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return bag
 
 
+@pytest.mark.slow  # and for a quiet machine: of best-effort messages a busy one loses some
 @pytest.mark.parametrize(
-    ("lockstep", "bag"), [("true", "flown"), ("false", "flown_in_order")], ids=["lockstep", "not"]
+    ("lockstep", "bag"),
+    [("true", "flown"), ("false", "flown_in_order")],
+    ids=["lockstep", "real_time"],
 )
 def test_a_bag_of_ours_that_is_played_is_answered_as_it_was(
     lockstep: str, bag: str, request: pytest.FixtureRequest, flight: Flight, tmp_path: Path
@@ -126,18 +140,50 @@ def test_a_bag_of_ours_that_is_played_is_answered_as_it_was(
 
     Played slowly: of best-effort messages a busy node keeps only the newest.
     """
-    expected = commands_in(request.getfixturevalue("flown"))
+    expected = by_stamp(commands_in(request.getfixturevalue("flown")))
+    assert len(expected) == 100
+    for _ in range(TRIALS):
+        found, orderly = answers_of(
+            flight, request.getfixturevalue(bag), lockstep, folder=tmp_path
+        )
+        answers = by_stamp([each for each in found if stamp_of(each) <= max(expected)])
+        if orderly and answers.keys() == expected.keys():
+            break
+    assert answers.keys() == expected.keys()
+    assert [stamp for stamp in expected if answers[stamp] != expected[stamp]] == []
+
+
+def by_stamp(commands: list[bytes]) -> dict[int, bytes]:
+    return {stamp_of(each): each for each in commands}
+
+
+def answers_of(
+    flight: Flight, bag: Path, lockstep: str, *, folder: Path
+) -> tuple[list[bytes], bool]:
+    """Return what a new node commands to a bag that is played, of which a busy machine loses some.
+
+    And whether it had the reference of its own stamp for each odometry.
+    """
+    ticks: list[dict[str, str]] = []
+    told = flight.node.create_subscription(
+        DiagnosticArray, "mpc/stats", lambda m: ticks.append(stats_from_message(m)), 100
+    )
     answers: list[bytes] = []
-    flight.node.create_subscription(TwistStamped, "command", answers.append, MANY, raw=True)
+    heard = flight.node.create_subscription(
+        TwistStamped, "command", answers.append, MANY, raw=True
+    )
     flight.start("mpc_node", "-p", "use_sim_time:=true", "-p", f"lockstep:={lockstep}")
     assert flight.wait(lambda: flight.node.count_publishers("command"))
-    clock = ("--clock", "500", "--rate", "0.3", "--delay", "3")
-    command = ("bag", "play", str(request.getfixturevalue(bag)), *clock)
-    with running(*command, "--topics", "/odom", "/reference", folder=tmp_path) as player:
+    clock = ("--clock", "500", "--rate", "0.2", "--delay", "3")
+    command = ("bag", "play", str(bag), *clock, "--topics", "/odom", "/reference")
+    with running(*command, folder=folder) as player:
         flight.wait(lambda: player.process.poll() is not None)
-        flight.wait(lambda: len(answers) >= len(expected), seconds=2.0)
-    assert len(answers) == len(expected) == 150
-    assert [k for k, answer in enumerate(answers) if answer != expected[k]] == []
+        flight.spin(1.0)
+    flight.end_nodes()
+    for each in (heard, told):
+        flight.node.destroy_subscription(each)
+    planned = [tick for tick in ticks if tick["source"] == "mpc"]
+    return answers, all(tick["stamp_ns"] == tick["reference_stamp_ns"] for tick in planned)
 
 
 FLIGHT = {
@@ -156,36 +202,58 @@ def test_what_ros2_bag_record_took_of_a_flight_with_faults_is_resolved_bit_for_b
     config.write_text(
         yaml.safe_dump({f"/**/{n}": {"ros__parameters": p} for n, p in FLIGHT.items()})
     )
+    relays = odometry_relay(flight.node), reference_relay(flight.node)
+    for trial in range(TRIALS):
+        bag = tmp_path / f"bag_{trial}"
+        record_flight(flight, relays, config=config, bag=bag)
+        run = Recording(bag).run(TopicNames(odometry=RELAYED[0], reference=RELAYED[1]))
+        if is_whole(run):
+            break
+    assert is_whole(run)
+    assert run.stats[-1].rejected_inputs > 20
+    assert {each.source for each in run.stats} >= {"mpc", "plan", "blind"}
+    assert len(run.changes) == 5
+
+    out = tmp_path / "resolved"
+    named = ("--odom-topic", RELAYED[0], "--reference-topic", RELAYED[1])
+    assert main(["resolve", str(bag), "--config", str(config), *named, "--out", str(out)]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["compared"] > 200
+    assert summary["equal"] == summary["compared"], summary["difference"]
+    assert summary["only_recorded"] == summary["only_resolved"] == 0
+
+
+def is_whole(run: RecordedRun) -> bool:
+    """Whether the recorder lost none of the commands, nor of the odometries answered by a plan."""
+    odometries = {each.value.stamp_ns for each in run.odometries}
+    planned = {each.stamp_ns for each in run.stats if each.source == "mpc"}
+    return len(run.commands) == run.stats[-1].commands and planned <= odometries
+
+
+def record_flight(
+    flight: Flight, relays: tuple[Relay[Any], Relay[Any]], *, config: Path, bag: Path
+) -> None:
     given = ("--params-file", str(config))
-    odometry, reference = odometry_relay(flight.node), reference_relay(flight.node)
-    relayed = ("-r", f"odom:=/{PREFIX}odom", "-r", f"reference:=/{PREFIX}reference")
+    odometry, reference = relays
+    before = len(odometry.passed)
+    relayed = ("-r", f"odom:={RELAYED[0]}", "-r", f"reference:={RELAYED[1]}")
     flight.start("mpc_node", *given, *relayed)
-    topics = (f"/{PREFIX}odom", f"/{PREFIX}reference", "/command", "/mpc/stats")
-    bag = tmp_path / "bag"
-    command = ("bag", "record", "--output", str(bag), "--topics", *topics, "/parameter_events")
-    with running(*command, folder=tmp_path) as recorder:
+    topics = (*RELAYED, "/command", "/mpc/stats", "/parameter_events")
+    command = ("bag", "record", "--output", str(bag), "--topics", *topics)
+    with running(*command, folder=bag.parent) as recorder:
         wait_for(
             lambda: all(f"Subscribed to topic '{topic}'" in recorder.text for topic in topics),
             what="recording",
             while_running=recorder,
         )
+        flight.spin(0.5)  # until the publishers know of it as well
         flight.start("reference_node", *given)
         flight.start("simulator_node", *given)
-        assert flight.wait(lambda: len(odometry.passed) > 50)
+        assert flight.wait(lambda: len(odometry.passed) > before + 50)
         fly_with_faults(flight, odometry, reference)
         recorder.interrupt_all()
         recorder.ends()
-
-    out = tmp_path / "resolved"
-    named = ("--odom-topic", topics[0], "--reference-topic", topics[1])
-    assert main(["resolve", str(bag), "--config", str(config), *named, "--out", str(out)]) == 0
-    summary = json.loads((out / "summary.json").read_text())
-    assert summary["compared"] > 250
-    assert summary["equal"] == summary["compared"], summary["difference"]
-    assert summary["only_recorded"] == 0
-    figures = Recording(bag).run(TopicNames(odometry=topics[0], reference=topics[1])).stats
-    assert figures[-1].rejected_inputs > 20
-    assert {each.source for each in figures} >= {"mpc", "plan", "blind"}
+    flight.end_nodes()
 
 
 def fly_with_faults(flight: Flight, odometry: Relay[Any], reference: Relay[Any]) -> None:

@@ -6,8 +6,11 @@ import functools
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
 import yaml
 from fixtures.installed_ros import Running, ros2, running, wait_for
+
+pytestmark = pytest.mark.timeout(400)  # of a busy machine
 
 MPC, REFERENCE = "/uav1/mpc", "/uav1/reference"
 IN_NAMESPACE = ("--ros-args", "-r", "__ns:=/uav1")

@@ -13,6 +13,8 @@ import rclpy
 from fixtures.installed_ros import Running, importable, running, wait_for
 from rosbags.highlevel import AnyReader
 
+pytestmark = pytest.mark.timeout(400)  # of a busy machine
+
 # Bridge and a message or service that it needs; Betaflight's wants a serial port.
 BRIDGES = {
     "rates": "geometry_msgs.msg.TwistStamped",
