@@ -1,0 +1,229 @@
+"""Fly configurations from soft to agile and draw accuracy against margin: docs/tuning.md.
+
+python bench/front.py [--flights 40] [--workers 2] [--image docs/images/tuning_front.png]
+
+Each configuration flies: ``delay.yaml`` with 0 to 120 ms more delay than modelled, for its
+margin; vehicles of ``hover.yaml`` and ``lemniscate.yaml``, of which it knows the mass; those of
+``told.yaml``, whose lags, delay and drag it is told; the square and the lemniscate at 2.6 rad/s
+on a vehicle as modelled. Prints the table that the page has.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from quad_mpc_ros.campaigns.campaign_file import Overrides, campaign_from
+from quad_mpc_ros.campaigns.flying import fly
+from quad_mpc_ros.campaigns.local_workers import LocalWorkers
+from quad_mpc_ros.figures import style
+
+CAMPAIGNS = Path(__file__).with_name("campaigns")
+DELAYS = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12)  # s, more than modelled
+CALM = 0.175  # rad: it swings where it tilts further in hover, long after its start
+
+GUESSED = {"rate_time_constant": 0.07, "thrust_time_constant": 0.04, "input_delay": 0.02}
+TOLD = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03, "input_delay": 0.02}
+PLANT = {"input_delay": "command_delay"}  # where the simulator has another name for it
+
+
+@dataclass(frozen=True)
+class Front:
+    """One configuration: a preset, and what is changed of it."""
+
+    name: str
+    preset: str
+    changes: tuple[str, ...] = ()
+
+
+FRONT = (
+    Front("default", "default"),
+    Front("R / 5", "default", ("mpc.R=[0.08,0.01,0.01,0.01]",)),
+    Front("R / 50", "default", ("mpc.R=[0.008,0.001,0.001,0.001]",)),
+    Front("agile, R 0.1", "agile", ("mpc.R=[0.0,0.1,0.1,0.1]",)),
+    Front("agile, R 0.01", "agile", ("mpc.R=[0.0,0.01,0.01,0.01]",)),
+    Front("agile", "agile"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flown:
+    """What became of one configuration; shares of flights lost in [0, 1], lengths [m]."""
+
+    front: Front
+    margin: float
+    """Most delay beyond the modelled, of those flown, that it hovers with [s]."""
+    lost: float
+    """Of the vehicles of which it knows the mass, on the lemniscate and in hover."""
+    rmse: float
+    """Of those on the lemniscate that were not lost, 95 % of them."""
+    lost_told: float
+    rmse_told: float
+    square: float
+    fast: float
+    """The lemniscate at 2.6 rad/s."""
+
+    @property
+    def cells(self) -> list[str]:
+        """Return its row of the table."""
+        margin = "none" if self.margin < 0.0 else f"{1e3 * self.margin:.0f} ms"
+        return [
+            *(self.front.name, margin, f"{self.lost:.0%}", f"{100 * self.rmse:.1f} cm"),
+            *(f"{self.lost_told:.0%}", f"{100 * self.rmse_told:.1f} cm"),
+            *(f"{self.square:.2f} m", f"{100 * self.fast:.1f} cm"),
+        ]
+
+
+HEADER = (
+    *("configuration", "margin of delay", "lost, mass told", "RMSE, p95"),
+    *("lost, all told", "RMSE, p95", "square", "lemniscate 2.6"),
+)
+
+
+class Flights:
+    """Campaigns of one configuration after the other, on the same workers."""
+
+    def __init__(self, workers: LocalWorkers, *, flights: int) -> None:
+        self._workers = workers
+        self._flights = flights
+
+    def flown(self, front: Front) -> Flown:
+        """Fly all of it."""
+        print(f"{front.name} ...", file=sys.stderr, flush=True)
+        hover = self._rows(front, _content("hover.yaml"))
+        unknown = self._rows(front, _content("lemniscate.yaml"))
+        told = self._rows(front, _content("told.yaml"))
+        (square,) = self._rows(front, _alone("square", 16.0, GUESSED), flights=1)
+        fast = _alone("lemniscate", 10.0, TOLD, {"reference.angular_frequency": 2.6})
+        (lemniscate,) = self._rows(front, fast | {"start": "reference"}, flights=1)
+        return Flown(
+            front=front,
+            margin=self._margin(front),
+            lost=_lost([*hover, *unknown]),
+            rmse=_rmse(unknown),
+            lost_told=_lost(told),
+            rmse_told=_rmse(told),
+            square=float(square["position_rmse_m"]),
+            fast=float(lemniscate["position_rmse_m"]),
+        )
+
+    def _margin(self, front: Front) -> float:
+        held = -1.0
+        for delay in DELAYS:
+            content = _content("delay.yaml")
+            content["set"] = {f"mpc.{name}": value for name, value in GUESSED.items()}
+            content["set"]["mpc.swinging.action"] = (
+                "warn"  # its weights are judged, not their rescue
+            )
+            content["vary"]["simulator.command_delay"]["plus"] = delay
+            rows = self._rows(front, content, flights=8)
+            calm = all(_flew(row) and float(row["settled_tilt_max_rad"]) < CALM for row in rows)
+            if not calm:
+                break
+            held = delay
+        return held
+
+    def _rows(
+        self, front: Front, content: Mapping[str, Any], *, flights: int | None = None
+    ) -> Sequence[Mapping[str, Any]]:
+        overrides = Overrides(
+            config=(front.preset,), assignments=front.changes, flights=flights or self._flights
+        )
+        return fly(campaign_from(content, overrides, where=front.name), self._workers)
+
+
+def _content(name: str) -> dict[str, Any]:
+    content: dict[str, Any] = yaml.safe_load((CAMPAIGNS / name).read_text(encoding="utf-8"))
+    return content
+
+
+def _alone(
+    reference: str,
+    duration: float,
+    model: Mapping[str, float],
+    given: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return the campaign of one vehicle that lags as the model."""
+    plant = {f"simulator.{PLANT.get(name, name)}": value for name, value in model.items()}
+    told = {f"mpc.{name}": value for name, value in model.items()}
+    return {
+        "reference": reference,
+        "duration": duration,
+        "set": {**told, **plant, **(given or {})},
+    }
+
+
+def _flew(row: Mapping[str, Any]) -> bool:
+    return not row["crashed"]
+
+
+def _lost(rows: Sequence[Mapping[str, Any]]) -> float:
+    return float(np.mean([not _flew(row) for row in rows]))
+
+
+def _rmse(rows: Sequence[Mapping[str, Any]]) -> float:
+    return float(np.quantile([float(row["position_rmse_m"]) for row in rows if _flew(row)], 0.95))
+
+
+def as_markdown(flown: Sequence[Flown]) -> str:
+    """Return the table as Markdown."""
+    lines = [HEADER, ("---",) * len(HEADER), *(each.cells for each in flown)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def draw(flown: Sequence[Flown], path: Path) -> None:
+    """Draw accuracy, of vehicles told and of the square, against the margin of delay."""
+    figure = style.new_figure(9.0, 3.2, dpi=130)
+    told, square = figure.subplots(1, 2)
+    margins = [1e3 * max(each.margin, 0.0) for each in flown]
+    told.plot(margins, [100 * each.rmse_told for each in flown], "o", color="#0072B2")
+    square.plot(margins, [each.square for each in flown], "o", color="#0072B2")
+    for axes, heights, unit in (
+        (told, [100 * each.rmse_told for each in flown], "RMSE on the lemniscate, p95 [cm]"),
+        (square, [each.square for each in flown], "RMSE of the square [m]"),
+    ):
+        for x, y, each in zip(margins, heights, flown, strict=True):
+            lost = f", {each.lost:.0%} lost" if each.lost else ""
+            axes.annotate(
+                each.front.name + lost,
+                (x, y),
+                xytext=(5, 4),
+                textcoords="offset points",
+                fontsize=8,
+                color=style.INK,
+            )
+        axes.set_xlabel(
+            "delay beyond the modelled that it holds [ms]", fontsize=9, color=style.INK
+        )
+        axes.set_ylabel(unit, fontsize=9, color=style.INK)
+        axes.set_xlim(-5, 120)
+        axes.set_ylim(bottom=0.0)
+        style.tidy(axes)
+    style.save(figure, path)
+
+
+def main() -> None:
+    """Fly, print the table and draw."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--flights", type=int, default=40, help="of unknown and of told vehicles")
+    parser.add_argument("--workers", type=int)
+    parser.add_argument("--image", type=Path, default=Path("docs/images/tuning_front.png"))
+    arguments = parser.parse_args()
+    with LocalWorkers(arguments.workers) as workers:
+        flights = Flights(workers, flights=arguments.flights)
+        flown = [flights.flown(front) for front in FRONT]
+    print(as_markdown(flown))
+    draw(flown, arguments.image)
+
+
+if __name__ == "__main__":
+    main()
