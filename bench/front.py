@@ -179,33 +179,33 @@ def as_markdown(flown: Sequence[Flown]) -> str:
 
 
 def draw(flown: Sequence[Flown], path: Path) -> None:
-    """Draw accuracy, of vehicles told and of the square, against the margin of delay."""
+    """Draw the accuracy on vehicles told, against the margin of delay and against what is lost."""
     figure = style.new_figure(9.0, 3.2, dpi=130)
-    told, square = figure.subplots(1, 2)
-    margins = [1e3 * max(each.margin, 0.0) for each in flown]
-    told.plot(margins, [100 * each.rmse_told for each in flown], "o", color="#0072B2")
-    square.plot(margins, [each.square for each in flown], "o", color="#0072B2")
-    for axes, heights, unit in (
-        (told, [100 * each.rmse_told for each in flown], "RMSE on the lemniscate, p95 [cm]"),
-        (square, [each.square for each in flown], "RMSE of the square [m]"),
+    accuracy = [100 * each.rmse_told for each in flown]
+    for axes, places, unit in zip(
+        figure.subplots(1, 2, sharey=True),
+        (
+            [1e3 * max(each.margin, 0.0) for each in flown],
+            [100 * each.lost for each in flown],
+        ),
+        ("delay beyond the modelled that it holds [ms]", "lost, told the mass alone [%]"),
+        strict=True,
     ):
-        for x, y, each in zip(margins, heights, flown, strict=True):
-            lost = f", {each.lost:.0%} lost" if each.lost else ""
+        axes.plot(places, accuracy, "o", color="#0072B2")
+        for x, y, each in zip(places, accuracy, flown, strict=True):
             axes.annotate(
-                each.front.name + lost,
+                each.front.name,
                 (x, y),
-                xytext=(5, 4),
+                xytext=(6, -3),
                 textcoords="offset points",
                 fontsize=8,
                 color=style.INK,
             )
-        axes.set_xlabel(
-            "delay beyond the modelled that it holds [ms]", fontsize=9, color=style.INK
-        )
-        axes.set_ylabel(unit, fontsize=9, color=style.INK)
-        axes.set_xlim(-5, 120)
-        axes.set_ylim(bottom=0.0)
+        axes.set_xlabel(unit, fontsize=9, color=style.INK)
+        axes.set_xlim(-0.05 * max(places), 1.3 * max(places))
+        axes.set_ylim(0.0, 1.15 * max(accuracy))
         style.tidy(axes)
+        axes.set_ylabel("RMSE, all told, p95 [cm]", fontsize=9, color=style.INK)
     style.save(figure, path)
 
 
