@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import itertools
 import os
 import socket
 import tempfile
@@ -22,14 +23,10 @@ os.environ["PYTHONSAFEPATH"] = "1"
 # hear each other.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
-# Fast DDS hands out its ports in shared memory under a lock that it breaks after two seconds, and
-# across all domains. Where many nodes start at once on a busy machine, or others were killed, one
-# of them then hears nobody for good. Loopback is as real, and has a port for each domain.
-os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
 
-
-def _free_domain() -> int:
-    """Return a domain without nodes, kept from other runs by a lock as long as this one lasts."""
+def _free_domains(most: int) -> list[int]:
+    """Return domains without nodes, kept from other runs by locks as long as this one lasts."""
+    free: list[int] = []
     for domain in range(20, 100):
         path = Path(tempfile.gettempdir(), f"quad_mpc_ros_test_domain_{domain}.lock")
         try:
@@ -43,11 +40,25 @@ def _free_domain() -> int:
         except OSError:
             os.close(lock)
             continue
-        return domain
-    raise RuntimeError("no free ROS domain between 20 and 99")
+        free.append(domain)
+        if len(free) == most:
+            break
+    if not free:
+        raise RuntimeError("no free ROS domain between 20 and 99")
+    return free
 
 
-os.environ["ROS_DOMAIN_ID"] = str(_free_domain())
+# Another one for each test, by turns: of what a test leaves in its process, as long as anything
+# refers to it, the participant lives on, and counts as a node without endpoints.
+_domains = itertools.cycle(_free_domains(12))
+os.environ["ROS_DOMAIN_ID"] = str(next(_domains))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Go to the next domain, before fixtures make nodes."""
+    os.environ["ROS_DOMAIN_ID"] = str(next(_domains))
+
 
 # How long an example takes is the machine's business.
 settings.register_profile("patient", deadline=None)

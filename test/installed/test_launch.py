@@ -31,7 +31,9 @@ ENOUGH = 30_000  # bytes of a bag: a second or two of flight
 def nodes() -> Iterator[rclpy.node.Node]:
     """Yield a node that sees which others there are."""
     rclpy.init()
-    yield rclpy.create_node("watcher")
+    node = rclpy.create_node("watcher")
+    yield node
+    node.destroy_node()
     rclpy.shutdown()
 
 

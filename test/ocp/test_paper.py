@@ -50,7 +50,7 @@ def drawn(seed: int) -> tuple[State, float, Array]:
         v_WB_B=rng.normal(scale=3.0, size=3),
         R_WB=Rotation.from_quat(rng.normal(size=4)).as_matrix(),
     )
-    return x, float(rng.uniform()), rng.normal(scale=3.0, size=3)
+    return x, float(rng.uniform(0.05, 1.0)), rng.normal(scale=3.0, size=3)
 
 
 cases = st.integers(0, 2**32 - 1).map(drawn)
