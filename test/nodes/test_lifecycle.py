@@ -270,7 +270,8 @@ def test_reference_goes_on_where_it_stopped(start: Start, peer: Any, managed: An
 
     assert reference.to("activate")
     assert peer.wait(lambda: len(windows) > windows_before)
-    assert np.linalg.norm(position() - last) < 0.3, "it has jumped ahead"
+    # A window comes every so often, from the place where the vehicle is to be then.
+    assert np.linalg.norm(position() - last) < 1.0, "it has jumped ahead"
     assert peer.wait(lambda: np.linalg.norm(position() - last) > 0.3), "it goes on"
     assert reference.tells("active", "flying")
 
