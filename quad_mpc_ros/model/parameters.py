@@ -105,6 +105,7 @@ def parameters_in(vector: Array) -> ModelParameters:
 
 
 _inverse_throttle_curve = compiled(vehicles.inverse_throttle_curve)
+root_of_thrust = compiled(vehicles.root_of_thrust)
 
 
 @compiled

@@ -121,9 +121,7 @@ class Vehicle(VehicleParameters):
         rotors = per_axis(self.rotor_drag)[2]
         if rotors == 0.0:
             return still
-        # T = still + 2 b sqrt(T), a square in the root.
-        b = 0.5 * rotors * v_WB_B[:, 2] / math.sqrt(self.gravity)
-        root = np.maximum(b + np.sqrt(np.maximum(b * b + still, 0.0)), 0.0)
+        root = root_of_thrust(still, 0.5 * rotors * v_WB_B[:, 2] / math.sqrt(self.gravity))
         return np.where(still > 0.0, root * root, still)
 
     def thrust_slope(self, throttle: float) -> float:
@@ -182,6 +180,14 @@ def inverse_throttle_curve(a: float, b: float, c: float, thrust: float) -> float
         return 0.0
     root = math.sqrt(b * b - 4.0 * a * missing)
     return min(-2.0 * missing / (b + root), 1.0)
+
+
+def root_of_thrust(still: Any, b: Any) -> Any:
+    """Return sqrt(T) for a thrust T = still + 2 b sqrt(T) [m/s^2], which drag of the rotors makes.
+
+    Numbers or arrays; compiled code has it from :mod:`quad_mpc_ros.model.parameters`.
+    """
+    return np.maximum(b + np.sqrt(np.maximum(b * b + still, 0.0)), 0.0)
 
 
 def outline(arm: float) -> tuple[Array, Array]:

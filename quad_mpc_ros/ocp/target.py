@@ -18,16 +18,19 @@ from numpy.typing import NDArray
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.actuators import lead
-from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, throttle_for
+from quad_mpc_ros.model.parameters import (
+    ModelParameters,
+    parameters_in,
+    root_of_thrust,
+    throttle_for,
+)
 from quad_mpc_ros.model.reference_window import POINT_SIZE, packed, point_parts, sample_into
-from quad_mpc_ros.model.rollout import SUBSTEPS, is_uneven, rotor_speed, uneven_air
+from quad_mpc_ros.model.rollout import SUBSTEPS, is_uneven, uneven_air
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import INPUT_SIZE
 
 # rad, in a substep: where a tilt begins or ends it does not turn.
 _TILT_JUMP = 0.05
-# Of looking for the rotors' speed.
-_ROUNDS = 12
 
 _STAGE_SIZE = 15 + (SUBSTEPS + 1) * INPUT_SIZE
 
@@ -207,14 +210,16 @@ def _air(
 ) -> kernels.Vector:
     """Return what uneven air does, in the world, where the thrust has to make up for it.
 
-    ``force`` is what the thrust has to make without it. How fast the rotors turn depends on the
-    whole, to which each round comes nearer by a tenth or so.
+    ``force`` is what the thrust has to make without it; how fast the rotors turn depends on both.
     """
-    u, along = kernels.apply_transposed(R_WB, v_WB_W), kernels.dot(kernels.column(R_WB, 2), force)
-    air = uneven_air(model, u, rotor_speed(model, along))
-    for _ in range(_ROUNDS if model.rotor_drag != (0.0, 0.0, 0.0) else 0):
-        air = uneven_air(model, u, rotor_speed(model, along - air[2]))
-    return kernels.apply(R_WB, air)
+    u, speed = kernels.apply_transposed(R_WB, v_WB_W), 0.0
+    if model.rotor_drag != (0.0, 0.0, 0.0):
+        along = kernels.dot(kernels.column(R_WB, 2), force)
+        still = along - uneven_air(model, u, 0.0)[2]
+        if still > 0.0:
+            root = math.sqrt(model.gravity)
+            speed = root_of_thrust(still, 0.5 * model.rotor_drag[2] * u[2] / root) / root
+    return kernels.apply(R_WB, uneven_air(model, u, speed))
 
 
 @compiled
