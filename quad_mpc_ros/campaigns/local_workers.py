@@ -9,9 +9,9 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from queue import SimpleQueue
 from typing import NamedTuple
 
 from quad_mpc_ros.campaigns.campaign import Campaign
@@ -28,23 +28,24 @@ class _Task(NamedTuple):
 
 
 class _Worker(NamedTuple):
-    """One process, and what ends it when it is closed, by us or because we ended."""
+    """A process, and our end of the line to it, with which it ends when nobody holds it."""
 
-    pool: ProcessPoolExecutor
-    leash: Connection
+    process: BaseProcess
+    line: Connection
 
 
 class LocalWorkers:
     """Processes that each fly a batch at a time. The use is that of :class:`.engine.Engine`.
 
-    Each is a pool of its own, so that it is known which batch was with the one that died.
+    Each has a line of its own and nothing that it shares with others, so that it is known which
+    batch was with the one that died.
     """
 
     def __init__(self, workers: int | None = None) -> None:
         """Take the number of processes, by default one for each processor we may use."""
         self.workers = workers or len(os.sched_getaffinity(0))
-        self._idle = [_new_worker() for _ in range(self.workers)]
-        self._flying: dict[Future[list[FlownFlight]], tuple[_Task, _Worker]] = {}
+        self._idle: list[_Worker] = []
+        self._flying: dict[Connection, tuple[_Task, _Worker]] = {}
 
     def fly(
         self, campaign: Campaign, batches: Sequence[Sequence[int]]
@@ -53,20 +54,21 @@ class LocalWorkers:
         waiting = deque(map(_Task, batches))
         try:
             while waiting or self._flying:
-                while waiting and self._idle:
+                while waiting and len(self._flying) < self.workers:
                     self._hand_out(campaign, waiting.popleft())
-                done, _ = wait(self._flying, return_when=FIRST_COMPLETED)
-                for future in done:
-                    task, worker = self._flying.pop(future)
+                for line in wait(list(self._flying)):
+                    assert isinstance(line, Connection)
+                    task, worker = self._flying.pop(line)
                     try:
-                        flown = future.result()
-                    except BrokenProcessPool:
+                        flown = line.recv()
+                    except (EOFError, OSError):
                         _end(worker)
-                        self._idle.append(_new_worker())
                         waiting.extendleft(_again(task))
                         flown = _given_up(campaign, task)
                     else:
                         self._idle.append(worker)
+                    if isinstance(flown, Exception):
+                        raise flown
                     if flown:
                         yield flown
         finally:
@@ -78,16 +80,18 @@ class LocalWorkers:
     def __exit__(self, *exception: object) -> None:
         for worker in self._idle:
             _end(worker)
+        self._idle.clear()
 
     def _hand_out(self, campaign: Campaign, task: _Task) -> None:
-        worker = self._idle.pop()
-        self._flying[worker.pool.submit(fly_batch, campaign, task.numbers)] = task, worker
+        worker = self._idle.pop() if self._idle else _new_worker()
+        self._flying[worker.line] = task, worker
+        with contextlib.suppress(OSError):  # it died: so says the end of its line
+            worker.line.send((campaign, task.numbers))
 
     def _give_up(self) -> None:
         """End what flies for nobody any more."""
         for _, worker in self._flying.values():
             _end(worker)
-            self._idle.append(_new_worker())
         self._flying.clear()
 
 
@@ -108,30 +112,42 @@ def _given_up(campaign: Campaign, task: _Task) -> list[FlownFlight]:
 
 
 def _new_worker() -> _Worker:
-    """Return a worker, whose process starts with its first batch."""
     for name in _ONE_THREAD:
         os.environ.setdefault(name, "1")
     context = multiprocessing.get_context("spawn")
-    held, leash = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(
-        max_workers=1, mp_context=context, initializer=_begin, initargs=(held,)
-    )
-    return _Worker(pool, leash)
+    line, its_end = context.Pipe()
+    process = context.Process(target=_work, args=(its_end,), daemon=True)
+    # Ctrl-C is for the one who asked, with whom the worker ends; from before its first line on.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    its_end.close()  # so that only it holds it
+    return _Worker(process, line)
 
 
 def _end(worker: _Worker) -> None:
-    worker.leash.close()
-    worker.pool.shutdown(wait=False, cancel_futures=True)
+    worker.process.kill()
+    worker.process.join()
+    worker.process.close()
+    worker.line.close()
 
 
-def _begin(held: Connection) -> None:
-    """Prepare a worker: Ctrl-C is for the one who asked, with whom the worker ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(held,), daemon=True).start()
+def _work(line: Connection) -> None:
+    """Fly what comes along the line, in a process of its own, until nobody holds its other end."""
+    tasks: SimpleQueue[tuple[Campaign, Sequence[int]]] = SimpleQueue()
 
+    def listen() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                tasks.put(line.recv())
+        os.kill(os.getpid(), signal.SIGKILL)
 
-def _end_with(held: Connection) -> None:
-    """End this process as soon as nobody holds the other end."""
-    with contextlib.suppress(EOFError, OSError):
-        held.recv()
-    os.kill(os.getpid(), signal.SIGKILL)
+    threading.Thread(target=listen, daemon=True).start()
+    while True:
+        campaign, numbers = tasks.get()
+        try:
+            line.send(fly_batch(campaign, numbers))
+        except Exception as error:  # for the one who asked
+            line.send(error)

@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -177,17 +178,22 @@ def test_kills_lose_what_was_under_way_and_no_more(reference: Path, tmp_path: Pa
     assert (out / CSV_NAME).read_bytes() == (whole / CSV_NAME).read_bytes()
 
 
-def test_ctrl_c_ends_at_once_and_says_how_to_go_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize("after", [0.0, 0.1, 1.0])  # s: workers begin, or fly
+def test_ctrl_c_ends_at_once_and_says_how_to_go_on(tmp_path: Path, after: float) -> None:
     file, out = tmp_path / "file.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump({**CONTENT, "flights": 5000, "duration": 30.0}))
     command = [sys.executable, "-P", "-m", "quad_mpc_ros.cli", "campaign", str(file)]
     process = subprocess.Popen(
-        [*command, "--out", str(out), "--workers", "1"], stderr=subprocess.PIPE, text=True
+        [*command, "--out", str(out), "--workers", "2"],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
     # Not while Python still imports, where others may swallow it.
     wait_until(lambda: (out / "journal.jsonl").exists() and bool(children_of(process.pid)))
-    process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=30)
+    time.sleep(after)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    _, told = process.communicate(timeout=30)  # which waits for the workers as well
     assert process.returncode == 130
     assert f"quad_mpc campaign --resume {out}" in told
     assert "Traceback" not in told
