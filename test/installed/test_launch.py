@@ -27,7 +27,8 @@ BRIDGES = {
     "aerostack2": "as2_msgs.msg.Thrust",
     "crazyswarm2": "crazyflie_interfaces.srv.NotifySetpointsStop",
 }
-ENOUGH = 20  # commands in a bag
+FLOWN = ("odom", "command")
+ENOUGH = 20  # of each in a bag
 
 
 @pytest.fixture
@@ -49,21 +50,22 @@ def bags(folder: Path) -> list[Path]:
 
 
 def is_recording(folder: Path, count: int) -> bool:
-    """Whether that many bags have enough commands each, read while they are written."""
-    written = [commands_in(path) for path in folder.glob("rosbag2_*/*.mcap")]
+    """Whether that many bags have enough of what is flown each, read while they are written."""
+    written = [least_recorded(path) for path in folder.glob("rosbag2_*/*.mcap")]
     return len(written) == count and min(written) > ENOUGH
 
 
-def commands_in(unfinished: Path) -> int:
-    channels: set[int] = set()
-    found = 0
+def least_recorded(unfinished: Path) -> int:
+    """Return how many messages are there of that topic of FLOWN that has the fewest."""
+    topics: dict[int, str] = {}
+    found = dict.fromkeys(FLOWN, 0)
     with unfinished.open("rb") as stream, suppress(McapError):  # at its present end
         for record in StreamReader(stream).records:
-            if isinstance(record, Channel) and record.topic.endswith("/command"):
-                channels.add(record.id)
-            elif isinstance(record, Message):
-                found += record.channel_id in channels
-    return found
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic.rpartition("/")[2]
+            elif isinstance(record, Message) and topics[record.channel_id] in FLOWN:
+                found[topics[record.channel_id]] += 1
+    return min(found.values())
 
 
 def assert_all_ended_whole(launched: Running) -> None:
