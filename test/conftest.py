@@ -7,6 +7,7 @@ import itertools
 import os
 import socket
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,12 @@ os.environ["ROS_DOMAIN_ID"] = str(next(_domains))
 def pytest_runtest_setup() -> None:
     """Go to the next domain, before fixtures make nodes."""
     os.environ["ROS_DOMAIN_ID"] = str(next(_domains))
+
+
+@pytest.fixture(scope="session")
+def another_domain() -> Callable[[], str]:
+    """Return a ROS domain beside the test's own, for what runs meanwhile."""
+    return lambda: str(next(_domains))
 
 
 # How long an example takes is the machine's business.
