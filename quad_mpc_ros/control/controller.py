@@ -173,6 +173,8 @@ class Controller:
     def watch(self, *, now_ns: int) -> Tick | None:
         """Act when no odometry comes: to be called every control period by a timer.
 
+        It may pause for :meth:`seconds_until_blind`.
+
         Args:
             now_ns: The time [ns], by the clock of :meth:`receive_odometry`.
 
@@ -187,6 +189,10 @@ class Controller:
         return self._send(
             decision, stamp_ns=now_ns, duration=self._period_ns * 1e-9, now_ns=now_ns
         )
+
+    def seconds_until_blind(self, *, now_ns: int) -> float:
+        """Return how long :meth:`watch` will have nothing to do, whatever comes; 0 if it acts."""
+        return self._supervisor.seconds_until_blind(now_ns=now_ns)
 
     def replace_last_command(self, command: CommandSample, *, now_ns: int) -> None:
         """Take note that this command was sent in place of that of the last tick."""

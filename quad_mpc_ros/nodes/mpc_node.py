@@ -82,7 +82,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
-        self.managed_timer(1.0 / config.control_rate, self._on_watch, steady=True)
+        if not config.lockstep:
+            self.managed_alarm(1.0 / config.control_rate, self._on_watch)
 
     def obstacle(self) -> str | None:
         """Return what is missing of odometry and reference."""
@@ -171,10 +172,16 @@ class MpcNode(ManagedNode[MpcConfig]):
         except ValueError as error:
             self._warn(str(error))
 
-    def _on_watch(self) -> None:
+    def _on_watch(self) -> float:
+        """Act if there is no odometry, and return when to look again [s]."""
         self._receive_handed()
+        now_ns = self._time.now_ns()
         if self.active:
-            self._finish(self._controller.watch(now_ns=self._time.now_ns()))
+            self._finish(self._controller.watch(now_ns=now_ns))
+        period = 1.0 / self._controller.config.control_rate
+        if self._time.is_simulated:  # it may run faster than the timer
+            return period
+        return max(self._controller.seconds_until_blind(now_ns=now_ns), period)
 
     def _finish(self, tick: Tick | None) -> None:
         """Publish the command first, then what is only to be looked at."""

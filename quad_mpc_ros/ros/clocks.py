@@ -53,6 +53,11 @@ class SteadyTime:
 
     def now_ns(self) -> int:
         """Return the time now."""
-        if self._clock.ros_time_is_active:
+        if self.is_simulated:
             return int(self._clock.now().nanoseconds)
         return time.monotonic_ns() + self._ahead_ns
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether it may run at another rate than steady timers."""
+        return bool(self._clock.ros_time_is_active)

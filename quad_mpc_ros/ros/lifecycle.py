@@ -136,6 +136,17 @@ class ManagedNode(LifecycleNode, Generic[C]):
         timer = create(period, guarded)
         self._made.callback(self.destroy_timer, timer)
 
+    def managed_alarm(self, delay: float, callback: Callable[[], float]) -> None:
+        """Call back after a steady delay [s], and then again after what the callback returns."""
+
+        def guarded() -> None:
+            if self._configured:
+                timer.timer_period_ns = round(callback() * 1e9)
+                timer.reset()  # without this the new period begins with the next call
+
+        timer = create_steady_timer(self, delay, guarded)
+        self._made.callback(self.destroy_timer, timer)
+
     def managed_beat(self, period: float, callback: Callable[[], None]) -> None:
         """Call back every so many seconds until the cleanup, whatever the executor is busy with.
 

@@ -197,6 +197,12 @@ class Supervisor:
         )
         return self._decision(now_ns, plan_fault="not run without odometry")
 
+    def seconds_until_blind(self, *, now_ns: int) -> float:
+        """Return how long there is nothing for :meth:`decide_blind` to decide."""
+        seen_ns, timeout_ns = self.inputs.odometry_ns, self._timeouts.odometry
+        age_ns = 0 if seen_ns is None else now_ns - seen_ns
+        return max(timeout_ns + 1 - age_ns, 0) * 1e-9 if age_ns >= 0 else 0.0
+
     def _decision(self, now_ns: int, *, plan_fault: str, breach: Breach | None = None) -> Decision:
         decision, self._ladder = ladder.decide(
             ladder.Inputs(

@@ -151,6 +151,19 @@ def test_blind_it_levels_what_the_last_command_turned(make_flight: MakeFlight) -
     assert u.w_WB_B[0] == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.parametrize("age", [0 * MS, 7 * MS, 39 * MS, 40 * MS, 41 * MS, 900 * MS])
+def test_nobody_needs_to_look_before_it_is_blind(make_flight: MakeFlight, age: int) -> None:
+    flight = make_flight(MpcConfig(odom_timeout=0.04))
+    assert flight.supervisor.seconds_until_blind(now_ns=START) > 0.0
+    seen = flight.now
+    flight.tick(planned(0.3))
+    pause = round(flight.supervisor.seconds_until_blind(now_ns=seen + age) * 1e9)
+    assert pause == max(40 * MS + 1 - age, 0)
+    if pause:
+        assert flight.supervisor.decide_blind(now_ns=seen + age + pause - 1) is None
+    assert flight.supervisor.decide_blind(now_ns=seen + age + pause) is not None
+
+
 @pytest.mark.parametrize(
     ("plan", "step_time", "fault", "counter"),
     [

@@ -1,0 +1,53 @@
+"""An alarm of a managed node comes when its callback said, and no more often."""
+
+from __future__ import annotations
+
+import time
+
+import rclpy
+from rclpy.task import Future
+
+from quad_mpc_ros.messages.diagnostics import OK
+from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.ros.health import Health
+from quad_mpc_ros.ros.lifecycle import ManagedNode
+from quad_mpc_ros.ros.rclpy_internals import fastest_executor
+
+PAUSES = [0.3, 0.02, 0.02, 0.3, 0.02, 0.02]
+
+
+class _Woken(ManagedNode[MpcConfig]):
+    def __init__(self) -> None:
+        super().__init__("woken", MpcConfig)
+        self.times: list[float] = []
+        self.start()
+
+    def configure(self, config: MpcConfig) -> None:
+        self.managed_alarm(0.05, self._on_alarm)
+
+    def report(self) -> Health:
+        return Health(level=OK, text="awake")
+
+    def _on_alarm(self) -> float:
+        self.times.append(time.monotonic())
+        return PAUSES[len(self.times) % len(PAUSES) - 1]
+
+
+def test_it_comes_when_its_callback_said() -> None:
+    rclpy.init()
+    try:
+        node = _Woken()
+        executor = fastest_executor(message_info=False)
+        executor.add_node(node)
+        deadline = time.monotonic() + 30.0
+        while len(node.times) < 2 * len(PAUSES) and time.monotonic() < deadline:
+            executor.spin_until_future_complete(Future(), timeout_sec=0.1)
+        node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    passed = [after - before for before, after in zip(node.times, node.times[1:], strict=False)]
+    expected = (2 * PAUSES)[: len(passed)]
+    assert len(passed) >= 2 * len(PAUSES) - 1
+    # Never early; how late is the machine's business.
+    assert all(took > pause - 0.005 for took, pause in zip(passed, expected, strict=True))
+    assert min(passed) < 0.3
