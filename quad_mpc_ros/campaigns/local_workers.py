@@ -9,6 +9,7 @@ import signal
 import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from queue import SimpleQueue
@@ -117,6 +118,8 @@ def _new_worker() -> _Worker:
     context = multiprocessing.get_context("spawn")
     line, its_end = context.Pipe()
     process = context.Process(target=_work, args=(its_end,), daemon=True)
+    # It would be started with the first worker, and let SIGINT through again.
+    resource_tracker.ensure_running()
     # Ctrl-C is for the one who asked, with whom the worker ends; from before its first line on.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

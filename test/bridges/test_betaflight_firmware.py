@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import termios
 import tty
 from collections.abc import Iterator
@@ -137,10 +138,10 @@ class Bridged(BetaflightPlant):
             self._write(self.bridge.exchange(self.line.read(), now_ns=self.now_ns))
             self.warnings += self.bridge.take_warnings()
         while self.underway:  # a terminal takes time of this machine's
-            with contextlib.suppress(BlockingIOError):
-                data = os.read(self.controller, 4096)
-                self.underway -= len(data)
-                self._firmware.send(data)
+            select.select([self.controller], [], [])
+            data = os.read(self.controller, 4096)
+            self.underway -= len(data)
+            self._firmware.send(data)
         self.pulses = self._firmware.step(MILLISECOND, sensed=sensed, channels=self.pilot)
         if answers := self._firmware.received():
             os.write(self.controller, answers)
