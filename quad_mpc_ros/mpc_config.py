@@ -285,6 +285,14 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     odom_timeout: float = _live(
         0.1, doc="Odometry older than this is unusable.", unit="s", above=0.0
     )
+    odom_gap: float = _live(
+        0.4,
+        doc="How long after the last odometry the MPC plans on, from where its own commands "
+        "should have brought the vehicle; 0 is no longer than odom_timeout.",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
     reference_timeout: float = _live(
         0.5,
         doc="A reference older than this is unusable, unless it still reaches over the horizon.",

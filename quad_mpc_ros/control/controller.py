@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import NamedTuple
 
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
 from quad_mpc_ros.control.tick import Tick, figures_of
@@ -22,6 +23,7 @@ from quad_mpc_ros.safety.ladder import Decision
 from quad_mpc_ros.safety.supervisor import Supervisor
 
 _SECOND = 1_000_000_000
+_NOT_RUN = "not run without odometry"
 # So many periods away from when it is due, an odometry is of another clock.
 _PERIODS_AWAY = 3
 
@@ -29,6 +31,13 @@ _RESET = (
     "what was learned of thrust, wind and lags did not fit the vehicle and was let go: are mass, "
     "thrust_curve and lags right, does the odometry jump?"
 )
+
+
+class _Answered(NamedTuple):
+    """An odometry that was answered: its stamp, and when [ns]."""
+
+    stamp_ns: int
+    now_ns: int
 
 
 class Controller:
@@ -67,6 +76,9 @@ class Controller:
         self._period_ns = round(_SECOND / config.control_rate)
         self._decimation = Decimation(self._period_ns)
         self._last_tick: Tick | None = None
+        self._answered: _Answered | None = None
+        self._unseen_ns: int | None = None  # the stamp up to which was commanded without odometry
+        self._acts_ns = 0  # by which the last command is remembered
         self._resets_told = 0
 
     @property
@@ -148,7 +160,7 @@ class Controller:
             return None
         if self._config.lockstep:
             return self._last_tick if self._is_answered() else self._answer_in_lockstep()
-        if not self._decimation.is_due(accepted.stamp_ns):
+        if self._is_past(accepted.stamp_ns) or not self._decimation.is_due(accepted.stamp_ns):
             return None
         return self._answer(accepted, duration=self._period_ns * 1e-9, now_ns=now_ns)
 
@@ -173,7 +185,7 @@ class Controller:
     def watch(self, *, now_ns: int) -> Tick | None:
         """Act when no odometry comes: to be called every control period by a timer.
 
-        It may pause for :meth:`seconds_until_blind`.
+        It may pause for :meth:`seconds_until_unseen`.
 
         Args:
             now_ns: The time [ns], by the clock of :meth:`receive_odometry`.
@@ -181,24 +193,46 @@ class Controller:
         Returns:
             A tick when the odometry is older than its timeout, otherwise None.
         """
-        if self._config.lockstep:
+        if self._config.lockstep or not self._supervisor.is_unseen(now_ns=now_ns):
             return None
-        decision = self._supervisor.decide_blind(now_ns=now_ns)
-        if decision is None:
-            return None
+        # By the clock of the odometries' stamps.
+        answered = self._answered or _Answered(now_ns, now_ns)
+        self._unseen_ns = answered.stamp_ns + now_ns - answered.now_ns
+        step, plan, fault = None, None, _NOT_RUN
+        if self._supervisor.may_foresee(now_ns=now_ns):
+            step, fault = self._step(self._unseen_ns, now_ns=now_ns)
+            plan = step.plan if step is not None and not fault else None
         return self._send(
-            decision, stamp_ns=now_ns, duration=self._period_ns * 1e-9, now_ns=now_ns
+            self._supervisor.decide_unseen(plan=plan, plan_fault=fault, now_ns=now_ns),
+            stamp_ns=now_ns,
+            acts_ns=self._unseen_ns,
+            duration=self._period_ns * 1e-9,
+            now_ns=now_ns,
+            step=step,
+            plan=plan,
         )
 
-    def seconds_until_blind(self, *, now_ns: int) -> float:
+    def seconds_until_unseen(self, *, now_ns: int) -> float:
         """Return how long :meth:`watch` will have nothing to do, whatever comes; 0 if it acts."""
-        return self._supervisor.seconds_until_blind(now_ns=now_ns)
+        return self._supervisor.seconds_until_unseen(now_ns=now_ns)
 
     def replace_last_command(self, command: CommandSample, *, now_ns: int) -> None:
         """Take note that this command was sent in place of that of the last tick."""
         u = Input(throttle=command.throttle, w_WB_B=command.w_WB_B)
         self._supervisor.note_sent(u, now_ns=now_ns)
-        self._mpc.sent(u, stamp_ns=command.stamp_ns)
+        tick = self._last_tick
+        replaces = tick is not None and tick.stamp_ns == command.stamp_ns
+        self._mpc.sent(u, stamp_ns=self._acts_ns if replaces else command.stamp_ns)
+
+    def _is_past(self, stamp_ns: int) -> bool:
+        """Whether what acts at a stamp has been sent without its odometry, which a link held up.
+
+        The next one will be of now.
+        """
+        if self._unseen_ns is None:
+            return False
+        held_up_ns = self._unseen_ns - stamp_ns
+        return 0 <= held_up_ns <= self._config.odom_timeout * _SECOND  # else a clock was set
 
     def _is_answered(self) -> bool:
         """Whether the last tick belongs to the newest odometry."""
@@ -220,8 +254,9 @@ class Controller:
 
         The command is expected to act for ``duration`` [s].
         """
+        self._answered, self._unseen_ns = _Answered(odometry.stamp_ns, now_ns), None
         self._supervisor.judge_contact(odometry)
-        step, plan_fault = self._step(odometry, now_ns=now_ns)
+        step, plan_fault = self._step(odometry.stamp_ns, odometry=odometry, now_ns=now_ns)
         plan = step.plan if step is not None and not plan_fault else None
         decision = self._supervisor.decide(
             odometry, plan=plan, plan_fault=plan_fault, now_ns=now_ns
@@ -235,20 +270,33 @@ class Controller:
             plan=plan,
         )
 
-    def _step(self, odometry: OdometrySample, *, now_ns: int) -> tuple[MpcStep | None, str]:
-        """Run the MPC; return its outcome, and if it gives no plan to fly, why."""
-        window, fault = self._supervisor.inputs.reference_at(odometry.stamp_ns, now_ns=now_ns)
+    def _step(
+        self, stamp_ns: int, *, odometry: OdometrySample | None = None, now_ns: int
+    ) -> tuple[MpcStep | None, str]:
+        """Run the MPC; return its outcome, and if it gives no plan to fly, why.
+
+        Without the odometry of the stamp it begins where the vehicle should be then.
+        """
+        window, fault = self._supervisor.inputs.reference_at(stamp_ns, now_ns=now_ns)
         if window is None:
             return None, fault
         try:
-            step = self._mpc.step(odometry, window)
+            if odometry is not None:
+                step: MpcStep | None = self._mpc.step(odometry, window)
+            else:
+                step = self._mpc.step_unseen(stamp_ns, window)
         except Exception as error:  # whatever it is, something has to fly the vehicle
             self._mpc.begin_anew()
             fault = f"error in the control step: {error!r}"
             return None, self._supervisor.solver_failure(fault)
-        return step, self._supervisor.plan_fault(
+        if step is None:
+            return None, _NOT_RUN
+        fault = self._supervisor.plan_fault(
             step.plan, status=step.solution.status, step_time=step.step_time
         )
+        if odometry is None:
+            fault = fault or self._supervisor.foreseen_fault(step.state)
+        return step, fault
 
     def _send(
         self,
@@ -257,16 +305,21 @@ class Controller:
         stamp_ns: int,
         duration: float,
         now_ns: int,
+        acts_ns: int | None = None,
         step: MpcStep | None = None,
         plan: Plan | None = None,
     ) -> Tick:
-        """Have the command of who commands, record that it is sent, and return the tick."""
+        """Have the command of who commands, record that it is sent, and return the tick.
+
+        It is recorded by its own stamp, or by ``acts_ns`` where that is of another clock.
+        """
         u = self._supervisor.command(
             decision.source, duration=duration, now_ns=now_ns, learned=self._mpc.learned
         )
         command = None
         if u is not None:
-            self._mpc.sent(u, stamp_ns=stamp_ns)
+            self._acts_ns = stamp_ns if acts_ns is None else acts_ns
+            self._mpc.sent(u, stamp_ns=self._acts_ns)
             command = CommandSample(stamp_ns=stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
         odom_age_ns, reference_age_ns = self._supervisor.inputs.ages_ns(now_ns)
         reference = self._supervisor.inputs.reference

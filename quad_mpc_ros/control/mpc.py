@@ -73,11 +73,22 @@ class Mpc:
     def step(self, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
         """Compute the plan for an odometry (twist in the body frame) and a reference window."""
         started = time.perf_counter()
+        return self._solve(self._delay_compensation.predict(odometry), window, started=started)
+
+    def step_unseen(self, stamp_ns: int, window: ReferenceWindow) -> MpcStep | None:
+        """Compute the plan from where the vehicle should be at a time without odometry.
+
+        None if it has not been seen before that.
+        """
+        started = time.perf_counter()
+        state = self._delay_compensation.foresee(stamp_ns)
+        return None if state is None else self._solve(state, window, started=started)
+
+    def _solve(self, state: PredictedState, window: ReferenceWindow, *, started: float) -> MpcStep:
         problem, qp, solver = self._problem, self._qp, self._solver
         plan: Plan | None = None
         iterations, solve_time = 0, 0.0
 
-        state = self._delay_compensation.predict(odometry)
         problem.begin(state, window)
         while True:
             qp.update(problem.linearise())

@@ -170,9 +170,22 @@ class DelayCompensation:
         self._follow(odometry)
         self._measured[ACTUATORS.start] = self._ekf.throttle
         self._previous_ns = stamp_ns
+        return self._predicted(stamp_ns, begin_ns=stamp_ns)
+
+    def foresee(self, stamp_ns: int) -> PredictedState | None:
+        """Return the same of a time after the last odometry, None where none is known.
+
+        Nothing is learned. Its row is overwritten by a later prediction.
+        """
+        if self._previous_ns is None or stamp_ns < self._previous_ns:
+            return None
+        return self._predicted(stamp_ns, begin_ns=self._previous_ns)
+
+    def _predicted(self, stamp_ns: int, *, begin_ns: int) -> PredictedState:
+        """Roll the measured state forward from its time until a command of a stamp acts."""
         state, parameters = self._measured, self._ekf.parameters()
-        if self._delay_ns > 0:
-            acting = self._history.between(stamp_ns, stamp_ns + self._delay_ns)
+        if stamp_ns + self._delay_ns > begin_ns:
+            acting = self._history.between(begin_ns, stamp_ns + self._delay_ns)
             roll_forward(
                 parameters=parameters,
                 commands=acting.commands,

@@ -73,7 +73,7 @@ class Fault:
 
 
 _BRIEF = 0.6  # s: until blind, or hovering after a failed solver
-_LONG = 1.5  # s: until silent
+_LONG = 1.7  # s: until silent
 _REACH = 2.2  # s: until a window of the reference is used up
 
 _unusable_odometry = functools.partial(
@@ -159,16 +159,19 @@ _TABLE = (
     Fault(
         "odometry_dropouts",
         "30 % of the odometries lost at random",
-        courses.throughout("mpc", "plan"),  # the plan where a message is missing
         duration=2.0,
         odometry=distortions.dropping(0.3),
     ),
     Fault(
         "odometry_bursts",
         "nothing for 200 ms, then all at once, again and again",
-        # Blind for the moment between the end of the plan and the next message.
-        courses.throughout("mpc", "plan", "blind"),
         odometry=distortions.in_bursts(0.2),
+    ),
+    Fault(
+        "odometry_stalls",
+        "nothing for 300 ms, then all at once",
+        duration=0.3,
+        odometry=distortions.in_bursts(0.3),
     ),
     Fault(
         "two_odometries",

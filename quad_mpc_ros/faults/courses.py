@@ -56,13 +56,15 @@ def clocks_apart(config: MpcConfig) -> Course:
 
 
 def odometry_lost(config: MpcConfig, *, standing: bool = False) -> Course:
-    """Plan, then blind (standing on the ground: idle at once), then silence."""
+    """The MPC foresees, then blind (standing on the ground: idle at once), then silence."""
     late = 1.0 / config.control_rate
-    blind = max(config.odom_timeout, config.plan_hold_time)
+    # Standing on the ground nothing is foreseen.
+    foreseen = config.odom_timeout if standing else _foreseen(config)
+    blind = max(foreseen, config.plan_hold_time)
     silent = blind + config.blind_time
     return (
         _MPC,
-        *_plan(config.odom_timeout, blind, late=late, standing=standing),
+        *_plan(foreseen, blind, late=late, standing=standing),
         CoursePhase(("idle" if standing else "blind",), begins=blind, reached=blind + late),
         # The time of blindness counts from its first tick, which may be late by a period itself.
         CoursePhase(("silent",), begins=silent, reached=silent + 2.0 * late),
@@ -71,7 +73,18 @@ def odometry_lost(config: MpcConfig, *, standing: bool = False) -> Course:
 
 def odometry_frozen(config: MpcConfig) -> Course:
     """As when it is lost, but plans are made of it until the timeout."""
-    return _no_new_plan(config, since=config.odom_timeout, then="blind")
+    late, foreseen = 1.0 / config.control_rate, _foreseen(config)
+    blind = max(foreseen, config.odom_timeout + config.plan_hold_time)
+    return (
+        _MPC,
+        *_plan(foreseen, blind, late=late, standing=False),
+        CoursePhase(("blind",), begins=blind - late, reached=blind + late),
+    )
+
+
+def _foreseen(config: MpcConfig) -> float:
+    """Return for how long without odometry the MPC plans on [s]."""
+    return max(config.odom_timeout, config.odom_gap)
 
 
 def reference_lost(config: MpcConfig, *, standing: bool = False) -> Course:

@@ -181,7 +181,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         period = 1.0 / self._controller.config.control_rate
         if self._time.is_simulated:  # it may run faster than the timer
             return period
-        return max(self._controller.seconds_until_blind(now_ns=now_ns), period)
+        return max(self._controller.seconds_until_unseen(now_ns=now_ns), period)
 
     def _finish(self, tick: Tick | None) -> None:
         """Publish the command first, then what is only to be looked at."""

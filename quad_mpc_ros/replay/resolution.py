@@ -193,6 +193,13 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
     watched = sorted(ticks.keys() - stamps, reverse=True)
     windows = _Windows(run.windows)
     answered_only = bool(ticks) and _recorded_rate(run) == config.control_rate
+
+    def unseen(stamp_ns: int) -> _Event:
+        tick = ticks[stamp_ns]
+        received_ns = stamp_ns - round(1e6 * tick.reference_age_ms)
+        window = windows.of_stamp(tick.reference_stamp_ns, received_ns=received_ns)
+        return _Event(now_ns=stamp_ns, window=window, window_ns=received_ns)
+
     for odometry in run.odometries:
         stamp_ns = odometry.value.stamp_ns
         tick = ticks.get(stamp_ns)
@@ -201,7 +208,7 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
         # Ages were whole nanoseconds before they were told in ms.
         now_ns = window_ns = stamp_ns + (round(1e6 * tick.odom_age_ms) if tick else 0)
         while watched and watched[-1] < now_ns:
-            yield _Event(now_ns=watched.pop())
+            yield unseen(watched.pop())
         if tick is None:
             window = windows.before(odometry.log_time_ns)
         else:

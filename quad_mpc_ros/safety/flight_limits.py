@@ -55,6 +55,10 @@ class FlightLimits:
             self._breach = None
         return self._breach
 
+    def foreseen(self, odometry: OdometrySample) -> Breach | None:
+        """Return the breach that there will be where the vehicle should be soon, if any."""
+        return self._found(odometry, share=1.0, distance=0.0)
+
     def inside(self, p_WB: Array) -> Array:
         """Return the point (3,) nearest to a position and well inside the fence."""
         low, high = np.array(self._low), np.array(self._high)

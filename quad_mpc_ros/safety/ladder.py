@@ -12,6 +12,7 @@ from typing import NamedTuple
 from quad_mpc_ros.mpc_config import MpcConfig
 
 _SECOND = 1_000_000_000
+_FORESEEN = "odometry is late: foreseen"
 
 
 class Source(enum.IntEnum):
@@ -49,9 +50,10 @@ class Decision(NamedTuple):
 
 
 class Timeouts(NamedTuple):
-    """How long what may last [ns]."""
+    """How long what may last [ns]; ``gap`` is for odometry that is foreseen instead of seen."""
 
     odometry: int
+    gap: int
     reference: int
     plan_hold: int
     blind: int
@@ -61,8 +63,9 @@ class Inputs(NamedTuple):
     """What is known now.
 
     ``odometry_ns`` and ``reference_ns`` are when the last usable ones arrived. ``plan_fault`` is
-    empty when a new plan is at hand, otherwise why there is none. ``standing`` says that the
-    vehicle stands on the ground.
+    empty when a new plan is at hand, otherwise why there is none. ``foreseen`` says that the plan
+    begins where the vehicle should be by now, and not where it was seen. ``standing`` says that
+    the vehicle stands on the ground.
     """
 
     now_ns: int
@@ -71,13 +74,14 @@ class Inputs(NamedTuple):
     plan_fault: str = ""
     breach: Breach | None = None
     standing: bool = False
+    foreseen: bool = False
 
 
 class LadderState(NamedTuple):
     """What the ladder keeps from decision to decision.
 
-    The time of the last plan that was flown, since when nothing but dead reckoning flies, and why
-    it was stopped for good.
+    The time of the last plan of what was seen, since when nothing but dead reckoning flies, and
+    why it was stopped for good.
     """
 
     planned_ns: int | None = None
@@ -89,6 +93,7 @@ def timeouts_of(config: MpcConfig) -> Timeouts:
     """Return the timeouts of a configuration."""
     return Timeouts(
         odometry=round(config.odom_timeout * _SECOND),
+        gap=round(max(config.odom_timeout, config.odom_gap) * _SECOND),
         reference=round(config.reference_timeout * _SECOND),
         plan_hold=round(config.plan_hold_time * _SECOND),
         blind=round(config.blind_time * _SECOND),
@@ -99,7 +104,8 @@ def decide(inputs: Inputs, state: LadderState, timeouts: Timeouts) -> tuple[Deci
     """Return who commands now, and the next state."""
     sighted = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.odometry)
     fault = _input_fault(inputs, timeouts) or inputs.plan_fault
-    planned_ns = state.planned_ns if fault else inputs.now_ns
+    # What was foreseen gives no more time to the fallbacks.
+    planned_ns = state.planned_ns if fault or inputs.foreseen else inputs.now_ns
     if planned_ns is None:
         return Decision(Source.WAITING, fault), state
     holding = _is_within(planned_ns, inputs.now_ns, timeouts.plan_hold)
@@ -107,7 +113,7 @@ def decide(inputs: Inputs, state: LadderState, timeouts: Timeouts) -> tuple[Deci
     breach = inputs.breach if sighted else None
     state = LadderState(
         planned_ns=planned_ns,
-        blind_since_ns=_blind_since(inputs.now_ns, state, seeing=sighted or holding),
+        blind_since_ns=_blind_since(inputs.now_ns, state, seeing=sighted or holding or not fault),
         stopped=state.stopped or _reason_to_stop(breach),
     )
     return _rung(inputs, state, timeouts, fault=fault, breach=breach, holding=holding), state
@@ -127,7 +133,8 @@ def _rung(
     if breach is not None and breach.action is Action.HOVER:
         return Decision(Source.IDLE if inputs.standing else Source.HOVER, breach.reason)
     if not fault:
-        return Decision(Source.MPC, breach.reason if breach is not None else "")
+        unseen = _FORESEEN if inputs.foreseen else ""
+        return Decision(Source.MPC, breach.reason if breach is not None else unseen)
     if holding and not inputs.standing:  # a plan may take off later
         return Decision(Source.PLAN, fault)
     if state.blind_since_ns is None:
@@ -151,7 +158,8 @@ def _reason_to_stop(breach: Breach | None) -> str:
 def _input_fault(inputs: Inputs, timeouts: Timeouts) -> str:
     if inputs.odometry_ns is None:
         return "no odometry yet"
-    if not _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.odometry):
+    longest_ns = timeouts.gap if inputs.foreseen else timeouts.odometry
+    if not _is_within(inputs.odometry_ns, inputs.now_ns, longest_ns):
         return f"odometry is {_seconds(inputs.now_ns - inputs.odometry_ns)} old"
     if inputs.reference_ns is None:
         return "no reference yet"

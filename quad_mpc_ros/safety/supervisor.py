@@ -12,12 +12,15 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from quad_mpc_ros.estimation.contact import GroundContact
+from quad_mpc_ros.lie import so3
 from quad_mpc_ros.lie.kernels import infinity_norm
 from quad_mpc_ros.model.estimate_reset import EstimateReset
+from quad_mpc_ros.model.rollout import BODY_RATES
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input, state_from_odometry
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.plan import Plan
+from quad_mpc_ros.ocp.problem import PredictedState
 from quad_mpc_ros.safety import ladder
 from quad_mpc_ros.safety.command_limits import clamped, rate_limited
 from quad_mpc_ros.safety.fallbacks import (
@@ -29,7 +32,7 @@ from quad_mpc_ros.safety.fallbacks import (
 )
 from quad_mpc_ros.safety.flight_limits import FlightLimits
 from quad_mpc_ros.safety.input_monitor import InputMonitor
-from quad_mpc_ros.safety.ladder import Breach, Decision, LadderState, Source
+from quad_mpc_ros.safety.ladder import Action, Breach, Decision, LadderState, Source
 from quad_mpc_ros.safety.swinging import Swinging
 
 
@@ -79,6 +82,7 @@ class Supervisor:
         self._blind = BlindFallback(config)
         self._timeouts = ladder.timeouts_of(config)
         self._ladder = LadderState()
+        self._source = Source.WAITING
         self._plan: _HeldPlan | None = None
         self._sent: _Sent | None = None
         self._warnings: list[str] = []
@@ -183,27 +187,74 @@ class Supervisor:
         breach = max(filter(None, breaches), key=lambda each: each.action, default=None)
         return self._decision(now_ns, plan_fault=plan_fault, breach=breach)
 
-    def decide_blind(self, *, now_ns: int) -> Decision | None:
-        """Return who commands without odometry; None as long as there is some, or no flight."""
-        odometry, seen_ns, sent = self.inputs.odometry, self.inputs.odometry_ns, self._sent
-        if odometry is None or seen_ns is None or sent is None:
-            return None
-        if abs(now_ns - seen_ns) <= self._timeouts.odometry:
-            return None
+    def is_unseen(self, *, now_ns: int) -> bool:
+        """Whether odometry is missing in flight for longer than its timeout."""
+        seen_ns = self.inputs.odometry_ns
+        if seen_ns is None or self._sent is None:
+            return False
+        return abs(now_ns - seen_ns) > self._timeouts.odometry
+
+    def may_foresee(self, *, now_ns: int) -> bool:
+        """Whether the MPC may plan from where an unseen vehicle should be.
+
+        For a while, in flight, and only as long as nothing else has had to command.
+        """
+        seen_ns = self.inputs.odometry_ns or 0
+        return (
+            self._source is Source.MPC
+            and not self._ground.standing
+            and 0 <= now_ns - seen_ns <= self._timeouts.gap
+        )
+
+    def foreseen_fault(self, state: PredictedState) -> str:
+        """Return which limit an unseen vehicle is about to break, empty if none."""
+        x = state.x
+        ahead = OdometrySample(
+            stamp_ns=state.stamp_ns,
+            p_WB=x.p_WB,
+            q_WB_xyzw=so3.quaternion_xyzw_from_rotation(x.R_WB),
+            v_WB_B=x.v_WB_B,
+            w_WB_B=state.row[BODY_RATES],
+        )
+        breach = self._flight_limits.foreseen(ahead)
+        return breach.reason if breach is not None and breach.action > Action.WARN else ""
+
+    def decide_unseen(
+        self,
+        *,
+        plan: Plan | None = None,
+        plan_fault: str = "not run without odometry",
+        now_ns: int,
+    ) -> Decision:
+        """Return who commands while the vehicle :meth:`is_unseen`.
+
+        A plan begins where it should be by now.
+        """
+        odometry, sent = self.inputs.odometry, self._sent
+        assert odometry is not None and sent is not None
         self._blind.dead_reckon(
             state_from_odometry(odometry).R_WB,
             sent.command.w_WB_B,
             duration=(now_ns - sent.sent_ns) * 1e-9,
         )
-        return self._decision(now_ns, plan_fault="not run without odometry")
+        if plan is not None:
+            self._plan = _HeldPlan(plan, now_ns)
+        return self._decision(now_ns, plan_fault=plan_fault, foreseen=plan is not None)
 
-    def seconds_until_blind(self, *, now_ns: int) -> float:
-        """Return how long there is nothing for :meth:`decide_blind` to decide."""
+    def seconds_until_unseen(self, *, now_ns: int) -> float:
+        """Return for how long the vehicle will not be unseen yet."""
         seen_ns, timeout_ns = self.inputs.odometry_ns, self._timeouts.odometry
         age_ns = 0 if seen_ns is None else now_ns - seen_ns
         return max(timeout_ns + 1 - age_ns, 0) * 1e-9 if age_ns >= 0 else 0.0
 
-    def _decision(self, now_ns: int, *, plan_fault: str, breach: Breach | None = None) -> Decision:
+    def _decision(
+        self,
+        now_ns: int,
+        *,
+        plan_fault: str,
+        breach: Breach | None = None,
+        foreseen: bool = False,
+    ) -> Decision:
         decision, self._ladder = ladder.decide(
             ladder.Inputs(
                 now_ns=now_ns,
@@ -212,10 +263,12 @@ class Supervisor:
                 plan_fault=plan_fault,
                 breach=breach,
                 standing=self._ground.standing,
+                foreseen=foreseen,
             ),
             self._ladder,
             self._timeouts,
         )
+        self._source = decision.source
         return decision
 
     # --- what is sent

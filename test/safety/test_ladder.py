@@ -36,13 +36,20 @@ def ladder() -> ModuleType:
 
 
 class Flight:
-    """A ladder with a timeout of 100 ms for odometry, 500 ms for the reference, and so on."""
+    """A ladder with a timeout of 100 ms for odometry, 500 ms for the reference, and so on.
+
+    Odometry may be foreseen for 400 ms.
+    """
 
     def __init__(self, ladder: ModuleType, *, plan_hold: int = 200, blind: int = 1000) -> None:
         self._ladder = ladder
         self._state = ladder.LadderState()
         self._timeouts = ladder.Timeouts(
-            odometry=100 * MS, reference=500 * MS, plan_hold=plan_hold * MS, blind=blind * MS
+            odometry=100 * MS,
+            gap=400 * MS,
+            reference=500 * MS,
+            plan_hold=plan_hold * MS,
+            blind=blind * MS,
         )
 
     def decide(
@@ -54,6 +61,7 @@ class Flight:
         fault: str = "",
         breach: tuple[str, str] | None = None,
         standing: bool = False,
+        foreseen: bool = False,
         never: str = "",
     ) -> tuple[str, str]:
         """Decide at a time [ms] with inputs that last came at the given times, or just now.
@@ -75,6 +83,7 @@ class Flight:
                 plan_fault=fault,
                 breach=broken,
                 standing=standing,
+                foreseen=foreseen,
             ),
             self._state,
             self._timeouts,
@@ -147,6 +156,36 @@ def test_a_new_plan_while_the_odometry_is_old_is_none(ladder: ModuleType) -> Non
     flight = Flight(ladder)
     flight.decide(0)
     flight.follow([(101, PLAN), (201, BLIND)], odometry=0)
+
+
+def test_what_is_foreseen_is_flown_for_a_while_and_gives_the_plan_no_more_time(
+    ladder: ModuleType,
+) -> None:
+    flight = Flight(ladder)
+    flight.decide(0)
+    assert flight.decide(120, odometry=0, foreseen=True) == (
+        MPC,
+        "odometry is late: foreseen",
+    )
+    flight.follow([(200, MPC), (400, MPC)], odometry=0, foreseen=True)
+    assert flight.decide(401, odometry=0, foreseen=True) == (BLIND, "odometry is 0.40 s old")
+    flight.follow([(1401, BLIND), (1402, SILENT)], odometry=0, fault=FAILED)
+    assert flight.decide(1500) == (MPC, "")
+
+
+def test_what_cannot_be_foreseen_any_more_is_the_plan_as_long_as_it_holds(
+    ladder: ModuleType,
+) -> None:
+    flight = Flight(ladder)
+    flight.decide(0)
+    flight.follow([(120, MPC)], odometry=0, foreseen=True)
+    flight.follow([(140, PLAN), (200, PLAN), (220, BLIND)], odometry=0, fault=FAILED)
+    flight = Flight(ladder, plan_hold=450)
+    flight.decide(0)
+    flight.follow([(400, MPC), (440, PLAN), (460, BLIND)], odometry=0, foreseen=True)
+    flight = Flight(ladder)
+    flight.decide(0)
+    assert flight.decide(110, odometry=0, fault=FAILED, foreseen=True) == (PLAN, FAILED)
 
 
 def test_odometry_that_returns_without_a_solver_is_enough_to_hover(ladder: ModuleType) -> None:
@@ -265,15 +304,22 @@ def test_timeouts_are_those_of_the_configuration(ladder: ModuleType) -> None:
     from quad_mpc_ros.mpc_config import MpcConfig
 
     config = MpcConfig(
-        odom_timeout=0.125, reference_timeout=0.25, plan_hold_time=0.5, blind_time=2.0
+        odom_timeout=0.125,
+        odom_gap=0.375,
+        reference_timeout=0.25,
+        plan_hold_time=0.5,
+        blind_time=2.0,
     )
-    assert ladder.timeouts_of(config) == (125 * MS, 250 * MS, 500 * MS, 2000 * MS)
+    assert ladder.timeouts_of(config) == (125 * MS, 375 * MS, 250 * MS, 500 * MS, 2000 * MS)
+    off = MpcConfig(odom_timeout=0.125, odom_gap=0.0)
+    assert ladder.timeouts_of(off).gap == 125 * MS
 
 
 _MOMENT = st.fixed_dictionaries(
     {
         "wait": st.integers(0, 400),
-        "odometry_age": st.integers(0, 150),
+        "odometry_age": st.one_of(st.integers(0, 150), st.integers(350, 450)),
+        "foreseen": st.booleans(),
         "reference_age": st.integers(0, 600),
         "fault": st.sampled_from(["", FAILED]),
         "breach": st.sampled_from([None, ("WARN", "high"), ("HOVER", "out"), ("STOP", "far")]),
@@ -289,6 +335,7 @@ def test_in_any_story(moments: list[dict[str, Any]]) -> None:
     flight, at, stopped, flown = Flight(real_ladder), 0, False, False
     for moment in moments:
         at += moment["wait"]
+        foreseen = moment["foreseen"] and flown
         rung, reason = flight.decide(
             at,
             odometry=at - moment["odometry_age"],
@@ -296,16 +343,18 @@ def test_in_any_story(moments: list[dict[str, Any]]) -> None:
             fault=moment["fault"],
             breach=moment["breach"],
             standing=moment["standing"],
+            foreseen=foreseen,
         )
         sighted = moment["odometry_age"] <= 100
-        well = sighted and moment["reference_age"] <= 500 and not moment["fault"]
+        known = sighted or (foreseen and moment["odometry_age"] <= 400)
+        well = known and moment["reference_age"] <= 500 and not moment["fault"]
         flown = flown or well
         action = moment["breach"][0] if moment["breach"] and sighted and flown else ""
         stopped = stopped or action == "STOP"
         assert (rung == WAITING) == (not flown)
         assert not (stopped and rung != SILENT)
         assert (rung == MPC) == (well and not stopped and action != "HOVER")
-        assert rung not in (HOVER, MPC) or sighted
+        assert rung not in (HOVER, MPC) or sighted or (rung == MPC and known)
         assert rung != BLIND or not sighted
         assert rung != IDLE or moment["standing"]
         assert reason or (rung == MPC and action != "WARN")

@@ -60,8 +60,8 @@ class Flight:
         return self._commanded(decision.source)
 
     def watch(self) -> tuple[str, Input | None]:
-        decision = self.supervisor.decide_blind(now_ns=self.now)
-        assert decision is not None
+        assert self.supervisor.is_unseen(now_ns=self.now)
+        decision = self.supervisor.decide_unseen(now_ns=self.now)
         return self._commanded(decision.source)
 
     def _commanded(self, source: Source) -> tuple[str, Input | None]:
@@ -82,9 +82,9 @@ MakeFlight = Callable[[MpcConfig], Flight]
 
 def test_nothing_is_sent_before_the_first_plan(make_flight: MakeFlight) -> None:
     flight = make_flight(MpcConfig())
-    assert flight.supervisor.decide_blind(now_ns=START) is None
+    assert not flight.supervisor.is_unseen(now_ns=START)
     assert flight.tick(fault="solver: none yet") == ("WAITING", None)
-    assert flight.supervisor.decide_blind(now_ns=START + 5000 * MS) is None
+    assert not flight.supervisor.is_unseen(now_ns=START + 5000 * MS)
     assert flight.supervisor.counts.commands == 0
 
 
@@ -154,14 +154,14 @@ def test_blind_it_levels_what_the_last_command_turned(make_flight: MakeFlight) -
 @pytest.mark.parametrize("age", [0 * MS, 7 * MS, 39 * MS, 40 * MS, 41 * MS, 900 * MS])
 def test_nobody_needs_to_look_before_it_is_blind(make_flight: MakeFlight, age: int) -> None:
     flight = make_flight(MpcConfig(odom_timeout=0.04))
-    assert flight.supervisor.seconds_until_blind(now_ns=START) > 0.0
+    assert flight.supervisor.seconds_until_unseen(now_ns=START) > 0.0
     seen = flight.now
     flight.tick(planned(0.3))
-    pause = round(flight.supervisor.seconds_until_blind(now_ns=seen + age) * 1e9)
+    pause = round(flight.supervisor.seconds_until_unseen(now_ns=seen + age) * 1e9)
     assert pause == max(40 * MS + 1 - age, 0)
     if pause:
-        assert flight.supervisor.decide_blind(now_ns=seen + age + pause - 1) is None
-    assert flight.supervisor.decide_blind(now_ns=seen + age + pause) is not None
+        assert not flight.supervisor.is_unseen(now_ns=seen + age + pause - 1)
+    assert flight.supervisor.is_unseen(now_ns=seen + age + pause)
 
 
 @pytest.mark.parametrize(
