@@ -134,6 +134,7 @@ def test_live_parameters_are_weights_bounds_and_limits() -> None:
         "throttle_min",
         "throttle_max",
         "odom_timeout",
+        "odom_gap",
         "reference_timeout",
         "plan_hold_time",
         "blind_time",

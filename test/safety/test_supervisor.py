@@ -13,8 +13,9 @@ from numpy.testing import assert_allclose
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input
-from quad_mpc_ros.mpc_config import MpcConfig, SlewParameters
+from quad_mpc_ros.mpc_config import FenceParameters, MpcConfig, SlewParameters
 from quad_mpc_ros.ocp.plan import Plan
+from quad_mpc_ros.ocp.problem import PredictedState
 from quad_mpc_ros.safety.ladder import Source
 from quad_mpc_ros.safety.supervisor import Supervisor
 
@@ -215,3 +216,16 @@ def test_a_reference_is_followed_while_it_is_fresh_or_reaches_over_the_horizon(
     window, fault = inputs.reference_at(START - 600 * MS, now_ns=START)
     assert window is None
     assert fault == "reference begins 0.60 s after the odometry's stamp"
+
+
+@pytest.mark.parametrize(("action", "told"), [("warn", False), ("hover", True), ("stop", True)])
+def test_what_is_foreseen_ends_before_a_limit_that_would_act(action: str, told: bool) -> None:
+    fence = FenceParameters(maximum=(2.0, 9.0, 9.0), action=action)
+    supervisor = Supervisor(MpcConfig(fence=fence))
+
+    def state(x: float) -> PredictedState:
+        row = np.concatenate(([x, 0.0, 1.0, 0.5, 0.0, 0.0], np.eye(3).ravel(), np.zeros(4)))
+        return PredictedState(0, row, np.zeros(20), sent=np.zeros(4), since_sent=0.0)
+
+    assert supervisor.foreseen_fault(state(0.0)) == ""
+    assert ("outside the fence" in supervisor.foreseen_fault(state(2.1))) == told
