@@ -245,7 +245,7 @@ def test_nan_odometry_never_reaches_the_solver(field: str, start: Start, peer: A
     for _ in range(30):
         stack.tick(**{field: np.full(size, np.nan)})
     assert peer.wait(lambda: int(stack.stats[-1]["rejected_inputs"]) >= 10)
-    assert peer.wait(lambda: stack.stats[-1]["source"] == "blind")
+    assert peer.wait(lambda: any(each["source"] == "blind" for each in stack.stats))
     assert stack.stats[-1]["solver_failures"] == "0"
     for _ in range(20):
         stack.tick()
