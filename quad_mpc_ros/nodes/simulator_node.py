@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.messages.diagnostics import ERROR, OK
-from quad_mpc_ros.messages.topics import CLOCK, COMMAND, ODOMETRY
+from quad_mpc_ros.messages.topics import CLOCK, COMMAND, ODOMETRY, REFERENCE
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
@@ -27,6 +27,10 @@ from quad_mpc_ros.simulation.warm_up import warm_up
 
 # s: in lockstep an odometry without a command is sent again; the command may only be late.
 _RESEND_PERIOD = 1.0
+# s: how long it waits for nodes that are there and do not publish yet; they may be compiling.
+_STARTING = 900.0
+_TOLD_PERIOD = 5.0
+_AWAITED = {"mpc": COMMAND, "reference": REFERENCE}
 # s: how often real time is polled when odometries are delayed and leave at irregular times
 _POLL_PERIOD = 1e-3
 
@@ -78,10 +82,11 @@ class Lockstep:
         self._stream = OdometryStream(plant, node.config, start_stamp_ns=SIMULATION_START_NS)
         self._clock = node.health.publisher(CLOCK)
         self._awaited: SentOdometry | None = None
-        self._waiting_since = 0.0
+        self._waiting_since = self._started = 0.0
 
     def start(self) -> None:
         """Send the first odometry."""
+        self._started = time.monotonic()
         self._node.every(_RESEND_PERIOD, self._resend)
         self._step()
 
@@ -101,10 +106,19 @@ class Lockstep:
 
     def _resend(self) -> None:
         """Send again what may have been lost, and give up loudly in the end."""
-        waited = time.monotonic() - self._waiting_since
+        now = time.monotonic()
+        waited = now - self._waiting_since
         if self._awaited is None or waited < _RESEND_PERIOD:
             return
-        if waited > self._node.config.lockstep_timeout:
+        starting = self._node.starting()
+        if starting and now - self._started < _STARTING:
+            self._waiting_since = now  # its time begins when they can answer
+            self._node.get_logger().info(
+                f"waiting for {starting}, which is not ready yet: at the first start after an "
+                "installation it compiles",
+                throttle_duration_sec=_TOLD_PERIOD,
+            )
+        elif waited > self._node.config.lockstep_timeout:
             self._node.fail(
                 f"no command for the odometry of {self._awaited.odometry.stamp_ns * 1e-9:.3f} s "
                 f"within {self._node.config.lockstep_timeout:g} s (lockstep_timeout): are mpc "
@@ -147,6 +161,16 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         """Publish an odometry."""
         self._odometry.publish(cdr.written_odometry(odometry))
         self._odometries += 1
+
+    def starting(self) -> str:
+        """Return which nodes of the vehicle are there and do not publish what is waited for."""
+        space = self.get_namespace()
+        there = {name for name, other in self.get_node_names_and_namespaces() if other == space}
+        return " and ".join(
+            name
+            for name, topic in _AWAITED.items()
+            if name in there and not self.count_publishers(topic.name)
+        )
 
     def every(self, period: float, callback: Callable[[], None]) -> None:
         """Call back periodically on the wall clock, never on the simulated one."""

@@ -162,7 +162,11 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
         False, doc="Simulated time: step only when the command for the last odometry has come."
     )
     lockstep_timeout: float = parameter(
-        20.0, doc="How long to wait in lockstep before giving up, wall clock.", unit="s", above=0.0
+        20.0,
+        doc="How long to wait in lockstep before giving up, wall clock; once mpc and reference "
+        "have started, which may be compiling.",
+        unit="s",
+        above=0.0,
     )
     autostart: bool = parameter(
         True, doc="Start the clock at once; otherwise the service ~/start does."

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
@@ -352,3 +353,20 @@ def test_lockstep_without_a_controller_fails_loudly(start: Start, tmp_path: Path
     log = (tmp_path / "simulator.log").read_text()
     assert "no command for the odometry" in log
     assert "lockstep_timeout" in log
+
+
+def test_lockstep_waits_for_a_node_that_compiles_and_does_not_publish_yet(
+    start: Start, peer: Any, tmp_path: Path
+) -> None:
+    compiling = rclpy.create_node("mpc")
+    process = start("simulator", "-p", "lockstep:=true", "-p", "lockstep_timeout:=3.0")
+
+    def log() -> str:
+        return (tmp_path / "simulator.log").read_text()
+
+    assert peer.wait(lambda: "waiting for mpc" in log())
+    peer.spin(4.0)
+    assert process.poll() is None
+    compiling.destroy_node()
+    assert process.wait(30) == 1
+    assert "lockstep_timeout" in log()
