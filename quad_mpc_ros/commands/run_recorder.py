@@ -37,10 +37,9 @@ class RunRecorder:
         self._frame_id = frame_id
         self._messages = RosbagsMessages()
         self._writer = BagWriter(bag, compression=compression)  # type: ignore[arg-type]
+        self._offered: set[Topic] = set()
         for topic in offered:
-            self._writer.add_topic(
-                f"/{topic.name}", topic.type_name, qos_profiles=[_profile(topic)]
-            )
+            self._offer(topic)
         for node, values in parameters.items():
             write_parameters(self._writer, node, values)
 
@@ -68,6 +67,15 @@ class RunRecorder:
     def odometry(self, odometry: OdometrySample, *, time_ns: int) -> None:
         """Write an odometry."""
         self._write(topics.ODOMETRY, time_ns, lambda m: conversions.fill_odometry(m, odometry))
+
+    def battery(self, voltage: float, *, time_ns: int) -> None:
+        """Write the voltage of a battery [V]; who has none does not offer its topic."""
+        self._offer(topics.BATTERY)
+        self._write(
+            topics.BATTERY,
+            time_ns,
+            lambda m: conversions.fill_battery(m, voltage, stamp_ns=time_ns),
+        )
 
     def reference(self, window: ReferenceWindow, *, child_frame_id: str, time_ns: int) -> None:
         """Write a window of the reference."""
@@ -110,6 +118,12 @@ class RunRecorder:
     def flush_if_due(self) -> None:
         """Hand what has gathered to the operating system now and then."""
         self._writer.flush_if_due(time.monotonic())
+
+    def _offer(self, topic: Topic) -> None:
+        if topic not in self._offered:
+            self._offered.add(topic)
+            name, profile = f"/{topic.name}", _profile(topic)
+            self._writer.add_topic(name, topic.type_name, qos_profiles=[profile])
 
     def _write(
         self,

@@ -86,6 +86,8 @@ def _record(recorder: RunRecorder, step: LoopStep) -> None:
     """Write one odometry and what followed from it."""
     odometry, stamp_ns = step.odometry, step.odometry.stamp_ns
     recorder.odometry(odometry, time_ns=stamp_ns)
+    if step.voltage is not None:
+        recorder.battery(step.voltage, time_ns=stamp_ns)
     recorder.reference(step.window, child_frame_id=odometry.child_frame_id, time_ns=stamp_ns)
     if step.tick is not None:
         recorder.tick(step.tick, time_ns=stamp_ns)

@@ -297,6 +297,17 @@ def _parameter_value(message: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
+def fill_battery(message: Any, voltage: float, *, stamp_ns: int) -> None:
+    """Write a voltage [V] into a ``sensor_msgs/BatteryState``; nothing else was measured."""
+    fill_time(message.header.stamp, stamp_ns)
+    message.voltage, message.present = voltage, True
+    for name in _UNMEASURED:
+        setattr(message, name, math.nan)
+
+
+_UNMEASURED = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
+
+
 def fill_reset(message: Any, reset: EstimateReset) -> None:
     """Write an estimator's step into a ``geometry_msgs/TransformStamped``: its former frame."""
     fill_header(message.header, reset.stamp_ns, reset.frame_id)

@@ -21,6 +21,7 @@ SHIPPED_TYPES = (
     "nav_msgs/msg/Odometry",
     "nav_msgs/msg/Path",
     "rosgraph_msgs/msg/Clock",
+    "sensor_msgs/msg/BatteryState",
     "trajectory_msgs/msg/MultiDOFJointTrajectory",
 )
 """The types whose definitions come with this package, so that it records without ROS."""

@@ -38,6 +38,8 @@ ODOMETRY_RESET = Topic(
     depth=10,
 )
 
+BATTERY = Topic(name="battery", type_name="sensor_msgs/msg/BatteryState")
+
 REFERENCE = Topic(
     name="reference",
     type_name="trajectory_msgs/msg/MultiDOFJointTrajectory",
@@ -77,6 +79,7 @@ RECORDED = (
     COMMAND,
     ENGAGED,
     LANDED,
+    BATTERY,
     PREDICTED_PATH,
     REFERENCE_PATH,
     STATS,

@@ -12,8 +12,8 @@ from std_srvs.srv import Trigger
 
 from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.messages.diagnostics import ERROR, OK
-from quad_mpc_ros.messages.topics import CLOCK, COMMAND, ODOMETRY, REFERENCE
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.messages.topics import BATTERY, CLOCK, COMMAND, ODOMETRY, REFERENCE
+from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import new_message
@@ -21,7 +21,7 @@ from quad_mpc_ros.ros.spin import run, stop
 from quad_mpc_ros.ros.telling import told
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
-from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.simulation.plant import Plant, Powered
 from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
 from quad_mpc_ros.simulation.warm_up import warm_up
 
@@ -68,7 +68,7 @@ class RealTime:
     def _fly_to(self, time_ns: int) -> None:
         if self._stream is not None:
             for sent in self._stream.advance_to(time_ns):
-                self._node.publish_odometry(sent.odometry)
+                self._node.publish(sent)
 
     def _elapsed_ns(self) -> int:
         return time.monotonic_ns() - self._started_ns
@@ -135,7 +135,7 @@ class Lockstep:
         clock = new_message(CLOCK.type_name)
         conversions.fill_time(clock.clock, SIMULATION_START_NS + sent.time_ns)
         self._clock.publish(clock)
-        self._node.publish_odometry(sent.odometry)
+        self._node.publish(sent)
 
 
 class SimulatorNode(ReportingNode[SimulatorConfig]):
@@ -151,16 +151,24 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         with told(self):
             warm_up(self.config)
         pacing = Lockstep if self.config.lockstep else RealTime
-        self._pacing = pacing(self, make_plant(self.config))
+        plant = make_plant(self.config)
+        powered = isinstance(plant, Powered) and plant.battery_voltage is not None
+        self._battery = self.health.publisher(BATTERY) if powered else None
+        self._pacing = pacing(self, plant)
         self.health.subscription(COMMAND, self._on_command)
         self.create_service(Trigger, "~/start", self._on_start)
         if self.config.autostart:
             self._start()
 
-    def publish_odometry(self, odometry: OdometrySample) -> None:
-        """Publish an odometry."""
-        self._odometry.publish(cdr.written_odometry(odometry))
+    def publish(self, sent: SentOdometry) -> None:
+        """Publish an odometry, and the battery's voltage where that was measured with it."""
+        self._odometry.publish(cdr.written_odometry(sent.odometry))
         self._odometries += 1
+        if sent.voltage is not None and self._battery is not None:
+            message = new_message(BATTERY.type_name)
+            stamp_ns = sent.odometry.stamp_ns
+            conversions.fill_battery(message, sent.voltage, stamp_ns=stamp_ns)
+            self._battery.publish(message)
 
     def starting(self) -> str:
         """Return which nodes of the vehicle are there and do not publish what is waited for."""

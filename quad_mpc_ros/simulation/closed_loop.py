@@ -43,6 +43,7 @@ class LoopStep:
         tick: What the controller did; None when the control rate skipped the odometry, and with
             a control law of one's own.
         command: What was sent to the plant, if anything was.
+        voltage: That of the battery [V], where it was measured with the odometry.
     """
 
     odometry: OdometrySample
@@ -51,6 +52,7 @@ class LoopStep:
     window: ReferenceWindow
     tick: Tick | None
     command: CommandSample | None
+    voltage: float | None = None
 
 
 def fly(
@@ -103,6 +105,7 @@ def fly(
             window=window,
             tick=tick,
             command=command,
+            voltage=sent.voltage,
         )
 
 

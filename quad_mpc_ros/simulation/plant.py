@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import deque
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample, OdometrySample
@@ -27,6 +27,15 @@ class Plant(Protocol):
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
         """Return the true odometry under a stamp."""
+
+
+@runtime_checkable
+class Powered(Protocol):
+    """A plant that knows the voltage of its battery."""
+
+    @property
+    def battery_voltage(self) -> float | None:
+        """Voltage of the battery [V]; None without one that sags."""
 
 
 def odometry_of(seen: Array, config: PlantParameters, *, stamp_ns: int) -> OdometrySample:

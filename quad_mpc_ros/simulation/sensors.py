@@ -14,10 +14,12 @@ from quad_mpc_ros.lie import so3
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.parameters import Stream, white_noise
-from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.simulation.plant import Plant, Powered
 
 # In periods; below one half, so that odometries stay in order.
 _LARGEST_JITTER = 0.45
+
+_VOLTAGE_PERIOD_NS = 200_000_000  # of the measurements of a battery
 
 
 class Sensors:
@@ -96,11 +98,13 @@ class SentOdometry:
     """An odometry and when it is sent, from the start of the plant; ``truth`` is without error.
 
     Under the stamp of the sending, :meth:`OdometryStream.step` tells the truth of that time.
+    ``voltage`` [V] is the battery's, measured with some of the odometries of a plant with one.
     """
 
     time_ns: int
     odometry: OdometrySample
     truth: OdometrySample
+    voltage: float | None = None
 
 
 class OdometryStream:
@@ -121,6 +125,8 @@ class OdometryStream:
         self._next_ns = next(self._times, None)
         self._waiting: deque[SentOdometry] = deque()
         self._end_ns = 0
+        self._powered = plant if isinstance(plant, Powered) else None
+        self._voltage_due_ns = 0
 
     def step(self) -> SentOdometry | None:
         """Move the plant to the next sending; None when there is none any more."""
@@ -159,6 +165,15 @@ class OdometryStream:
         odometry = self._sensors.measured(truth)
         time_ns = self._next_ns + self._delay_ns
         if not self._sensors.lost():
-            self._waiting.append(SentOdometry(time_ns=time_ns, odometry=odometry, truth=truth))
+            voltage = self._voltage(self._next_ns)
+            sent = SentOdometry(time_ns=time_ns, odometry=odometry, truth=truth, voltage=voltage)
+            self._waiting.append(sent)
         self._end_ns = time_ns + self._period_ns
         self._next_ns = next(self._times, None)
+
+    def _voltage(self, time_ns: int) -> float | None:
+        """Return the battery's voltage [V] where there is one, and to be measured by now."""
+        if self._powered is None or time_ns < self._voltage_due_ns:
+            return None
+        self._voltage_due_ns = time_ns + _VOLTAGE_PERIOD_NS
+        return self._powered.battery_voltage

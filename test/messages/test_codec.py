@@ -62,6 +62,10 @@ def random_value(kind: str, rng: random.Random) -> tuple[Any, Any]:
         value: Any = "".join(rng.choices(string.printable + "äπ→𝛚", k=rng.randrange(12)))
     elif kind == "double":
         value = rng.choice([rng.gauss(0, 1e3), 0.0, -0.0, math.inf, 5e-324, 1.7e308])
+    elif kind == "float":  # what 32 bits hold
+        value = rng.choice([0.25 * rng.randrange(-999, 999), -0.0, math.inf, 2.0**-140])
+    elif kind == "boolean":
+        value = bool(rng.randrange(2))
     elif kind == "octet":
         value = bytes([rng.randrange(256)])
     else:

@@ -12,8 +12,8 @@ import pytest
 POLICIES = Path(__file__).resolve().parents[2] / "config" / "security" / "policies.xml"
 NODES = ("simulator", "reference", "mpc", "recorder", "visualisation")
 # Opened by some only: on simulated time or in lockstep, where tf2_msgs is installed, once somebody
-# publishes it.
-SOMETIMES = {"/clock", "/tf", "/engaged", "/landed", "/odom_reset"}
+# publishes it, of a plant that has it.
+SOMETIMES = {"/battery", "/clock", "/tf", "/engaged", "/landed", "/odom_reset"}
 OPENED = {
     ("topics", "publish"): "get_publisher_names_and_types_by_node",
     ("topics", "subscribe"): "get_subscriber_names_and_types_by_node",

@@ -12,6 +12,7 @@ import pytest
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.cli import main
@@ -89,3 +90,22 @@ def test_real_time_sends_late_irregular_and_not_all(
     assert np.median(arrivals - stamps) == pytest.approx(51e6, abs=5e6)
     assert (arrivals - stamps).min() >= 50e6
     assert np.std(x) == pytest.approx(0.5, rel=0.25)
+
+
+def test_a_battery_that_sags_is_told(tmp_path: Path, start: Callable[..., Any], peer: Any) -> None:
+    parameters = tmp_path / "simulator.yaml"
+    parameters.write_text(
+        "simulator:\n  ros__parameters:\n    plant: rotors\n    autostart: false\n"
+        "    initial_throttle: 0.29\n    duration: 3.0\n    battery.capacity: 0.001\n"
+    )
+    volts: list[float] = []
+    subscription = peer.node.create_subscription(
+        BatteryState, "battery", lambda m: volts.append(m.voltage), qos_profile_sensor_data
+    )
+    process = start("simulator", "--params-file", str(parameters))
+    client = peer.node.create_client(Trigger, "simulator/start")
+    assert peer.wait(lambda: subscription.get_publisher_count() > 0)
+    assert peer.call(client, Trigger.Request()).success
+    assert peer.wait(lambda: process.poll() is not None)
+    assert 5 <= len(volts) <= 15
+    assert 13.2 < volts[-1] < volts[0] <= 16.8

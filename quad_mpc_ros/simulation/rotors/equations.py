@@ -54,6 +54,13 @@ def derivative(
 
 
 @compiled
+def charge(x: Array, craft: Array) -> float:
+    """Return the voltage of a state (14 + n,) over that of a full battery."""
+    numbers = craft_in(craft)
+    return battery(_power(x, numbers), used=x[13], craft=numbers)[0]
+
+
+@compiled
 def _power(x: Array, craft: Craft) -> float:
     """Return the power that the air takes from the rotors [W]."""
     power = 0.0

@@ -11,7 +11,7 @@ from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input, State
 from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of
-from quad_mpc_ros.simulation.rotors import motion, rate_loop
+from quad_mpc_ros.simulation.rotors import equations, motion, rate_loop
 from quad_mpc_ros.simulation.rotors.craft import craft_vector, rotor_rows
 from quad_mpc_ros.simulation.rotors.mixer import mixing
 from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters
@@ -76,6 +76,14 @@ class RotorsPlant(DelayedPlant):
     def charge_used(self) -> float:
         """Charge taken from the battery so far [A s]."""
         return float(self._x[USED])
+
+    @property
+    def battery_voltage(self) -> float | None:
+        """Voltage of the battery [V]; None of one that never sags."""
+        battery = self._config.battery
+        if battery.capacity == 0.0:
+            return None
+        return battery.voltage_full * equations.charge(self._x, self._craft)
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
         """Return the true odometry under a stamp."""

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from quad_mpc_ros.simulation.rotors.battery import battery
 from quad_mpc_ros.simulation.rotors.craft import craft_in
+from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
+from quad_mpc_ros.simulation.sensors import OdometryStream
 
 CELLS: dict[str, Any] = {"battery__capacity": 1.3}
 FULL, EMPTY, RESISTANCE, EFFICIENCY, CAPACITY = 16.8, 13.2, 0.02, 0.7, 1.3 * 3600.0
@@ -86,3 +88,24 @@ def test_a_battery_without_capacity_never_sags() -> None:
     body.advance_to(SECOND)
     assert body.charge_used == 0.0
     assert body.rotor_speeds == pytest.approx(np.full(4, (4.67266 / 1.21e-6) ** 0.5), rel=1e-3)
+    assert body.battery_voltage is None
+
+
+def test_the_voltage_of_the_plant_is_that_of_its_battery() -> None:
+    body = plant(**CELLS)
+    body.advance_to(10 * SECOND)
+    power = 1.83e-9 * float(np.sum(body.rotor_speeds**3))
+    voltage, _ = under_load(power, body.charge_used)
+    assert body.battery_voltage == pytest.approx(voltage, rel=1e-9)
+    assert voltage < FULL
+
+
+def test_it_is_measured_five_times_a_second() -> None:
+    config = configured(**CELLS, duration=2.0, odom_delay=0.05)
+    stream = OdometryStream(RotorsPlant(config), config, start_stamp_ns=0)
+    told = []
+    while (sent := stream.step()) is not None:
+        if sent.voltage is not None:
+            told.append((sent.odometry.stamp_ns, sent.voltage))
+    assert [stamp_ns for stamp_ns, _ in told] == [k * SECOND // 5 for k in range(10)]
+    assert (np.diff([voltage for _, voltage in told]) < 0.0).all()
