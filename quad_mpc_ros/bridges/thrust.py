@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 
 from quad_mpc_ros.bridges.config import BridgeConfig
+from quad_mpc_ros.model.voltage import SmoothedVoltage
 
-# s: the voltage sags with every burst of thrust, and the vehicle shall not follow each.
-_VOLTAGE_TIME_CONSTANT = 2.0
 _SCALE_LIMITS = (0.5, 1.5)
 
 
@@ -26,8 +24,7 @@ class ThrustMap:
             if config.thrust_map.kind == "quadratic"
             else self._model
         )
-        self._voltage: float | None = None
-        self._voltage_ns = 0
+        self._voltage = SmoothedVoltage()
 
     def thrust_newton(self, model_throttle: float) -> float:
         """Return the collective thrust [N] that the MPC means by its throttle; never below 0."""
@@ -45,24 +42,15 @@ class ThrustMap:
 
     def receive_voltage(self, voltage: float, *, now_ns: int) -> None:
         """Take a battery voltage [V]; what no battery can have is ignored."""
-        reference = self._parameters.battery_voltage
-        if reference == 0.0 or not 0.0 < voltage < math.inf:
-            return
-        if self._voltage is None:
-            self._voltage = voltage
-        else:
-            elapsed = max(now_ns - self._voltage_ns, 0) * 1e-9
-            self._voltage += (1.0 - math.exp(-elapsed / _VOLTAGE_TIME_CONSTANT)) * (
-                voltage - self._voltage
-            )
-        self._voltage_ns = now_ns
+        if self._parameters.battery_voltage != 0.0:
+            self._voltage.receive(voltage, now_ns=now_ns)
 
     @property
     def battery_scale(self) -> float:
         """Thrust at the present voltage over that of the map; 1 until a voltage is known."""
-        if self._voltage is None:
+        if self._voltage.value is None:
             return 1.0
-        ratio = self._voltage / self._parameters.battery_voltage
+        ratio = self._voltage.value / self._parameters.battery_voltage
         low, high = _SCALE_LIMITS
         return float(min(max(ratio**self._parameters.battery_exponent, low), high))
 

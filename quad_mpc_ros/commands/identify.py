@@ -5,23 +5,29 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from quad_mpc_ros.commands import recording
 from quad_mpc_ros.commands.output import check_writable, write_new
 from quad_mpc_ros.commands.save_vehicle import add_vehicle_file_options
 from quad_mpc_ros.configuration import UserError
 
+if TYPE_CHECKING:
+    from quad_mpc_ros.identification.measurements import VoltageMap
+    from quad_mpc_ros.recordings.run import RecordedRun
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the bag, and where to write what was found."""
     parser.description = (
-        "Fit the lags of body rates and thrust, the input delay, the thrust per mass and the "
-        "drag to the commands and the odometry of a flight. Prints a ROS parameter file for "
+        "Fit the lags of body rates and thrust, the input delay, the thrust per mass, over the "
+        "battery's voltage where that was recorded, and the drag to the commands and the odometry "
+        "of a flight. Prints a ROS parameter file for "
         "--config on standard output, and what was found with its 95 %% intervals on standard "
         "error."
     )
     recording.add_options(parser)
+    _add_battery_options(parser)
     add_vehicle_file_options(parser)
     parser.add_argument(
         "--plot", type=Path, metavar="PNG", help="draw measured and fitted rates and thrust"
@@ -35,18 +41,24 @@ def run(options: argparse.Namespace) -> int:
     """Fit, tell (the table on standard error), write; return the exit code."""
     from quad_mpc_ros.identification.figure import write_fit_figure
     from quad_mpc_ros.identification.fit import fit
-    from quad_mpc_ros.identification.measurements import measurements_of
+    from quad_mpc_ros.identification.measurements import RECORDED, measurements_of
     from quad_mpc_ros.identification.report import identification_table, parameter_file
-    from quad_mpc_ros.messages import topics
     from quad_mpc_ros.mpc_config import MpcConfig
     from quad_mpc_ros.recordings.recording import Recording
 
     for name, path in (("--out", options.out), ("--plot", options.plot)):
         check_writable(name, path, overwrite=options.overwrite)
     bag = Recording(options.bag)
-    run = bag.run(recording.topic_names(options), topics=(topics.COMMAND, topics.ENGAGED))
+    run = bag.run(recording.topic_names(options), topics=RECORDED)
     mpc = cast("MpcConfig", recording.configuration(options, run)["mpc"])
-    data = measurements_of(run, vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame)
+    data = measurements_of(
+        run,
+        vehicle=mpc.vehicle(),
+        twist_frame=mpc.odometry.twist_frame,
+        voltage_map=_voltage_map(options, run),
+    )
+    if run.voltages and not data.knows_voltage:
+        print("the voltage is left out: it is not known all the flight\n", file=sys.stderr)
     found = fit(data, given=mpc)
     # In lockstep a command takes no time of its own.
     lockstep = bag.parameters_of(MpcConfig).get("lockstep", False)
@@ -68,3 +80,44 @@ def run(options: argparse.Namespace) -> int:
                 f"--plot: {options.plot} cannot be written: {error.strerror}"
             ) from error
     return 0
+
+
+def _add_battery_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--battery-topic",
+        default="",
+        metavar="NAME",
+        help="sensor_msgs/BatteryState, or BatteryStatus of px4_msgs or rosflight_msgs (default: "
+        "the only one in the bag)",
+    )
+    parser.add_argument(
+        "--battery-voltage",
+        type=float,
+        metavar="V",
+        help="voltage at which to tell the thrust (default: thrust_map.battery_voltage of a "
+        "bridge whose parameters are in the bag, else the mean of the flight)",
+    )
+    parser.add_argument(
+        "--battery-exponent",
+        type=float,
+        metavar="N",
+        help="thrust_map.battery_exponent of the bridge in that flight, with --battery-voltage "
+        "(default: 0, the bridge left the voltage out)",
+    )
+
+
+def _voltage_map(options: argparse.Namespace, run: RecordedRun) -> VoltageMap:
+    """Return what the bridge made of the voltage, as given or else as recorded."""
+    from quad_mpc_ros.bridges.config import ThrustParameters
+    from quad_mpc_ros.identification.measurements import VoltageMap, recorded_voltage_map
+
+    if options.battery_voltage is None:
+        if options.battery_exponent is not None:
+            raise UserError("--battery-exponent: expected --battery-voltage as well")
+        return recorded_voltage_map(run.parameters)
+    given = ThrustParameters(
+        battery_voltage=options.battery_voltage, battery_exponent=options.battery_exponent or 0.0
+    )
+    return VoltageMap(
+        battery_voltage=given.battery_voltage, battery_exponent=given.battery_exponent
+    )

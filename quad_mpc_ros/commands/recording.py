@@ -52,6 +52,7 @@ def topic_names(options: argparse.Namespace) -> TopicNames:
         twist=options.twist_topic,
         reference=getattr(options, "reference_topic", ""),
         command=options.command_topic,
+        battery=getattr(options, "battery_topic", ""),
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,14 +12,20 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
 from quad_mpc_ros.configuration import BagError, per_axis
-from quad_mpc_ros.identification.measurements import Measurements, measurements_of
+from quad_mpc_ros.identification.measurements import (
+    RECORDED,
+    Measurements,
+    measurements_of,
+    recorded_voltage_map,
+)
 from quad_mpc_ros.identification.model import (
     ACCELERATION,
     DELAY,
     DRAG,
+    EXPONENT,
     LIFT,
     LINEAR_IN_VELOCITY,
-    PARAMETERS,
+    MOST_PARAMETERS,
     RATE_BIAS,
     RATE_GAIN,
     RATE_TAU,
@@ -26,9 +34,13 @@ from quad_mpc_ros.identification.model import (
     THRUST_TAU,
     ResponseModel,
 )
-from quad_mpc_ros.identification.result import Estimate, FittedCourse, Identification
+from quad_mpc_ros.identification.result import (
+    Estimate,
+    FittedCourse,
+    Identification,
+    ThrustOverVoltage,
+)
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.messages.topics import COMMAND, ENGAGED
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.recording import Recording
 
@@ -37,9 +49,15 @@ _TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
 _DELAYS = np.arange(0.0, 0.301, 0.02)
 
 # In the order of the model's parameters.
-_LOWEST = np.repeat([0.0, 0.2, 0.0, 0.1, 0.0, -0.5, 0.0, -20.0, -5.0], [3, 3, 2, 1, 3, 1, 3, 2, 3])
-_HIGHEST = np.repeat([1.0, 3.0, 1.0, 0.5, 10.0, 0.5, 10.0, 20.0, 5.0], [3, 3, 1, 1, 4, 1, 3, 2, 3])
-_SIZES = np.repeat([0.03, 0.3, 0.03, 1.0, 0.3, 0.02, 0.3, 1.0, 0.1], [3, 3, 2, 1, 3, 1, 3, 2, 3])
+_LOWEST = np.repeat(
+    [0.0, 0.2, 0.0, 0.1, 0.0, -0.5, 0.0, -20.0, -5.0, -1.0], [3, 3, 2, 1, 3, 1, 3, 2, 3, 1]
+)
+_HIGHEST = np.repeat(
+    [1.0, 3.0, 1.0, 0.5, 10.0, 0.5, 10.0, 20.0, 5.0, 4.0], [3, 3, 1, 1, 4, 1, 3, 2, 3, 1]
+)
+_SIZES = np.repeat(
+    [0.03, 0.3, 0.03, 1.0, 0.3, 0.02, 0.3, 1.0, 0.1, 1.0], [3, 3, 2, 1, 3, 1, 3, 2, 3, 1]
+)
 
 # Residuals smaller than these are no knowledge: rounding, and what the model leaves out.
 _LEAST_SPREAD_RATE, _LEAST_SPREAD_VELOCITY = 0.02, 0.005  # rad/s, m/s
@@ -59,13 +77,16 @@ _FEWEST_WINDOWS = _TOGETHER + 2
 # No interval is narrower than this share of the value: the model is not truer than that.
 _LEAST_SHARE = 0.01
 # Half of a 95 % interval above both is no answer: share of the value, and its natural size.
-_SHARES = np.repeat([0.5, 0.0, 0.5], [3, 3, 10])
-_VAGUE = np.repeat([0.01, 0.1, 0.01, 0.1, 0.1, 0.01, 0.1], [3, 3, 2, 1, 3, 1, 3])
+# What is beside the point has none.
+_SHARES = np.repeat([0.5, 0.0, 0.5, 0.0], [3, 3, 10, 6])
+_VAGUE = np.repeat(
+    [0.01, 0.1, 0.01, 0.1, 0.1, 0.01, 0.1, np.inf, 0.5], [3, 3, 2, 1, 3, 1, 3, 5, 1]
+)
+_TOLD = np.isfinite(_VAGUE)
 # The drag of the rotors is told apart from the other where it is so many half intervals from what
 # is given. Else it would only blur that.
 _APART = 2.0
-_ARE_TIMES = np.isin(np.arange(PARAMETERS), [*range(3), THRUST_TAU, DELAY])
-_TOLD = len(_VAGUE)  # the parameters before these may be told; those after are beside the point
+_ARE_TIMES = np.isin(np.arange(MOST_PARAMETERS), [*range(3), THRUST_TAU, DELAY])
 
 _MOST_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and tells no more
 _AVERAGED_OVER = 0.08  # s, of the specific force shown
@@ -79,7 +100,7 @@ class _Spread:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Fit:
-    """Parameters (21,), half of their 95 % intervals, and of each were it the only one (16,)."""
+    """Parameters, half of their 95 % intervals, and of each were it the only one, all (p,)."""
 
     theta: Array
     half_width: Array
@@ -88,18 +109,20 @@ class _Fit:
     @property
     def enough(self) -> Array:
         """Half of an interval that is narrow enough to be of use."""
-        return np.asarray(np.maximum(_SHARES * self.theta[:_TOLD], _VAGUE))
+        p = len(self.theta)
+        return np.asarray(np.maximum(_SHARES[:p] * self.theta, _VAGUE[:p]))
 
     @property
     def at_bound(self) -> NDArray[np.bool_]:
         """What is as large, or as small, as anything searched; but for what may be nothing."""
-        theta, margin = self.theta[:_TOLD], _AT_BOUND * _SIZES[:_TOLD]
-        low = (theta <= _LOWEST[:_TOLD] + margin) & (_LOWEST[:_TOLD] != 0.0)
-        return np.asarray(low | (theta >= _HIGHEST[:_TOLD] - margin))
+        theta, p = self.theta, len(self.theta)
+        margin = _AT_BOUND * _SIZES[:p]
+        low = (theta <= _LOWEST[:p] + margin) & (_LOWEST[:p] != 0.0)
+        return np.asarray(_TOLD[:p] & (low | (theta >= _HIGHEST[:p] - margin)))
 
     def estimates(self, parameters: NDArray[np.intp], *, told: bool) -> dict[int, Estimate]:
         """Return what is found of parameters, and, if they are ``told``, whether it is of use."""
-        least = _LEAST_SHARE * np.abs(self.theta[:_TOLD])
+        least = _LEAST_SHARE * np.abs(self.theta)
         width, enough, at_bound = np.maximum(self.half_width, least), self.enough, self.at_bound
         return {
             p: Estimate(
@@ -127,9 +150,14 @@ def identify(recording: Recording) -> Identification:
         BagError: The recording has too little flight under commands.
     """
     given = MpcConfig.build(recording.parameters_of(MpcConfig))
-    run = recording.run(topics=(COMMAND, ENGAGED))
-    frame = given.odometry.twist_frame
-    return fit(measurements_of(run, vehicle=given.vehicle(), twist_frame=frame), given=given)
+    run = recording.run(topics=RECORDED)
+    measured = measurements_of(
+        run,
+        vehicle=given.vehicle(),
+        twist_frame=given.odometry.twist_frame,
+        voltage_map=recorded_voltage_map(run.parameters),
+    )
+    return fit(measured, given=given)
 
 
 def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
@@ -146,9 +174,9 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
             f"{windows} stretches of flight of half a second, expected {_FEWEST_WINDOWS} or more "
             "under commands: record a longer flight"
         )
-    theta, held = _searched(model, data), _as_given(given)
+    theta, held = _searched(model, data), _as_given(given, data)[: model.parameters]
     estimates: dict[int, Estimate] = {}
-    free = np.ones(PARAMETERS, dtype=bool)
+    free = np.ones(model.parameters, dtype=bool)
     while True:
         found = _fit(model, theta, free)
         theta, untold = found.theta.copy(), _untold(found, free, held)
@@ -156,7 +184,7 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
             break
         estimates |= found.estimates(untold, told=False)
         theta[untold], free[untold] = held[untold], False
-    estimates |= found.estimates(np.flatnonzero(free[:_TOLD]), told=True)
+    estimates |= found.estimates(np.flatnonzero(free & _TOLD[: len(free)]), told=True)
     axes = {
         name: tuple(estimates[p] for p in range(each.start, each.stop))
         for name, each in (
@@ -176,6 +204,7 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
         drag=axes["drag"],
         translational_lift=estimates[LIFT],
         rotor_drag=axes["rotors"],
+        over_voltage=_over_voltage(estimates, data),
         wind_acceleration_W=theta[ACCELERATION],
         rate_residual=_root_mean_square(rates),
         velocity_residual=_root_mean_square(velocity[model.in_window > 0.0]),
@@ -187,14 +216,32 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
     )
 
 
-def _as_given(given: MpcConfig) -> Array:
-    """Return the parameters (21,) that a configuration has; the thrust is that of its vehicle."""
-    theta = np.zeros(PARAMETERS)
+def _over_voltage(
+    estimates: Mapping[int, Estimate], data: Measurements
+) -> ThrustOverVoltage | None:
+    if not data.knows_voltage:
+        return None
+    exponent = estimates[EXPONENT]
+    # What does not show comes to a bound by chance.
+    at_bound = exponent.at_bound and exponent.seen
+    return ThrustOverVoltage(
+        exponent=dataclasses.replace(exponent, at_bound=at_bound),
+        reference=data.reference_voltage,
+        made_up=data.made_up,
+    )
+
+
+def _as_given(given: MpcConfig, data: Measurements) -> Array:
+    """Return the parameters (22,) that a configuration has; the thrust is that of its vehicle.
+
+    That it goes with the voltage is only believed as far as commands made up for it.
+    """
+    theta = np.zeros(MOST_PARAMETERS)
     theta[RATE_TAU] = per_axis(given.rate_time_constant)
     theta[RATE_GAIN], theta[SCALE] = per_axis(given.rate_gain), 1.0
     theta[THRUST_TAU], theta[DELAY] = given.thrust_time_constant, given.input_delay
     theta[DRAG], theta[LIFT] = per_axis(given.drag), given.translational_lift
-    theta[ROTOR_DRAG] = per_axis(given.rotor_drag)
+    theta[ROTOR_DRAG], theta[EXPONENT] = per_axis(given.rotor_drag), data.made_up
     return theta
 
 
@@ -205,16 +252,16 @@ def _fit(model: ResponseModel, theta: Array, free: NDArray[np.bool_]) -> _Fit:
         theta = _fitted(model, theta, spread, free)
     half_width, alone = _half_widths(model, theta, spread, free)
     # What is much faster than the odometry is not told from nothing.
-    short = _ARE_TIMES & (theta < _TIME_DIFFERENCE)
+    short = _ARE_TIMES[: len(theta)] & (theta < _TIME_DIFFERENCE)
     half_width[short] = np.maximum(half_width, theta)[short]
-    return _Fit(theta=theta, half_width=half_width[:_TOLD], alone=alone[:_TOLD])
+    return _Fit(theta=theta, half_width=half_width, alone=alone)
 
 
 def _untold(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.intp]:
     """Return what the flight does not show at all, or else what it tells the least, if too little.
 
     One that is held as given may be what the others were mistaken for. Before all others the drag
-    of the rotors that is not apart from what is ``given`` (21,), or blurs that of the body.
+    of the rotors that is not apart from what is ``given`` (p,), or blurs that of the body.
     """
     rotors = np.arange(ROTOR_DRAG.start, ROTOR_DRAG.stop)
     width = np.maximum(_APART * found.half_width, found.enough)[ROTOR_DRAG]
@@ -222,9 +269,9 @@ def _untold(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.in
     blurs = (found.half_width > found.enough)[DRAG]
     if (free[ROTOR_DRAG] & (alike | blurs)).any():
         return rotors[free[ROTOR_DRAG] & (alike | blurs)]
-    width = np.where(free[:_TOLD], found.half_width / found.enough, 0.0)
-    alone = np.where(free[:_TOLD], found.alone / found.enough, 0.0)
-    unseen = np.flatnonzero((alone > 1.0) | (free[:_TOLD] & found.at_bound))
+    width = np.where(free, found.half_width / found.enough, 0.0)
+    alone = np.where(free, found.alone / found.enough, 0.0)
+    unseen = np.flatnonzero((alone > 1.0) | (free & found.at_bound))
     if len(unseen):
         return unseen
     return np.flatnonzero((width > 1.0) & (width == width.max()))
@@ -287,7 +334,7 @@ def _searched(model: ResponseModel, data: Measurements) -> Array:
     )
     j = int(np.argmin(total))
     i_thrust = int(np.argmin(thrust_cost[:, j]))
-    theta = np.zeros(PARAMETERS)
+    theta = np.zeros(model.parameters)
     theta[RATE_TAU] = constants[np.argmin(rate_cost[:, j], axis=0)]
     theta[RATE_GAIN], theta[THRUST_TAU] = 1.0, _TIME_CONSTANTS[i_thrust]
     theta[DELAY] = _DELAYS[j]
@@ -295,8 +342,10 @@ def _searched(model: ResponseModel, data: Measurements) -> Array:
     theta[RATE_BIAS] = (measured - model.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])).mean(
         axis=0
     )
-    margin = 1e-3 * _SIZES
-    return np.clip(theta, _LOWEST + margin, _HIGHEST - margin)
+    if data.knows_voltage:
+        theta[EXPONENT] = data.made_up
+    margin = 1e-3 * _SIZES[: len(theta)]
+    return np.clip(theta, _LOWEST[: len(theta)] + margin, _HIGHEST[: len(theta)] - margin)
 
 
 def _scale(cost: Array, least_spread: float, count: float) -> float:
@@ -326,14 +375,16 @@ def _fitted(model: ResponseModel, start: Array, spread: _Spread, free: NDArray[n
         return scaled(*model.residuals(whole(some))).ravel()
 
     def jacobian(some: Array) -> Array:
-        return scaled(*model.jacobians(whole(some))).reshape(-1, PARAMETERS)[:, free]
+        return scaled(*model.jacobians(whole(some))).reshape(-1, len(free))[:, free]
+
+    lowest, highest, sizes = (each[: len(free)] for each in (_LOWEST, _HIGHEST, _SIZES))
 
     solution = least_squares(
         residuals,
         start[free],
         jac=jacobian,
-        bounds=(_LOWEST[free], _HIGHEST[free]),
-        x_scale=_SIZES[free],
+        bounds=(lowest[free], highest[free]),
+        x_scale=sizes[free],
         loss="soft_l1",
         f_scale=_OUTLIER,
         max_nfev=60,
@@ -362,24 +413,25 @@ def _half_widths(
         neighbours = gradients[lag:].T @ gradients[:-lag]
         M += (1.0 - lag / (_ALIKE_WINDOWS + 1.0)) * (neighbours + neighbours.T)
     M *= count / (count - 1.0)
-    variance = np.zeros(PARAMETERS)
-    inside = (theta > _LOWEST + _AT_BOUND * _SIZES) & (theta < _HIGHEST - _AT_BOUND * _SIZES)
+    variance = np.zeros(len(theta))
+    lowest, highest, sizes = (each[: len(theta)] for each in (_LOWEST, _HIGHEST, _SIZES))
+    inside = (theta > lowest + _AT_BOUND * sizes) & (theta < highest - _AT_BOUND * sizes)
     for free in (fitted, fitted & inside):
         block = np.ix_(free, free)
-        variance[free] = _variances(H[block], M[block], _SIZES[free])
+        variance[free] = _variances(H[block], M[block], sizes[free])
     quantile = student_t.ppf(0.975, max(count - _TOGETHER, 1))
-    alone = 1.0 / np.sqrt(np.diag(H) + _UNKNOWN / _SIZES**2)
+    alone = 1.0 / np.sqrt(np.diag(H) + _UNKNOWN / sizes**2)
     return quantile * np.sqrt(variance), quantile * alone
 
 
 def _curvature_and_gradients(
     model: ResponseModel, theta: Array, spread: _Spread
 ) -> tuple[Array, Array]:
-    """Return H (18, 18) and the gradient of every window with data (windows, 18)."""
+    """Return H (p, p) and the gradient of every window with data (windows, p)."""
     rates, velocity = model.residuals(theta)
     rate_jacobian, velocity_jacobian = model.jacobians(theta, difference=_TIME_DIFFERENCE)
-    H = np.zeros((PARAMETERS, PARAMETERS))
-    gradients = np.zeros((model.blocks[-1] + 1, PARAMETERS))
+    H = np.zeros((len(theta), len(theta)))
+    gradients = np.zeros((model.blocks[-1] + 1, len(theta)))
     for residual, jacobian, scale, blocks in (
         (rates, rate_jacobian, spread.rate, model.blocks[model.usable]),
         (velocity, velocity_jacobian, spread.velocity, model.blocks),
@@ -414,6 +466,7 @@ def _specific_force(model: ResponseModel, data: Measurements, theta: Array) -> F
         rate_gain=theta[RATE_GAIN],
         thrust_tau=theta[THRUST_TAU],
         delay=theta[DELAY],
+        exponent=theta[EXPONENT] if data.knows_voltage else None,
     )
     interval = np.diff(data.time)
     fitted = columns @ theta[LINEAR_IN_VELOCITY]

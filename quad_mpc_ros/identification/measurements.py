@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration import BagError
 from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.messages.topics import BATTERY, COMMAND, ENGAGED
 from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.model.voltage import SmoothedVoltage
 from quad_mpc_ros.recordings.flight import first_by_stamp
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received, Stamps
 from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.safety.validation import odometry_fault
+
+RECORDED = (COMMAND, ENGAGED, BATTERY)
+"""What is asked of a recording beside its odometry."""
 
 # Perhaps on the ground: this near to where it stood, if it ever went this far from there [m].
 _STANDING, _LEFT = 0.05, 0.3
@@ -23,11 +30,33 @@ _AT_REST = 0.3  # m/s
 # After the first command the actuators are where nobody knows [s].
 _SETTLING = 0.3
 _STALE_COMMAND = 0.5  # s
+_STALE_VOLTAGE = 5.0  # s
 _FASTEST = 1e3  # rad/s; nothing turns at more, and no throttle is larger
 _FEWEST = 50
 _BLOCK = 5.0  # s of a long flight that are kept together
-_PER_ODOMETRY = ("time", "p_WB", "v_WB_W", "R_WB", "w_WB_B")
+_PER_ODOMETRY = ("time", "p_WB", "v_WB_W", "R_WB", "w_WB_B", "voltage")
 _PER_COMMAND = ("command_time", "throttle", "w_command")
+
+
+@dataclass(frozen=True, kw_only=True)
+class VoltageMap:
+    """What a bridge made of the voltage in the flight: ``thrust_map`` of its parameters.
+
+    It scaled the thrust by the voltage over ``battery_voltage`` [V], to the power
+    ``battery_exponent``; with a voltage of 0, or a power of 0, it left that out.
+    """
+
+    battery_voltage: float = 0.0
+    battery_exponent: float = 0.0
+
+    @property
+    def made_up(self) -> float:
+        """Power of the voltage that commands made up for."""
+        return self.battery_exponent if self.battery_voltage > 0.0 else 0.0
+
+
+NO_VOLTAGE_MAP = VoltageMap()
+"""That of a flight in which nobody looked at the voltage."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,6 +68,10 @@ class Measurements:
     ``usable`` (n,) tells in which odometries the vehicle flies and acts on commands.
     ``command_age`` is the median time from that stamp to the command's publication [s], NaN where
     the clocks differ. ``vehicle`` is the one that the thrust is compared with.
+
+    ``voltage`` (n,) [V] is the battery's as a bridge smooths it, NaN throughout where it is not
+    known all the flight; at ``reference_voltage`` [V] the thrust is that of the fit's scale.
+    Commands have made up for the power ``made_up`` of the one over the other already.
     """
 
     time: Array
@@ -52,6 +85,14 @@ class Measurements:
     usable: NDArray[np.bool_]
     command_age: float
     vehicle: Vehicle
+    voltage: Array
+    reference_voltage: float
+    made_up: float
+
+    @property
+    def knows_voltage(self) -> bool:
+        """Whether the voltage is known, all the flight."""
+        return not math.isnan(self.reference_voltage)
 
     @property
     def period(self) -> float:
@@ -86,7 +127,13 @@ class Measurements:
         )
 
 
-def measurements_of(run: RecordedRun, *, vehicle: Vehicle, twist_frame: str) -> Measurements:
+def measurements_of(
+    run: RecordedRun,
+    *,
+    vehicle: Vehicle,
+    twist_frame: str,
+    voltage_map: VoltageMap = NO_VOLTAGE_MAP,
+) -> Measurements:
     """Return what a recording tells of a vehicle whose twist is in ``child`` or ``world`` frame.
 
     Raises :class:`BagError` for one without commands, or with too little flight under them.
@@ -113,7 +160,8 @@ def measurements_of(run: RecordedRun, *, vehicle: Vehicle, twist_frame: str) -> 
     else:
         w = np.einsum("nji,nj->ni", R_WB, w)
     command_time = (command_ns - stamp_ns[0]) * 1e-9
-    acting = _acting(run.engagements, run.odometries.log_time_ns[places])
+    recorded_ns = run.odometries.log_time_ns[places]
+    acting = _acting(run.engagements, recorded_ns)
     usable = _flying(p_WB, v) & _commanded(time, command_time) & acting
     if np.count_nonzero(usable) < _FEWEST:
         raise BagError(
@@ -122,6 +170,7 @@ def measurements_of(run: RecordedRun, *, vehicle: Vehicle, twist_frame: str) -> 
             f"{command_time[-1]:.3f} s after the first odometry, the odometries until "
             f"{time[-1]:.3f} s, and commands acted on {np.mean(acting):.0%} of them"
         )
+    voltage = _smoothed(run.voltages, recorded_ns, usable=usable)
     return Measurements(
         time=time,
         p_WB=p_WB,
@@ -134,7 +183,21 @@ def measurements_of(run: RecordedRun, *, vehicle: Vehicle, twist_frame: str) -> 
         usable=usable,
         command_age=_command_age(run.commands),
         vehicle=vehicle,
+        voltage=voltage,
+        reference_voltage=_reference_voltage(voltage[usable], voltage_map),
+        made_up=voltage_map.made_up,
     )
+
+
+def recorded_voltage_map(parameters: Mapping[str, Mapping[str, Any]]) -> VoltageMap:
+    """Return what the bridge among recorded nodes made of the voltage; nothing without one."""
+    for values in parameters.values():
+        if values.get("thrust_map.battery_voltage"):
+            return VoltageMap(
+                battery_voltage=float(values["thrust_map.battery_voltage"]),
+                battery_exponent=float(values.get("thrust_map.battery_exponent", 0.0)),
+            )
+    return NO_VOLTAGE_MAP
 
 
 def _usable_places(odometries: OdometryLog) -> NDArray[np.intp]:
@@ -195,6 +258,37 @@ def _acting(
                 settled_ns = told.log_time_ns + _SETTLING * 1e9
                 acting[(recorded_ns >= told.log_time_ns) & (recorded_ns < settled_ns)] = False
     return acting
+
+
+def _smoothed(
+    voltages: Sequence[Received[float]],
+    recorded_ns: NDArray[np.int64],
+    *,
+    usable: NDArray[np.bool_],
+) -> Array:
+    """Return the smoothed voltage when each odometry was recorded (n,) [V], or NaN throughout.
+
+    That is where one that is ``usable`` (n,) is too far from a measured voltage.
+    """
+    smoothed = SmoothedVoltage()
+    times_ns, values = [], []
+    for told in voltages:
+        if smoothed.receive(told.value, now_ns=told.log_time_ns) and smoothed.value is not None:
+            times_ns.append(told.log_time_ns)
+            values.append(smoothed.value)
+    if not values:
+        return np.full(len(recorded_ns), np.nan)
+    place = np.maximum(np.searchsorted(times_ns, recorded_ns, side="right") - 1, 0)
+    away = np.abs(recorded_ns - np.array(times_ns)[place])
+    if np.any(away[usable] > _STALE_VOLTAGE * 1e9):
+        return np.full(len(recorded_ns), np.nan)
+    return np.array(values)[place]
+
+
+def _reference_voltage(voltage: Array, given: VoltageMap) -> float:
+    """Return the voltage of the map, or the mean of the flight (n,); NaN where that is [V]."""
+    mean = float(np.mean(voltage))
+    return given.battery_voltage if given.battery_voltage and not math.isnan(mean) else mean
 
 
 def _command_age(commands: CommandLog) -> float:

@@ -7,9 +7,11 @@ Commands act after the delay d; body rates and throttle follow them with first-o
     D = diag(mu + nu sqrt(k T(s)/(m g))),
 
 which is the prediction model of the controller but for the gains gamma of the rate loop. tau_w and
-gamma are those of each axis, as mu and nu are. Both lags are followed exactly from edge
-to edge of the commands, wherever those lie between the odometries. The velocity is compared over
-windows, each from a start of its own: errors do not add up, and neither is it differentiated.
+gamma are those of each axis, as mu and nu are. Where the battery's voltage V was recorded, k is
+that at V_r times (V / V_r)^n; of n commands may have made up for some already. Both lags are
+followed exactly from edge to edge of the commands, wherever those lie between the odometries. The
+velocity is compared over windows, each from a start of its own: errors do not add up, and neither
+is it differentiated.
 """
 
 from __future__ import annotations
@@ -26,12 +28,13 @@ from quad_mpc_ros.lie import Array, so3
 
 # The parameters, in order: time constants [s] and gains of the body rates, time constant of the
 # throttle, delay [s], thrust scale, drag [1/s], lift [1/m], drag of the rotors [1/s],
-# horizontal acceleration [m/s^2], bias of the measured body rates [rad/s].
+# horizontal acceleration [m/s^2], bias of the measured body rates [rad/s], and, where the voltage
+# is known, its power.
 RATE_TAU, RATE_GAIN = slice(0, 3), slice(3, 6)
 THRUST_TAU, DELAY, SCALE = 6, 7, 8
 DRAG, LIFT, ROTOR_DRAG = slice(9, 12), 12, slice(13, 16)
-ACCELERATION, RATE_BIAS = slice(16, 18), slice(18, 21)
-PARAMETERS = 21
+ACCELERATION, RATE_BIAS, EXPONENT = slice(16, 18), slice(18, 21), 21
+MOST_PARAMETERS = 22
 LINEAR_IN_VELOCITY = slice(SCALE, ACCELERATION.stop)
 _ROTORS = slice(ROTOR_DRAG.start - SCALE, ROTOR_DRAG.stop - SCALE)  # of what is linear
 
@@ -48,16 +51,19 @@ class ResponseModel:
     """Residuals of body rates (u, 3) and velocity (n, 3), with their derivatives.
 
     u are the usable ones of n odometries; the velocity's are zero outside of windows. ``blocks``
-    is the window of each odometry.
+    is the window of each odometry, ``parameters`` how many of those there are, p.
     """
 
     def __init__(self, data: Measurements) -> None:
         self._data = data
+        self.parameters = MOST_PARAMETERS if data.knows_voltage else EXPONENT
         self.usable = np.flatnonzero(data.usable)
         self.blocks, self.in_window = _windows(data)
         self._interval = np.diff(data.time)
         self._turn = so3.log(np.swapaxes(data.R_WB[:-1], -1, -2) @ data.R_WB[1:])
         self._air = _air_columns(data)
+        mean_voltage = 0.5 * (data.voltage[:-1] + data.voltage[1:])
+        self._log_voltage = np.log(mean_voltage / data.reference_voltage)
         self._grid = _divided(data.time)
         # The last few are kept: a delay only shifts them.
         self._lag = functools.lru_cache(maxsize=8)(self._response)
@@ -132,16 +138,22 @@ class ResponseModel:
         thrust_tau: float,
         delay: float,
         scale: float = 1.0,
+        exponent: float | None = None,
     ) -> Array:
         """Return the derivatives (n-1, 3, 10) of the velocity gained between odometries.
 
         They are by thrust scale, drag of the three axes, lift, drag of the rotors and the two
         horizontal accelerations, in which it is linear; the rotors turn as for a thrust ``scale``.
+        Without an ``exponent`` commands have made up for all of the voltage.
         """
         columns = np.zeros((len(self._interval), 3, 10))
         columns[:, :, 0], speed = self.thrust_impulse(
             rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
         )
+        if exponent is not None:
+            share = np.exp((exponent - self._data.made_up) * self._log_voltage)
+            columns[:, :, 0] *= share[:, None]
+            speed *= np.sqrt(share)
         columns[:, :, 1:5] = self._air
         columns[:, :, _ROTORS] = np.sqrt(scale) * speed[:, None, None] * self._air[:, :, :3]
         columns[:, 0, 8] = columns[:, 1, 9] = self._interval
@@ -154,19 +166,28 @@ class ResponseModel:
         rate_gain: ArrayLike = 1.0,
         thrust_tau: float,
         delay: float,
-        scale: float = 1.0,
     ) -> tuple[Array, Array]:
         """Return what the velocity is without thrust, and its derivatives (n, 3, 10).
 
         Both are relative to their windows; the derivatives are those of :meth:`increments`.
         """
         columns = self.increments(
-            rate_tau=rate_tau,
-            rate_gain=rate_gain,
-            thrust_tau=thrust_tau,
-            delay=delay,
-            scale=scale,
+            rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
         )
+        return self._relative_to_windows(columns)
+
+    def fitted_increments(self, theta: Array) -> Array:
+        """Return the derivatives of :meth:`increments` for parameters (p,)."""
+        return self.increments(
+            rate_tau=theta[RATE_TAU],
+            rate_gain=theta[RATE_GAIN],
+            thrust_tau=theta[THRUST_TAU],
+            delay=theta[DELAY],
+            scale=theta[SCALE],
+            exponent=theta[EXPONENT] if self._data.knows_voltage else None,
+        )
+
+    def _relative_to_windows(self, columns: Array) -> tuple[Array, Array]:
         fall = np.zeros((len(self._interval), 3))
         fall[:, 2] = self._data.vehicle.gravity * self._interval
         left = self._data.v_WB_W + _summed(fall)
@@ -192,22 +213,28 @@ class ResponseModel:
         """Return measured minus modelled body rates (u, 3) and velocities (n, 3)."""
         modelled = self.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
         rates = self._data.w_WB_B[self.usable] - theta[RATE_GAIN] * modelled - theta[RATE_BIAS]
-        left, columns = self._velocity_columns(theta)
+        left, columns = self._relative_to_windows(self.fitted_increments(theta))
         return rates, left - columns @ theta[LINEAR_IN_VELOCITY]
 
     def jacobians(self, theta: Array, *, difference: float = _DIFFERENCE) -> tuple[Array, Array]:
-        """Return the derivatives of both residuals, (u, 3, 21) and (n, 3, 21).
+        """Return the derivatives of both residuals, (u, 3, p) and (n, 3, p).
 
         Those by times are central differences over ``difference`` [s] to both sides. Lags and
         gains of the rates move the velocity only by how the thrust turns between two odometries,
         whose attitudes are measured: that is left out.
         """
-        rates = np.zeros((len(self.usable), 3, PARAMETERS))
-        velocity = np.zeros((len(self._data.time), 3, PARAMETERS))
-        _, columns = self._velocity_columns(theta)
+        rates = np.zeros((len(self.usable), 3, self.parameters))
+        velocity = np.zeros((len(self._data.time), 3, self.parameters))
+        increments = self.fitted_increments(theta)
+        _, columns = self._relative_to_windows(increments)
         velocity[:, :, LINEAR_IN_VELOCITY] = -columns
         by_speed = columns[:, :, _ROTORS] @ theta[ROTOR_DRAG]
         velocity[:, :, SCALE] -= 0.5 / theta[SCALE] * by_speed
+        if self._data.knows_voltage:
+            by_power = theta[SCALE] * increments[:, :, 0]
+            by_power += 0.5 * increments[:, :, _ROTORS] @ theta[ROTOR_DRAG]
+            by_power *= self._log_voltage[:, None]
+            velocity[:, :, EXPONENT] = -self.relative(_summed(by_power))
         modelled = self.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
         above, below, span = _beside(theta, RATE_TAU, difference)
         slower = self.rates(rate_tau=above[RATE_TAU], delay=theta[DELAY])
@@ -224,15 +251,6 @@ class ResponseModel:
             rates[:, :, parameter] = (high[0] - low[0]) / span
             velocity[:, :, parameter] = (high[1] - low[1]) / span
         return rates, velocity
-
-    def _velocity_columns(self, theta: Array) -> tuple[Array, Array]:
-        return self.velocity_columns(
-            rate_tau=theta[RATE_TAU],
-            rate_gain=theta[RATE_GAIN],
-            thrust_tau=theta[THRUST_TAU],
-            delay=theta[DELAY],
-            scale=theta[SCALE],
-        )
 
     def _response(self, channel: str, time_constant: tuple[float, ...]) -> LaggedCommands:
         """Return how ``rate``, the body rates, or ``thrust``, the throttle, follows commands."""

@@ -32,18 +32,24 @@ _WIDE_SWEEPS = (
 )
 _ROOM, _WIDE_ROOM = "4 m by 4 m by 2 m", "12 m by 12 m by 4 m"
 _TOLD_BY_SPEED = ("drag", "translational_lift")
+_UNSURE = (
+    "too uncertain to be used: the effect cannot be told from that of others, which a livelier "
+    "flight or more odometries a second help, or the vehicle is not as the model says (lags of "
+    "first order, one delay)"
+)
 _RATE_AXES, _BODY_AXES = ("roll", "pitch", "yaw"), ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class _Row:
-    """A number of the vehicle: name, unit, value given, estimate, and why it may not show."""
+    """A number of the vehicle: name, unit, value given, estimate, why it may not show or suit."""
 
     label: str
     unit: str
     given: float
     estimate: Estimate
     unseen: str
+    unsure: str = _UNSURE
 
 
 def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
@@ -102,6 +108,23 @@ def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
     ]
 
 
+def _voltage_rows(found: Identification) -> list[_Row]:
+    """Return what is told only where the battery was recorded, and by no flight of its own."""
+    over = found.over_voltage
+    if over is None:
+        return []
+    return [
+        _Row(
+            f"thrust by (V/{over.reference:.2f} V)^n",
+            "",
+            over.made_up,
+            over.exponent,
+            "the voltage hardly changed",
+            unsure="too uncertain to be used: the voltage changed too little for this noise",
+        )
+    ]
+
+
 def identification_table(
     found: Identification, given: MpcConfig, *, command_age: float, file: Path | None = None
 ) -> str:
@@ -110,7 +133,8 @@ def identification_table(
     ``command_age`` [s] is that of :class:`Measurements`, NaN to be silent of it; ``file`` is the
     parameter file that is to be written, for the next flight.
     """
-    values = [("", "given", "found", "+- 95 %"), *map(_cells, _rows(found, given))]
+    told = [*_rows(found, given), *_voltage_rows(found)]
+    values = [("", "given", "found", "+- 95 %"), *map(_cells, told)]
     rows = [
         *text_table(values, align="lrrr", widths=(27, 8, 12, 12), gap=""),
         "",
@@ -145,24 +169,20 @@ def proposal(found: Identification, given: MpcConfig, *, file: Path | None) -> l
 def warnings(found: Identification, given: MpcConfig) -> Iterator[str]:
     """Yield what the flight does not show, and bad fits."""
     untold: dict[str, list[str]] = {}
-    for row in _rows(found, given):
+    for row in (*_rows(found, given), *_voltage_rows(found)):
         estimate, value = row.estimate, _number(row.estimate.value, row.unit)
         if estimate.at_bound:
             yield (
-                f"{row.label} came out as {value} {row.unit}, the end of what is searched: that "
-                "is no vehicle, but something that the model does not have; kept as given"
+                f"{row.label} came out as {f'{value} {row.unit}'.strip()}, the end of what is "
+                "searched: that is no vehicle, but something that the model does not have; kept "
+                "as given"
             )
         elif not estimate.seen:
             untold.setdefault(f"cannot be told from this flight: {row.unseen}", []).append(
                 row.label
             )
         elif not estimate.observable:
-            untold.setdefault(
-                "too uncertain to be used: the effect cannot be told from that of others, which a "
-                "livelier flight or more odometries a second help, or the vehicle is not as the "
-                "model says (lags of first order, one delay)",
-                [],
-            ).append(row.label)
+            untold.setdefault(row.unsure, []).append(row.label)
     yield from (f"{', '.join(labels)} {reason}" for reason, labels in untold.items())
     if (reason := refusal(found)) is not None:
         yield reason
@@ -210,7 +230,22 @@ def parameter_file(
         kept = ("mass", "thrust_curve", "motor_count")
         entries |= {name: (getattr(given, name), vehicle_file.UNTOLD) for name in kept}
     remark = f"Identified from {bag}, {found.flown:.1f} s of flight under commands; +- is 95 %."
-    return vehicle_file.content(entries, given, remarks=[remark], shared=True)
+    remarks = [remark, *_for_the_bridge(found)]
+    return vehicle_file.content(entries, given, remarks=remarks, shared=True)
+
+
+def _for_the_bridge(found: Identification) -> list[str]:
+    """Return the lines that a bridge needs of the thrust over the voltage, if it falls with it."""
+    over = found.over_voltage
+    if over is None or not over.falls:
+        return []
+    volt, power = vehicle_file.rounded(over.reference), vehicle_file.found_entry(over.exponent)
+    return [
+        f"The thrust is that at {volt} V. For the section of the bridge, which makes up for it:",
+        "  thrust_map:",
+        f"    battery_voltage: {volt}",
+        f"    battery_exponent: {power[0]}  # {power[1]}",
+    ]
 
 
 def _told(estimate: Estimate) -> Estimate | None:
@@ -252,6 +287,7 @@ def _notes(found: Identification, given: MpcConfig, command_age: float) -> Itera
             f"thrust per mass {scale:.3f}: the given curve lifting {given.mass / scale:.3f} kg, "
             f"or {scale:.3f} of the given curve lifting the given {given.mass:.3f} kg"
         )
+    yield from _voltage_notes(found)
     east, north = (f"{push + 0.0:.2f}" for push in found.wind_acceleration_W)
     yield f"wind and the like push by {east} m/s^2 east and {north} m/s^2 north"
     if not math.isnan(command_age) and found.input_delay.observable:
@@ -260,3 +296,14 @@ def _notes(found: Identification, given: MpcConfig, command_age: float) -> Itera
             f"{1e3 * command_age:.1f} ms of it (median) pass until the command is published"
         )
     yield from (f"warning: {text}" for text in warnings(found, given))
+
+
+def _voltage_notes(found: Identification) -> Iterator[str]:
+    over = found.over_voltage
+    if over is None or not over.exponent.observable:
+        return
+    told = f"thrust over voltage: power {over.exponent.value:.2f} at {over.reference:.2f} V"
+    if over.falls:
+        yield f"{told}, battery_exponent and battery_voltage of the bridge's thrust_map"
+    else:
+        yield f"{told}, not apart from 0: leave thrust_map.battery_voltage of the bridge at 0"

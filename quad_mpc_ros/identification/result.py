@@ -25,6 +25,23 @@ class Estimate:
     at_bound: bool = False
 
 
+@dataclass(frozen=True, kw_only=True)
+class ThrustOverVoltage:
+    """The power of the battery's voltage over ``reference`` [V] that the thrust goes with.
+
+    The thrust's scale is that at this voltage. Commands had ``made_up`` for that power of it.
+    """
+
+    exponent: Estimate
+    reference: float
+    made_up: float
+
+    @property
+    def falls(self) -> bool:
+        """Whether the thrust surely falls with the voltage."""
+        return self.exponent.observable and self.exponent.value > self.exponent.half_width
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FittedCourse:
     """Measured and fitted over time, shapes (n,), (n, k), (n, k)."""
@@ -52,9 +69,10 @@ class Identification:
     ``thrust_scale`` is that of thrust per mass: nothing flown can tell the two apart.
     ``wind_acceleration_W`` (2,) [m/s^2] is the constant horizontal acceleration that was fitted
     beside them, wind above all. ``rates`` are body rates [rad/s], ``specific_force`` is along the
-    thrust axis [m/s^2], averaged over a few odometries. ``misfit`` is what the model leaves beyond
-    noise of the body rates and of the velocity, as a share of what they vary. ``flown`` is the
-    time under commands [s], ``fitted`` what of it was used.
+    thrust axis [m/s^2], averaged over a few odometries. ``over_voltage`` is None where the
+    battery's voltage is not known. ``misfit`` is what the model leaves beyond noise of the body
+    rates and of the velocity, as a share of what they vary. ``flown`` is the time under commands
+    [s], ``fitted`` what of it was used.
     """
 
     rate_time_constant: tuple[Estimate, ...]
@@ -65,6 +83,7 @@ class Identification:
     drag: tuple[Estimate, ...]
     translational_lift: Estimate
     rotor_drag: tuple[Estimate, ...]
+    over_voltage: ThrustOverVoltage | None
     wind_acceleration_W: Array
     rate_residual: float
     velocity_residual: float

@@ -11,6 +11,7 @@ from quad_mpc_ros.configuration import BagError, Configuration
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.codec import header_stamp_ns
 from quad_mpc_ros.messages.topics import (
+    BATTERY,
     COMMAND,
     ENGAGED,
     LANDED,
@@ -44,6 +45,7 @@ from quad_mpc_ros.recordings.run import (
     OUR_NAMES,
     POSE,
     TWIST,
+    VOLTAGE_FIELDS,
     RecordedRun,
     TopicNames,
     joined,
@@ -146,7 +148,7 @@ class Recording:
 
         Raises:
             BagError: It has no odometry, or a topic twice, or a named topic is not there or of
-                another type.
+                another type; it tells of two batteries, and none of them is named.
         """
         odometry, poses, twists = logs.OdometryLog(), logs.OdometryLog(), logs.OdometryLog()
         windows, stats = logs.WindowLog(), logs.StatsLog()
@@ -155,6 +157,8 @@ class Recording:
         landings: list[logs.Received[bool]] = []
         resets: list[logs.Received[EstimateReset]] = []
         changes: list[logs.Received[Mapping[str, Any]]] = []
+        voltages: list[logs.Received[float]] = []
+        named = names.given
         takers: dict[Topic, Taker] = {
             REFERENCE: _into(windows, conversions.reference_from_message),
             COMMAND: _into(commands, conversions.command_from_message),
@@ -167,7 +171,9 @@ class Recording:
             STATS: self._figures(stats),
             PARAMETER_EVENTS: self._changes(changes),
         }
-        takers = {topic: takers[topic] for topic in topics}
+        takers = {topic: takers[topic] for topic in topics if topic is not BATTERY}
+        if BATTERY in topics and (battery := self._battery(names.battery)) is not None:
+            takers[battery], named[battery] = _voltages_into(voltages), battery.name
         if names.pose:
             takers[POSE] = _into(poses, odometry_of_pose)
             takers[TWIST] = _into(twists, odometry_of_twist)
@@ -175,7 +181,7 @@ class Recording:
             takers[ODOMETRY] = _into(odometry, conversions.odometry_from_message)
         if COMMAND in topics and not names.command:
             takers[RECORDED_COMMAND] = _into(flown, conversions.command_from_message)
-        self._stream(takers, names=names.given)
+        self._stream(takers, names=named)
         if names.pose:
             odometry = joined(poses, twists)
         if not odometry:
@@ -196,6 +202,7 @@ class Recording:
             landings=landings,
             resets=resets,
             changes=changes,
+            voltages=voltages,
         )
 
     def _stream(
@@ -241,6 +248,10 @@ class Recording:
 
     def _checked(self, topic: Topic, name: str) -> str:
         """Return the full name of a topic that was asked for by name."""
+        return self._topic_named(name, types=[topic.type_name]).name
+
+    def _topic_named(self, name: str, *, types: Collection[str]) -> Topic:
+        """Return the topic of one of some types that was asked for by name."""
         known = self.bag.topics
         full = name if name.startswith("/") or name in known else f"/{name}"
         info = known.get(full)
@@ -248,12 +259,28 @@ class Recording:
             raise BagError(
                 f"{self.path}: topic {name} is not in it; it holds {self._listed_topics()}"
             )
-        if info.type_name != topic.type_name:
+        if info.type_name not in types:
             raise BagError(
                 f"{self.path}: topic {full} is of type {info.type_name or 'unknown'}, "
-                f"expected {topic.type_name}"
+                f"expected {' or '.join(types)}"
             )
-        return full
+        return Topic(name=full, type_name=info.type_name)
+
+    def _battery(self, name: str) -> Topic | None:
+        """Return the topic that tells the battery's voltage, ``name`` if that is given."""
+        if name:
+            return self._topic_named(name, types=VOLTAGE_FIELDS)
+        found = [
+            Topic(name=name, type_name=info.type_name)
+            for name, info in sorted(self.bag.topics.items())
+            if info.type_name in VOLTAGE_FIELDS and info.message_count > 0
+        ]
+        if len(found) > 1:
+            raise BagError(
+                f"{self.path}: {', '.join(topic.name for topic in found)} all tell of a battery: "
+                "expected --battery-topic with the one that was flown on"
+            )
+        return found[0] if found else None
 
     def _names_of(self, topic: Topic) -> list[str]:
         """Return the full name of a topic as a list of one, or none when it was not recorded."""
@@ -308,6 +335,16 @@ def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], Non
         except ValueError:
             return
         use(message, value)
+
+    return take
+
+
+def _voltages_into(voltages: list[logs.Received[float]]) -> Taker:
+    """Return what adds the voltages [V] that messages tell of a battery."""
+
+    def take(message: RecordedMessage) -> None:
+        voltage = float(getattr(message.message, VOLTAGE_FIELDS[message.type_name]))
+        voltages.append(_received(message, voltage))
 
     return take
 

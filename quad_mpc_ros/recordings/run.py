@@ -17,13 +17,21 @@ import numpy as np
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages.conversions import odometry_from_pose_and_twist
-from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, Topic
+from quad_mpc_ros.messages.topics import BATTERY, COMMAND, ODOMETRY, REFERENCE, Topic
 from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received
 
 POSE = Topic(name="pose", type_name="geometry_msgs/msg/PoseStamped")
 TWIST = Topic(name="twist", type_name="geometry_msgs/msg/TwistStamped")
+
+VOLTAGE_FIELDS = {
+    BATTERY.type_name: "voltage",
+    "crazyflie_interfaces/msg/Status": "battery_voltage",
+    "px4_msgs/msg/BatteryStatus": "voltage_v",
+    "rosflight_msgs/msg/BatteryStatus": "voltage",
+}
+"""The types of messages that tell a battery's voltage [V], and in which field."""
 
 _BODY_FRAME = "base_link"
 _ZERO = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)
@@ -33,7 +41,8 @@ _ZERO = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)
 class TopicNames:
     """Which topics of a bag are what; empty stands for ours, in whatever namespace.
 
-    With ``pose`` and ``twist``, both or neither, they make the odometry together.
+    With ``pose`` and ``twist``, both or neither, they make the odometry together. The battery's is
+    the only one of a type in ``VOLTAGE_FIELDS``, whatever its name.
     """
 
     odometry: str = ""
@@ -41,6 +50,7 @@ class TopicNames:
     twist: str = ""
     reference: str = ""
     command: str = ""
+    battery: str = ""
 
     def __post_init__(self) -> None:
         if bool(self.pose) != bool(self.twist):
@@ -50,7 +60,7 @@ class TopicNames:
 
     @property
     def given(self) -> dict[Topic, str]:
-        """Return the topics that have a name here, with it."""
+        """Return the topics of a known type that have a name here, with it."""
         names = {
             ODOMETRY: self.odometry,
             POSE: self.pose,
@@ -74,7 +84,8 @@ class RecordedRun:
     the ticks, ``parameters`` those recorded, by node. ``engagements`` tell from when on the
     vehicle acted on commands, and from when on it did not; before the first of them it did.
     ``landings`` tell from when on it stood on the ground, and from when on not; ``resets`` how
-    the estimate stepped; ``changes`` which parameters of the controller were set in flight.
+    the estimate stepped; ``changes`` which parameters of the controller were set in flight;
+    ``voltages`` those of the battery [V].
     """
 
     bag: Path
@@ -87,6 +98,7 @@ class RecordedRun:
     landings: Sequence[Received[bool]] = ()
     resets: Sequence[Received[EstimateReset]] = ()
     changes: Sequence[Received[Mapping[str, Any]]] = ()
+    voltages: Sequence[Received[float]] = ()
 
 
 def odometry_of_pose(message: Any) -> OdometrySample:

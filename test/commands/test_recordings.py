@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
@@ -338,6 +339,49 @@ def test_what_is_identified_goes_into_config(
     assert mpc["thrust_time_constant"] == pytest.approx(0.04, rel=0.1)
     assert mpc["input_delay"] == pytest.approx(0.02, rel=0.1)
     assert mpc["thrust_curve"][1] / 2.79829004 == pytest.approx(1.0 / 1.2, rel=0.1)
+
+
+def test_a_battery_is_simulated_recorded_and_identified(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    sets = ["simulator.battery.capacity=0.004", "simulator.velocity_noise=0.02"]
+    options = [part for each in sets for part in ("--set", each)]
+    flight = ["--plant", "rotors", "--reference", "excitation", "--duration", "16"]
+    assert main(["simulate", *flight, *options, "--out", str(out)]) == 0
+    with AnyReader([out / "bag"]) as reader:
+        (battery,) = (c for c in reader.connections if c.topic == "/battery")
+        assert battery.msgtype == "sensor_msgs/msg/BatteryState"
+        assert battery.msgcount == 16 * 5
+        volts = [
+            float(reader.deserialize(data, battery.msgtype).voltage)
+            for _, _, data in reader.messages([battery])
+        ]
+    assert volts[0] > volts[-1] + 1.0
+    capsys.readouterr()
+    assert main(["identify", str(out), "--battery-voltage", "15.5"]) == 0
+    told = capsys.readouterr()
+    assert "thrust by (V/15.50 V)^n" in told.err
+    assert "#     battery_voltage: 15.5\n#     battery_exponent: 2." in told.out
+    assert yaml.safe_load(told.out).keys() == {"/**/mpc", "/**/reference"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--battery-topic", "/odom"], "expected sensor_msgs/msg/BatteryState or"),
+        (["--battery-topic", "/none"], "topic /none is not in it"),
+        (["--battery-exponent", "2"], "expected --battery-voltage as well"),
+        (["--battery-voltage", "-1"], "thrust_map.battery_voltage: given -1.0, expected"),
+    ],
+)
+def test_a_battery_that_cannot_be_used_is_refused(
+    arguments: list[str], told: str, lagged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["identify", str(lagged), *arguments]) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert len(error.strip().splitlines()) == 1
 
 
 def test_a_bag_without_its_metadata_is_read(lagged: Path, tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
-import math
 import shlex
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from fixtures.knocked import START_NS, STICKS, changed, knocked_about, noisy, received
 from fixtures.presets import ideal
 from scipy.integrate import quad, solve_ivp
 
@@ -30,23 +30,14 @@ from quad_mpc_ros.identification.report import (
 )
 from quad_mpc_ros.identification.result import Identification
 from quad_mpc_ros.lie import so3
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.model.samples import CommandSample
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
-from quad_mpc_ros.simulation.sensors import OdometryStream, Sensors
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.configured import configured_trajectory
 
-START_NS = 1_000_000_000
-NOISE = {
-    "position_noise": 0.01,
-    "attitude_noise": math.radians(0.5),
-    "velocity_noise": 0.05,
-    "rate_noise": 0.02,
-}
 TRUTH = {
     "rate_time_constant": 0.03,
     "thrust_time_constant": 0.04,
@@ -59,10 +50,7 @@ TRUTH = {
 def flown(
     *, duration: float = 15.0, lively: float = 1.0, seed: int = 0, **simulator: object
 ) -> RecordedRun:
-    """Return a flight whose pilot keeps level and still, and knocks the sticks about.
-
-    The knocks are random, so that no part of this package has a say in what is commanded.
-    """
+    """Return a flight of the internal plant."""
     hover = ideal(simulator).vehicle().hover_throttle
     config = ideal(
         {
@@ -73,66 +61,8 @@ def flown(
             **simulator,
         }
     )
-    plant, random = InternalPlant(config), np.random.default_rng(seed)
-    stream = OdometryStream(plant, config, start_stamp_ns=START_NS)
-    odometries, commands = [], []
-    knock, until_ns = np.zeros(4), 0
-    while (sent := stream.step()) is not None:
-        odometries.append(received(sent.odometry, START_NS + sent.time_ns))
-        if sent.time_ns >= until_ns:
-            knock = lively * random.uniform(-1.0, 1.0, 4) * [0.12, 4.0, 4.0, 2.0]
-            until_ns = sent.time_ns + int(random.uniform(0.04e9, 0.4e9))
-        command = piloted(sent.truth, hover, knock)
-        plant.apply(command)
-        commands.append(received(command, START_NS + sent.time_ns))
-    return recording(odometries, commands)
-
-
-def piloted(truth: OdometrySample, hover: float, knock: np.ndarray) -> CommandSample:
-    R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw)
-    v_WB_W = R_WB @ truth.v_WB_B
-    up = np.array([0.0, 0.0, 1.0]) - 0.05 * v_WB_W * [1.0, 1.0, 0.0]
-    tilt = np.cross(R_WB[:, 2], up / np.linalg.norm(up))
-    return CommandSample(
-        stamp_ns=truth.stamp_ns,
-        throttle=hover - 0.03 * float(v_WB_W[2]) + float(knock[0]),
-        w_WB_B=4.0 * R_WB.T @ tilt + knock[1:],
-    )
-
-
-def noisy(run: RecordedRun, *, seed: int = 0) -> RecordedRun:
-    """Return a flight as it is measured."""
-    sensors = Sensors(ideal({**NOISE, "seed": seed}))
-    return changed(
-        run,
-        odometries=[
-            dataclasses.replace(odometry, value=sensors.measured(odometry.value))
-            for odometry in run.odometries
-        ],
-    )
-
-
-def received(value: object, time_ns: int) -> Received:
-    return Received(value=value, log_time_ns=time_ns, publish_time_ns=time_ns)
-
-
-def changed(run: RecordedRun, **changes: object) -> RecordedRun:
-    """Return a run with other values; lists of odometries and commands become logs."""
-    logs = {"odometries": OdometryLog, "commands": CommandLog}
-    return dataclasses.replace(
-        run, **{name: logs[name].of(v) if name in logs else v for name, v in changes.items()}
-    )
-
-
-def recording(odometries: list[Received], commands: list[Received]) -> RecordedRun:
-    return RecordedRun(
-        bag=Path("bag"),
-        odometries=OdometryLog.of(odometries),
-        windows=[],
-        commands=CommandLog.of(commands),
-        stats=[],
-        parameters={},
-    )
+    sticks = lively * np.array(STICKS)
+    return knocked_about(InternalPlant(config), config, sticks=sticks, seed=seed)
 
 
 def measured(run: RecordedRun) -> Measurements:
