@@ -12,20 +12,16 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray
-from fixtures.installed_ros import running, wait_for
+from fixtures.installed_ros import environment, running, wait_for
 from fixtures.setup_py import executable
-from geometry_msgs.msg import TwistStamped
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.soak.relay import PREFIX, Relay, odometry_relay, reference_relay
 from quad_mpc_ros.faults import distortions
 from quad_mpc_ros.messages.conversions import stamp_of_serialized as stamp_of
-from quad_mpc_ros.messages.diagnostics import stats_from_message
 from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.recording import Recording
@@ -35,8 +31,9 @@ from quad_mpc_ros.recordings.writer import BagWriter
 pytestmark = pytest.mark.timeout(400)  # of a busy machine
 
 TRIALS = 3
+STEPPER = Path(__file__).parents[1] / "fixtures" / "step_player.py"
+PLAYED = ("/odom", "/reference")
 RELAYED = (f"/{PREFIX}odom", f"/{PREFIX}reference")
-MANY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def commands_in(bag: Path, topic: str = "/command") -> list[bytes]:
@@ -127,7 +124,6 @@ def flown_in_order(flown: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return bag
 
 
-@pytest.mark.slow  # and for a quiet machine: of best-effort messages a busy one loses some
 @pytest.mark.parametrize(
     ("lockstep", "bag"),
     [("true", "flown"), ("false", "flown_in_order")],
@@ -138,52 +134,34 @@ def test_a_bag_of_ours_that_is_played_is_answered_as_it_was(
 ) -> None:
     """In lockstep by the stamps; in real time by what came when, on the clock of the player.
 
-    Played slowly: of best-effort messages a busy node keeps only the newest.
+    Played message by message: of best-effort messages a busy node keeps only the newest.
     """
-    expected = by_stamp(commands_in(request.getfixturevalue("flown")))
-    assert len(expected) == 100
-    for _ in range(TRIALS):
-        found, orderly = answers_of(
-            flight, request.getfixturevalue(bag), lockstep, folder=tmp_path
-        )
-        answers = by_stamp([each for each in found if stamp_of(each) <= max(expected)])
-        if orderly and answers.keys() == expected.keys():
-            break
-    assert answers.keys() == expected.keys()
-    assert [stamp for stamp in expected if answers[stamp] != expected[stamp]] == []
-
-
-def by_stamp(commands: list[bytes]) -> dict[int, bytes]:
-    return {stamp_of(each): each for each in commands}
-
-
-def answers_of(
-    flight: Flight, bag: Path, lockstep: str, *, folder: Path
-) -> tuple[list[bytes], bool]:
-    """Return what a new node commands to a bag that is played, of which a busy machine loses some.
-
-    And whether it had the reference of its own stamp for each odometry.
-    """
-    ticks: list[dict[str, str]] = []
-    told = flight.node.create_subscription(
-        DiagnosticArray, "mpc/stats", lambda m: ticks.append(stats_from_message(m)), 100
-    )
-    answers: list[bytes] = []
-    heard = flight.node.create_subscription(
-        TwistStamped, "command", answers.append, MANY, raw=True
-    )
+    played = request.getfixturevalue(bag)
     flight.start("mpc_node", "-p", "use_sim_time:=true", "-p", f"lockstep:={lockstep}")
-    assert flight.wait(lambda: flight.node.count_publishers("command"))
-    clock = ("--clock", "500", "--rate", "0.2", "--delay", "3")
-    command = ("bag", "play", str(bag), *clock, "--topics", "/odom", "/reference")
-    with running(*command, folder=folder) as player:
-        flight.wait(lambda: player.process.poll() is not None)
-        flight.spin(1.0)
-    flight.end_nodes()
-    for each in (heard, told):
-        flight.node.destroy_subscription(each)
-    planned = [tick for tick in ticks if tick["source"] == "mpc"]
-    return answers, all(tick["stamp_ns"] == tick["reference_stamp_ns"] for tick in planned)
+    options = ("--start-paused", "--disable-keyboard-controls", "--clock-topics-all")
+    command = ("bag", "play", str(played), *options, "--topics", *PLAYED)
+    count = sum(1 for _ in BagReader(played).messages(PLAYED))
+    with running(*command, folder=tmp_path):
+        answers = [bytes.fromhex(line) for line in stepped(count)]
+    expected = commands_in(request.getfixturevalue("flown"))
+    assert len(expected) == 100
+    assert [stamp_of(each) for each in answers] == [stamp_of(each) for each in expected]
+    assert answers == expected
+
+
+def stepped(count: int) -> list[str]:
+    """Let the player go on, and return the lines that tell what came of it."""
+    env = environment()
+    path = ":".join(filter(None, [str(STEPPER.parents[1]), env.get("PYTHONPATH", "")]))
+    told = subprocess.run(
+        ["python3", "-P", str(STEPPER), str(count)],
+        env={**env, "PYTHONPATH": path},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+        timeout=300,
+    )
+    return told.stdout.split()
 
 
 FLIGHT = {
