@@ -23,6 +23,7 @@ from quad_mpc_ros.commands.soak.relay import PREFIX, Relay, odometry_relay, refe
 from quad_mpc_ros.faults import distortions
 from quad_mpc_ros.messages.conversions import stamp_of_serialized as stamp_of
 from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE
+from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import RecordedRun, TopicNames
@@ -30,7 +31,8 @@ from quad_mpc_ros.recordings.writer import BagWriter
 
 pytestmark = pytest.mark.timeout(400)  # of a busy machine
 
-TRIALS = 3
+TRIALS = 5
+ENOUGH = 0.5 * MpcConfig().deadline_seconds  # s
 STEPPER = Path(__file__).parents[1] / "fixtures" / "step_player.py"
 PLAYED = ("/odom", "/reference")
 RELAYED = (f"/{PREFIX}odom", f"/{PREFIX}reference")
@@ -185,9 +187,11 @@ def test_what_ros2_bag_record_took_of_a_flight_with_faults_is_resolved_bit_for_b
         bag = tmp_path / f"bag_{trial}"
         record_flight(flight, relays, config=config, bag=bag)
         run = Recording(bag).run(TopicNames(odometry=RELAYED[0], reference=RELAYED[1]))
-        if is_whole(run):
+        if is_whole(run) and not is_hurried(run):
             break
     assert is_whole(run)
+    if is_hurried(run):
+        pytest.skip("this machine is too busy: it cut a plan short in every flight")
     assert run.stats[-1].rejected_inputs > 20
     assert {each.source for each in run.stats} >= {"mpc", "plan", "blind"}
     assert len(run.changes) == 5
@@ -207,6 +211,11 @@ def is_whole(run: RecordedRun) -> bool:
     # Of what was seen: what is foreseen gives a reason.
     planned = {each.stamp_ns for each in run.stats if each.source == "mpc" and not each.reason}
     return len(run.commands) == run.stats[-1].commands and planned <= odometries
+
+
+def is_hurried(run: RecordedRun) -> bool:
+    """Whether a plan took so long that it was not improved any more."""
+    return any(each.step_time_us > 1e6 * ENOUGH for each in run.stats)
 
 
 def record_flight(
