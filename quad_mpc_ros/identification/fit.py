@@ -461,13 +461,7 @@ def _rate_course(model: ResponseModel, data: Measurements, theta: Array) -> Fitt
 def _specific_force(model: ResponseModel, data: Measurements, theta: Array) -> FittedCourse:
     """Return the specific force along the thrust axis (n, 1), averaged over a few odometries."""
     stride = max(1, round(_AVERAGED_OVER / data.period))
-    columns = model.increments(
-        rate_tau=theta[RATE_TAU],
-        rate_gain=theta[RATE_GAIN],
-        thrust_tau=theta[THRUST_TAU],
-        delay=theta[DELAY],
-        exponent=theta[EXPONENT] if data.knows_voltage else None,
-    )
+    columns = model.fitted_increments(theta)
     interval = np.diff(data.time)
     fitted = columns @ theta[LINEAR_IN_VELOCITY]
     measured = np.diff(data.v_WB_W, axis=0)
