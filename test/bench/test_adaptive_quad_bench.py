@@ -6,6 +6,7 @@ import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,12 +80,12 @@ def test_a_primitive_leads_from_rest_to_its_goal(script: ModuleType) -> None:
     assert_allclose(np.gradient(path.at(times).a_WB_W, times, axis=0)[1:-1], jerk[1:-1], atol=0.01)
 
 
-def moved(body: object, speeds: Array) -> dict[str, Array]:
-    """Return the state a millisecond after rest under constant speeds of the rotors."""
+def moved(body: Any, speeds: Array) -> dict[str, Array]:
+    """Return how velocity and rates change in a millisecond, from rest, at these rotor speeds."""
     state = {name: np.zeros(3) for name in ("x", "v", "w", "wind")}
     state |= {"q": np.array([0.0, 0.0, 0.0, 1.0]), "rotor_speeds": speeds}
-    stepped: dict[str, Array] = body.step(state, {"cmd_motor_speeds": speeds}, 0.001)  # type: ignore[attr-defined]
-    return stepped
+    after = body.step(state, {"cmd_motor_speeds": speeds}, 0.002)
+    return {name: 0.5 * after[name] for name in ("v", "w")}
 
 
 def test_pushes_payloads_and_weak_rotors_move_it_as_newton_says(script: ModuleType) -> None:
@@ -97,22 +98,22 @@ def test_pushes_payloads_and_weak_rotors_move_it_as_newton_says(script: ModuleTy
     assert_allclose(moved(body, still)["v"], 1e-3 * np.array([1, 0, 0.5]) / 0.826 - G, atol=1e-9)
     body.disturb(script.Trial(goal=goal, torque=np.array([0.1, 0.0, -0.05])))
     turned = [1e-4 / 0.0047, 0.0, -5e-5 / 0.0074]
-    assert_allclose(moved(body, still)["w"], turned, rtol=1e-3, atol=1e-6)
+    assert_allclose(moved(body, still)["w"], turned, rtol=3e-3, atol=1e-5)
     # What hangs 3 cm ahead falls like the rest, and lifted turns the nose down about the new
     # centre, by its weight and, as there, by that of the rotors' thrust.
     hangs = script.Trial(goal=goal, payload=0.4, payload_at=np.array([0.03, 0.0, 0.0]))
     body.disturb(hangs)
     assert_allclose(moved(body, still)["v"], -G, atol=1e-9)
     lifted = moved(body, hover * np.sqrt(1.226 / 0.826))
-    assert_allclose(lifted["v"], 0.0, atol=1e-6)
+    assert_allclose(lifted["v"], 0.0, atol=1e-5)
     inertia = 0.005 + 0.826 * 0.4 / 1.226 * 0.03**2
     torque = 0.4 * 9.81 * 0.03 * (1.0 + 0.826 / 1.226)
-    assert_allclose(lifted["w"][1], 1e-3 * torque / inertia, rtol=1e-3)
+    assert_allclose(lifted["w"][1], 1e-3 * torque / inertia, rtol=3e-3)
 
     weak = script.multirotor(np.array([1.0, 1.0, 0.7, 0.7]))  # the rear
     sagging = moved(weak, hover)
-    assert_allclose(sagging["v"], 0.15 * -G, atol=1e-6)
-    assert_allclose(sagging["w"][1], -1e-3 * 0.15 * 0.826 * 9.81 * 0.11738 / 0.005, rtol=1e-3)
+    assert_allclose(sagging["v"], 0.15 * -G, atol=1e-5)
+    assert_allclose(sagging["w"][1], -1e-3 * 0.15 * 0.826 * 9.81 * 0.11738 / 0.005, rtol=3e-3)
 
 
 def test_an_autopilot_told_of_stronger_rotors_turns_them_slower(script: ModuleType) -> None:

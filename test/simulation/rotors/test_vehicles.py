@@ -23,7 +23,7 @@ from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 FOLDER = Path(__file__).resolve().parents[3] / "config" / "vehicles"
-SHARED = ("mass", "gravity", "drag", "motor_count", "thrust_curve")
+SHARED = ("mass", "gravity", "drag", "rotor_drag", "motor_count", "thrust_curve")
 
 
 def test_they_are_presets() -> None:
