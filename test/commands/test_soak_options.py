@@ -49,4 +49,4 @@ def test_faults_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     rows = capsys.readouterr().out.splitlines()
     assert [row.split("`")[1] for row in rows[2:]] == list(FAULTS)
     (row,) = (row for row in rows if "`odometry_stops`" in row)
-    assert "plan by 0.12 s, blind by 0.22 s, silent by 1.24 s" in row
+    assert "mpc, blind by 0.42 s, silent by 1.44 s" in row

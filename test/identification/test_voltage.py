@@ -111,7 +111,7 @@ def without(run: RecordedRun) -> RecordedRun:
     return dataclasses.replace(run, voltages=[])
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_thrust_falls_with_the_square_of_the_voltage(seed: int) -> None:
     run = flown(seed=seed, capacity=CAPACITY)
     assert run.voltages[-1].value / run.voltages[0].value == pytest.approx(0.85, abs=0.02)
