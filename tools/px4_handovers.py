@@ -81,7 +81,7 @@ class Rig:
         self._target, self._window = target_system, ReferenceWindow.hover((0.0, 0.0, 0.0))
         self.tilt, self.height, self.nav_state = 0.0, 0.0, -1
         self.armed = self.engaged = False
-        self._heard = 0
+        self._heard, self.where = 0, ""
         self._hear(ODOMETRY, self._on_odometry, raw=True)
         self._hear(REFERENCE, self._on_reference, raw=True)
         self._hear(ENGAGED, lambda message: setattr(self, "engaged", bool(message.data)))
@@ -105,7 +105,9 @@ class Rig:
         self.height = float(odometry.p_WB[2])
         asked = sample(self._window, odometry.stamp_ns).R_WB
         R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
-        self.tilt = max(self.tilt, tilt_of(R_WB) - tilt_of(asked))
+        if (tilt := tilt_of(R_WB) - tilt_of(asked)) > self.tilt:
+            self.tilt, self.where = tilt, "armed" if self.armed else "disarmed"
+            self.where += f", at {self.height:.2f} m"
 
     def _on_reference(self, data: bytes) -> None:
         self._window = reference_in(data)
@@ -283,9 +285,8 @@ def main() -> int:
             good = expected and rig.tilt <= MOST_TILT
             wrong += not good
             flies = "MPC" if rig.nav_state == OFFBOARD else f"PX4 ({rig.nav_state})"
-            print(
-                f"{each.name:32} {flies:>10} {rig.tilt:18.1f}{'' if good else '  <-'}", flush=True
-            )
+            told = f"{each.name:32} {flies:>10} {rig.tilt:18.1f}  {rig.where}"
+            print(f"{told}{'' if good else '  <-'}", flush=True)
     return 1 if wrong else 0
 
 

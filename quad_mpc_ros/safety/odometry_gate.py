@@ -17,8 +17,9 @@ from quad_mpc_ros.safety.validation import odometry_fault
 
 _SECOND = 1_000_000_000
 _BACKWARDS = "odometry stamp runs backwards"
-# Clocks may drift apart by this share; the fastest arrival is forgotten at the same pace.
-_DRIFT = 1e-3
+# Clocks may drift apart by this share, as that of a simulation that falls behind real time; the
+# fastest arrival is forgotten at the same pace.
+_DRIFT = 0.02
 # Moving at this speed [m/s, rad/s] for a timeout shows in every odometry.
 _MOVING = 1e-3
 
