@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
+
+# An answer is lost where the one who answers does not know the one who asks yet.
+_ASK_AGAIN = 2.0  # s
 
 
 class ParameterQuery:
@@ -21,6 +25,7 @@ class ParameterQuery:
         self._clients: list[Any] = []
         self._names: Any = None
         self._values: Any = None
+        self._asked_s = 0.0
 
     def poll(self) -> dict[str, Any] | None:
         """Take the next step; return the parameters, once, when they have come."""
@@ -28,15 +33,21 @@ class ParameterQuery:
             return None
         list_names, get_values = self._clients
         if self._names is None:
-            self._names = list_names.call_async(ListParameters.Request())
-        elif self._names.done() and self._values is None:
+            self._names = self._ask(list_names, ListParameters.Request())
+        elif self._values is None and self._names.done():
             names = self._names.result().result.names
-            self._values = get_values.call_async(GetParameters.Request(names=names))
+            self._values = self._ask(get_values, GetParameters.Request(names=names))
         elif self._values is not None and self._values.done():
             self.done = True
             self.close()
             return self._received()
+        elif time.monotonic() - self._asked_s > _ASK_AGAIN:
+            self._names = self._values = None
         return None
+
+    def _ask(self, client: Any, request: Any) -> Any:
+        self._asked_s = time.monotonic()
+        return client.call_async(request)
 
     def close(self) -> None:
         """Ask no more."""
