@@ -22,12 +22,13 @@ from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.soak.relay import PREFIX, Relay, odometry_relay, reference_relay
 from quad_mpc_ros.faults import distortions
 from quad_mpc_ros.messages.conversions import stamp_of_serialized as stamp_of
-from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE
+from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import RecordedRun, TopicNames
 from quad_mpc_ros.recordings.writer import BagWriter
+from quad_mpc_ros.ros.messages import message_class, qos_of
 
 pytestmark = pytest.mark.timeout(400)  # of a busy machine
 
@@ -223,7 +224,14 @@ def record_flight(
 ) -> None:
     given = ("--params-file", str(config))
     odometry, reference = relays
-    before = len(odometry.passed)
+    answered: set[int] = set()
+    heard = flight.node.create_subscription(
+        message_class(COMMAND.type_name),
+        COMMAND.name,
+        lambda command: answered.add(stamp_of(command)),
+        qos_of(COMMAND),
+        raw=True,
+    )
     relayed = ("-r", f"odom:={RELAYED[0]}", "-r", f"reference:={RELAYED[1]}")
     flight.start("mpc_node", *given, *relayed)
     topics = (*RELAYED, "/command", "/mpc/stats", "/parameter_events")
@@ -237,11 +245,13 @@ def record_flight(
         flight.spin(0.5)  # until the publishers know of it as well
         flight.start("reference_node", *given)
         flight.start("simulator_node", *given)
-        assert flight.wait(lambda: len(odometry.passed) > before + 50)
+        # Flying by what it sees; what it commands blindly has other stamps.
+        assert flight.wait(lambda: len(answered & {p.stamp_ns for p in odometry.passed}) > 50)
         fly_with_faults(flight, odometry, reference)
         recorder.interrupt_all()
         recorder.ends()
     flight.end_nodes()
+    flight.node.destroy_subscription(heard)
 
 
 def fly_with_faults(flight: Flight, odometry: Relay[Any], reference: Relay[Any]) -> None:
