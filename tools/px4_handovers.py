@@ -28,7 +28,13 @@ import rclpy
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from quad_mpc_ros.bridges.px4 import Px4Bridge
+from quad_mpc_ros.bridges.px4 import (
+    ARMING_STATE_ARMED,
+    NAVIGATION_STATE_OFFBOARD,
+    VEHICLE_CMD_COMPONENT_ARM_DISARM,
+    VEHICLE_CMD_DO_SET_MODE,
+    Px4Bridge,
+)
 from quad_mpc_ros.configuration import files
 from quad_mpc_ros.lie import so3
 from quad_mpc_ros.messages.topics import ENGAGED, ODOMETRY, REFERENCE
@@ -53,9 +59,9 @@ NODES = {  # what runs each
 SCHEMA = {"mpc": MpcConfig, "reference": ReferenceConfig, "px4_bridge": Px4Bridge.Config}
 MOST_TILT = 20.0  # degrees beyond what the reference asks for
 PATIENCE = 60.0  # s
-ARM, TAKE_OFF, SET_MODE = 400, 22, 176  # MAV_CMD
+TAKE_OFF = 22  # MAV_CMD
 HOLD = (1.0, 4.0, 3.0)  # custom mode, auto, loiter
-OFFBOARD, LOITER = 14, 4  # of nav_state
+LOITER = 4  # of nav_state
 
 
 class Handover(NamedTuple):
@@ -113,7 +119,15 @@ class Rig:
         self._window = reference_in(data)
 
     def _on_status(self, message: Any) -> None:
-        self.nav_state, self.armed = int(message.nav_state), int(message.arming_state) == 2
+        self.nav_state, self.armed = (
+            int(message.nav_state),
+            int(message.arming_state) == ARMING_STATE_ARMED,
+        )
+
+    @property
+    def is_offboard(self) -> bool:
+        """Whether PX4 flies by what the MPC commands."""
+        return self.nav_state == NAVIGATION_STATE_OFFBOARD
 
     def start(self, name: str) -> None:
         """Start a node."""
@@ -202,7 +216,7 @@ def take_off(rig: Rig) -> None:
 def kill(rig: Rig) -> None:
     """Kill the MPC, and wait for PX4 to find out."""
     rig.kill("mpc")
-    rig.wait(lambda: rig.nav_state != OFFBOARD, "taken over by PX4's failsafe")
+    rig.wait(lambda: not rig.is_offboard, "taken over by PX4's failsafe")
 
 
 def restart(rig: Rig) -> None:
@@ -212,7 +226,7 @@ def restart(rig: Rig) -> None:
 
 def pilot_takes_over(rig: Rig) -> None:
     """Switch to hold, as a pilot or a ground station does."""
-    rig.tell(SET_MODE, *HOLD)
+    rig.tell(VEHICLE_CMD_DO_SET_MODE, *HOLD)
     rig.wait(lambda: rig.nav_state == LOITER and not rig.engaged, "in hold")
 
 
@@ -226,7 +240,7 @@ def px4_takes_off(rig: Rig) -> None:
     """Let PX4 take off by itself."""
     rig.tell(TAKE_OFF, 0.0, 0.0, 0.0, float("nan"), float("nan"), float("nan"), float("nan"))
     rig.spin(0.5)
-    rig.tell(ARM, 1.0)
+    rig.tell(VEHICLE_CMD_COMPONENT_ARM_DISARM, 1.0)
     rig.wait(lambda: rig.height > 1.5 and rig.nav_state == LOITER, "hovering by itself")
 
 
@@ -281,10 +295,9 @@ def main() -> int:
                 print(f"{each.name}: {error} within {PATIENCE:.0f} s", flush=True)
                 return 1
             rig.spin(each.seconds)
-            expected = rig.nav_state == OFFBOARD if each.offboard else rig.nav_state != OFFBOARD
-            good = expected and rig.tilt <= MOST_TILT
+            good = rig.is_offboard is each.offboard and rig.tilt <= MOST_TILT
             wrong += not good
-            flies = "MPC" if rig.nav_state == OFFBOARD else f"PX4 ({rig.nav_state})"
+            flies = "MPC" if rig.is_offboard else f"PX4 ({rig.nav_state})"
             told = f"{each.name:32} {flies:>10} {rig.tilt:18.1f}  {rig.where}"
             print(f"{told}{'' if good else '  <-'}", flush=True)
     return 1 if wrong else 0

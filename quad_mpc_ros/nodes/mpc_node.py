@@ -31,6 +31,9 @@ _ESTIMATE_FAILS = {"at bounds": "is at its bounds", "reset": "was let go and beg
 # time a plan takes as long to publish as to solve.
 _SHOWN_PERIOD_NS, _LOCKSTEP_PERIOD_NS = 95_000_000, 15_000_000
 
+# s: between looks at whether odometry is missing, for a live timeout may be shortened meanwhile.
+_LONGEST_PAUSE = 0.1
+
 
 class MpcNode(ManagedNode[MpcConfig]):
     """Wires the controller to its topics: odometry triggers it, a timer is its watchdog.
@@ -181,7 +184,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         period = 1.0 / self._controller.config.control_rate
         if self._time.is_simulated:  # it may run faster than the timer
             return period
-        return max(self._controller.seconds_until_unseen(now_ns=now_ns), period)
+        pause = min(self._controller.seconds_until_unseen(now_ns=now_ns), _LONGEST_PAUSE)
+        return max(pause, period)
 
     def _finish(self, tick: Tick | None) -> None:
         """Publish the command first, then what is only to be looked at."""

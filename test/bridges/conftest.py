@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fixtures.processes import end
 from fixtures.setup_py import executable
 from fixtures.stack_messages import new_message, sound_message
 
@@ -45,18 +45,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
             log = stack.enter_context((tmp_path / f"{name}.log").open("wb"))
             command = [*executable(name), "--ros-args", *arguments]
             process = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
-            stack.callback(_end, process)
+            stack.callback(end, process)
             return process
 
         yield started
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    if process.poll() is None:
-        process.send_signal(signal.SIGCONT)
-        process.send_signal(signal.SIGINT)
-    try:
-        process.wait(10)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
