@@ -47,11 +47,18 @@ _FILTER, _LIFT_FILTER, _DRIFT_FILTER, _GROUND_FILTER = 0.1, 0.3, 0.5, 2.0  # s
 _RESTING, _MOVING, _FAST = 1.0, 1.5, 3.0
 _SHIFTED = 0.1  # m of height
 _SLIPPING = 0.5  # m/s aside with thrust: it has left the ground, leaning
+_CLIMBING = 0.3  # m/s upwards with thrust, and
+_LIFTED = 0.05  # m higher than it has been: it has left the ground
 _MOVED = 0.15  # m from the ground, or from where it was seen first, with thrust: it flies
 
 _ABOVE = 0.1  # m: a reference so far above the vehicle asks for height
 _BELOW = 0.1  # m: and one that is so far below it wants it to sink
 _NEAR = 0.5  # m above where it stood, by odometry that drifts
+# At the touchdown: with less than a share of the thrust that has carried it in flight lately it
+# has to fall. It is carried where it should have become faster downwards by so much [m/s], and has
+# by less than a share of that.
+_CARRYING, _SHOULD_FALL, _FALLS = 0.8, 0.2, 0.3
+_FLIGHT_FILTER = 2.0  # s, of the thrust that has carried it lately
 _RISING = 0.01  # m within its window: so does one that rises
 _REFERENCE_SPEED = 1.5  # m/s: no reference of a vehicle that stands moves so fast
 
@@ -65,15 +72,21 @@ class Contact(enum.Enum):
 
 
 class _Motion(NamedTuple):
-    """How it moves, filtered: height, speed and that along the ground; and its way [m] from where
-    it stood or was seen first, and that upwards.
+    """How it moves, filtered: height, speed along the ground and upwards.
+
+    And its way [m] from where it stood or was seen first, and that upwards.
     """
 
     height: float
-    speed: float
     aside: float
+    climb: float
     way: float
     rise: float
+
+    @property
+    def speed(self) -> float:
+        """Its speed [m/s]."""
+        return math.hypot(self.aside, self.climb)
 
 
 class _Course(NamedTuple):
@@ -121,6 +134,8 @@ class GroundContact:
         self._little_since_ns: int | None = None
         self._lifting_since_ns: int | None = None
         self._lift = 0.0
+        self._carrying = self._carried_by = 0.0  # thrust now and lately, in flight
+        self._fall, self._climb = 0.0, 0.0  # m/s since it is too little, and upwards before
         self._still: _Stillness | None = None
 
     def tell_landed(self, landed: bool | None) -> None:
@@ -172,6 +187,7 @@ class GroundContact:
             return self.contact
         self._follow(odometry)
         self._weigh(odometry.stamp_ns, thrust=thrust, lift=thrust * odometry.up)
+        self._weigh_against_flight()
         height, course = float(odometry.p_WB[2]), self._course_of(window)
         self.asks_for_height = course is not None and _asks_for_height(course, height)
         rests = course is None or (not self.asks_for_height and course.speed < _REFERENCE_SPEED)
@@ -179,7 +195,7 @@ class GroundContact:
         if self.standing:
             self._stood_at = height
         sinks = rests and course is not None and course.height < height - _BELOW
-        self.touching = not self.standing and sinks and self._is_near_ground(height)
+        self.touching = not self.standing and sinks and self._might_be_down(height)
         lands = rests and course is not None and _sinks(course, height)
         self._lands = lands and self._is_low(height)
         if self.standing and self._little_since_ns is not None:
@@ -187,7 +203,27 @@ class GroundContact:
             self._draw_ground(_DRIFT_FILTER)
         elif not (self.contact is Contact.FLYING or self.asks_for_height):
             self._draw_ground(_GROUND_FILTER)
+        elif self.standing:
+            # An estimate may sink as motors spool up, by what the vehicle then seems not to rise.
+            p, _, p_ground = self._filtered
+            p_ground[2] = min(p_ground[2], p[2])
         return self.contact
+
+    def _weigh_against_flight(self) -> None:
+        """Note with what thrust it flies, and how fast it should be falling with less."""
+        self._carrying += self._share(_FILTER) * (self._thrust - self._carrying)
+        change = self._carrying - self._carried_by
+        if self._carrying < _CARRYING * self._carried_by:
+            self._fall -= _GRAVITY * change / self._carried_by * self._duration
+        else:
+            self._fall, self._climb = 0.0, self._motion.climb
+        if self.flies and self._fall < _SHOULD_FALL:
+            self._carried_by += self._share(_FLIGHT_FILTER) * change
+
+    def _seems_carried(self) -> bool:
+        """Whether something else carries it: it should be falling, and is not."""
+        falls = self._climb - self._motion.climb
+        return self._fall > _SHOULD_FALL and falls < _FALLS * self._fall
 
     def _draw_ground(self, time_constant: float) -> None:
         """Let where it stood follow where it is."""
@@ -235,7 +271,7 @@ class GroundContact:
 
     def _weigh(self, stamp_ns: int, *, thrust: float, lift: float) -> None:
         """Note since when there has been little thrust, and since when it lifts."""
-        self._thrust = thrust
+        self._thrust = max(thrust, 0.0)  # a curve may be negative where nothing turns
         if thrust > _LITTLE:
             self._little_since_ns, self._still = None, None
         elif self._little_since_ns is None:
@@ -267,9 +303,10 @@ class GroundContact:
     def _is_slow(self) -> bool:
         return self._motion.speed < _RESTING
 
-    def _is_near_ground(self, height: float) -> bool:
-        """Whether it is slow, with little thrust, about as high as where it stood."""
-        return self._is_low(height) and self._little_since_ns is not None and self._is_slow()
+    def _might_be_down(self, height: float) -> bool:
+        """Whether it is slow, and is carried, or has little thrust and is about where it stood."""
+        little = self._little_since_ns is not None
+        return self._is_slow() and (self._seems_carried() or (little and self._is_low(height)))
 
     def _is_low(self, height: float) -> bool:
         """Whether it is about as high as where it stood."""
@@ -286,8 +323,14 @@ class GroundContact:
         if self.contact is Contact.FLYING:
             return False
         if self.standing:
-            return (self._motion.rise > _MOVED or self._slips()) and not little
+            return (self._rises() or self._slips()) and not little
         return self._motion.way > _MOVED and not little
+
+    def _rises(self) -> bool:
+        """Whether it is higher than where it stood, by its height or on its way under thrust."""
+        rise, climb = self._motion.rise, self._motion.climb
+        climbs = self._thrust > _SOME and climb > _CLIMBING and rise > _LIFTED
+        return climbs or rise > _MOVED
 
     def _slips(self) -> bool:
         """Whether it goes aside under thrust, as one does that takes off from where it leans."""
@@ -357,7 +400,7 @@ def _follow(
         v[k] += share * (v_WB_W[k] - v[k])
     aside, rise = math.hypot(v[0], v[1]), p[2] - p_ground[2]
     way = math.hypot(math.hypot(p[0] - p_ground[0], p[1] - p_ground[1]), rise)
-    return p[2], math.hypot(aside, v[2]), aside, way, rise
+    return p[2], aside, v[2], way, rise
 
 
 @compiled

@@ -90,6 +90,10 @@ def test_odometry_that_drifts_lifts_nothing(standing: Judge) -> None:
     assert standing.see(1.0, thrust=1.1, height=height + 0.3, window=ABOVE)[-1] is Contact.FLYING
 
 
+def test_a_curve_that_is_negative_without_throttle_is_no_thrust(judge: Judge) -> None:
+    assert judge.see(2.0, thrust=-0.05)[-1] is Contact.STANDING
+
+
 def test_what_leaves_its_place_flies(judge: Judge) -> None:
     judge.see(0.2, thrust=0.7, height=2.0)
     said = judge.see(0.4, thrust=0.7, height=1.8)
@@ -131,6 +135,33 @@ def test_it_stands_until_it_has_risen(standing: Judge) -> None:
     said = [standing.see(thrust=1.1, height=0.01 * k, window=ABOVE)[0] for k in range(60)]
     assert said[0] is Contact.STANDING
     assert 0.1 < 0.01 * said.index(Contact.FLYING) < 0.3
+
+
+def test_who_takes_off_flies_though_the_estimate_has_sunk_before(standing: Judge) -> None:
+    """As that of PX4, by 0.2 m as its motors spool up; then it climbs by 0.5 m/s^2."""
+    for k in range(50):
+        standing.see(thrust=0.01 * k + 0.45, height=-0.004 * k, window=ABOVE)
+    times = PERIOD * np.arange(80)
+    said = [
+        standing.see(
+            thrust=1.05,
+            height=-0.2 + 0.25 * time**2,
+            velocity=np.array([0.0, 0.0, 0.5 * time]),
+            window=ABOVE,
+        )[0]
+        for time in times
+    ]
+    lifted = 0.25 * times[said.index(Contact.FLYING)] ** 2
+    assert 0.05 < lifted < 0.15
+
+
+def test_speeds_that_are_noisy_lift_nobody(standing: Judge) -> None:
+    noise = np.random.default_rng(7)
+    for _ in range(500):
+        velocity = 0.3 * noise.normal(size=3)
+        height = 0.01 * float(noise.normal())
+        said = standing.see(thrust=0.9, height=height, velocity=velocity, window=ABOVE)
+        assert said == [Contact.STANDING]
 
 
 def test_what_takes_off_from_a_slope_is_turned_before_it_has_risen(standing: Judge) -> None:
@@ -177,6 +208,41 @@ def test_what_comes_down_where_it_stood_is_not_turned_any_more(standing: Judge) 
     assert not standing.ground.touching
     standing.see(height=0.2, velocity=np.array([0.0, 0.0, -20.0]))
     assert not standing.ground.touching
+
+
+@pytest.mark.parametrize("carrying", [0.7, 1.0, 1.5])
+def test_what_is_carried_with_less_thrust_than_it_flew_with_is_not_turned(
+    standing: Judge, carrying: float
+) -> None:
+    """Whatever share of its weight that is by the model."""
+    down = land(standing, carrying)
+    for _ in range(20):
+        standing.see(thrust=0.65 * carrying, height=0.2, window=down)
+    assert standing.ground.touching
+    assert not standing.ground.standing
+
+
+@pytest.mark.parametrize("carrying", [0.7, 1.0, 1.5])
+def test_what_falls_with_less_thrust_is_turned(standing: Judge, carrying: float) -> None:
+    down, height, speed, share = land(standing, carrying), 0.3, -0.3, 0.65
+    for _ in range(20):
+        speed -= 9.81 * (1.0 - share) * PERIOD
+        height += speed * PERIOD
+        velocity = np.array([0.0, 0.0, speed])
+        standing.see(thrust=share * carrying, height=height, velocity=velocity, window=down)
+        assert not standing.ground.touching
+
+
+def land(judge: Judge, carrying: float) -> ReferenceWindow:
+    """Take off, fly with a thrust, and sink; return the reference that leads below the ground."""
+    judge.see(2.0, thrust=1.2 * carrying, height=1.0, window=ABOVE)
+    judge.see(3.0, thrust=carrying, height=1.0, window=ReferenceWindow.hover([0.0, 0.0, 1.0]))
+    down = ReferenceWindow.through([0.0, 1.0, 2.0], [[0, 0, 0.0], [0, 0, -0.3], [0, 0, -0.6]])
+    sinking = np.array([0.0, 0.0, -0.3])
+    judge.see(0.2, thrust=carrying, height=0.3, velocity=sinking, window=down)
+    assert judge.ground.flies
+    assert not judge.ground.touching
+    return down
 
 
 @pytest.mark.parametrize("says", [False, None])
