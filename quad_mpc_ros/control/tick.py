@@ -65,6 +65,9 @@ class TickStats:
     rate_time_constant_ms: float = 0.0  # in the model by now, roll and pitch's mean [ms]
     yaw_time_constant_ms: float = 0.0  # the same of yaw
     thrust_time_constant_ms: float = 0.0  # the same of the throttle
+    drag: float = 0.0  # in the model by now, mean over the axes [1/s]
+    rate_offset_x: float = 0.0  # what roll rate has beyond its command by now [rad/s]
+    rate_offset_y: float = 0.0  # the same of pitch rate
     estimate: str = "held"  # learning, held, jumped, at bounds, reset: how what is estimated fares
     estimate_resets: int = 0  # how often it was let go so far
     odom_age_ms: float  # age of the odometry by its stamp when the tick began [ms]
@@ -112,6 +115,7 @@ def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
         return {"solver_status": "not run", "iterations": 0, **dict.fromkeys(none, 0.0)}
     model = step.state.model
     roll_lag, pitch_lag, yaw_lag = model.rate_time_constants
+    roll_offset, pitch_offset, _ = step.state.rate_offset
     return {
         "solver_status": step.solution.status,
         "iterations": step.iterations,
@@ -126,6 +130,9 @@ def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
         "rate_time_constant_ms": 5e2 * (roll_lag + pitch_lag),
         "yaw_time_constant_ms": 1e3 * yaw_lag,
         "thrust_time_constant_ms": 1e3 * model.thrust_time_constant,
+        "drag": model.drag,
+        "rate_offset_x": roll_offset,
+        "rate_offset_y": pitch_offset,
         "estimate": step.estimate.text,
         "estimate_resets": step.estimate.resets,
     }

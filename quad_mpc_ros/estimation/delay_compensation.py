@@ -118,7 +118,7 @@ class DelayCompensation:
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
         """Remember a command by the stamp of the odometry that it answers."""
-        # What the rates follow: the model has no gain of its own.
+        # What the rates follow, but for their offsets: the model has no gain of its own.
         followed = Input(throttle=command.throttle, w_WB_B=self._rate_gain * command.w_WB_B)
         self._sent, self._sent_ns = followed.vector(), stamp_ns
         self._history.record(followed, stamp_ns=stamp_ns)
@@ -186,6 +186,7 @@ class DelayCompensation:
         state, parameters = self._measured, self._ekf.parameters()
         if stamp_ns + self._delay_ns > begin_ns:
             acting = self._history.between(begin_ns, stamp_ns + self._delay_ns)
+            self._ekf.add_rate_offsets(acting.commands)
             roll_forward(
                 parameters=parameters,
                 commands=acting.commands,
@@ -198,8 +199,10 @@ class DelayCompensation:
         since_sent = math.inf
         if self._sent_ns is not None and stamp_ns >= self._sent_ns:
             since_sent = (stamp_ns - self._sent_ns) * 1e-9
+        sent = self._sent.copy()
+        self._ekf.add_rate_offsets(sent[None])
         return PredictedState(
-            stamp_ns + self._delay_ns, state, parameters, sent=self._sent, since_sent=since_sent
+            stamp_ns + self._delay_ns, state, parameters, sent=sent, since_sent=since_sent
         )
 
     def _follow(self, odometry: OdometrySample) -> None:

@@ -36,8 +36,8 @@ target tilts them by the difference (:mod:`quad_mpc_ros.ocp.target`).
 
 A time constant of zero is no lag and stays. The throttle, which nobody measures, is followed
 through the lag. The noise of the velocity is found on the way (:mod:`.velocity_noise`), time
-constants of the rates have filters of their own (:mod:`.rate_lags`). The delay of the input is not
-estimated: ``docs/tuning.md`` says why.
+constants and offsets of the rates have filters of their own (:mod:`.rate_lags`,
+:mod:`.rate_offsets`). The delay of the input is not estimated: ``docs/tuning.md`` says why.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.estimation import velocity_noise
 from quad_mpc_ros.estimation.command_history import Acting
 from quad_mpc_ros.estimation.rate_lags import RateLags
+from quad_mpc_ros.estimation.rate_offsets import RateOffsets
 from quad_mpc_ros.estimation.velocity_filter import (
     DRAG_SPREAD,
     ESTIMATE_SIZE,
@@ -97,18 +98,19 @@ _USUAL_LAG, _CLOSEST = 0.13, 4.0
 
 
 class EkfMemory(NamedTuple):
-    """What is believed at a moment: the estimate, its covariance, and the rates' lags."""
+    """What is believed at a moment: the estimate, its covariance, the rates' lags and offsets."""
 
     estimate: Array
     covariance: Array
     rate_lags: Array
+    rate_offsets: Array
 
 
 class DisturbanceEkf:
     """Follows a vehicle from odometry to odometry."""
 
     def __init__(self, nominal: Array, *, throttle: float, delay: float = 0.0) -> None:
-        """``nominal`` are the configured parameters (20,), ``throttle`` is where it begins.
+        """``nominal`` are the configured parameters (29,), ``throttle`` is where it begins.
 
         ``delay`` [s] is that of the input.
         """
@@ -119,8 +121,12 @@ class DisturbanceEkf:
         self._estimate = np.zeros(ESTIMATE_SIZE)
         self._estimate[K] = 1.0
         self._covariance = np.zeros((SIZE, SIZE))
-        self._noise = velocity_noise.begun(_least_noise(nominal, delay))
-        self._rate_lags = RateLags(nominal)
+        closer = _closer(nominal, delay)
+        self._noise = velocity_noise.begun(velocity_noise.USUAL / closer)
+        # Who tells that it answers soon is believed more: a lag that is learned although it is
+        # none, of odometry that is late, is answered by commands that lead more, and swings.
+        self._rate_lags = RateLags(nominal, slower=1.0 / closer)
+        self._rate_offsets = RateOffsets(nominal, share=min(closer - 1.0, 1.0))
         self._saturation = -math.inf, math.inf
         self._farthest = math.inf
         self.reset()
@@ -141,6 +147,7 @@ class DisturbanceEkf:
         estimate[TAU] = nominal[THRUST_TIME_CONSTANT]
         estimate[MU] = nominal[DRAG]
         self._rate_lags.reset()
+        self._rate_offsets.reset()
         spreads = (_ACCELERATION_SPREAD, _ACCELERATION_SPREAD, _VERTICAL_SPREAD, _SCALE_SPREAD)
         lag_spread = LAG_SPREAD * nominal[THRUST_TIME_CONSTANT]
         P[:] = np.diag(np.square([0.0, 0.0, 0.0, *spreads, lag_spread, DRAG_SPREAD]))
@@ -166,20 +173,31 @@ class DisturbanceEkf:
         return far or not SCALE_BOUNDS[0] < k < SCALE_BOUNDS[1]
 
     def parameters(self) -> Array:
-        """Return the parameters (20,) as believed by now."""
+        """Return the parameters (29,) as believed by now."""
         believed = self._nominal.copy()
         self._rate_lags.write(believed)
+        self._rate_offsets.write(believed)
         _write_learned(self._estimate, self._shape, believed)
         return believed
 
+    def add_rate_offsets(self, commands: Array) -> None:
+        """Make of commands (n, 4) what the rates follow, by the offsets as believed by now."""
+        self._rate_offsets.add_to(commands)
+
     def memory(self) -> EkfMemory:
         """Return what is believed, and how firmly."""
-        return EkfMemory(self._estimate.copy(), self._covariance.copy(), self._rate_lags.memory())
+        return EkfMemory(
+            self._estimate.copy(),
+            self._covariance.copy(),
+            self._rate_lags.memory(),
+            self._rate_offsets.memory(),
+        )
 
     def recall(self, memory: EkfMemory) -> None:
         """Believe again what was believed, of all but the present velocity and throttle."""
         self._estimate[LEARNABLE] = memory.estimate[LEARNABLE]
         self._rate_lags.recall(memory.rate_lags)
+        self._rate_offsets.recall(memory.rate_offsets)
         self._covariance[:] = memory.covariance
         self._believe(self._estimate[V:D].copy())
 
@@ -239,12 +257,19 @@ class DisturbanceEkf:
             learns=outcome == LEARNED,
             follows=outcome in (PAUSED, LEARNED),
         )
+        self._rate_offsets.update(
+            acting=acting,
+            lags=self._rate_lags.lags(),
+            measured=after[BODY_RATES],
+            learns=outcome == LEARNED,
+            follows=outcome in (PAUSED, LEARNED),
+        )
         return outcome
 
 
 @compiled
 def _write_learned(estimate: Array, shape: Array, parameters: Array) -> None:
-    """Write what is believed of thrust, air and drag into the configured parameters (20,).
+    """Write what is believed of thrust, air and drag into the configured parameters (29,).
 
     ``shape`` (3,) is what each axis has more or less of the mean drag, as a share of it.
     """
@@ -259,15 +284,14 @@ def _write_learned(estimate: Array, shape: Array, parameters: Array) -> None:
         parameters[_UNEVEN_DRAG + k] += uneven
 
 
-def _least_noise(nominal: Array, delay: float) -> float:
-    """Return the least noise of the velocity [m/s] that is believed: it says how quick to learn.
+def _closer(nominal: Array, delay: float) -> float:
+    """Return by how much closer than usual a vehicle is followed, 1 at least.
 
     What is learned is answered by commands, and a loop that is quicker than the actuators swings.
-    Where they are as quick as the default's, or nothing is known of them, it is the usual noise.
+    Where they are as quick as the default's, or nothing is known of them, it is as usual.
     """
     roll, pitch, _yaw = nominal[RATE_TIME_CONSTANTS]
     lags = max(roll, pitch), nominal[THRUST_TIME_CONSTANT], delay
     if min(lags) <= 0.0:
-        return velocity_noise.USUAL
-    closer = (_USUAL_LAG / sum(lags)) ** 2
-    return velocity_noise.USUAL / min(max(closer, 1.0), _CLOSEST)
+        return 1.0
+    return min(max((_USUAL_LAG / sum(lags)) ** 2, 1.0), _CLOSEST)

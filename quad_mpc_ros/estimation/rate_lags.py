@@ -35,27 +35,34 @@ _SPREAD = 0.5  # of a time constant at the start, relative
 _WALK = 0.1  # relative, 1 / sqrt(s)
 _NOISE = 0.1  # rad/s, of a measured rate against the model
 _LEADING, _SMOOTHING = 0.3, 0.1  # s
-_FASTEST, _SLOWEST, _SLOWEST_YAW = 0.5, 2.0, 6.0  # bounds, as factors on what is configured
+_FASTEST, _SLOWEST_YAW = 0.5, 6.0  # bounds, as factors on what is configured
 
 
 class RateLags:
     """Follows the body rates from odometry to odometry. A lag of zero is none and stays."""
 
-    def __init__(self, nominal: Array) -> None:
-        """``nominal`` are the configured parameters (20,)."""
+    def __init__(self, nominal: Array, *, slower: float = 1.0) -> None:
+        """``nominal`` are the configured parameters (29,).
+
+        By ``slower`` of it the time constant of roll and pitch may be longer than configured.
+        """
         roll, pitch, yaw = nominal[RATE_TIME_CONSTANTS].tolist()
         shared = 0.5 * (roll + pitch)
         self._nominal = np.array([shared, yaw])
+        self._slowest = np.array([1.0 + slower, _SLOWEST_YAW])
         # Of the shared one what each axis has.
         self._shares = np.array([roll, pitch, yaw]) / np.array([shared or 1.0] * 2 + [yaw or 1.0])
         self._state = np.zeros(_SIZE)
         self.reset()
 
-    def write(self, parameters: Array) -> None:
-        """Write the time constants of roll, pitch and yaw into the parameters (20,)."""
+    def lags(self) -> Array:
+        """Return the time constants of roll, pitch and yaw (3,) [s]."""
         shared, yaw = self._state.item(_ROLL_PITCH), self._state.item(_YAW)
-        roll, pitch, own = self._shares
-        parameters[RATE_TIME_CONSTANTS] = roll * shared, pitch * shared, own * yaw
+        return np.asarray(self._shares * (shared, shared, yaw))
+
+    def write(self, parameters: Array) -> None:
+        """Write the time constants of roll, pitch and yaw into the parameters (29,)."""
+        parameters[RATE_TIME_CONSTANTS] = self.lags()
 
     @property
     def roll_pitch(self) -> float:
@@ -90,6 +97,7 @@ class RateLags:
             _update(
                 state=self._state,
                 nominal=self._nominal,
+                slowest=self._slowest,
                 shares=self._shares,
                 commands=acting.commands,
                 durations=acting.durations,
@@ -103,6 +111,7 @@ class RateLags:
 def _update(
     state: Array,
     nominal: Array,
+    slowest: Array,
     shares: Array,
     commands: Array,
     durations: Array,
@@ -125,9 +134,8 @@ def _update(
         if not follows:
             state[_OFF + axis] = state[_OFF_SLOPE + axis] = 0.0
         elif learns:
-            slowest = _SLOWEST_YAW if axis == 2 else _SLOWEST
             state[place + _VARIANCE] += _walked(axis, nominal[group]) * duration
-            bounds = _FASTEST * nominal[group], slowest * nominal[group]
+            bounds = _FASTEST * nominal[group], slowest[group] * nominal[group]
             _correct(state, place, axis, shares[axis], bounds)
 
 

@@ -154,6 +154,8 @@ def _predict(
         modelled.translational_lift,
         modelled.learned_drag,
         modelled.rotor_drag,
+        modelled.rate_offset,
+        modelled.rate_offset_by_thrust,
     )
     throttle = Throttle(estimate[THROTTLE], estimate[THROTTLE_SLOPE])
     start = body_in(before)

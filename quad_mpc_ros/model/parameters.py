@@ -22,7 +22,8 @@ RATE_TIME_CONSTANTS = slice(6, 9)
 DISTURBANCE = slice(9, 12)
 THRUST_SCALE = 12
 UNEVEN_DRAG, LEARNED_DRAG = slice(13, 16), slice(17, 20)
-VECTOR_SIZE = 23
+RATE_OFFSET, RATE_OFFSET_BY_THRUST = slice(23, 26), slice(26, 29)
+VECTOR_SIZE = 29
 
 
 class ModelParameters(NamedTuple):
@@ -37,7 +38,8 @@ class ModelParameters(NamedTuple):
     ``translational_lift`` [1/m] is k_h. ``learned_drag`` [1/s] is what of the drag along each axis
     was learned in flight: both contain it, and the reference's attitudes know nothing of it.
     ``rotor_drag`` [1/s] is the drag along each axis that grows with the rotors' speed, at that of
-    hover.
+    hover. Beyond their commands rates have ``rate_offset`` [rad/s] and ``rate_offset_by_thrust``
+    [rad/s per m/s^2] of the modelled thrust at the commanded throttle.
     """
 
     a: float
@@ -53,6 +55,8 @@ class ModelParameters(NamedTuple):
     translational_lift: float = 0.0
     learned_drag: kernels.Vector = (0.0, 0.0, 0.0)
     rotor_drag: kernels.Vector = (0.0, 0.0, 0.0)
+    rate_offset: kernels.Vector = (0.0, 0.0, 0.0)
+    rate_offset_by_thrust: kernels.Vector = (0.0, 0.0, 0.0)
 
 
 def parameters_of(
@@ -80,13 +84,13 @@ def parameters_of(
 
 
 def packed(parameters: ModelParameters) -> Array:
-    """Return the vector (23,)."""
+    """Return the vector (29,)."""
     return np.hstack(parameters)
 
 
 @compiled
 def parameters_in(vector: Array) -> ModelParameters:
-    """Return what is in the vector (23,)."""
+    """Return what is in the vector (29,)."""
     return ModelParameters(
         vector[0],
         vector[1],
@@ -101,6 +105,8 @@ def parameters_in(vector: Array) -> ModelParameters:
         vector[16],
         (vector[17], vector[18], vector[19]),
         (vector[20], vector[21], vector[22]),
+        (vector[23], vector[24], vector[25]),
+        (vector[26], vector[27], vector[28]),
     )
 
 
@@ -112,3 +118,10 @@ root_of_thrust = compiled(vehicles.root_of_thrust)
 def throttle_for(model: ModelParameters, thrust: float) -> float:
     """Return the throttle in [0, 1] whose thrust over mass is nearest to one wanted [m/s^2]."""
     return _inverse_throttle_curve(model.a, model.b, model.c, thrust / model.thrust_scale)
+
+
+@compiled
+def modelled_thrust(vector: Array, throttle: float) -> float:
+    """Return the thrust over mass that the modelled curve in a vector (29,) makes [m/s^2]."""
+    thrust: float = (vector[0] * throttle + vector[1]) * throttle + vector[2]
+    return thrust

@@ -37,7 +37,12 @@ from quad_mpc_ros.model.jacobians import (
     VELOCITY,
     jacobians,
 )
-from quad_mpc_ros.model.parameters import parameters_in
+from quad_mpc_ros.model.parameters import (
+    RATE_OFFSET,
+    RATE_OFFSET_BY_THRUST,
+    modelled_thrust,
+    parameters_in,
+)
 from quad_mpc_ros.model.rollout import SUBSTEPS, body_in, roll_out
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import INPUT_SIZE
@@ -278,7 +283,14 @@ class ManifoldProblem:
         count = self._steps + 1
         inputs = np.empty((self._steps * SUBSTEPS, INPUT_SIZE))
         p_WB, R_WB = np.empty((count, 3)), np.empty((count, 3, 3))
-        _copy_plan(self._plan, self._rate_gain, inputs=inputs, p_WB=p_WB, R_WB=R_WB)
+        _copy_plan(
+            self._plan,
+            self._rate_gain,
+            self._state.parameters,
+            inputs=inputs,
+            p_WB=p_WB,
+            R_WB=R_WB,
+        )
         return Plan(
             stamp_ns=self._state.stamp_ns,
             step=self._step,
@@ -399,14 +411,22 @@ def _line_search(
 
 
 @compiled
-def _copy_plan(plan: Array, rate_gain: Array, inputs: Array, p_WB: Array, R_WB: Array) -> None:
-    """Write the inputs (N M, 4) of a plan as commands, and its poses 0 to N."""
+def _copy_plan(
+    plan: Array, rate_gain: Array, parameters: Array, inputs: Array, p_WB: Array, R_WB: Array
+) -> None:
+    """Write the inputs (N M, 4) of a plan as commands, and its poses 0 to N.
+
+    Inputs are what the rates follow: offset and gain are taken off.
+    """
     planned = trajectory_in(plan)
+    fixed, by_thrust = parameters[RATE_OFFSET], parameters[RATE_OFFSET_BY_THRUST]
     commands = planned.inputs.reshape((len(inputs), INPUT_SIZE))
     for i in range(len(inputs)):
         inputs[i, 0] = commands[i, 0]
+        thrust = modelled_thrust(parameters, commands[i, 0])
         for k in range(3):
-            inputs[i, 1 + k] = commands[i, 1 + k] / rate_gain[k]
+            offset = fixed[k] + by_thrust[k] * thrust
+            inputs[i, 1 + k] = (commands[i, 1 + k] - offset) / rate_gain[k]
     for i in range(len(p_WB)):
         body = body_in(planned.states[i])
         kernels.store_vector(body.p, p_WB[i])

@@ -12,8 +12,14 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.parameters import ModelParameters, parameters_in
-from quad_mpc_ros.model.rollout import P_WB, R_WB, V_WB_W
+from quad_mpc_ros.model.parameters import (
+    RATE_OFFSET,
+    RATE_OFFSET_BY_THRUST,
+    ModelParameters,
+    modelled_thrust,
+    parameters_in,
+)
+from quad_mpc_ros.model.rollout import ACTUATORS, P_WB, R_WB, V_WB_W
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import State
 from quad_mpc_ros.mpc_config import MpcConfig
@@ -27,7 +33,7 @@ class PredictedState(NamedTuple):
     ``row`` (19,) is laid out as in :mod:`quad_mpc_ros.model.rollout`, with the throttle and the
     rates that the vehicle will have then; ``sent`` (4,) is what was commanded last, and
     ``since_sent`` [s] the time since the odometry that it answered, infinity before the first
-    one; ``parameters`` (20,) are what is believed of the vehicle
+    one; ``parameters`` (29,) are what is believed of the vehicle
     (:mod:`quad_mpc_ros.model.parameters`).
     """
 
@@ -42,6 +48,14 @@ class PredictedState(NamedTuple):
         """The state as the paper has it, with the velocity in the body."""
         rotation = self.row[R_WB].reshape(3, 3)
         return State(p_WB=self.row[P_WB], v_WB_B=rotation.T @ self.row[V_WB_W], R_WB=rotation)
+
+    @property
+    def rate_offset(self) -> tuple[float, float, float]:
+        """What the rates have beyond their commands at the throttle of the state [rad/s]."""
+        fixed, by_thrust = self.parameters[RATE_OFFSET], self.parameters[RATE_OFFSET_BY_THRUST]
+        thrust = modelled_thrust(self.parameters, self.row[ACTUATORS.start])
+        roll, pitch, yaw = (fixed + thrust * by_thrust).tolist()
+        return roll, pitch, yaw
 
     @property
     def model(self) -> ModelParameters:

@@ -88,7 +88,7 @@ class TargetSampler:
     ) -> Array:
         """Write the target of a horizon from ``stamp_ns`` on into the buffer, and return that.
 
-        ``parameters`` (23,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
+        ``parameters`` (29,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
         """
         if window is not self._window:  # one serves several ticks
             self._window, self._samples = window, packed(window)

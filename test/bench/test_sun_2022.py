@@ -79,3 +79,12 @@ def test_what_is_far_off_counts_as_a_crash_of_five_metres(script: ModuleType) ->
     assert flown.crashed
     assert flown.rmse == 5.0
     assert script.cell([flown]) == "5.000 (100.0)"
+
+
+def test_late_odometry_costs_its_way_and_does_not_swing(script: ModuleType) -> None:
+    """At 20 m/s a pose that is 50 ms old and believed is off by 1 m."""
+    arguments = script.parsed(["--conditions", "latency 50 ms", "--rows", "on", "--duration", "6"])
+    course = script.Course("horizontal", 30.0, 20.0, 1)
+    flown = script.flown(next(job for job in script.jobs(arguments) if job.course == course))
+    assert flown.rmse < 1.1
+    assert flown.largest < 1.5

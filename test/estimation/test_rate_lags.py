@@ -57,3 +57,21 @@ def test_a_rate_loop_counts_as_what_it_is_for_slow_commands(gain: float, chatter
         )
     assert lags.roll_pitch == pytest.approx(1.0 / gain, rel=0.15)
     assert lags.yaw == pytest.approx(4.0 / gain, rel=0.15)
+
+
+@pytest.mark.parametrize(("slower", "learned"), [(1.0, 0.066), (0.25, 0.04125)])
+def test_a_longer_lag_is_learned_as_far_as_it_may(slower: float, learned: float) -> None:
+    seconds = PERIOD * np.arange(1500)
+    commands = 0.8 * np.sin(2.0 * seconds) + 0.6 * np.sin(3.1 * seconds)
+    rates = rates_of_a_loop(commands, gain=10.0, rotor_lag=0.001)
+    lags = RateLags(nominal(0.033), slower=slower)
+    for k in range(1, len(seconds)):
+        held = np.array([0.3, commands[k - 1], commands[k - 1], commands[k - 1]])
+        lags.update(
+            acting=Acting(np.array([PERIOD]), held[None]),
+            measured=np.full(3, rates[k]),
+            learns=True,
+            follows=k > 1,
+        )
+    assert lags.roll_pitch == pytest.approx(learned)
+    assert lags.yaw == pytest.approx(0.1, rel=0.15)

@@ -1,0 +1,182 @@
+"""What roll and pitch rate have beyond their commands: a vehicle's trim.
+
+A centre of mass off by r makes a torque m f r about it at a specific thrust f. A rate loop of gain
+P [1/s] holds that by an error: about an axis of inertia J the rate is off by m f r / (J P). Its
+integral takes this away, in about a second, and only as far as it is allowed to. The torque is of
+the same rotors that follow commands, and as late as they are, so in commands the offset is
+
+    o = c + k f(s_c),   k = m r / (J P),
+
+with the thrust that the *commanded* throttle makes by the model, and c for what the integral has
+found of it, or what else is there. At 14 mm, 0.75 kg, 2.1 g m^2 and 60 1/s k is 0.083 rad/s per
+m/s^2: 0.8 rad/s in a hover. What rates follow is their command and the offset; a plan takes that
+off.
+
+As for the lags (:mod:`.rate_lags`) a model runs beside the vehicle and is led to the measured
+rates slowly; its derivatives by c and k tell a filter what measured - modelled says of them. **A
+vehicle that answers later** than modelled is off as well, by -dw/dt times so much time: a third
+state D takes that, which nothing else believes. Without it an offset that follows each swing of a
+loop with hidden delay takes the loop's margin. How noisy the difference is, is found on the way:
+who swings learns slowly. An offset that is found soon makes a loop that is as quick, and a vehicle
+that answers much sooner than it is told to swings by it. So it is learned of those only that are
+told to answer soon.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.estimation.command_history import Acting
+from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.model.actuators import first_order_lag
+from quad_mpc_ros.model.parameters import (
+    RATE_OFFSET,
+    RATE_OFFSET_BY_THRUST,
+    RATE_TIME_CONSTANTS,
+    modelled_thrust,
+)
+
+# A row an axis: the state (c, k, D) and its covariance (3, 3); the model's rate, its derivatives
+# by the state and its slope; mean of what the rate is off, and variance of what D leaves of it.
+_C, _K, _COVARIANCE, _RATE, _BY, _SLOPE, _MEAN, _VARIANCE, _SIZE = 0, 1, 3, 12, 13, 16, 17, 18, 19
+_STATES = 3
+_AXES = 2  # roll and pitch
+
+# Of c [rad/s], k [rad/s per m/s^2] and D [s]: spread at the start, walk per root of a second.
+_SPREADS, _WALKS = (0.3, 0.05, 0.3), (0.12, 0.001, 0.1)
+_MOST = 3.0, 0.2
+_NOISE, _LASTING = 0.2, 0.1  # rad/s of a measured rate against the model, for s
+_LEADING, _KEEPING = 0.3, 1.0  # s
+
+
+class RateOffsets:
+    """Follows roll and pitch rate from odometry to odometry."""
+
+    def __init__(self, nominal: Array, *, share: float = 1.0) -> None:
+        """``nominal`` are the configured parameters (29,).
+
+        By ``share`` is learned, from 0, nothing, to 1. Without a lag of the rates nothing is.
+        """
+        self._nominal = nominal
+        self._learns = share > 0.0 and bool(nominal[RATE_TIME_CONSTANTS].max() > 0.0)
+        shares = np.array([share, share, 1.0])
+        self._spreads, self._walks = shares * _SPREADS, shares * _WALKS
+        self._state = np.zeros((_AXES, _SIZE))
+        self.reset()
+
+    def write(self, parameters: Array) -> None:
+        """Write the offsets into the parameters (29,)."""
+        parameters[RATE_OFFSET][:_AXES] = self._state[:, _C]
+        parameters[RATE_OFFSET_BY_THRUST][:_AXES] = self._state[:, _K]
+
+    def reset(self) -> None:
+        """Believe in no offset again, and that loosely."""
+        self._state[:, :_RATE] = 0.0
+        for k, spread in enumerate(self._spreads):
+            self._state[:, _COVARIANCE + (_STATES + 1) * k] = spread**2
+
+    def memory(self) -> Array:
+        """Return what is believed."""
+        return self._state[:, :_RATE].copy()
+
+    def recall(self, memory: Array) -> None:
+        """Believe again what was believed; the rates are those of now."""
+        self._state[:, :_RATE] = memory
+
+    def add_to(self, commands: Array) -> None:
+        """Make of commands (n, 4) what the rates follow."""
+        _add(self._state, self._nominal, commands)
+
+    def update(
+        self, *, acting: Acting, lags: Array, measured: Array, learns: bool, follows: bool
+    ) -> None:
+        """Go on to measured rates (3,), under the commands that acted since those before.
+
+        ``lags`` (3,) are the rates' time constants. Without ``learns`` the offsets stay; what
+        comes before it ``follows`` is forgotten.
+        """
+        if self._learns and len(acting.durations) > 0:
+            _update(
+                state=self._state,
+                nominal=self._nominal,
+                growth=(self._spreads, self._walks),
+                lags=lags,
+                commands=acting.commands,
+                durations=acting.durations,
+                measured=measured,
+                learns=learns,
+                follows=follows,
+            )
+
+
+@compiled
+def _add(state: Array, nominal: Array, commands: Array) -> None:
+    for i in range(len(commands)):
+        thrust = modelled_thrust(nominal, commands[i, 0])
+        for axis in range(len(state)):
+            commands[i, 1 + axis] += state[axis, _C] + state[axis, _K] * thrust
+
+
+@compiled
+def _update(
+    state: Array,
+    nominal: Array,
+    growth: tuple[Array, Array],
+    lags: Array,
+    commands: Array,
+    durations: Array,
+    measured: Array,
+    learns: bool,
+    follows: bool,
+) -> None:
+    duration = durations.sum()
+    lead = 1.0 - math.exp(-duration / _LEADING) if follows else 1.0
+    for axis in range(len(state)):
+        own = state[axis]
+        by, before = own[_BY : _BY + _STATES], own[_RATE]
+        for i in range(len(durations)):
+            thrust = modelled_thrust(nominal, commands[i, 0])
+            command = commands[i, 1 + axis] + own[_C] + own[_K] * thrust
+            decay, _share = first_order_lag(lags[axis], durations[i])
+            own[_RATE] = command + decay * (own[_RATE] - command)
+            by[0] = 1.0 + decay * (by[0] - 1.0)
+            by[1] = thrust + decay * (by[1] - thrust)
+        slope = (own[_RATE] - before) / duration
+        by[2] -= slope - own[_SLOPE]
+        own[_SLOPE] = slope
+        if follows and learns:
+            _correct(own, by, growth, measured[axis] - own[_RATE], duration)
+        own[_RATE] += lead * (measured[axis] - own[_RATE])
+        for i in range(_STATES):
+            by[i] *= 1.0 - lead
+
+
+@compiled
+def _correct(
+    own: Array, by: Array, growth: tuple[Array, Array], off: float, duration: float
+) -> None:
+    """Correct the state of an axis by how far its rate is ``off``, and the model's rate."""
+    P = own[_COVARIANCE : _COVARIANCE + _STATES**2].reshape((_STATES, _STATES))
+    for i in range(_STATES):
+        if P[i, i] < growth[0][i] ** 2:  # what nothing tells is not to be told by noise in the end
+            P[i, i] += growth[1][i] ** 2 * duration
+    kept = 1.0 - math.exp(-duration / _KEEPING)
+    own[_MEAN] += kept * (off - own[_MEAN])
+    innovation = off - by[2] * own[2]
+    own[_VARIANCE] += kept * ((innovation - own[_MEAN]) ** 2 - own[_VARIANCE])
+    total = max(_NOISE**2, own[_VARIANCE]) * _LASTING / duration
+    h = np.empty(_STATES)
+    for i in range(_STATES):
+        h[i] = P[i, 0] * by[0] + P[i, 1] * by[1] + P[i, 2] * by[2]
+        total += by[i] * h[i]
+    c, k = own[_C], own[_K]
+    for i in range(_STATES):
+        own[i] += h[i] / total * innovation
+        for j in range(_STATES):
+            P[i, j] -= h[i] * h[j] / total
+    own[_C] = kernels.clamp(own[_C], -_MOST[0], _MOST[0])
+    own[_K] = kernels.clamp(own[_K], -_MOST[1], _MOST[1])
+    own[_RATE] += by[0] * (own[_C] - c) + by[1] * (own[_K] - k)
