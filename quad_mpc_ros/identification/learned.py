@@ -21,6 +21,7 @@ _FEWEST_TICKS = 25
 _MOST_WANDERING = 0.1  # of a value, either way
 _AT_BOUND = 0.005
 _YAW_APART = 0.1  # of a time constant; what has moved by less has hardly been told
+_DRAG_MOVED = 0.01  # 1/s; at rest it stays as it is given
 _TIMES = ("rate_time_constant", "yaw_time_constant", "thrust_time_constant")
 
 
@@ -29,13 +30,15 @@ class Learned:
     """The estimates over some ticks: their medians, and how far they wandered.
 
     Time constants [s] are None where the model has no lag, of which nothing is learned; that of
-    the rates is the mean of roll and pitch.
+    the rates is the mean of roll and pitch. ``drag`` [1/s] is the mean over the axes, None where
+    it is as it was given or has not settled: it is learned in motion only.
     """
 
     thrust_scale: Estimate
     rate_time_constant: Estimate | None
     yaw_time_constant: Estimate | None
     thrust_time_constant: Estimate | None
+    drag: Estimate | None
     ticks: int
 
 
@@ -61,7 +64,7 @@ def learned(ticks: Sequence[TickStats], given: MpcConfig) -> Learned:
     _check(scale, believed=float(np.median(believed)))
     times = {name: np.array([getattr(tick, f"{name}_ms") for tick in flying]) for name in _TIMES}
     lags = {name: _estimate(1e-3 * time) if time.any() else None for name, time in times.items()}
-    return Learned(thrust_scale=scale, ticks=len(flying), **lags)
+    return Learned(thrust_scale=scale, drag=_drag(flying, given), ticks=len(flying), **lags)
 
 
 def learned_file(found: Learned, given: MpcConfig, *, head: str, keep: vehicle_file.Kept) -> str:
@@ -85,7 +88,24 @@ def learned_file(found: Learned, given: MpcConfig, *, head: str, keep: vehicle_f
         entries[name] = (getattr(given, name), vehicle_file.KEPT)
     if found.thrust_time_constant is not None:
         entries["thrust_time_constant"] = vehicle_file.found_entry(found.thrust_time_constant)
+    if found.drag is not None:
+        entries["drag"] = _drag_entry(found.drag, given)
     return vehicle_file.content(entries, given, remarks=[head])
+
+
+def _drag(ticks: Sequence[TickStats], given: MpcConfig) -> Estimate | None:
+    drag = _estimate(np.array([tick.drag for tick in ticks]))
+    moved = abs(drag.value - float(np.mean(per_axis(given.drag)))) > _DRAG_MOVED
+    return drag if drag.observable and moved and drag.value > 0.0 else None
+
+
+def _drag_entry(found: Estimate, given: MpcConfig) -> tuple[Any, str]:
+    """Return the drag of each axis: they keep their proportions."""
+    if isinstance(given.drag, float):
+        return vehicle_file.found_entry(found)
+    mean = float(np.mean(given.drag))
+    shares = [drag / mean if mean > 0.0 else 1.0 for drag in given.drag]
+    return vehicle_file.axes_entry([_scaled(found, share) for share in shares], given.drag)
 
 
 def _rate_entry(found: Learned, given: MpcConfig) -> tuple[Any, str]:

@@ -107,6 +107,25 @@ def test_the_lag_of_each_axis_is_saved_once_it_is_told(lags: Any, yaw: float, sa
     assert MpcConfig.build(parameters).rate_time_constant == pytest.approx(saved, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("given", "learned_mean", "saved"),
+    [
+        (0.3, 0.45, 0.45),
+        ((0.2, 0.3, 0.4), 0.6, (0.4, 0.6, 0.8)),
+        (0.3, 0.304, 0.3),  # has not moved
+        (0.0, 0.2, 0.2),
+    ],
+)
+def test_drag_is_saved_once_it_is_told(given: Any, learned_mean: float, saved: Any) -> None:
+    config = MpcConfig(drag=given)
+    tick = dataclasses.replace(TICK, drag=learned_mean)
+    text = learned_file(learned([tick] * 100, config), config, head="Learned.", keep="mass")
+    parameters = yaml.safe_load(text)["/**/mpc"]["ros__parameters"]
+    assert MpcConfig.build(parameters).drag == pytest.approx(saved)
+    wandering = [dataclasses.replace(TICK, drag=0.3 + 0.003 * k) for k in range(100)]
+    assert learned(wandering, config).drag is None
+
+
 REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "estimates nothing": ({"estimate_disturbance": False}, {}, "the MPC estimates nothing"),
     "the paper's": ({"formulation": "paper"}, {}, "given paper"),
