@@ -83,9 +83,9 @@ _VAGUE = np.repeat(
     [0.01, 0.1, 0.01, 0.1, 0.1, 0.01, 0.1, np.inf, 0.5], [3, 3, 2, 1, 3, 1, 3, 5, 1]
 )
 _TOLD = np.isfinite(_VAGUE)
-# The drag of the rotors is told apart from the other where it is so many half intervals from what
-# is given. Else it would only blur that.
-_APART = 2.0
+# The drag of the rotors is told from the other where it is so many half intervals from what is
+# given, once in a hundred times by chance. Else it would only blur that.
+_APART = 1.2
 _ARE_TIMES = np.isin(np.arange(MOST_PARAMETERS), [*range(3), THRUST_TAU, DELAY])
 
 _MOST_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and tells no more
@@ -108,9 +108,17 @@ class _Fit:
 
     @property
     def enough(self) -> Array:
-        """Half of an interval that is narrow enough to be of use."""
+        """Half of an interval that is narrow enough to be of use.
+
+        Drags of body and rotors that are fitted both are mostly told by their sum.
+        """
         p = len(self.theta)
-        return np.asarray(np.maximum(_SHARES[:p] * self.theta, _VAGUE[:p]))
+        enough = np.maximum(_SHARES[:p] * self.theta, _VAGUE[:p])
+        both = np.where(self.half_width[ROTOR_DRAG] > 0.0, self.theta[ROTOR_DRAG], -np.inf)
+        both += self.theta[DRAG]
+        for drag in (DRAG, ROTOR_DRAG):
+            enough[drag] = np.maximum(enough[drag], both)
+        return np.asarray(enough)
 
     @property
     def at_bound(self) -> NDArray[np.bool_]:
@@ -261,14 +269,12 @@ def _untold(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.in
     """Return what the flight does not show at all, or else what it tells the least, if too little.
 
     One that is held as given may be what the others were mistaken for. Before all others the drag
-    of the rotors that is not apart from what is ``given`` (p,), or blurs that of the body.
+    of the rotors that is not apart from what is ``given`` (p,).
     """
-    rotors = np.arange(ROTOR_DRAG.start, ROTOR_DRAG.stop)
-    width = np.maximum(_APART * found.half_width, found.enough)[ROTOR_DRAG]
-    alike = np.abs(found.theta - given)[ROTOR_DRAG] <= width
-    blurs = (found.half_width > found.enough)[DRAG]
-    if (free[ROTOR_DRAG] & (alike | blurs)).any():
-        return rotors[free[ROTOR_DRAG] & (alike | blurs)]
+    off = np.abs(found.theta - given)[ROTOR_DRAG]
+    alike = free[ROTOR_DRAG] & (off <= _APART * found.half_width[ROTOR_DRAG])
+    if alike.any():
+        return ROTOR_DRAG.start + np.flatnonzero(alike)
     width = np.where(free, found.half_width / found.enough, 0.0)
     alone = np.where(free, found.alone / found.enough, 0.0)
     unseen = np.flatnonzero((alone > 1.0) | (free & found.at_bound))
@@ -416,6 +422,8 @@ def _half_widths(
     variance = np.zeros(len(theta))
     lowest, highest, sizes = (each[: len(theta)] for each in (_LOWEST, _HIGHEST, _SIZES))
     inside = (theta > lowest + _AT_BOUND * sizes) & (theta < highest - _AT_BOUND * sizes)
+    # Of a drag that comes out as none all the same no more is known than the other leaves.
+    inside[DRAG] = inside[ROTOR_DRAG] = True
     for free in (fitted, fitted & inside):
         block = np.ix_(free, free)
         variance[free] = _variances(H[block], M[block], sizes[free])

@@ -453,6 +453,22 @@ def test_drag_of_the_rotors_is_told_from_that_of_the_body() -> None:
     assert "rotor_drag x [1/s]" in identification_table(found, GIVEN, command_age=float("nan"))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_drag_of_the_rotors_shows_through_noise(seed: int) -> None:
+    """What of the drag is theirs the intervals tell roughly, how much there is of both well."""
+    truth = {"drag": (0.05, 0.05, 0.05), "rotor_drag": (0.8, 0.7, 0.9)}
+    flight = flown(**{**EACH_AXIS, **truth}, duration=20.0, lively=1.5, seed=seed)
+    found = identified(noisy(flight, seed=seed))
+    for axis in range(3):
+        body, rotors = found.drag[axis], found.rotor_drag[axis]
+        both = truth["drag"][axis] + truth["rotor_drag"][axis]
+        assert body.observable
+        assert rotors.observable
+        assert abs(body.value - truth["drag"][axis]) <= 1.5 * body.half_width
+        assert abs(rotors.value - truth["rotor_drag"][axis]) <= 1.5 * rotors.half_width
+        assert body.value + rotors.value == pytest.approx(both, rel=0.08)
+
+
 def test_where_there_is_none_nothing_is_said_of_the_rotors_drag() -> None:
     found = identified(noisy(flown(**EACH_AXIS)))
     assert not any(estimate.observable for estimate in found.rotor_drag)

@@ -1,0 +1,44 @@
+"""The table of what is identified: a short one is made, of a vehicle whose drag is the body's."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+SCRIPT = Path(__file__).resolve().parents[2] / "bench" / "identified.py"
+
+
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("identified", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_flight_is_identified_and_flown_by(
+    script: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(script, "DURATION", 8.0)
+    monkeypatch.setattr(script, "FASTEST", (9.0, 1.5))
+    assert script.main(["paper", "--seeds", "1", "--set", "simulator.velocity_noise=0.02"]) == 0
+    heading, *lines, flight, _ = capsys.readouterr().out.splitlines()
+    assert heading.startswith("paper ")
+    names = [line[2:25].strip() for line in lines]
+    assert {"thrust per mass", "rates' lag x", "delay", "drag x"} <= set(names)
+    assert flight.startswith("  lemniscate at 1.5 rad/s: RMSE 0.")
+
+
+@pytest.mark.parametrize(("channel", "lag"), [("x", 0.05), ("thrust", 0.005)])
+def test_the_time_of_an_answer_is_that_of_the_loop(
+    script: ModuleType, channel: str, lag: float
+) -> None:
+    """Of a proportional loop 1 / P, of rotors their own."""
+    assert script.answered("hummingbird", channel) == pytest.approx(lag, abs=2e-3)
