@@ -129,7 +129,7 @@ class _Fit:
         return np.asarray(_TOLD[:p] & (low | (theta >= _HIGHEST[:p] - margin)))
 
     def estimates(self, parameters: NDArray[np.intp], *, told: bool) -> dict[int, Estimate]:
-        """Return what is found of parameters, and, if they are ``told``, whether it is of use."""
+        """Return what is found of parameters; those that were held at last are not ``told``."""
         least = _LEAST_SHARE * np.abs(self.theta)
         width, enough, at_bound = np.maximum(self.half_width, least), self.enough, self.at_bound
         return {
@@ -137,7 +137,7 @@ class _Fit:
                 value=float(self.theta[p]),
                 half_width=float(width[p]),
                 seen=bool(self.alone[p] <= enough[p]),
-                observable=bool(told and width[p] <= enough[p] and not at_bound[p]),
+                observable=bool(told and not at_bound[p]),
                 at_bound=bool(at_bound[p]),
             )
             for p in parameters.tolist()
@@ -275,7 +275,9 @@ def _untold(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.in
     alike = free[ROTOR_DRAG] & (off <= _APART * found.half_width[ROTOR_DRAG])
     if alike.any():
         return ROTOR_DRAG.start + np.flatnonzero(alike)
-    width = np.where(free, found.half_width / found.enough, 0.0)
+    # What is given is not kept where the flight tells that it is another, however roughly.
+    vague = free & (np.abs(found.theta - given) <= _APART * found.half_width)
+    width = np.where(vague, found.half_width / found.enough, 0.0)
     alone = np.where(free, found.alone / found.enough, 0.0)
     unseen = np.flatnonzero((alone > 1.0) | (free & found.at_bound))
     if len(unseen):
