@@ -257,13 +257,14 @@ class DisturbanceEkf:
             learns=outcome == LEARNED,
             follows=outcome in (PAUSED, LEARNED),
         )
-        self._rate_offsets.update(
-            acting=acting,
-            lags=self._rate_lags.lags(),
-            measured=after[BODY_RATES],
-            learns=outcome == LEARNED,
-            follows=outcome in (PAUSED, LEARNED),
-        )
+        if self._rate_offsets.learns:
+            self._rate_offsets.update(
+                acting=acting,
+                lags=self._rate_lags.lags(),
+                measured=after[BODY_RATES],
+                learns=outcome == LEARNED,
+                follows=outcome in (PAUSED, LEARNED),
+            )
         return outcome
 
 

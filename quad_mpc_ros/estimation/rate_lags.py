@@ -49,6 +49,7 @@ class RateLags:
         roll, pitch, yaw = nominal[RATE_TIME_CONSTANTS].tolist()
         shared = 0.5 * (roll + pitch)
         self._nominal = np.array([shared, yaw])
+        self._lags = max(shared, yaw) > 0.0
         self._slowest = np.array([1.0 + slower, _SLOWEST_YAW])
         # Of the shared one what each axis has.
         self._shares = np.array([roll, pitch, yaw]) / np.array([shared or 1.0] * 2 + [yaw or 1.0])
@@ -93,7 +94,7 @@ class RateLags:
 
         Without ``learns`` the time constants stay; what comes before it ``follows`` is forgotten.
         """
-        if self._nominal.max() > 0.0:
+        if self._lags:
             _update(
                 state=self._state,
                 nominal=self._nominal,

@@ -61,7 +61,8 @@ class RateOffsets:
         By ``share`` is learned, from 0, nothing, to 1. Without a lag of the rates nothing is.
         """
         self._nominal = nominal
-        self._learns = share > 0.0 and bool(nominal[RATE_TIME_CONSTANTS].max() > 0.0)
+        self.learns = share > 0.0 and bool(nominal[RATE_TIME_CONSTANTS].max() > 0.0)
+        """Whether there can be offsets at all."""
         shares = np.array([share, share, 1.0])
         self._spreads, self._walks = shares * _SPREADS, shares * _WALKS
         self._state = np.zeros((_AXES, _SIZE))
@@ -88,7 +89,8 @@ class RateOffsets:
 
     def add_to(self, commands: Array) -> None:
         """Make of commands (n, 4) what the rates follow."""
-        _add(self._state, self._nominal, commands)
+        if self.learns:
+            _add(self._state, self._nominal, commands)
 
     def update(
         self, *, acting: Acting, lags: Array, measured: Array, learns: bool, follows: bool
@@ -98,7 +100,7 @@ class RateOffsets:
         ``lags`` (3,) are the rates' time constants. Without ``learns`` the offsets stay; what
         comes before it ``follows`` is forgotten.
         """
-        if self._learns and len(acting.durations) > 0:
+        if self.learns and len(acting.durations) > 0:
             _update(
                 state=self._state,
                 nominal=self._nominal,

@@ -58,8 +58,8 @@ class HoverFallback:
 
     def release(self) -> None:
         """Forget the held position; the next call holds where the vehicle is then."""
-        self._p_hold = None
-        self._integral = np.zeros(3)
+        if self._p_hold is not None:  # most of the time nothing is held
+            self._p_hold, self._integral = None, np.zeros(3)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Move the held position, and what holds it there, with the estimate."""
