@@ -27,6 +27,7 @@ from quad_mpc_ros.trajectories.director import Reply
 from quad_mpc_ros.trajectories.timeline import StampClock
 
 SECOND = 1_000_000_000
+PERIOD = 0.005  # s, between odometries
 # Short windows, of which many come.
 ARGUMENTS = ["--ros-args", "-p", "trajectory:=circle", "-p", "circle_speed:=5.0"]
 ARGUMENTS += ["-p", "window_duration:=0.4"]
@@ -68,7 +69,9 @@ class Flown:
         stamp_ns = time.time_ns() + self.ahead_ns
         conversions.fill_odometry(message, OdometrySample.at_rest(p_WB, stamp_ns=stamp_ns))
         self.odometry.publish(message)
-        self.executor.spin_once(timeout_sec=0.01)
+        end = time.monotonic() + PERIOD  # odometries without a pause would starve other threads
+        while (left := end - time.monotonic()) > 0.0:
+            self.executor.spin_once(timeout_sec=left)
 
     def spin(self, until: Callable[[], object]) -> bool:
         end = time.monotonic() + 20.0
