@@ -125,3 +125,15 @@ def modelled_thrust(vector: Array, throttle: float) -> float:
     """Return the thrust over mass that the modelled curve in a vector (29,) makes [m/s^2]."""
     thrust: float = (vector[0] * throttle + vector[1]) * throttle + vector[2]
     return thrust
+
+
+@compiled
+def rate_offset_at(vector: Array, throttle: float) -> kernels.Vector:
+    """Return what the rates have beyond their commands [rad/s], by a vector (29,)."""
+    fixed, by_thrust = vector[RATE_OFFSET], vector[RATE_OFFSET_BY_THRUST]
+    thrust = modelled_thrust(vector, throttle)
+    return (
+        fixed[0] + by_thrust[0] * thrust,
+        fixed[1] + by_thrust[1] * thrust,
+        fixed[2] + by_thrust[2] * thrust,
+    )

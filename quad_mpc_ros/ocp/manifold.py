@@ -37,12 +37,7 @@ from quad_mpc_ros.model.jacobians import (
     VELOCITY,
     jacobians,
 )
-from quad_mpc_ros.model.parameters import (
-    RATE_OFFSET,
-    RATE_OFFSET_BY_THRUST,
-    modelled_thrust,
-    parameters_in,
-)
+from quad_mpc_ros.model.parameters import parameters_in, rate_offset_at
 from quad_mpc_ros.model.rollout import SUBSTEPS, body_in, roll_out
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import INPUT_SIZE
@@ -419,14 +414,12 @@ def _copy_plan(
     Inputs are what the rates follow: offset and gain are taken off.
     """
     planned = trajectory_in(plan)
-    fixed, by_thrust = parameters[RATE_OFFSET], parameters[RATE_OFFSET_BY_THRUST]
     commands = planned.inputs.reshape((len(inputs), INPUT_SIZE))
     for i in range(len(inputs)):
         inputs[i, 0] = commands[i, 0]
-        thrust = modelled_thrust(parameters, commands[i, 0])
+        offset = rate_offset_at(parameters, commands[i, 0])
         for k in range(3):
-            offset = fixed[k] + by_thrust[k] * thrust
-            inputs[i, 1 + k] = (commands[i, 1 + k] - offset) / rate_gain[k]
+            inputs[i, 1 + k] = (commands[i, 1 + k] - offset[k]) / rate_gain[k]
     for i in range(len(p_WB)):
         body = body_in(planned.states[i])
         kernels.store_vector(body.p, p_WB[i])

@@ -12,13 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.parameters import (
-    RATE_OFFSET,
-    RATE_OFFSET_BY_THRUST,
-    ModelParameters,
-    modelled_thrust,
-    parameters_in,
-)
+from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, rate_offset_at
 from quad_mpc_ros.model.rollout import ACTUATORS, P_WB, R_WB, V_WB_W
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import State
@@ -52,10 +46,7 @@ class PredictedState(NamedTuple):
     @property
     def rate_offset(self) -> tuple[float, float, float]:
         """What the rates have beyond their commands at the throttle of the state [rad/s]."""
-        fixed, by_thrust = self.parameters[RATE_OFFSET], self.parameters[RATE_OFFSET_BY_THRUST]
-        thrust = modelled_thrust(self.parameters, self.row[ACTUATORS.start])
-        roll, pitch, yaw = (fixed + thrust * by_thrust).tolist()
-        return roll, pitch, yaw
+        return rate_offset_at(self.parameters, self.row[ACTUATORS.start])
 
     @property
     def model(self) -> ModelParameters:

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.scripts import script_module
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros import load_config
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import CommandSample
 
-SCRIPT = Path(__file__).resolve().parents[2] / "bench" / "adaptive_quad_bench.py"
 MILLISECOND = 1_000_000
 G = 1e-3 * np.array([0.0, 0.0, 9.81])  # m/s in a millisecond
 
@@ -25,13 +22,7 @@ pytest.importorskip("rotorpy")
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("adaptive_quad_bench", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return script_module("bench/adaptive_quad_bench.py")
 
 
 def test_families_share_their_references_and_differ_in_one_perturbation(

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from fixtures.scripts import script_module
 
 from quad_mpc_ros import load_config
 from quad_mpc_ros.trajectories.configured import judged_trajectory
 
-SCRIPT = Path(__file__).resolve().parents[2] / "bench" / "sun_2022.py"
-
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("sun_2022", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+    return script_module("bench/sun_2022.py")
 
 
 def test_of_144_references_76_are_flown_and_the_rotors_can_lift_each(script: ModuleType) -> None:

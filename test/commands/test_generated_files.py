@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import pytest
+from fixtures.scripts import ROOT, script_module
 
 from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import files
 
-ROOT = Path(__file__).resolve().parents[2]
+GENERATOR = script_module("tools/update_config.py")
 
 
-def _generator() -> object:
-    spec = importlib.util.spec_from_file_location("update_config", ROOT / "tools/update_config.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+NODES = GENERATOR.ALL_NODES
 
 
-NODES = _generator().ALL_NODES  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize("path", list(_generator().files()))  # type: ignore[attr-defined]
+@pytest.mark.parametrize("path", list(GENERATOR.files()))
 def test_generated_file_is_current(path: Path) -> None:
-    generated = _generator().files()[path]  # type: ignore[attr-defined]
+    generated = GENERATOR.files()[path]
     assert (ROOT / path).read_text(encoding="utf-8") == generated, "run tools/update_config.py"
 
 

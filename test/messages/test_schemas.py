@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
 import subprocess
@@ -10,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from fixtures.scripts import script_module
 from rosbags.typesys import Stores, get_typestore
 from rosidl_adapter.parser import parse_message_string
 
@@ -21,7 +21,6 @@ from quad_mpc_ros.recordings.writer import BagWriter
 
 SHARE = Path(sys.prefix) / "share"
 SEPARATOR = "\n" + "=" * 80 + "\nMSG: "
-TOOL = Path(__file__).parents[2] / "tools" / "update_schemas.py"
 
 
 def expected_sections(reference: str, seen: list[str]) -> list[tuple[str, str]]:
@@ -63,11 +62,7 @@ def test_shipped_equals_installed(type_name: str) -> None:
 def test_update_tool_writes_what_is_shipped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spec = importlib.util.spec_from_file_location("update_schemas", TOOL)
-    assert spec is not None
-    assert spec.loader is not None
-    tool = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(tool)
+    tool = script_module("tools/update_schemas.py")
     shipped = {path.name: path.read_bytes() for path in tool.FOLDER.iterdir()}
     monkeypatch.setattr(tool, "FOLDER", tmp_path / "schemas")
     tool.main()

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import signal
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.scripts import script_module
 from mcap.writer import Writer
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.interfaces import (
@@ -36,21 +34,10 @@ from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.writer import ONE_FILE, BagWriter, Split
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
-ROOT = Path(__file__).parents[2]
 INT = "std_msgs/msg/Int32"
 MS = 1_000_000
 START_NS = 1_700_000_000_000_000_000
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-
-
-def bench(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"bench_{name}", ROOT / "bench" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where its dataclasses look for their annotations
-    spec.loader.exec_module(module)
-    return module
 
 
 def int_data(number: int) -> bytes:
@@ -103,7 +90,7 @@ class Listener:
 
 def test_what_is_recorded_again_is_what_was_recorded(tmp_path: Path) -> None:
     bag = write_numbers(tmp_path / "bag", 150)
-    result = bench("replay").replay_and_record(bag, tmp_path / "again")
+    result = script_module("bench/replay.py").replay_and_record(bag, tmp_path / "again")
     assert result.different == []
     assert np.median(result.interval_error) < 5e-3
     before, after = BagReader(bag).topics, BagReader(tmp_path / "again").topics

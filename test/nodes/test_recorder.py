@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import random
 import resource
 import signal
@@ -13,11 +12,11 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from fixtures.scripts import script_module
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
@@ -29,21 +28,10 @@ from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.repair import repair
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
-ROOT = Path(__file__).parents[2]
 
 RELIABLE = QoSProfile(depth=100)
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-def bench(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"bench_{name}", ROOT / "bench" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where its dataclasses look for their annotations
-    spec.loader.exec_module(module)
-    return module
 
 
 def end(process: subprocess.Popen[bytes], number: int = signal.SIGINT) -> int:
@@ -286,7 +274,7 @@ def test_the_flight_goes_on_when_the_disk_is_full(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_nothing_is_lost_and_memory_is_flat(tmp_path: Path) -> None:
     """Ten seconds of a flight's traffic; ``bench/record.py --duration 600`` is the long one."""
-    recording = bench("record").record(tmp_path / "bag", duration=10.0, rate=50.0)
+    recording = script_module("bench/record.py").record(tmp_path / "bag", duration=10.0, rate=50.0)
     assert recording.complete
     memory = recording.load.memory_mib
     assert memory[-1] - memory[len(memory) // 2] < 2.0

@@ -152,7 +152,7 @@ def test_it_is_saved_from_the_running_node_and_nothing_is_written_over(
 ) -> None:
     # The namespace of the vehicle is that of its node, and of the figures it publishes.
     space = ("-r", "__ns:=/uav1")
-    start("simulator", *space, "-p", "thrust_scale:=0.7")
+    start("simulator", *space, "-p", "thrust_scale:=0.7", "-p", "drag:=0.3")
     start("reference", *space, "-p", "trajectory:=hover", "-p", "height:=1.5")
     start("mpc", *space, "-p", "drag:=0.3")
     out = tmp_path / "new" / "vehicle.yaml"
@@ -167,7 +167,9 @@ def test_it_is_saved_from_the_running_node_and_nothing_is_written_over(
     )
     assert a == pytest.approx(0.7, abs=0.02)
     assert (b, c) == pytest.approx((a, a), rel=1e-3)
-    assert (saved.mass, saved.drag) == (MpcConfig().mass, 0.3)
+    assert saved.mass == MpcConfig().mass
+    # Kept, unless the first seconds, in which little thrust is known, moved it.
+    assert saved.drag == pytest.approx(0.3, abs=0.05)
     assert list(out.parent.iterdir()) == [out]
     assert "Learned in flight by /uav1/mpc" in out.read_text()
 

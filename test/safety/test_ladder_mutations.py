@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
+from fixtures.scripts import script_module
+
 from quad_mpc_ros.safety import ladder
 
-
-def _neighbour(name: str) -> ModuleType:
-    """Import a file beside this one: tests are no package."""
-    path = Path(__file__).with_name(f"{name}.py")
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    import sys
-
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-mutation = _neighbour("mutation")
-_stories = _neighbour("test_ladder")
+mutation = script_module("test/safety/mutation.py")
+_stories = script_module("test/safety/test_ladder.py")
 STORIES: list[Callable[[ModuleType], None]] = [
     story
     for name, story in inspect.getmembers(_stories, inspect.isfunction)

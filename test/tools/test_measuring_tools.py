@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 import sys
-from pathlib import Path
-from types import ModuleType
 
 import pytest
+from fixtures.scripts import ROOT, script_module
 
 from quad_mpc_ros.evaluation.simulated import load_config
 
-ROOT = Path(__file__).parents[2]
-TOOLS = ROOT / "tools"
-
-
-def tool(name: str, folder: Path = TOOLS) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+FINGERPRINTS = ROOT / "tools/flight_fingerprints.py"
+fingerprints = script_module("tools/flight_fingerprints.py")
 
 
 def test_a_flight_has_the_same_fingerprint_twice_and_another_has_another() -> None:
-    fingerprints = tool("flight_fingerprints")
     fly = [fingerprints.flown("simulate", ["--duration", "0.5"], given) for given in ([], [])]
     other = fingerprints.flown("simulate", ["--duration", "0.5"], ["mpc.horizon_steps=9"])
     assert fly[0] == fly[1] != other
@@ -33,21 +22,19 @@ def test_a_flight_has_the_same_fingerprint_twice_and_another_has_another() -> No
 
 
 def test_a_flight_with_a_fault_tells_who_commanded() -> None:
-    name, count, digest, sources = (
-        tool("flight_fingerprints").fingerprint("fault_ground_reference_stops").split()
-    )
+    name, count, digest, sources = fingerprints.fingerprint("fault_ground_reference_stops").split()
     assert name == "fault_ground_reference_stops"
     assert int(count) > 0 and len(digest) == 32 and sources == "IDLE,MPC"
 
 
 def test_a_flight_that_is_not_flown_has_no_fingerprint() -> None:
     with pytest.raises(SystemExit, match=r"mpc\.mass"):
-        tool("flight_fingerprints").flown("simulate", [], ["mpc.mass=-1"])
+        fingerprints.flown("simulate", [], ["mpc.mass=-1"])
 
 
 def test_unknown_flights_are_refused() -> None:
     ended = subprocess.run(
-        [sys.executable, "-P", TOOLS / "flight_fingerprints.py", "out.txt", "--only", "nowhere"],
+        [sys.executable, "-P", FINGERPRINTS, "out.txt", "--only", "nowhere"],
         capture_output=True,
         text=True,
         check=False,
@@ -56,7 +43,7 @@ def test_unknown_flights_are_refused() -> None:
 
 
 def test_table_of_step_times_has_pairs_ratios_and_medians() -> None:
-    compare = tool("compare_steps")
+    compare = script_module("tools/compare_steps.py")
     times = compare.StepTimes
     pairs = [
         (times(p50=400.0, p99=1000.0), times(p50=500.0, p99=1100.0)),
@@ -69,7 +56,7 @@ def test_table_of_step_times_has_pairs_ratios_and_medians() -> None:
 
 
 def test_the_times_of_a_flight_have_parts() -> None:
-    bench = tool("closed_loop", ROOT / "bench")
+    bench = script_module("bench/closed_loop.py")
     for assignments in bench.FLIGHTS.values():
         config = load_config(assignments=[*assignments, "simulator.duration=0.1"])
         times, steps = bench.timed(config)
