@@ -34,7 +34,7 @@ from quad_mpc_ros.model.rollout import (
 from quad_mpc_ros.model.samples import OdometrySample
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.problem import PredictedState
+from quad_mpc_ros.ocp.problem import PREDICTION_SIZE, PredictedState, prediction_in
 
 # Longest stretch predicted at once; the error is of the third order in the turn of a stretch.
 _LONGEST = 0.005
@@ -91,9 +91,8 @@ class DelayCompensation:
         self._sent_ns: int | None = None
         self._engaged, self._was_idle = True, False
         self._stood_ns: int | None = None
-        # States of this odometry and the one before, and the one ahead, across the delay.
+        # States of this odometry and the one before.
         self._measured, self._previous = np.zeros(ROW_SIZE), np.zeros(ROW_SIZE)
-        self._ahead = np.zeros(ROW_SIZE)
         self._previous_ns: int | None = None
         self.reconfigure(config)
 
@@ -150,10 +149,7 @@ class DelayCompensation:
             row[R_WB] = reset.vectors(row[R_WB].reshape(3, 3).T).T.ravel()
 
     def predict(self, odometry: OdometrySample) -> PredictedState:
-        """Return the state in which a command sent now will begin to act.
-
-        Its row is overwritten by a later prediction.
-        """
+        """Return the state in which a command sent now will begin to act."""
         stamp_ns = odometry.stamp_ns
         self._measured, self._previous = self._previous, self._measured
         read_odometry(
@@ -175,7 +171,7 @@ class DelayCompensation:
     def foresee(self, stamp_ns: int) -> PredictedState | None:
         """Return the same of a time after the last odometry, None where none is known.
 
-        Nothing is learned. Its row is overwritten by a later prediction.
+        Nothing is learned.
         """
         if self._previous_ns is None or stamp_ns < self._previous_ns:
             return None
@@ -183,27 +179,27 @@ class DelayCompensation:
 
     def _predicted(self, stamp_ns: int, *, begin_ns: int) -> PredictedState:
         """Roll the measured state forward from its time until a command of a stamp acts."""
-        state, parameters = self._measured, self._ekf.parameters()
+        vector = np.empty(PREDICTION_SIZE)
+        prediction = prediction_in(vector)
+        prediction.row[:] = self._measured
+        prediction.parameters[:] = self._ekf.parameters()
         if stamp_ns + self._delay_ns > begin_ns:
             acting = self._history.between(begin_ns, stamp_ns + self._delay_ns)
             self._ekf.add_rate_offsets(acting.commands)
             roll_forward(
-                parameters=parameters,
+                parameters=prediction.parameters,
                 commands=acting.commands,
                 durations=acting.durations,
                 longest=_LONGEST,
-                start=state,
-                end=self._ahead,
+                start=prediction.row,
+                end=prediction.row,
             )
-            state = self._ahead
-        since_sent = math.inf
+        vector[-1] = math.inf
         if self._sent_ns is not None and stamp_ns >= self._sent_ns:
-            since_sent = (stamp_ns - self._sent_ns) * 1e-9
-        sent = self._sent.copy()
-        self._ekf.add_rate_offsets(sent[None])
-        return PredictedState(
-            stamp_ns + self._delay_ns, state, parameters, sent=sent, since_sent=since_sent
-        )
+            vector[-1] = (stamp_ns - self._sent_ns) * 1e-9
+        prediction.sent[:] = self._sent
+        self._ekf.add_rate_offsets(prediction.sent[None])
+        return PredictedState(stamp_ns + self._delay_ns, vector)
 
     def _follow(self, odometry: OdometrySample) -> None:
         """Bring the EKF from the odometry before to this one."""

@@ -185,7 +185,7 @@ class ManifoldProblem:
             u_max=self._u_max,
             start=state.row,
             sent=state.sent,
-            since=state.since_sent,
+            since=state.vector[-1],
             target=self._target,
             allowed=self._allowed,
         )

@@ -11,31 +11,71 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, rate_offset_at
-from quad_mpc_ros.model.rollout import ACTUATORS, P_WB, R_WB, V_WB_W
+from quad_mpc_ros.model.parameters import (
+    VECTOR_SIZE,
+    ModelParameters,
+    parameters_in,
+    rate_offset_at,
+)
+from quad_mpc_ros.model.rollout import ACTUATORS, P_WB, R_WB, ROW_SIZE, V_WB_W
 from quad_mpc_ros.model.samples import ReferenceWindow
-from quad_mpc_ros.model.state import State
+from quad_mpc_ros.model.state import INPUT_SIZE, State
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.plan import Plan
 from quad_mpc_ros.ocp.stages import HorizonPattern, HorizonStages
+
+_PARAMETERS = slice(ROW_SIZE, ROW_SIZE + VECTOR_SIZE)
+_SENT = slice(_PARAMETERS.stop, _PARAMETERS.stop + INPUT_SIZE)
+PREDICTION_SIZE = _SENT.stop + 1
+
+
+class PredictionParts(NamedTuple):
+    """What is predicted of the vehicle: the parts of one vector, see :func:`prediction_in`.
+
+    ``row`` (19,) is its state as in :mod:`quad_mpc_ros.model.rollout`, with the throttle and the
+    rates that it will have; ``parameters`` (29,) are what is believed of it
+    (:mod:`quad_mpc_ros.model.parameters`); ``sent`` (4,) is what was commanded last, with the
+    offset that the rates have, ``since_sent`` [s] the time since the odometry that it answered,
+    infinity before the first.
+    """
+
+    row: Array
+    parameters: Array
+    sent: Array
+    since_sent: float
+
+
+@compiled
+def prediction_in(vector: Array) -> PredictionParts:
+    """Return what is in a vector (53,)."""
+    return PredictionParts(vector[0:19], vector[_PARAMETERS], vector[_SENT], vector[_SENT.stop])
 
 
 class PredictedState(NamedTuple):
     """The state at ``stamp_ns``, when the command that is computed now will act.
 
-    ``row`` (19,) is laid out as in :mod:`quad_mpc_ros.model.rollout`, with the throttle and the
-    rates that the vehicle will have then; ``sent`` (4,) is what was commanded last, and
-    ``since_sent`` [s] the time since the odometry that it answered, infinity before the first
-    one; ``parameters`` (29,) are what is believed of the vehicle
-    (:mod:`quad_mpc_ros.model.parameters`).
+    ``vector`` (53,) holds it and what is believed, see :func:`prediction_in`.
     """
 
     stamp_ns: int
-    row: Array
-    parameters: Array
-    sent: Array
-    since_sent: float
+    vector: Array
+
+    @property
+    def row(self) -> Array:
+        """The state (19,)."""
+        return self.vector[:ROW_SIZE]
+
+    @property
+    def parameters(self) -> Array:
+        """What is believed of the vehicle (29,)."""
+        return self.vector[_PARAMETERS]
+
+    @property
+    def sent(self) -> Array:
+        """What was commanded last (4,)."""
+        return self.vector[_SENT]
 
     @property
     def x(self) -> State:

@@ -15,7 +15,7 @@ from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input
 from quad_mpc_ros.mpc_config import FenceParameters, MpcConfig, SlewParameters
 from quad_mpc_ros.ocp.plan import Plan
-from quad_mpc_ros.ocp.problem import PredictedState
+from quad_mpc_ros.ocp.problem import PREDICTION_SIZE, PredictedState
 from quad_mpc_ros.safety.ladder import Source
 from quad_mpc_ros.safety.supervisor import Supervisor
 
@@ -224,8 +224,8 @@ def test_what_is_foreseen_ends_before_a_limit_that_would_act(action: str, told: 
     supervisor = Supervisor(MpcConfig(fence=fence))
 
     def state(x: float) -> PredictedState:
-        row = np.concatenate(([x, 0.0, 1.0, 0.5, 0.0, 0.0], np.eye(3).ravel(), np.zeros(4)))
-        return PredictedState(0, row, np.zeros(20), sent=np.zeros(4), since_sent=0.0)
+        row = np.concatenate(([x, 0.0, 1.0, 0.5, 0.0, 0.0], np.eye(3).ravel()))
+        return PredictedState(0, np.pad(row, (0, PREDICTION_SIZE - len(row))))
 
     assert supervisor.foreseen_fault(state(0.0)) == ""
     assert ("outside the fence" in supervisor.foreseen_fault(state(2.1))) == told
