@@ -31,6 +31,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array, kernels
@@ -107,34 +108,6 @@ def values_of(limits: LimitParameters) -> Array:
 
 
 @compiled
-def prepare(
-    limits: Array,
-    step: float,
-    distance: float,
-    u_min: Array,
-    u_max: Array,
-    start: Array,
-    sent: Array,
-    since: float,
-    target: Array,
-    allowed: Array,
-) -> bool:
-    """Draw a target near, and write what limits allow along it; return whether it flips."""
-    draw_near(step, start, distance, target)
-    allow(
-        limits,
-        step,
-        u_min=u_min,
-        u_max=u_max,
-        sent=sent,
-        since=since,
-        target=target,
-        allowed=allowed,
-    )
-    return flips(step, u_max, target)
-
-
-@compiled
 def allow(
     limits: Array,
     step: float,
@@ -199,6 +172,7 @@ def flips(step: float, u_max: Array, target: Array) -> bool:
     return False
 
 
+@compiled
 def let_tilt(allowed: Array) -> None:
     """Allow any tilt."""
     allowed[:, _TILT] = FREE
@@ -308,7 +282,7 @@ def _paid(kind: int, prices: Array, beyond: float) -> float:
 
 @compiled
 def write_limits(
-    starts: Array,
+    starts: NDArray[np.int64],
     target: Array,
     nominal: Array,
     allowed: Array,

@@ -24,9 +24,8 @@ from quad_mpc_ros.model.parameters import (
     root_of_thrust,
     throttle_for,
 )
-from quad_mpc_ros.model.reference_window import POINT_SIZE, packed, point_parts, sample_into
+from quad_mpc_ros.model.reference_window import POINT_SIZE, point_parts, sample_into
 from quad_mpc_ros.model.rollout import SUBSTEPS, is_uneven, uneven_air
-from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.state import INPUT_SIZE
 
 # rad, in a substep: where a tilt begins or ends it does not turn.
@@ -65,63 +64,33 @@ def target_in(buffer: Array) -> Target:
     )
 
 
-class TargetSampler:
-    """Samples windows at the substeps of a horizon, into a buffer of its own."""
-
-    def __init__(self, *, steps: int, step: float) -> None:
-        self._dt = step / SUBSTEPS
-        count = steps * SUBSTEPS
-        self._ends_ns = np.rint(self._dt * 1e9 * np.arange(count + 1)).astype(np.int64)
-        self._window: ReferenceWindow | None = None
-        self._samples = np.zeros((0, 0))
-        self.buffer = np.zeros(steps * _STAGE_SIZE + 9)
-        """The last target, see :func:`target_in`."""
-
-    def sample(
-        self,
-        window: ReferenceWindow,
-        stamp_ns: int,
-        *,
-        parameters: Array,
-        u_min: Array,
-        u_max: Array,
-    ) -> Array:
-        """Write the target of a horizon from ``stamp_ns`` on into the buffer, and return that.
-
-        ``parameters`` (29,) are those of the vehicle, the bounds ``u_min`` and ``u_max`` (4,).
-        """
-        if window is not self._window:  # one serves several ticks
-            self._window, self._samples = window, packed(window)
-        _sample(
-            elapsed_ns=stamp_ns - window.stamp_ns,
-            ends_ns=self._ends_ns,
-            offsets_ns=window.offset_ns,
-            samples=self._samples,
-            parameters=parameters,
-            dt=self._dt,
-            u_min=u_min,
-            u_max=u_max,
-            buffer=self.buffer,
-        )
-        return self.buffer
+@compiled
+def target_size(steps: int) -> int:
+    """Return how many numbers a target of N stages has."""
+    return steps * _STAGE_SIZE + 9
 
 
 @compiled
-def _sample(
+def sample_target(
     elapsed_ns: int,
-    ends_ns: NDArray[np.int64],
     offsets_ns: NDArray[np.int64],
     samples: Array,
     parameters: Array,
-    dt: float,
+    step: float,
     u_min: Array,
     u_max: Array,
     buffer: Array,
 ) -> None:
-    """Write the target from a window and the ends of all substeps (N M + 1)."""
-    model, target, count = parameters_in(parameters), target_in(buffer), len(ends_ns)
+    """Write the target of stages of ``step`` seconds from ``elapsed_ns`` after a window's stamp.
+
+    ``samples`` and ``offsets_ns`` are the window's (:func:`.reference_window.sample_into`),
+    ``parameters`` (29,) those of the vehicle, ``u_min`` and ``u_max`` (4,) its bounds.
+    """
+    model, target, dt = parameters_in(parameters), target_in(buffer), step / SUBSTEPS
+    count = target.inputs.shape[0] * SUBSTEPS + 1
+    times_ns = elapsed_ns + np.rint(dt * 1e9 * np.arange(count)).astype(np.int64)
     points = np.empty((count, POINT_SIZE))
-    sample_into(elapsed_ns + ends_ns, offsets_ns, samples, points)
+    sample_into(times_ns, offsets_ns, samples, points)
     p, R, v, dv, w = point_parts(points)
     held, tilts = np.empty((count, INPUT_SIZE)), np.empty((count, 3))
     R_held, throttle, tilt = kernels.matrix_in_row(R[0]), 0.0, (0.0, 0.0, 0.0)

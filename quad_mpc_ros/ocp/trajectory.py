@@ -29,7 +29,8 @@ class Trajectory(NamedTuple):
 _STAGE_SIZE = INPUT_SIZE + SUBSTEPS * INPUT_SIZE + ROW_SIZE
 
 
-def buffer_size(steps: int) -> int:
+@compiled
+def trajectory_size(steps: int) -> int:
     """Return how many numbers a trajectory of N stages has."""
     return steps * _STAGE_SIZE + ROW_SIZE
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.lie import Array, so3
+from quad_mpc_ros.model import reference_window
 from quad_mpc_ros.model.parameters import ModelParameters, packed, parameters_in, parameters_of
 from quad_mpc_ros.model.reference_window import sample
 from quad_mpc_ros.model.rollout import (
@@ -19,7 +20,7 @@ from quad_mpc_ros.model.rollout import (
 )
 from quad_mpc_ros.model.samples import ReferenceWindow
 from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.ocp.target import Target, TargetSampler, target_in
+from quad_mpc_ros.ocp.target import Target, sample_target, target_in, target_size
 from quad_mpc_ros.trajectories.config import ReferenceConfig
 from quad_mpc_ros.trajectories.server import ReferenceServer
 
@@ -60,9 +61,16 @@ def target_of(
     u_min: Array = U_MIN,
     u_max: Array = U_MAX,
 ) -> Target:
-    sampler = TargetSampler(steps=STEPS, step=STEP)
-    buffer = sampler.sample(
-        window, window.stamp_ns, parameters=packed(model), u_min=u_min, u_max=u_max
+    buffer = np.zeros(target_size(STEPS))
+    sample_target(
+        0,
+        window.offset_ns,
+        reference_window.packed(window),
+        packed(model),
+        STEP,
+        u_min=u_min,
+        u_max=u_max,
+        buffer=buffer,
     )
     return target_in(buffer)
 
