@@ -97,7 +97,7 @@ class Mpc:
             solve_time += solution.solve_time
             if not solution.solved:
                 break
-            converged = problem.line_search(*qp.split(solution.z))
+            converged = problem.line_search(solution.inputs, solution.states)
             plan = problem.plan()
             if converged or time.perf_counter() - started > self._enough:
                 break

@@ -16,6 +16,7 @@ is in the matrices.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +45,17 @@ _INPUT_ROW = 0.3
 _Places = NDArray[np.intp]
 
 
+class HorizonSolution(NamedTuple):
+    """A solution in physical units: ``inputs`` (N, nu) and ``states`` 1 to N (N, nx).
+
+    ``finite`` tells whether all its numbers are, multipliers as well.
+    """
+
+    finite: bool
+    inputs: Array
+    states: Array
+
+
 class HorizonQP:
     """OSQP's form ``min 1/2 z'Pz + q'z, l <= Az <= u`` of a horizon, updated in place.
 
@@ -69,6 +81,7 @@ class HorizonQP:
         self.q, self.P.data, self.A.data, self.lower, self.upper = np.split(
             self._numbers, np.cumsum([columns, self.P.nnz, self.A.nnz, rows])
         )
+        self._multipliers = np.zeros(rows)
         self.cost_scale = 1.0
         """Factor on the cost as it stands, and so on the multipliers; 1 without soft rows."""
         self.magnitude = 0.0
@@ -152,20 +165,32 @@ class HorizonQP:
         """Whether there are soft rows."""
         return self._nr > 0
 
-    def settle_slacks(self, z: Array, y: Array) -> None:
-        """Write the slacks of a start, into variables that are otherwise zero and multipliers.
+    def settled(self, z: Array, y: Array) -> tuple[Array, Array]:
+        """Return a start for a problem with soft rows, from variables and multipliers.
 
-        The slacks are what the rows ask for at zero. The multipliers of their bounds hold the
-        prices, which change from one problem to the next, less what the rows pay.
+        The multipliers are of the cost itself. The slacks are what the rows ask for where all else
+        is zero, written into ``z``. The multipliers of their bounds hold the prices, which change
+        from one problem to the next, less what the rows pay. The next call overwrites them.
         """
-        if self._nr > 0:
-            _settle_slacks(z, y, self.q, self.upper, self._n, self._slack_of)
+        _settle(
+            z=z,
+            kept=y,
+            cost_scale=self.cost_scale,
+            y=self._multipliers,
+            q=self.q,
+            upper=self.upper,
+            steps=self._n,
+            slack_of=self._slack_of,
+        )
+        return z, self._multipliers
 
-    def split(self, z: Array) -> tuple[Array, Array]:
-        """Return inputs (N, nu) and states 1 to N (N, nx) of a solution, in physical units."""
+    def read(self, z: Array, y: Array) -> HorizonSolution:
+        """Return a solution in physical units; multipliers become those of the cost itself."""
         inputs, states = np.empty((self._n, self._nu)), np.empty((self._n, self._nx))
-        _split(z, self._sizes, inputs=inputs, states=states)
-        return inputs, states
+        finite = _read(
+            z, y=y, cost_scale=self.cost_scale, sizes=self._sizes, inputs=inputs, states=states
+        )
+        return HorizonSolution(finite, inputs, states)
 
     def slacks(self, z: Array) -> Array:
         """Return the slacks (N, ns) of a solution, in physical units."""
@@ -252,7 +277,9 @@ def _entries(block: Array, mask: Mask, scale: Array) -> tuple[_Places, Array]:
 
 
 @compiled
-def _split(z: Array, sizes: Array, inputs: Array, states: Array) -> None:
+def _read(
+    z: Array, y: Array, cost_scale: float, sizes: Array, inputs: Array, states: Array
+) -> bool:
     nu, nx = inputs.shape[1], states.shape[1]
     for i in range(len(inputs)):
         first = i * len(sizes)
@@ -260,6 +287,9 @@ def _split(z: Array, sizes: Array, inputs: Array, states: Array) -> None:
             inputs[i, k] = z[first + k] * sizes[k]
         for k in range(nx):
             states[i, k] = z[first + nu + k] * sizes[nu + k]
+    for k in range(len(y)):
+        y[k] /= cost_scale
+    return math.isfinite(kernels.infinity_norm(z)) and math.isfinite(kernels.infinity_norm(y))
 
 
 @compiled
@@ -355,9 +385,18 @@ def _write_limits(
 
 
 @compiled
-def _settle_slacks(
-    z: Array, y: Array, q: Array, upper: Array, steps: int, slack_of: _Places
+def _settle(
+    z: Array,
+    kept: Array,
+    cost_scale: float,
+    y: Array,
+    q: Array,
+    upper: Array,
+    steps: int,
+    slack_of: _Places,
 ) -> None:
+    for k in range(len(y)):
+        y[k] = cost_scale * kept[k]
     nr, ns, width = len(slack_of), slack_of[-1] + 1, len(z) // steps
     rows = steps * (width - ns)
     bounds = rows + steps * nr

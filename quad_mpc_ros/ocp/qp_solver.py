@@ -7,22 +7,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.lie import Array
 from quad_mpc_ros.mpc_config import SolverParameters
 from quad_mpc_ros.ocp import osqp_adapter
 from quad_mpc_ros.ocp.horizon_qp import HorizonQP
 
 
 class QpSolution(NamedTuple):
-    """What the solver returned; ``z`` is to be used only when ``solved``.
+    """What the solver returned, to be used only when ``solved``.
 
-    Residuals are of the scaled problem, ``solve_time`` is OSQP's own in seconds.
+    ``z`` are the variables as the solver has them, ``inputs`` (N, nu) and ``states`` 1 to N
+    (N, nx) the same in physical units. Residuals are of the scaled problem, ``solve_time`` is
+    OSQP's own in seconds.
     """
 
     solved: bool
     status: str
     z: Array
+    inputs: Array
+    states: Array
     iterations: int
     primal_residual: float
     dual_residual: float
@@ -34,6 +37,8 @@ _REFUSED = QpSolution(
     solved=False,
     status="not finite or too large",
     z=np.zeros(0),
+    inputs=np.zeros((0, 0)),
+    states=np.zeros((0, 0)),
     iterations=0,
     primal_residual=0.0,
     dual_residual=0.0,
@@ -66,21 +71,22 @@ class QpSolver:
             return _REFUSED
         qp, z, y = self._qp, self._zero if from_zero else self._z, self._y
         if qp.is_soft:
-            y = qp.cost_scale * y  # they are kept as of the cost itself
-            qp.settle_slacks(z, y)
+            z, y = qp.settled(z, y)
         result = self._updated().solve(z, y)
         # A solver may say "solved" and return NaN; the plan is what flies, so look at the plan.
-        finite = _are_finite(result.x, result.y)
+        finite, inputs, states = qp.read(result.x, result.y)
         solved = finite and result.status == osqp_adapter.SOLVED
         late = finite and result.status == osqp_adapter.OUT_OF_TIME
         if solved or late:  # what has been gained so far is not lost for the next one
-            self._z, self._y = result.x, result.y / qp.cost_scale if qp.is_soft else result.y
+            self._z, self._y = result.x, result.y
         else:
             self.forget()
         return QpSolution(
             solved=solved,
             status=result.status_text if finite else "not finite",
             z=self._z,
+            inputs=inputs,
+            states=states,
             iterations=result.iterations,
             primal_residual=result.primal_residual,
             dual_residual=result.dual_residual,
@@ -136,8 +142,3 @@ def _settings(parameters: SolverParameters, time_limit: float, *, soft: bool) ->
     if math.isfinite(time_limit):  # it makes OSQP look at the clock in each iteration
         settings["time_limit"] = time_limit
     return settings
-
-
-@compiled
-def _are_finite(x: Array, y: Array) -> bool:
-    return math.isfinite(kernels.infinity_norm(x)) and math.isfinite(kernels.infinity_norm(y))

@@ -39,10 +39,9 @@ def test_both_write_down_the_same_problem(
 
         assert problem.status == cvxpy.OPTIMAL
         assert ours.solved
-        our_inputs, our_states = qp.split(ours.z)
-        scaled_inputs = our_inputs / pattern.input_size
+        scaled_inputs = ours.inputs / pattern.input_size
         np.testing.assert_allclose(inputs.value, scaled_inputs, atol=1e-3)
-        np.testing.assert_allclose(states.value, our_states / pattern.state_size, atol=1e-4)
+        np.testing.assert_allclose(states.value, ours.states / pattern.state_size, atol=1e-4)
 
 
 def test_both_fly_the_same(

@@ -81,7 +81,7 @@ def exactly_solved(horizon: HorizonStages) -> tuple[Array, Array]:
 def solved(qp: HorizonQP, parameters: SolverParameters = EXACT) -> tuple[Array, Array]:
     solution = QpSolver(qp, parameters).solve()
     assert solution.solved
-    return qp.split(solution.z)
+    return solution.inputs, solution.states
 
 
 @pytest.mark.parametrize("steps", [1, 2, 3, 7])
@@ -117,7 +117,8 @@ def test_the_solution_does_not_depend_on_the_sizes() -> None:
 def test_variables_are_divided_by_their_size() -> None:
     """A variable of one in the problem is one natural size in physical units."""
     pattern = a_pattern(2)
-    inputs, states = HorizonQP(pattern).split(np.ones(12))
+    finite, inputs, states = HorizonQP(pattern).read(np.ones(12), np.ones(12))
+    assert finite
     assert_array_equal(inputs, np.tile(pattern.input_size, (2, 1)))
     assert_array_equal(states, np.tile(pattern.state_size, (2, 1)))
 
@@ -174,7 +175,7 @@ def test_updating_in_place_equals_a_fresh_problem(parameters: SolverParameters) 
         solution = solver.solve()
         assert solution.solved
         exact_inputs, _ = exactly_solved(horizon)
-        assert_allclose(qp.split(solution.z)[0], exact_inputs, rtol=0.0, atol=tolerance)
+        assert_allclose(solution.inputs, exact_inputs, rtol=0.0, atol=tolerance)
 
 
 def kkt_residuals(qp: HorizonQP, z: Array) -> tuple[float, float, float]:

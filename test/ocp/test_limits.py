@@ -300,11 +300,11 @@ def test_the_sparse_problem_has_the_solution_of_another_solver(seed: int, price:
     pattern, stages = a_soft_horizon(seed, price=price, room=0.3)
     qp = HorizonQP(pattern)
     qp.update(stages)
-    z = solved(qp).z
+    solution = solved(qp)
     inputs, states, slacks = exactly_solved(pattern, stages)
-    assert_allclose(qp.split(z)[0], inputs, atol=1e-5)
-    assert_allclose(qp.split(z)[1], states, atol=1e-5)
-    assert_allclose(qp.slacks(z), slacks, atol=1e-5)
+    assert_allclose(solution.inputs, inputs, atol=1e-5)
+    assert_allclose(solution.states, states, atol=1e-5)
+    assert_allclose(qp.slacks(solution.z), slacks, atol=1e-5)
     assert slacks.max() > 0.01 or price > 1.0, "what is cheap is bought"
 
 
@@ -314,14 +314,14 @@ def test_limits_that_can_be_kept_are_kept_exactly(seed: int) -> None:
     pattern, stages = a_soft_horizon(seed, price=1e3, room=1.0)
     qp = HorizonQP(pattern)
     qp.update(stages)
-    z = solved(qp).z
+    solution = solved(qp)
     hard, _, _ = exactly_solved(pattern, stages, eased=False)
     free = changed(stages)
     free.offsets[:] = 1e6
     unlimited, _, _ = exactly_solved(pattern, free)
     assert np.abs(hard - unlimited).max() > 1e-3, "a limit holds"
-    assert qp.slacks(z).max() < 1e-7
-    assert_allclose(qp.split(z)[0], hard, atol=1e-5)
+    assert qp.slacks(solution.z).max() < 1e-7
+    assert_allclose(solution.inputs, hard, atol=1e-5)
 
 
 def test_soft_rows_of_other_shapes_are_refused() -> None:
