@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.mpc_config import MpcConfig
 
@@ -19,8 +20,7 @@ _TICKS_NS = (1_000_000_000, 1_300_000_000, 1_600_000_000, 1_620_000_000)
 _BLIND_NS = 5_000_000_000
 _HOVERING_NS = (5_100_000_000, 6_000_000_000)
 
-_SHIPPED = MpcConfig()
-_WEIGHTS = ("Q", "R", "terminal_weight")
+_SPEED = 0.3  # m/s
 
 
 def warmed_up(config: MpcConfig, *, deadline: float = math.inf) -> Controller:
@@ -28,8 +28,10 @@ def warmed_up(config: MpcConfig, *, deadline: float = math.inf) -> Controller:
     _compile(
         dataclasses.replace(
             config,
-            # Whatever they are, the code is the same; campaigns have many.
-            **{name: getattr(_SHIPPED, name) for name in _WEIGHTS},
+            # Whatever they are, the code is the same; with these it takes iterations to turn back.
+            Q=(1e-3,) * 6 + (1.0,) * 3,
+            R=(1e-3,) * 4,
+            terminal_weight=1.0,
             horizon_steps=2,
             lockstep=False,
             odom_timeout=2.0,
@@ -46,7 +48,7 @@ def _compile(config: MpcConfig) -> None:
     """Run a few ticks of a controller that nobody listens to."""
     controller, frame_id = Controller(config), config.odometry.frame_id
     for stamp_ns in _TICKS_NS:
-        held = ReferenceWindow.hover(np.zeros(3), stamp_ns=stamp_ns, frame_id=frame_id)
+        held = ReferenceWindow.hover(_position(stamp_ns), stamp_ns=stamp_ns, frame_id=frame_id)
         controller.receive_reference(held, now_ns=stamp_ns)
         controller.receive_odometry(_moving_at(stamp_ns, config), now_ns=stamp_ns)
         controller.take_warnings()
@@ -58,8 +60,17 @@ def _compile(config: MpcConfig) -> None:
 
 
 def _moving_at(stamp_ns: int, config: MpcConfig) -> OdometrySample:
-    """Return an odometry in flight, slow enough for a throttle within its bounds: one learns."""
+    """Return an odometry in flight, slow enough for a throttle within its bounds: one learns.
+
+    It has turned away from the reference.
+    """
+    yaw = 2.0
     resting = OdometrySample.at_rest(
-        [0.3e-9 * stamp_ns, 0.0, 0.0], stamp_ns=stamp_ns, frame_id=config.odometry.frame_id
+        _position(stamp_ns), yaw=yaw, stamp_ns=stamp_ns, frame_id=config.odometry.frame_id
     )
-    return dataclasses.replace(resting, v_WB_B=np.array([0.3, 0.0, 0.0]))
+    v_WB_B = _SPEED * np.array([math.cos(yaw), -math.sin(yaw), 0.0])
+    return dataclasses.replace(resting, v_WB_B=v_WB_B)
+
+
+def _position(stamp_ns: int) -> Array:
+    return np.array([_SPEED * 1e-9 * stamp_ns, 0.0, 0.0])
