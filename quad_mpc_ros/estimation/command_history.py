@@ -31,82 +31,70 @@ class CommandHistory:
 
     def __init__(self, *, delay_ns: int, initial: Input) -> None:
         self._delay_ns = delay_ns
-        self._count = 0
-        self._acts_ns = np.zeros(_ROOM, dtype=np.int64)
-        self._commands = np.zeros((_ROOM + 1, INPUT_SIZE))
         self._initial = initial.vector()
-        self._commands[0] = self._initial  # acts before the first one, which is in row 1
-        self._found = Acting(np.zeros(_ROOM + 1), np.zeros((_ROOM + 1, INPUT_SIZE)))
+        self._room_ns = np.zeros(_ROOM, dtype=np.int64)
+        self.acts_ns = self._room_ns[:0]
+        """From when on each command acts (n,), all but the first of ``commands`` [ns]."""
+        self.commands = np.zeros((_ROOM + 1, INPUT_SIZE))
+        """The commands: one that acts before all others, n others, and room for more."""
+        self.commands[0] = self._initial
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
         """Remember a command; those of a later time, before a clock was set back, are void."""
-        acts_ns = stamp_ns + self._delay_ns
-        while self._count > 0 and self._acts_ns[self._count - 1] > acts_ns:
-            self._count -= 1
-        if self._count == len(self._acts_ns):
-            self._make_room(stamp_ns - _KEPT_NS)
-        self._acts_ns[self._count] = acts_ns
-        self._count += 1
-        row = self._commands[self._count]
+        acts_ns, count = stamp_ns + self._delay_ns, len(self.acts_ns)
+        while count > 0 and self._room_ns.item(count - 1) > acts_ns:
+            count -= 1
+        if count == len(self._room_ns):
+            count = self._make_room(stamp_ns - _KEPT_NS)
+        self._room_ns[count] = acts_ns
+        self.acts_ns = self._room_ns[: count + 1]
+        row = self.commands[count + 1]
         row[0], row[1:] = command.throttle, command.w_WB_B
 
     def forget(self) -> None:
         """Forget what was sent: it did not act."""
-        self._count = 0
-        self._commands[0] = self._initial
+        self.acts_ns = self._room_ns[:0]
+        self.commands[0] = self._initial
 
     def knows(self, time_ns: int) -> bool:
         """Whether what acted at a time was sent from here, as far as is remembered."""
-        return self._count > 0 and bool(self._acts_ns[0] <= time_ns)
+        return len(self.acts_ns) > 0 and self.acts_ns.item(0) <= time_ns
 
     def between(self, start_ns: int, end_ns: int) -> Acting:
-        """Return what acts from one time to another, in order; the next call overwrites it."""
-        durations, commands = self._found
-        count = _acting_between(
-            acts_ns=self._acts_ns,
-            commands=self._commands,
-            count=self._count,
-            start_ns=start_ns,
-            end_ns=end_ns,
-            durations=durations,
-            acting=commands,
+        """Return what acts from one time to another, in order."""
+        return acting_between(
+            acts_ns=self.acts_ns, commands=self.commands, start_ns=start_ns, end_ns=end_ns
         )
-        return Acting(durations[:count], commands[:count])
 
-    def _make_room(self, oldest_ns: int) -> None:
-        """Forget what acted before a time, or grow if that is not even half of it."""
-        kept = int(np.searchsorted(self._acts_ns, oldest_ns))
-        if 2 * kept < self._count:
-            room = 2 * len(self._acts_ns)
-            self._acts_ns = np.resize(self._acts_ns, room)
-            self._commands = np.resize(self._commands, (room + 1, INPUT_SIZE))
-            self._found = Acting(np.zeros(room + 1), np.zeros((room + 1, INPUT_SIZE)))
-        self._count -= kept
+    def _make_room(self, oldest_ns: int) -> int:
+        """Forget what acted before a time, or grow if that is not even half; return what is left.
+
+        All room is taken.
+        """
+        count = len(self._room_ns)
+        kept = int(np.searchsorted(self._room_ns, oldest_ns))
+        if 2 * kept < count:
+            self._room_ns = np.resize(self._room_ns, 2 * count)
+            self.commands = np.resize(self.commands, (2 * count + 1, INPUT_SIZE))
+        left = count - kept
         # From one to another place of the same arrays, hence copies.
-        self._acts_ns[: self._count] = self._acts_ns[kept : kept + self._count].copy()
-        self._commands[: self._count + 1] = self._commands[kept : kept + self._count + 1].copy()
+        self._room_ns[:left] = self._room_ns[kept:count].copy()
+        self.commands[: left + 1] = self.commands[kept : count + 1].copy()
+        return left
 
 
 @compiled
-def _acting_between(
-    acts_ns: NDArray[np.int64],
-    commands: Array,
-    count: int,
-    start_ns: int,
-    end_ns: int,
-    durations: Array,
-    acting: Array,
-) -> int:
-    """Write what acts between two times and return how many it are.
-
-    The first ``count`` times belong to the ``commands`` but the first, which acts before them.
-    """
-    last = count  # the row of the command that acts at the end
+def acting_between(
+    acts_ns: NDArray[np.int64], commands: Array, start_ns: int, end_ns: int
+) -> Acting:
+    """Return what acts between two times, of a history's times (n,) and commands."""
+    last = len(acts_ns)  # the row of the command that acts at the end
     while last > 0 and acts_ns[last - 1] >= end_ns:
         last -= 1
     first = last
     while first > 0 and acts_ns[first - 1] > start_ns:
         first -= 1
+    durations, acting = np.empty(last - first + 1), np.empty((last - first + 1, INPUT_SIZE))
     found = 0
     for row in range(first, last + 1):
         begin = start_ns if row == first else acts_ns[row - 1]
@@ -115,4 +103,4 @@ def _acting_between(
             durations[found] = (end - begin) * 1e-9
             acting[found] = commands[row]
             found += 1
-    return found
+    return Acting(durations[:found], acting[:found])

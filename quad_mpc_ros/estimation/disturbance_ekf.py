@@ -48,10 +48,8 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.estimation import velocity_noise
+from quad_mpc_ros.estimation import rate_lags, rate_offsets, velocity_filter, velocity_noise
 from quad_mpc_ros.estimation.command_history import Acting
-from quad_mpc_ros.estimation.rate_lags import RateLags
-from quad_mpc_ros.estimation.rate_offsets import RateOffsets
 from quad_mpc_ros.estimation.velocity_filter import (
     DRAG_SPREAD,
     ESTIMATE_SIZE,
@@ -65,14 +63,12 @@ from quad_mpc_ros.estimation.velocity_filter import (
     TAU,
     THROTTLE,
     THROTTLE_SLOPE,
-    VERTICAL_BOUND,
     D,
     K,
     V,
     believe_velocity,
-    update,
 )
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.parameters import (
     DISTURBANCE,
     DRAG,
@@ -82,6 +78,7 @@ from quad_mpc_ros.model.parameters import (
     THRUST_SCALE,
     THRUST_TIME_CONSTANT,
     UNEVEN_DRAG,
+    VECTOR_SIZE,
 )
 from quad_mpc_ros.model.rollout import BODY_RATES
 
@@ -97,6 +94,50 @@ _DISTURBANCE, _UNEVEN_DRAG, _LEARNED_DRAG = (
 _USUAL_LAG, _CLOSEST = 0.13, 4.0
 
 
+class Filters(NamedTuple):
+    """The filters, with what they are by: the parts of one buffer, see :func:`filters_in`.
+
+    ``estimate`` (15,) and ``covariance`` (9, 9) of :mod:`.velocity_filter`; vectors of
+    :mod:`.velocity_noise`, :mod:`.rate_lags` and :mod:`.rate_offsets`; the configured parameters
+    (29,); ``shape`` (3,), what of the mean drag each axis has more or less, as a share of it; and
+    ``bounds`` (3,), of the throttle and of the disturbance along the ground.
+    """
+
+    estimate: Array
+    covariance: Array
+    noise: Array
+    rate_lags: Array
+    rate_offsets: Array
+    nominal: Array
+    shape: Array
+    bounds: Array
+
+
+_COVARIANCE = slice(ESTIMATE_SIZE, ESTIMATE_SIZE + SIZE**2)
+_NOISE = slice(_COVARIANCE.stop, _COVARIANCE.stop + velocity_noise.SIZE)
+_RATE_LAGS = slice(_NOISE.stop, _NOISE.stop + rate_lags.SIZE)
+_RATE_OFFSETS = slice(_RATE_LAGS.stop, _RATE_LAGS.stop + rate_offsets.SIZE)
+_NOMINAL = slice(_RATE_OFFSETS.stop, _RATE_OFFSETS.stop + VECTOR_SIZE)
+_SHAPE = slice(_NOMINAL.stop, _NOMINAL.stop + 3)
+_BOUNDS = slice(_SHAPE.stop, _SHAPE.stop + 3)
+BUFFER_SIZE = _BOUNDS.stop
+
+
+@compiled
+def filters_in(buffer: Array) -> Filters:
+    """Return the parts of a buffer, in which they are one after another."""
+    return Filters(
+        buffer[:ESTIMATE_SIZE],
+        buffer[_COVARIANCE].reshape((SIZE, SIZE)),
+        buffer[_NOISE],
+        buffer[_RATE_LAGS],
+        buffer[_RATE_OFFSETS],
+        buffer[_NOMINAL],
+        buffer[_SHAPE],
+        buffer[_BOUNDS],
+    )
+
+
 class EkfMemory(NamedTuple):
     """What is believed at a moment: the estimate, its covariance, the rates' lags and offsets."""
 
@@ -109,26 +150,27 @@ class EkfMemory(NamedTuple):
 class DisturbanceEkf:
     """Follows a vehicle from odometry to odometry."""
 
-    def __init__(self, nominal: Array, *, throttle: float, delay: float = 0.0) -> None:
+    def __init__(
+        self, nominal: Array, *, throttle: float, delay: float = 0.0, buffer: Array | None = None
+    ) -> None:
         """``nominal`` are the configured parameters (29,), ``throttle`` is where it begins.
 
-        ``delay`` [s] is that of the input.
+        ``delay`` [s] is that of the input. What is known is kept in ``buffer``, ``BUFFER_SIZE``
+        zeros to begin with, see :func:`filters_in`, or in one of its own.
         """
-        self._nominal = nominal
-        # Of the mean drag what each axis has more or less.
-        self._shape = nominal[UNEVEN_DRAG] / (nominal[DRAG] or 1.0)
+        filters = filters_in(np.zeros(BUFFER_SIZE) if buffer is None else buffer)
+        self._filters = filters
         self._initial_throttle = throttle
-        self._estimate = np.zeros(ESTIMATE_SIZE)
-        self._estimate[K] = 1.0
-        self._covariance = np.zeros((SIZE, SIZE))
+        filters.nominal[:] = nominal
+        filters.shape[:] = nominal[UNEVEN_DRAG] / (nominal[DRAG] or 1.0)
+        filters.bounds[:] = -math.inf, math.inf, math.inf
+        filters.estimate[K] = 1.0
         closer = _closer(nominal, delay)
-        self._noise = velocity_noise.begun(velocity_noise.USUAL / closer)
+        filters.noise[:] = velocity_noise.begun(velocity_noise.USUAL / closer)
         # Who tells that it answers soon is believed more: a lag that is learned although it is
         # none, of odometry that is late, is answered by commands that lead more, and swings.
-        self._rate_lags = RateLags(nominal, slower=1.0 / closer)
-        self._rate_offsets = RateOffsets(nominal, share=min(closer - 1.0, 1.0))
-        self._saturation = -math.inf, math.inf
-        self._farthest = math.inf
+        filters.rate_lags[:] = rate_lags.begun(nominal, slower=1.0 / closer)
+        filters.rate_offsets[:] = rate_offsets.begun(nominal, share=min(closer - 1.0, 1.0))
         self.reset()
         self.start(np.zeros(3))
 
@@ -138,7 +180,8 @@ class DisturbanceEkf:
         But for the thrust: its scale becomes that which alone carries the vehicle as scale and
         disturbance did together, for it may have been flying by them.
         """
-        estimate, P, nominal = self._estimate, self._covariance, self._nominal
+        estimate, P, noise, *_ = self._filters
+        nominal = self._filters.nominal
         gravity = nominal[GRAVITY]
         scale = estimate[K] * gravity / (gravity - estimate[D + 2])
         velocity = estimate[V:D].copy()
@@ -146,79 +189,72 @@ class DisturbanceEkf:
         estimate[K] = min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
         estimate[TAU] = nominal[THRUST_TIME_CONSTANT]
         estimate[MU] = nominal[DRAG]
-        self._rate_lags.reset()
-        self._rate_offsets.reset()
+        rate_lags.reset(self._filters.rate_lags)
+        rate_offsets.reset(self._filters.rate_offsets)
         spreads = (_ACCELERATION_SPREAD, _ACCELERATION_SPREAD, _VERTICAL_SPREAD, _SCALE_SPREAD)
         lag_spread = LAG_SPREAD * nominal[THRUST_TIME_CONSTANT]
         P[:] = np.diag(np.square([0.0, 0.0, 0.0, *spreads, lag_spread, DRAG_SPREAD]))
-        believe_velocity(estimate, P, velocity, velocity_noise.variance_in(self._noise))
+        believe_velocity(estimate, P, velocity, velocity_noise.variance_in(noise))
 
     def reconfigure(
         self, *, throttle_min: float, throttle_max: float, disturbance_max: float
     ) -> None:
         """Take over changed bounds of the throttle, and of the disturbance along the ground."""
-        self._saturation = throttle_min, throttle_max
-        self._farthest = disturbance_max
+        self._filters.bounds[:] = throttle_min, throttle_max, disturbance_max
 
     @property
     def throttle(self) -> float:
         """The throttle that the vehicle has by now."""
-        return float(self._estimate[THROTTLE])
+        return float(self._filters.estimate[THROTTLE])
 
     @property
     def is_at_bounds(self) -> bool:
         """Whether disturbance or scale are as far as they may go."""
-        x, y, z, k = self._estimate[D : K + 1].tolist()
-        far = max(abs(x), abs(y)) >= self._farthest or abs(z) >= VERTICAL_BOUND
-        return far or not SCALE_BOUNDS[0] < k < SCALE_BOUNDS[1]
+        return velocity_filter.is_at_bounds(self._filters.estimate, self._filters.bounds[-1])
 
     def parameters(self) -> Array:
         """Return the parameters (29,) as believed by now."""
-        believed = self._nominal.copy()
-        self._rate_lags.write(believed)
-        self._rate_offsets.write(believed)
-        _write_learned(self._estimate, self._shape, believed)
+        believed = np.empty(VECTOR_SIZE)
+        write_parameters(self._filters, believed)
         return believed
-
-    def add_rate_offsets(self, commands: Array) -> None:
-        """Make of commands (n, 4) what the rates follow, by the offsets as believed by now."""
-        self._rate_offsets.add_to(commands)
 
     def memory(self) -> EkfMemory:
         """Return what is believed, and how firmly."""
+        filters = self._filters
         return EkfMemory(
-            self._estimate.copy(),
-            self._covariance.copy(),
-            self._rate_lags.memory(),
-            self._rate_offsets.memory(),
+            filters.estimate.copy(),
+            filters.covariance.copy(),
+            filters.rate_lags[rate_lags.BELIEVED].copy(),
+            rate_offsets.believed_in(filters.rate_offsets).copy(),
         )
 
     def recall(self, memory: EkfMemory) -> None:
         """Believe again what was believed, of all but the present velocity and throttle."""
-        self._estimate[LEARNABLE] = memory.estimate[LEARNABLE]
-        self._rate_lags.recall(memory.rate_lags)
-        self._rate_offsets.recall(memory.rate_offsets)
-        self._covariance[:] = memory.covariance
-        self._believe(self._estimate[V:D].copy())
+        filters = self._filters
+        filters.estimate[LEARNABLE] = memory.estimate[LEARNABLE]
+        filters.covariance[:] = memory.covariance
+        filters.rate_lags[rate_lags.BELIEVED] = memory.rate_lags
+        rate_offsets.believed_in(filters.rate_offsets)[:] = memory.rate_offsets
+        self._believe(filters.estimate[V:D].copy())
 
     def turn(self, turn: Array) -> None:
         """Turn velocity and disturbance with the world's coordinates, by a rotation (3, 3)."""
-        turns = np.eye(SIZE)
+        turns, (estimate, P, *_) = np.eye(SIZE), self._filters
         turns[V:D, V:D] = turns[D : D + 3, D : D + 3] = turn
-        self._estimate[V:D] = turn @ self._estimate[V:D]
-        self._estimate[D : D + 3] = turn @ self._estimate[D : D + 3]
-        self._covariance[:] = turns @ self._covariance @ turns.T
+        estimate[V:D] = turn @ estimate[V:D]
+        estimate[D : D + 3] = turn @ estimate[D : D + 3]
+        P[:] = turns @ P @ turns.T
 
     def start(self, v_WB_W: Array) -> None:
         """Begin with a velocity (3,); what was learned is kept."""
-        self._estimate[THROTTLE] = self._initial_throttle
-        self._estimate[THROTTLE_SLOPE] = 0.0
-        velocity_noise.interrupt(self._noise)
+        self._filters.estimate[THROTTLE] = self._initial_throttle
+        self._filters.estimate[THROTTLE_SLOPE] = 0.0
+        velocity_noise.interrupt(self._filters.noise)
         self._believe(v_WB_W)
 
     def _believe(self, v_WB_W: Array) -> None:
-        variance = velocity_noise.variance_in(self._noise)
-        believe_velocity(self._estimate, self._covariance, v_WB_W, variance)
+        estimate, P, noise, *_ = self._filters
+        believe_velocity(estimate, P, v_WB_W, velocity_noise.variance_in(noise))
 
     def update(
         self,
@@ -229,51 +265,88 @@ class DisturbanceEkf:
         lesson: int = LEARNED,
         told_variance: float = 0.0,
     ) -> int:
-        """Go on from one odometry to the next, under the commands that acted between them.
-
-        ``before`` and ``after`` are their states, rows (19,) of
-        :mod:`~quad_mpc_ros.model.rollout`. ``lesson`` is what is allowed, ``LEARNED`` at most;
-        the throttle is always followed. ``told_variance`` [m^2/s^2] is that of the second
-        velocity, 0 where it is not told.
-
-        Returns:
-            What became of it, ``HELD``, ``PAUSED``, ``LEARNED`` or ``REFUSED``.
-        """
-        outcome = update(
-            nominal=self._nominal,
-            estimate=self._estimate,
-            P=self._covariance,
-            noise=self._noise,
-            settings=(*self._saturation, self._farthest, told_variance),
-            commands=acting.commands,
-            durations=acting.durations,
+        """Go on from one odometry to the next, see :func:`update`."""
+        return update(
+            filters=self._filters,
             before=before,
             after=after,
+            commands=acting.commands,
+            durations=acting.durations,
             lesson=lesson,
+            told_variance=told_variance,
         )
-        self._rate_lags.update(
-            acting=acting,
-            measured=after[BODY_RATES],
-            learns=outcome == LEARNED,
-            follows=outcome in (PAUSED, LEARNED),
-        )
-        if self._rate_offsets.learns:
-            self._rate_offsets.update(
-                acting=acting,
-                lags=self._rate_lags.lags(),
-                measured=after[BODY_RATES],
-                learns=outcome == LEARNED,
-                follows=outcome in (PAUSED, LEARNED),
-            )
-        return outcome
+
+
+@compiled
+def update(
+    filters: Filters,
+    before: Array,
+    after: Array,
+    commands: Array,
+    durations: Array,
+    lesson: int,
+    told_variance: float,
+) -> int:
+    """Go on from one odometry to the next, under the commands that acted between them.
+
+    ``before`` and ``after`` are their states, rows (19,) of :mod:`~quad_mpc_ros.model.rollout`,
+    ``commands`` (n, 4) what acted, each for one of the ``durations`` (n,) [s]. ``lesson`` is what
+    is allowed, ``LEARNED`` at most; the throttle is always followed. ``told_variance`` [m^2/s^2]
+    is that of the second velocity, 0 where it is not told.
+
+    Returns:
+        What became of it, ``HELD``, ``PAUSED``, ``LEARNED`` or ``REFUSED``.
+    """
+    lowest, highest, farthest = kernels.vector(filters.bounds)
+    outcome = velocity_filter.update(
+        nominal=filters.nominal,
+        estimate=filters.estimate,
+        P=filters.covariance,
+        noise=filters.noise,
+        settings=(lowest, highest, farthest, told_variance),
+        commands=commands,
+        durations=durations,
+        before=before,
+        after=after,
+        lesson=lesson,
+    )
+    learns, measured = outcome == LEARNED, after[BODY_RATES]
+    follows = learns or outcome == PAUSED
+    rate_lags.follow(
+        lags=filters.rate_lags,
+        commands=commands,
+        durations=durations,
+        measured=measured,
+        learns=learns,
+        follows=follows,
+    )
+    rate_offsets.follow(
+        offsets=filters.rate_offsets,
+        nominal=filters.nominal,
+        lags=rate_lags.time_constants(filters.rate_lags),
+        commands=commands,
+        durations=durations,
+        measured=measured,
+        learns=learns,
+        follows=follows,
+    )
+    return outcome
+
+
+@compiled
+def write_parameters(filters: Filters, parameters: Array) -> None:
+    """Write the parameters (29,) as believed by now."""
+    parameters[:] = filters.nominal
+    kernels.store_vector(
+        rate_lags.time_constants(filters.rate_lags), parameters[RATE_TIME_CONSTANTS]
+    )
+    rate_offsets.write(filters.rate_offsets, parameters)
+    _write_learned(filters.estimate, filters.shape, parameters)
 
 
 @compiled
 def _write_learned(estimate: Array, shape: Array, parameters: Array) -> None:
-    """Write what is believed of thrust, air and drag into the configured parameters (29,).
-
-    ``shape`` (3,) is what each axis has more or less of the mean drag, as a share of it.
-    """
+    """Write what is believed of thrust, air and drag into the configured parameters (29,)."""
     parameters[THRUST_TIME_CONSTANT] = estimate[TAU]
     parameters[THRUST_SCALE] = estimate[K]
     learned = estimate[MU] - parameters[DRAG]

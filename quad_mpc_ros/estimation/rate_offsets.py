@@ -29,7 +29,6 @@ import math
 import numpy as np
 
 from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.estimation.command_history import Acting
 from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.actuators import first_order_lag
 from quad_mpc_ros.model.parameters import (
@@ -41,9 +40,12 @@ from quad_mpc_ros.model.parameters import (
 
 # A row an axis: the state (c, k, D) and its covariance (3, 3); the model's rate, its derivatives
 # by the state and its slope; mean of what the rate is off, and variance of what D leaves of it.
-_C, _K, _COVARIANCE, _RATE, _BY, _SLOPE, _MEAN, _VARIANCE, _SIZE = 0, 1, 3, 12, 13, 16, 17, 18, 19
+_C, _K, _COVARIANCE, _RATE, _BY, _SLOPE, _MEAN, _VARIANCE, _ROW = 0, 1, 3, 12, 13, 16, 17, 18, 19
 _STATES = 3
 _AXES = 2  # roll and pitch
+# Behind the rows what the states are believed by: spreads at the start, and walks. Of spreads of
+# zero nothing is learned.
+_SPREAD, _WALK, SIZE = 38, 41, 44
 
 # Of c [rad/s], k [rad/s per m/s^2] and D [s]: spread at the start, walk per root of a second.
 _SPREADS, _WALKS = (0.3, 0.05, 0.3), (0.12, 0.001, 0.1)
@@ -52,92 +54,92 @@ _NOISE, _LASTING = 0.2, 0.1  # rad/s of a measured rate against the model, for s
 _LEADING, _KEEPING = 0.3, 1.0  # s
 
 
-class RateOffsets:
-    """Follows roll and pitch rate from odometry to odometry."""
+def begun(nominal: Array, *, share: float = 1.0) -> Array:
+    """Return what is believed at the start (44,), by the configured parameters (29,).
 
-    def __init__(self, nominal: Array, *, share: float = 1.0) -> None:
-        """``nominal`` are the configured parameters (29,).
+    By ``share`` is learned, from 0, nothing, to 1. Without a lag of the rates nothing is.
+    """
+    if nominal[RATE_TIME_CONSTANTS].max() <= 0.0:
+        share = 0.0
+    shares = np.array([share, share, 1.0])
+    offsets = np.zeros(SIZE)
+    offsets[_SPREAD:_WALK], offsets[_WALK:SIZE] = shares * _SPREADS, shares * _WALKS
+    reset(offsets)
+    return offsets
 
-        By ``share`` is learned, from 0, nothing, to 1. Without a lag of the rates nothing is.
-        """
-        self._nominal = nominal
-        self.learns = share > 0.0 and bool(nominal[RATE_TIME_CONSTANTS].max() > 0.0)
-        """Whether there can be offsets at all."""
-        shares = np.array([share, share, 1.0])
-        self._spreads, self._walks = shares * _SPREADS, shares * _WALKS
-        self._state = np.zeros((_AXES, _SIZE))
-        self.reset()
 
-    def write(self, parameters: Array) -> None:
-        """Write the offsets into the parameters (29,)."""
-        parameters[RATE_OFFSET][:_AXES] = self._state[:, _C]
-        parameters[RATE_OFFSET_BY_THRUST][:_AXES] = self._state[:, _K]
+def reset(offsets: Array) -> None:
+    """Believe in no offset again, and that loosely."""
+    believed = believed_in(offsets)
+    believed[:] = 0.0
+    for k in range(_STATES):
+        believed[:, _COVARIANCE + (_STATES + 1) * k] = offsets[_SPREAD + k] ** 2
 
-    def reset(self) -> None:
-        """Believe in no offset again, and that loosely."""
-        self._state[:, :_RATE] = 0.0
-        for k, spread in enumerate(self._spreads):
-            self._state[:, _COVARIANCE + (_STATES + 1) * k] = spread**2
 
-    def memory(self) -> Array:
-        """Return what is believed."""
-        return self._state[:, :_RATE].copy()
-
-    def recall(self, memory: Array) -> None:
-        """Believe again what was believed; the rates are those of now."""
-        self._state[:, :_RATE] = memory
-
-    def add_to(self, commands: Array) -> None:
-        """Make of commands (n, 4) what the rates follow."""
-        if self.learns:
-            _add(self._state, self._nominal, commands)
-
-    def update(
-        self, *, acting: Acting, lags: Array, measured: Array, learns: bool, follows: bool
-    ) -> None:
-        """Go on to measured rates (3,), under the commands that acted since those before.
-
-        ``lags`` (3,) are the rates' time constants. Without ``learns`` the offsets stay; what
-        comes before it ``follows`` is forgotten.
-        """
-        if self.learns and len(acting.durations) > 0:
-            _update(
-                state=self._state,
-                nominal=self._nominal,
-                growth=(self._spreads, self._walks),
-                lags=lags,
-                commands=acting.commands,
-                durations=acting.durations,
-                measured=measured,
-                learns=learns,
-                follows=follows,
-            )
+def believed_in(offsets: Array) -> Array:
+    """Return what is believed of the vehicle (2, 12), without the rates of now."""
+    rows: Array = offsets[:_SPREAD].reshape(_AXES, _ROW)
+    return rows[:, :_RATE]
 
 
 @compiled
-def _add(state: Array, nominal: Array, commands: Array) -> None:
+def _rows_in(offsets: Array) -> Array:
+    """Return the rows of the axes (2, 19)."""
+    return offsets[:_SPREAD].reshape((_AXES, _ROW))
+
+
+@compiled
+def _learns(offsets: Array) -> bool:
+    """Whether there can be offsets at all."""
+    return bool(offsets[_SPREAD] > 0.0)
+
+
+@compiled
+def write(offsets: Array, parameters: Array) -> None:
+    """Write the offsets into the parameters (29,)."""
+    rows = _rows_in(offsets)
+    for axis in range(_AXES):
+        parameters[RATE_OFFSET][axis] = rows[axis, _C]
+        parameters[RATE_OFFSET_BY_THRUST][axis] = rows[axis, _K]
+
+
+@compiled
+def add(offsets: Array, nominal: Array, commands: Array) -> None:
+    """Make of commands (n, 4) what the rates follow, by the configured parameters (29,)."""
+    if not _learns(offsets):
+        return
+    rows = _rows_in(offsets)
     for i in range(len(commands)):
         thrust = modelled_thrust(nominal, commands[i, 0])
-        for axis in range(len(state)):
-            commands[i, 1 + axis] += state[axis, _C] + state[axis, _K] * thrust
+        for axis in range(_AXES):
+            commands[i, 1 + axis] += rows[axis, _C] + rows[axis, _K] * thrust
 
 
 @compiled
-def _update(
-    state: Array,
+def follow(
+    offsets: Array,
     nominal: Array,
-    growth: tuple[Array, Array],
-    lags: Array,
+    lags: kernels.Vector,
     commands: Array,
     durations: Array,
     measured: Array,
     learns: bool,
     follows: bool,
 ) -> None:
+    """Go on to measured rates (3,), under the commands (n, 4) that acted since those before.
+
+    Each did for one of the ``durations`` (n,) [s]; ``lags`` are the rates' time constants [s],
+    ``nominal`` the configured parameters (29,). Without ``learns`` the offsets stay; what comes
+    before it ``follows`` is forgotten.
+    """
+    if len(durations) == 0 or not _learns(offsets):
+        return
+    rows = _rows_in(offsets)
+    growth = offsets[_SPREAD:_WALK], offsets[_WALK:SIZE]
     duration = durations.sum()
     lead = 1.0 - math.exp(-duration / _LEADING) if follows else 1.0
-    for axis in range(len(state)):
-        own = state[axis]
+    for axis in range(_AXES):
+        own = rows[axis]
         by, before = own[_BY : _BY + _STATES], own[_RATE]
         for i in range(len(durations)):
             thrust = modelled_thrust(nominal, commands[i, 0])

@@ -26,37 +26,42 @@ _JUMP = 0.3
 _MOST = 1.0  # m/s on each axis; what is more is no bias
 _LONGEST_GAP = 0.5  # s
 
+# A vector of the bias, where the velocity led, and the velocity; and whether it is asked for.
+_BIAS, _LED, _V = slice(0, 3), slice(3, 6), slice(6, 9)
+_ASKED, SIZE = 9, 10
 
-class VelocityBias:
-    """Follows the bias ``b`` of the velocity in the world (3,) [m/s]."""
 
-    def __init__(self) -> None:
-        self._bias, self._led, self._v = self._state = np.zeros((3, 3))
-        self._stamp_ns: int | None = None
+def begun(*, asked: bool = True) -> Array:
+    """Return what is believed at the start (10,); unless it is ``asked`` there is no bias."""
+    bias = np.zeros(SIZE)
+    bias[_ASKED] = asked
+    return bias
 
-    def follow(self, *, p_WB: Array, v_WB_W: Array, stamp_ns: int) -> Array:
-        """Take an odometry, position (3,) [m] and velocity (3,) [m/s]; return the bias.
 
-        The next call overwrites it.
-        """
-        duration = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
-        self._stamp_ns = stamp_ns
-        _follow(p_WB=p_WB, v_WB_W=v_WB_W, duration=duration, state=self._state)
-        return self._bias
-
-    def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take an announced step of the estimate."""
-        if self._stamp_ns is not None and self._stamp_ns < reset.stamp_ns:
-            self._led[:] = reset.points(self._led)
-            self._v[:] = reset.vectors(self._v)
-            self._bias[:] = reset.vectors(self._bias)
+def reset_estimate(bias: Array, reset: EstimateReset) -> None:
+    """Take an announced step of the estimate."""
+    bias[_LED] = reset.points(bias[_LED])
+    bias[_V] = reset.vectors(bias[_V])
+    bias[_BIAS] = reset.vectors(bias[_BIAS])
 
 
 @compiled
-def _follow(p_WB: Array, v_WB_W: Array, duration: float, state: Array) -> None:
-    """Go on to an odometry; the state (3, 3) is bias, where the velocity led, and velocity."""
-    bias, led, before = state[0], state[1], state[2]
-    square = 0.0
+def correct(bias: Array, p_WB: Array, v_WB_W: Array, duration: float) -> None:
+    """Take an odometry, position (3,) [m] and velocity (3,) [m/s], and take the bias off that.
+
+    It is ``duration`` [s] after the one before; 0 for the first.
+    """
+    if bias[_ASKED] == 0.0:
+        return
+    _follow(bias, p_WB=p_WB, v_WB_W=v_WB_W, duration=duration)
+    for k in range(3):
+        v_WB_W[k] -= bias[k]
+
+
+@compiled
+def _follow(bias: Array, p_WB: Array, v_WB_W: Array, duration: float) -> None:
+    """Go on to an odometry."""
+    led, before, square = bias[_LED], bias[_V], 0.0
     for k in range(3):
         led[k] += duration * (0.5 * (v_WB_W[k] + before[k]) - bias[k])
         before[k] = v_WB_W[k]

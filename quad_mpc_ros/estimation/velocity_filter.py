@@ -129,6 +129,14 @@ def update(
 
 
 @compiled
+def is_at_bounds(estimate: Array, farthest: float) -> bool:
+    """Whether disturbance or scale are as far as they may go, ``farthest`` along the ground."""
+    far = max(abs(estimate[D]), abs(estimate[D + 1])) >= farthest
+    far = far or abs(estimate[D + 2]) >= VERTICAL_BOUND
+    return bool(far or not SCALE_BOUNDS[0] < estimate[K] < SCALE_BOUNDS[1])
+
+
+@compiled
 def _predict(
     modelled: ModelParameters,
     estimate: Array,

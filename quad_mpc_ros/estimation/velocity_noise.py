@@ -20,7 +20,7 @@ from quad_mpc_ros.lie import Array, kernels
 
 # A vector of the variance [m^2/s^2], whether there was a change before, that change, the least
 # variance that is believed, and for how long it has been followed [s].
-_VARIANCE, _KNOWN, _CHANGE, _LEAST, _AGE, _SIZE = 0, 1, 2, 5, 6, 7
+_VARIANCE, _KNOWN, _CHANGE, _LEAST, _AGE, SIZE = 0, 1, 2, 5, 6, 7
 
 _START, _MOST = 0.1, 1.0  # m/s
 USUAL = 0.05
@@ -31,7 +31,7 @@ _LARGEST = 9.0  # of the variance: a jump is no noise, and noise that rises is f
 
 def begun(least: float = USUAL) -> Array:
     """Return what is believed of the noise at the start; it is ``least`` [m/s] or more."""
-    noise = np.zeros(_SIZE)
+    noise = np.zeros(SIZE)
     noise[_VARIANCE], noise[_LEAST] = _START**2, least**2
     return noise
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
+from types import FrameType
 
 import numpy as np
 import pytest
 from fixtures.presets import agile
 
+from quad_mpc_ros.compilation import CompiledFunction
 from quad_mpc_ros.estimation.command_history import CommandHistory
 from quad_mpc_ros.estimation.contact import Contact, GroundContact
 from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
@@ -201,6 +204,30 @@ def test_a_landing_brings_back_what_was_believed_before_it() -> None:
     times = range(500 - 250, 500 - 200)
     assert any(np.array_equal(learned[-1], learned[k]) for k in times)
     np.testing.assert_array_equal(learned[500], learned[-1])
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.02, 0.07])
+def test_a_tick_makes_two_calls_into_compiled_code(lag: float) -> None:
+    """A call takes longer than most of what is done in it."""
+    config = agile(input_delay=0.02, rate_time_constant=lag, thrust_time_constant=lag)
+    compensation, calls = DelayCompensation(config), []
+
+    def note(frame: FrameType, event: str, _: object) -> None:
+        called = frame.f_locals.get("self")
+        if event == "call" and isinstance(called, CompiledFunction):
+            calls.append(called.label)
+
+    for k in range(10):
+        odometry = _odometry(stamp_ns=20 * MS * k)
+        calls.clear()
+        sys.setprofile(note)
+        try:
+            compensation.predict(odometry)
+        finally:
+            sys.setprofile(None)
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+    assert compensation.status.text == "learning"
+    assert len(calls) == 2
 
 
 def test_a_clock_that_is_set_back_is_no_end_of_knowing() -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quad_mpc_ros.estimation.command_history import Acting
-from quad_mpc_ros.estimation.rate_offsets import RateOffsets
+from quad_mpc_ros.estimation import rate_offsets
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.model.parameters import (
     RATE_OFFSET,
@@ -49,21 +48,23 @@ def rates_of_a_loop(
 
 
 def followed(
-    offsets: RateOffsets, throttle: Array, commands: Array, rates: Array, *, learns: bool = True
+    offsets: Array, throttle: Array, commands: Array, rates: Array, *, learns: bool = True
 ) -> list[tuple[float, float]]:
     """Tell of rates of pitch; return its offset, fixed and by thrust, over time."""
     believed = []
     for k in range(1, len(rates)):
-        acting = np.array([[throttle[k - 1], 0.0, commands[k - 1], 0.0]])
-        offsets.update(
-            acting=Acting(np.array([PERIOD]), acting),
-            lags=np.full(3, 0.033),
+        rate_offsets.follow(
+            offsets=offsets,
+            nominal=nominal(),
+            lags=(0.033, 0.033, 0.033),
+            commands=np.array([[throttle[k - 1], 0.0, commands[k - 1], 0.0]]),
+            durations=np.array([PERIOD]),
             measured=np.array([0.0, rates[k], 0.0]),
             learns=learns,
             follows=k > 1,
         )
         parameters = nominal()
-        offsets.write(parameters)
+        rate_offsets.write(offsets, parameters)
         assert parameters[RATE_OFFSET][0] == parameters[RATE_OFFSET][2] == 0.0
         believed.append((parameters[RATE_OFFSET][1], parameters[RATE_OFFSET_BY_THRUST][1]))
     return believed
@@ -79,7 +80,7 @@ def manoeuvre(seconds: float) -> tuple[Array, Array]:
 def test_a_centre_of_mass_off_is_what_physics_says_of_it() -> None:
     throttle, commands = manoeuvre(10.0)
     rates, beyond = rates_of_a_loop(throttle, commands, integral=0.0, off=OFF_CENTRE)
-    believed = np.array(followed(RateOffsets(nominal()), throttle, commands, rates))
+    believed = np.array(followed(rate_offsets.begun(nominal()), throttle, commands, rates))
     assert believed[-1, 1] == pytest.approx(MASS * OFF_CENTRE / INERTIA / GAIN, rel=0.1)
     off = believed[:, 0] + believed[:, 1] * THRUST * throttle[:-1] - beyond[:-1]
     assert np.abs(off[100:]).max() < 0.1  # of 0.8 to 1.5 rad/s
@@ -88,7 +89,7 @@ def test_a_centre_of_mass_off_is_what_physics_says_of_it() -> None:
 def test_what_an_integral_has_found_of_it_is_learned_as_well() -> None:
     throttle, commands = manoeuvre(10.0)
     rates, beyond = rates_of_a_loop(throttle, commands, integral=60.0, off=OFF_CENTRE)
-    believed = np.array(followed(RateOffsets(nominal()), throttle, commands, rates))
+    believed = np.array(followed(rate_offsets.begun(nominal()), throttle, commands, rates))
     off = believed[:, 0] + believed[:, 1] * THRUST * throttle[:-1] - beyond[:-1]
     assert np.std(off[200:]) < 0.5 * np.std(beyond[200:])
 
@@ -100,7 +101,7 @@ def test_a_vehicle_that_answers_late_has_no_offset() -> None:
     throttle = 9.81 / THRUST * (1.0 + 0.1 * np.sin(6.0 * t + 0.4))
     late = np.concatenate((np.zeros(8), commands[:-8]))
     rates, _ = rates_of_a_loop(throttle, late, integral=0.0, off=0.0)
-    believed = np.array(followed(RateOffsets(nominal()), throttle, commands, rates))
+    believed = np.array(followed(rate_offsets.begun(nominal()), throttle, commands, rates))
     total = believed[:, 0] + believed[:, 1] * THRUST * throttle[:-1]
     hidden = np.abs(commands - late).max()
     assert np.abs(total[50:]).max() < 0.25 * hidden
@@ -110,28 +111,28 @@ def test_where_nothing_is_learned_and_without_lags_there_is_none() -> None:
     throttle, commands = manoeuvre(3.0)
     rates, _ = rates_of_a_loop(throttle, commands, integral=0.0, off=OFF_CENTRE)
     for lag, share, learns in ((0.033, 1.0, False), (0.0, 1.0, True), (0.033, 0.0, True)):
-        offsets = RateOffsets(nominal(lag), share=share)
+        offsets = rate_offsets.begun(nominal(lag), share=share)
         assert not np.any(followed(offsets, throttle, commands, rates, learns=learns))
 
 
 def test_what_is_recalled_is_believed_again_and_a_reset_lets_it_go() -> None:
     throttle, commands = manoeuvre(3.0)
     rates, _ = rates_of_a_loop(throttle, commands, integral=0.0, off=OFF_CENTRE)
-    offsets = RateOffsets(nominal())
+    offsets = rate_offsets.begun(nominal())
     believed = followed(offsets, throttle, commands, rates)[-1]
-    kept = offsets.memory()
-    offsets.reset()
+    kept = rate_offsets.believed_in(offsets).copy()
+    rate_offsets.reset(offsets)
     parameters = nominal()
-    offsets.write(parameters)
+    rate_offsets.write(offsets, parameters)
     assert not np.any(parameters[RATE_OFFSET_BY_THRUST])
-    offsets.recall(kept)
-    offsets.write(parameters)
+    rate_offsets.believed_in(offsets)[:] = kept
+    rate_offsets.write(offsets, parameters)
     assert (parameters[RATE_OFFSET][1], parameters[RATE_OFFSET_BY_THRUST][1]) == believed
 
 
 def test_offsets_are_bounded() -> None:
     steady = np.full(500, 9.81 / THRUST)
-    offsets = RateOffsets(nominal())
+    offsets = rate_offsets.begun(nominal())
     fixed, slope = followed(offsets, steady, np.zeros(500), np.full(500, 50.0))[-1]
     assert abs(fixed) <= 3.0
     assert abs(slope) <= 0.2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quad_mpc_ros.estimation.velocity_bias import VelocityBias
+from quad_mpc_ros.estimation import velocity_bias
 from quad_mpc_ros.lie import Array
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.closed_loop import fly
@@ -17,11 +17,12 @@ TIME = np.arange(0.0, 8.0, PERIOD)
 
 
 def followed(p: Array, v: Array) -> Array:
-    """Return the bias (n, 3) along positions and velocities (n, 3)."""
-    bias = VelocityBias()
-    return np.array(
-        [bias.follow(p_WB=p[k], v_WB_W=v[k], stamp_ns=round(1e9 * TIME[k])) for k in range(len(p))]
-    )
+    """Return the bias (n, 3) that is taken off velocities (n, 3) along positions (n, 3)."""
+    bias, corrected = velocity_bias.begun(), v.copy()
+    for k in range(len(p)):
+        duration = PERIOD if k else 0.0
+        velocity_bias.correct(bias, p_WB=p[k], v_WB_W=corrected[k], duration=duration)
+    return v - corrected
 
 
 def circling(frequency: float = 2.0) -> tuple[Array, Array]:
@@ -56,6 +57,14 @@ def test_noise_of_the_position_stays_outside() -> None:
 def test_it_is_bounded() -> None:
     p, v = circling()
     assert np.abs(followed(p, v + np.array([3.0, 0.0, 0.0]))).max() <= 1.0
+
+
+def test_where_it_is_not_asked_for_the_velocity_is_believed() -> None:
+    bias = velocity_bias.begun(asked=False)
+    for position in np.arange(0.0, 1.0, 0.01):
+        v = np.array([0.3, -0.2, 0.1])
+        velocity_bias.correct(bias, p_WB=np.array([position, 0.0, 0.0]), v_WB_W=v, duration=PERIOD)
+        np.testing.assert_array_equal(v, [0.3, -0.2, 0.1])
 
 
 @pytest.mark.parametrize("trajectory", ["hover", "lemniscate"])
