@@ -23,14 +23,12 @@ import enum
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.estimation.filtered_motion import GRAVITY, FilteredMotion
 from quad_mpc_ros.lie import Array, kernels
 from quad_mpc_ros.model.estimate_reset import EstimateReset
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 
-_GRAVITY = 9.81  # m/s^2
 _STRONGEST = 1.5  # true thrust over the modelled
 _GUST = 2.0  # m/s^2 that air may push up by
 # Thrust as a share of the weight: little cannot keep a vehicle in the air. Some, filtered, for a
@@ -41,7 +39,7 @@ _SHORTEST, _LONGEST = 0.4, 0.8  # s, of the time T
 _LIFTING_NS = 1_500_000_000  # autopilots let the motors spool up for a second
 _LONGEST_GAP_NS = 500_000_000  # between odometries; beyond it what was between is not known
 
-_FILTER, _LIFT_FILTER, _DRIFT_FILTER, _GROUND_FILTER = 0.1, 0.3, 0.5, 2.0  # s
+_DRIFT_FILTER, _GROUND_FILTER = 0.5, 2.0  # s
 # m/s, filtered: with no more it may have come to stand. It flies when it is faster than the second
 # and has changed its height, or than the third.
 _RESTING, _MOVING, _FAST = 1.0, 1.5, 3.0
@@ -54,11 +52,6 @@ _MOVED = 0.15  # m from the ground, or from where it was seen first, with thrust
 _ABOVE = 0.1  # m: a reference so far above the vehicle asks for height
 _BELOW = 0.1  # m: and one that is so far below it wants it to sink
 _NEAR = 0.5  # m above where it stood, by odometry that drifts
-# At the touchdown: with less than a share of the thrust that has carried it in flight lately it
-# has to fall. It is carried where it should have become faster downwards by so much [m/s], and has
-# by less than a share of that.
-_CARRYING, _SHOULD_FALL, _FALLS = 0.8, 0.2, 0.3
-_FLIGHT_FILTER = 2.0  # s, of the thrust that has carried it lately
 _RISING = 0.01  # m within its window: so does one that rises
 _REFERENCE_SPEED = 1.5  # m/s: no reference of a vehicle that stands moves so fast
 
@@ -69,24 +62,6 @@ class Contact(enum.Enum):
     UNKNOWN = "unknown"
     FLYING = "flying"
     STANDING = "standing"
-
-
-class _Motion(NamedTuple):
-    """How it moves, filtered: height, speed along the ground and upwards.
-
-    And its way [m] from where it stood or was seen first, and that upwards.
-    """
-
-    height: float
-    aside: float
-    climb: float
-    way: float
-    rise: float
-
-    @property
-    def speed(self) -> float:
-        """Its speed [m/s]."""
-        return math.hypot(self.aside, self.climb)
 
 
 class _Course(NamedTuple):
@@ -111,8 +86,7 @@ class GroundContact:
         self._engaged = True
         self._stood_at: float | None = None
         self._thrust = 0.0
-        # Position and velocity, filtered, and where it stood or was seen first.
-        self._filtered = np.zeros((3, 3))
+        self._motion = FilteredMotion()
         self._window: ReferenceWindow | None = None
         self._course = _Course(0.0, 0.0, 0.0, 0.0)
         self._forget()
@@ -133,9 +107,7 @@ class GroundContact:
         self._stamp_ns: int | None = None
         self._little_since_ns: int | None = None
         self._lifting_since_ns: int | None = None
-        self._lift = 0.0
-        self._carrying = self._carried_by = 0.0  # thrust now and lately, in flight
-        self._fall, self._climb = 0.0, 0.0  # m/s since it is too little, and upwards before
+        self._motion.forget_thrust()
         self._still: _Stillness | None = None
 
     def tell_landed(self, landed: bool | None) -> None:
@@ -152,8 +124,7 @@ class GroundContact:
             self._stood_at += float(reset.step_W[2])
         self._still = None
         if self._stamp_ns is not None:
-            p, v, p_ground = self._filtered
-            p[:], v[:], p_ground[:] = reset.points(p), reset.vectors(v), reset.points(p_ground)
+            self._motion.reset_estimate(reset)
 
     @property
     def standing(self) -> bool:
@@ -185,9 +156,8 @@ class GroundContact:
             return self.contact
         if self._stamp_ns == odometry.stamp_ns:
             return self.contact
-        self._follow(odometry)
-        self._weigh(odometry.stamp_ns, thrust=thrust, lift=thrust * odometry.up)
-        self._weigh_against_flight()
+        self._follow(odometry, thrust)
+        self._weigh(odometry.stamp_ns, thrust=thrust)
         height, course = float(odometry.p_WB[2]), self._course_of(window)
         self.asks_for_height = course is not None and _asks_for_height(course, height)
         rests = course is None or (not self.asks_for_height and course.speed < _REFERENCE_SPEED)
@@ -200,35 +170,13 @@ class GroundContact:
         self._lands = lands and self._is_low(height)
         if self.standing and self._little_since_ns is not None:
             # It has not left, however its odometry drifts.
-            self._draw_ground(_DRIFT_FILTER)
+            self._motion.draw_ground(_DRIFT_FILTER)
         elif not (self.contact is Contact.FLYING or self.asks_for_height):
-            self._draw_ground(_GROUND_FILTER)
+            self._motion.draw_ground(_GROUND_FILTER)
         elif self.standing:
             # An estimate may sink as motors spool up, by what the vehicle then seems not to rise.
-            p, _, p_ground = self._filtered
-            p_ground[2] = min(p_ground[2], p[2])
+            self._motion.lower_ground()
         return self.contact
-
-    def _weigh_against_flight(self) -> None:
-        """Note with what thrust it flies, and how fast it should be falling with less."""
-        self._carrying += self._share(_FILTER) * (self._thrust - self._carrying)
-        change = self._carrying - self._carried_by
-        if self._carrying < _CARRYING * self._carried_by:
-            self._fall -= _GRAVITY * change / self._carried_by * self._duration
-        else:
-            self._fall, self._climb = 0.0, self._motion.climb
-        if self.flies and self._fall < _SHOULD_FALL:
-            self._carried_by += self._share(_FLIGHT_FILTER) * change
-
-    def _seems_carried(self) -> bool:
-        """Whether something else carries it: it should be falling, and is not."""
-        falls = self._climb - self._motion.climb
-        return self._fall > _SHOULD_FALL and falls < _FALLS * self._fall
-
-    def _draw_ground(self, time_constant: float) -> None:
-        """Let where it stood follow where it is."""
-        p, _, p_ground = self._filtered
-        p_ground += self._share(time_constant) * (p - p_ground)
 
     def _course_of(self, window: ReferenceWindow | None) -> _Course | None:
         if window is None:
@@ -246,38 +194,25 @@ class GroundContact:
         if self._landed:
             self._stood_at = height
 
-    def _follow(self, odometry: OdometrySample) -> None:
-        """Filter position and velocity."""
+    def _follow(self, odometry: OdometrySample, thrust: float) -> None:
+        """Filter how it moves, and what carries it."""
         before_ns, self._stamp_ns = self._stamp_ns, odometry.stamp_ns
-        anew = before_ns is None or not 0 < odometry.stamp_ns - before_ns <= _LONGEST_GAP_NS
-        if before_ns is None or anew:
+        duration_ns = 0 if before_ns is None else odometry.stamp_ns - before_ns
+        anew = not 0 < duration_ns <= _LONGEST_GAP_NS
+        if anew:
             self._little_since_ns = self._lifting_since_ns = self._still = None
-            self._duration = 0.0
-        else:
-            self._duration = 1e-9 * (odometry.stamp_ns - before_ns)
-        self._motion = _Motion(
-            *_follow(
-                p_WB=odometry.p_WB,
-                q_WB_xyzw=odometry.q_WB_xyzw,
-                v_WB_B=odometry.v_WB_B,
-                anew=anew,
-                share=self._share(_FILTER),
-                filtered=self._filtered,
-            )
+        self._motion.follow(
+            odometry, thrust=thrust, duration=1e-9 * duration_ns, anew=anew, flies=self.flies
         )
 
-    def _share(self, time_constant: float) -> float:
-        return 1.0 - math.exp(-self._duration / time_constant)
-
-    def _weigh(self, stamp_ns: int, *, thrust: float, lift: float) -> None:
+    def _weigh(self, stamp_ns: int, *, thrust: float) -> None:
         """Note since when there has been little thrust, and since when it lifts."""
         self._thrust = max(thrust, 0.0)  # a curve may be negative where nothing turns
         if thrust > _LITTLE:
             self._little_since_ns, self._still = None, None
         elif self._little_since_ns is None:
             self._little_since_ns = stamp_ns
-        self._lift += self._share(_LIFT_FILTER) * (lift - self._lift)
-        if self._lift < (_ENOUGH if self.standing else _SOME):
+        if self._motion.now.lift < (_ENOUGH if self.standing else _SOME):
             self._lifting_since_ns = None
         elif self._lifting_since_ns is None:
             self._lifting_since_ns = stamp_ns
@@ -301,12 +236,12 @@ class GroundContact:
         return since_ns is not None and stamp_ns - since_ns >= _SETTLING_NS
 
     def _is_slow(self) -> bool:
-        return self._motion.speed < _RESTING
+        return self._motion.now.speed < _RESTING
 
     def _might_be_down(self, height: float) -> bool:
         """Whether it is slow, and is carried, or has little thrust and is about where it stood."""
         little = self._little_since_ns is not None
-        return self._is_slow() and (self._seems_carried() or (little and self._is_low(height)))
+        return self._is_slow() and (self._motion.now.carried or (little and self._is_low(height)))
 
     def _is_low(self, height: float) -> bool:
         """Whether it is about as high as where it stood."""
@@ -315,8 +250,8 @@ class GroundContact:
 
     def _is_moving(self) -> bool:
         """Whether it is faster than noise, which alone does not change the height as well."""
-        shifted = abs(self._motion.rise) > _SHIFTED
-        return self._motion.speed > (_MOVING if shifted else _FAST)
+        shifted = abs(self._motion.now.rise) > _SHIFTED
+        return self._motion.now.speed > (_MOVING if shifted else _FAST)
 
     def _has_left(self, *, little: bool) -> bool:
         """Whether it is no longer where it was seen first, or stood."""
@@ -324,17 +259,17 @@ class GroundContact:
             return False
         if self.standing:
             return (self._rises() or self._slips()) and not little
-        return self._motion.way > _MOVED and not little
+        return self._motion.now.way > _MOVED and not little
 
     def _rises(self) -> bool:
         """Whether it is higher than where it stood, by its height or on its way under thrust."""
-        rise, climb = self._motion.rise, self._motion.climb
+        rise, climb = self._motion.now.rise, self._motion.now.climb
         climbs = self._thrust > _SOME and climb > _CLIMBING and rise > _LIFTED
         return climbs or rise > _MOVED
 
     def _slips(self) -> bool:
         """Whether it goes aside under thrust, as one does that takes off from where it leans."""
-        return self._thrust > _SOME and self._motion.aside > _SLIPPING
+        return self._thrust > _SOME and self._motion.now.aside > _SLIPPING
 
     def _stays(self, stamp_ns: int) -> bool:
         """Whether it keeps its height with so little thrust that it would fall."""
@@ -368,7 +303,7 @@ class _Stillness:
         return 1e-9 * (stamp_ns - self._since_ns)
 
     def is_carried(self, duration: float) -> bool:
-        fall = (1.0 - _STRONGEST * self._thrust) * _GRAVITY - _GUST
+        fall = (1.0 - _STRONGEST * self._thrust) * GRAVITY - _GUST
         return self._highest - self._lowest < 0.5 * fall * duration**2 / 8.0
 
 
@@ -383,24 +318,6 @@ def _asks_for_height(course: _Course, height: float) -> bool:
 def _sinks(course: _Course, height: float) -> bool:
     """Whether the reference goes down, or is below already."""
     return course.lowest < course.height - _RISING or course.height < height - _BELOW
-
-
-@compiled
-def _follow(
-    p_WB: Array, q_WB_xyzw: Array, v_WB_B: Array, anew: bool, share: float, filtered: Array
-) -> tuple[float, float, float, float, float]:
-    """Filter position and velocity, or begin ``anew`` with them; return how it moves."""
-    R_WB = kernels.rotation((q_WB_xyzw[0], q_WB_xyzw[1], q_WB_xyzw[2], q_WB_xyzw[3]))
-    v_WB_W = kernels.apply(R_WB, kernels.vector(v_WB_B))
-    p, v, p_ground = filtered[0], filtered[1], filtered[2]
-    for k in range(3):
-        if anew:
-            p[k], v[k], p_ground[k] = p_WB[k], v_WB_W[k], p_WB[k]
-        p[k] += share * (p_WB[k] - p[k])
-        v[k] += share * (v_WB_W[k] - v[k])
-    aside, rise = math.hypot(v[0], v[1]), p[2] - p_ground[2]
-    way = math.hypot(math.hypot(p[0] - p_ground[0], p[1] - p_ground[1]), rise)
-    return p[2], aside, v[2], way, rise
 
 
 @compiled
