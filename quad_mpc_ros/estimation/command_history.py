@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.state import INPUT_SIZE, Input
+from quad_mpc_ros.model.state import INPUT_SIZE
 
 _KEPT_NS = 2_000_000_000
 _ROOM = 256  # commands to begin with; twice as many when they are too few
@@ -29,9 +29,10 @@ class CommandHistory:
     clock, whoever's it is, and no matter how old the odometry was when it came.
     """
 
-    def __init__(self, *, delay_ns: int, initial: Input) -> None:
+    def __init__(self, *, delay_ns: int, initial: Array) -> None:
+        """``initial`` (4,) acts before all others."""
         self._delay_ns = delay_ns
-        self._initial = initial.vector()
+        self._initial = initial
         self._room_ns = np.zeros(_ROOM, dtype=np.int64)
         self.acts_ns = self._room_ns[:0]
         """From when on each command acts (n,), all but the first of ``commands`` [ns]."""
@@ -39,8 +40,8 @@ class CommandHistory:
         """The commands: one that acts before all others, n others, and room for more."""
         self.commands[0] = self._initial
 
-    def record(self, command: Input, *, stamp_ns: int) -> None:
-        """Remember a command; those of a later time, before a clock was set back, are void."""
+    def record(self, command: Array, *, stamp_ns: int) -> None:
+        """Remember a command (4,); those of a later time, as of a clock set back, are void."""
         acts_ns, count = stamp_ns + self._delay_ns, len(self.acts_ns)
         while count > 0 and self._room_ns.item(count - 1) > acts_ns:
             count -= 1
@@ -48,8 +49,7 @@ class CommandHistory:
             count = self._make_room(stamp_ns - _KEPT_NS)
         self._room_ns[count] = acts_ns
         self.acts_ns = self._room_ns[: count + 1]
-        row = self.commands[count + 1]
-        row[0], row[1:] = command.throttle, command.w_WB_B
+        self.commands[count + 1] = command
 
     def forget(self) -> None:
         """Forget what was sent: it did not act."""

@@ -46,7 +46,7 @@ from quad_mpc_ros.model.rollout import (
     roll_forward,
 )
 from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.model.state import INPUT_SIZE, Input
+from quad_mpc_ros.model.state import BODY_RATE, INPUT_SIZE, Input
 from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ocp.problem import PREDICTION_SIZE, PredictedState, prediction_in
 
@@ -109,7 +109,7 @@ class DelayCompensation:
         hover = Input(throttle=vehicle.hover_throttle, w_WB_B=np.zeros(3))
         self._delay_ns = round(config.input_delay * 1e9)
         self._rate_gain = np.array(per_axis(config.rate_gain))
-        self._history = CommandHistory(delay_ns=self._delay_ns, initial=hover)
+        self._history = CommandHistory(delay_ns=self._delay_ns, initial=hover.vector())
         self._learns = config.estimate_disturbance
         # Without a lag the throttle is the command: nothing of it is to be followed.
         self._follows = self._learns or config.thrust_time_constant > 0.0
@@ -161,8 +161,9 @@ class DelayCompensation:
     def record(self, command: Input, *, stamp_ns: int) -> None:
         """Remember a command by the stamp of the odometry that it answers."""
         # What the rates follow, but for their offsets: the model has no gain of its own.
-        followed = Input(throttle=command.throttle, w_WB_B=self._rate_gain * command.w_WB_B)
-        self._sent, self._sent_ns = followed.vector(), stamp_ns
+        followed = command.vector()
+        followed[BODY_RATE] *= self._rate_gain
+        self._sent, self._sent_ns = followed, stamp_ns
         self._history.record(followed, stamp_ns=stamp_ns)
 
     def engage(self, engaged: bool) -> None:

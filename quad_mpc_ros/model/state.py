@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,6 @@ VELOCITY = slice(3, 6)
 ATTITUDE = slice(6, 9)
 TANGENT_SIZE = 9
 
-THROTTLE = slice(0, 1)
 BODY_RATE = slice(1, 4)
 INPUT_SIZE = 4
 
@@ -41,8 +41,7 @@ class State:
         return np.asarray(self.R_WB @ self.v_WB_B)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Input:
+class Input(NamedTuple):
     """Throttle signal in [0, 1] and body rate ``w_WB_B`` (3,) [rad/s]."""
 
     throttle: float
@@ -50,9 +49,7 @@ class Input:
 
     def vector(self) -> Array:
         """Return (throttle, rates) as one vector, (4,)."""
-        u = np.empty(INPUT_SIZE)
-        u[THROTTLE], u[BODY_RATE] = self.throttle, self.w_WB_B
-        return u
+        return np.array((self.throttle, *self.w_WB_B.tolist()))
 
 
 def boxplus(x: State, tangent: Array) -> State:

@@ -41,15 +41,15 @@ def test_plan_from_before_the_change_is_no_trap(
 
 
 def test_commands_from_the_future_are_forgotten() -> None:
-    history = CommandHistory(delay_ns=0, initial=HOVER)
-    history.record(Input(throttle=0.9, w_WB_B=np.zeros(3)), stamp_ns=START)
-    sent = Input(throttle=0.4, w_WB_B=np.zeros(3))
+    history = CommandHistory(delay_ns=0, initial=HOVER.vector())
+    history.record(np.array([0.9, 0.0, 0.0, 0.0]), stamp_ns=START)
+    sent = np.array([0.4, 0.0, 0.0, 0.0])
     for tick in range(10_000):
         history.record(sent, stamp_ns=START - DAY + tick * 20 * MS)
     now = START - DAY + 10_000 * 20 * MS
     acting = history.between(now - 1000 * MS, now)
     assert len(acting.commands) > 0
-    assert_allclose(acting.commands, np.tile(sent.vector(), (len(acting.commands), 1)))
+    assert_allclose(acting.commands, np.tile(sent, (len(acting.commands), 1)))
     # What is kept is of the last seconds: nothing grows until the clock is where it was.
     assert not history.knows(now - 12_000 * MS)
 

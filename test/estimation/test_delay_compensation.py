@@ -28,35 +28,35 @@ def throttle(value: float) -> Input:
 
 
 def test_commands_act_after_the_delay_and_until_the_next() -> None:
-    history = CommandHistory(delay_ns=25 * MS, initial=throttle(0.3))
-    history.record(throttle(0.5), stamp_ns=0)
-    history.record(throttle(0.7), stamp_ns=20 * MS)
+    history = CommandHistory(delay_ns=25 * MS, initial=throttle(0.3).vector())
+    history.record(throttle(0.5).vector(), stamp_ns=0)
+    history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
     acting = history.between(10 * MS, 60 * MS)
     np.testing.assert_allclose(acting.durations, [0.015, 0.020, 0.015], atol=1e-12)
     np.testing.assert_array_equal(acting.commands[:, 0], [0.3, 0.5, 0.7])
 
 
 def test_of_two_commands_for_the_same_odometry_the_later_one_acts() -> None:
-    history = CommandHistory(delay_ns=0, initial=throttle(0.3))
-    history.record(throttle(0.5), stamp_ns=20 * MS)
-    history.record(throttle(0.7), stamp_ns=20 * MS)
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3).vector())
+    history.record(throttle(0.5).vector(), stamp_ns=20 * MS)
+    history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
     np.testing.assert_array_equal(history.between(20 * MS, 40 * MS).commands[:, 0], [0.7])
     np.testing.assert_array_equal(history.between(10 * MS, 40 * MS).commands[:, 0], [0.3, 0.7])
 
 
 def test_after_a_clock_was_set_back_the_new_commands_act() -> None:
-    history = CommandHistory(delay_ns=0, initial=throttle(0.3))
-    history.record(throttle(0.5), stamp_ns=1000 * MS)
-    history.record(throttle(0.7), stamp_ns=20 * MS)
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3).vector())
+    history.record(throttle(0.5).vector(), stamp_ns=1000 * MS)
+    history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
     np.testing.assert_array_equal(history.between(20 * MS, 40 * MS).commands[:, 0], [0.7])
 
 
 @pytest.mark.parametrize("period_ms", [20, 1], ids=["forgets", "grows"])
 def test_a_long_flight_remembers_the_last_two_seconds(period_ms: int) -> None:
-    history = CommandHistory(delay_ns=0, initial=throttle(0.3))
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3).vector())
     stamps = np.arange(0, 20_000, period_ms)
     for stamp in stamps:
-        history.record(throttle(stamp * 1e-5), stamp_ns=int(stamp) * MS)
+        history.record(throttle(stamp * 1e-5).vector(), stamp_ns=int(stamp) * MS)
     last = int(stamps[-1]) * MS
     acting = history.between(last - 1_900 * MS, last)
     assert acting.durations.sum() == pytest.approx(1.9, abs=1e-9)
@@ -67,9 +67,9 @@ def test_a_long_flight_remembers_the_last_two_seconds(period_ms: int) -> None:
 
 def test_the_intervals_fill_the_time_whatever_was_sent() -> None:
     rng = np.random.default_rng(0)
-    history = CommandHistory(delay_ns=13 * MS, initial=throttle(0.3))
+    history = CommandHistory(delay_ns=13 * MS, initial=throttle(0.3).vector())
     for stamp in np.cumsum(rng.integers(1, 40, 50)) * MS:
-        history.record(throttle(float(rng.random())), stamp_ns=int(stamp))
+        history.record(throttle(float(rng.random())).vector(), stamp_ns=int(stamp))
     for start in range(0, 900, 37):
         total = history.between(start * MS, (start + 31) * MS).durations.sum()
         assert total == pytest.approx(0.031, abs=1e-12)
@@ -231,10 +231,10 @@ def test_a_tick_makes_two_calls_into_compiled_code(lag: float) -> None:
 
 
 def test_a_clock_that_is_set_back_is_no_end_of_knowing() -> None:
-    history = CommandHistory(delay_ns=10 * MS, initial=throttle(0.3))
+    history = CommandHistory(delay_ns=10 * MS, initial=throttle(0.3).vector())
     for stamp in range(10**12, 10**12 + 500 * MS, 20 * MS):
-        history.record(throttle(0.5), stamp_ns=stamp)
-    history.record(throttle(0.7), stamp_ns=20 * MS)
+        history.record(throttle(0.5).vector(), stamp_ns=stamp)
+    history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
     assert history.knows(30 * MS)
     ((command,),) = (history.between(30 * MS, 50 * MS).commands,)
     assert command[0] == 0.7
