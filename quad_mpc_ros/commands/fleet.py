@@ -87,6 +87,8 @@ def _flight(configs: Mapping[str, RunConfig], fleet: Fleet) -> float:
                 progress.show(*monitor.progress())
             _check_alive(fleet, but="simulator")
         progress.close()
+        if monitor.lost():
+            print(f"warning: {monitor.lost()}", file=sys.stderr)
         return time.monotonic() - started
 
 

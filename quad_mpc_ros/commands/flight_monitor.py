@@ -157,6 +157,17 @@ class FlightMonitor(Observer):
                         return f"{count} publishers on {prefix}{topic}"
         return ""
 
+    def lost(self) -> str:
+        """Return what is missing in the bags, empty if nothing is."""
+        recorders = (self._health.get(f"{prefix}recorder", {}) for prefix in self._prefixes)
+        lost = sum(int(health.get("lost", 0)) for health in recorders)
+        if not lost:
+            return ""
+        return (
+            f"{lost} messages were lost on their way into the bag, for which this machine was "
+            "too busy"
+        )
+
     def progress(self) -> tuple[float, float | None]:
         """Return the time flown [s] and the position error [m] of what has last arrived."""
         if self._odometry is None:

@@ -106,6 +106,8 @@ def _flight(
             _let_recorder_go(flying)
             _check_alive(flying)
         progress.close()
+        if monitor.lost():
+            print(f"warning: {monitor.lost()}", file=sys.stderr)
         simulator = processes["simulator"]
         if simulator.exit_code != 0:
             raise FlightError(

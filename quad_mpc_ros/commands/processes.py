@@ -68,6 +68,8 @@ class NodeProcess:
             }
             texts.append(files.dump(f"/{namespace}/{name}" if namespace else name, values))
         parameters.write_text("".join(texts), encoding="utf-8")
+        # In simulated time, which waits for all, nobody need go first.
+        waits = node == "recorder" and not use_sim_time
         # Appended: a node may be started more than once in a run.
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(
@@ -78,7 +80,7 @@ class NodeProcess:
                 env=_environment(),
                 # Ctrl-C is for the parent, which ends the nodes in order.
                 start_new_session=True,
-                preexec_fn=_prepare_recorder if node == "recorder" else _die_with_parent,
+                preexec_fn=_prepare_recorder if waits else _die_with_parent,
             )
 
     @property

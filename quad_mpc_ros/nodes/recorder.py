@@ -54,6 +54,7 @@ class Recorder:
         self._asked = {name: ParameterQuery(node, name) for name in config.nodes}
         self._asked.pop(node.get_name(), None)
         self.message_count = 0
+        self._lost_before = 0  # the last pause
         self.fault: str | None = None
 
     @property
@@ -71,6 +72,12 @@ class Recorder:
         """The number of publishers that are heard by topic."""
         return {topic: recording.publisher_count for topic, recording in self._recorded.items()}
 
+    @property
+    def lost_count(self) -> int:
+        """How many messages were lost on their way."""
+        lost = sum(recording.lost_count for recording in self._recorded.values())
+        return self._lost_before + lost
+
     def resume(self) -> Path:
         """Record from now on, and return the folder of the bag.
 
@@ -86,6 +93,7 @@ class Recorder:
         """Hear nothing from now on; what has been heard goes to the operating system."""
         for recording in self._recorded.values():
             recording.close()
+        self._lost_before = self.lost_count
         self._recorded.clear()
         self._refused.clear()
         self._ordered.write_all()

@@ -13,6 +13,7 @@ from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.spin import run, stop
 
 _PERIOD = 0.1
+_LOST = "were lost on their way here: this machine is too busy for all that is recorded"
 
 
 class RecorderNode(ManagedNode[RecorderConfig]):
@@ -31,6 +32,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
     def configure(self, config: RecorderConfig) -> None:
         """Prepare a new recording."""
         self._recorder = Recorder(self, config, on_fault=self._on_fault)
+        self._lost_told = 0
         # One timer for all: what wakes the node costs more than what it does then.
         self.managed_timer(_PERIOD, self._on_timer, steady=True)
 
@@ -46,15 +48,18 @@ class RecorderNode(ManagedNode[RecorderConfig]):
     def cleanup(self) -> None:
         """End the bag."""
         self._recorder.close()
+        self._tell_lost()
         del self._recorder
 
     def report(self) -> Health:
         """Return how the recording goes."""
         recorder = self._recorder
-        missing = recorder.missing
+        missing, lost = recorder.missing, recorder.lost_count
         text = f"not there yet: {', '.join(missing)}" if missing else "recording"
+        if lost:
+            text = f"{lost} messages {_LOST}"
         return Health(
-            level=ERROR if recorder.fault else WARN if missing else OK,
+            level=ERROR if recorder.fault else WARN if missing or lost else OK,
             text=recorder.fault or text,
             values=[
                 *(
@@ -62,13 +67,25 @@ class RecorderNode(ManagedNode[RecorderConfig]):
                     for topic, count in recorder.publisher_counts.items()
                 ),
                 ("messages", str(recorder.message_count)),
+                ("lost", str(lost)),
                 ("parameters_missing", " ".join(recorder.unanswered)),
             ],
         )
 
     def _on_timer(self) -> None:
-        if self.active and self._recorder.poll():
+        if not self.active:
+            return
+        more = self._recorder.poll()
+        if self._tell_lost() or more:
             self.health.report()
+
+    def _tell_lost(self) -> bool:
+        """Log what has been lost since this was asked last; return whether anything was."""
+        lost = self._recorder.lost_count - self._lost_told
+        self._lost_told += lost
+        if lost:
+            self.get_logger().warning(f"{lost} messages {_LOST}")
+        return lost > 0
 
     def _on_fault(self, fault: str) -> None:
         """End a recording that the disk refuses, and say why."""

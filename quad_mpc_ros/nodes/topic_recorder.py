@@ -23,6 +23,10 @@ class TopicRecorder:
 
     When a publisher joins that offers less, a subscription that asks for less takes over. For a
     while both receive, so that nothing is lost, and what comes twice is passed on once.
+
+    Publishers number their messages. Where numbers are missing messages were lost on their way:
+    who is starved of the processor for so long that the system's buffers run over loses some.
+    They are counted while there is one publisher; whose message it is is not told.
     """
 
     def __init__(
@@ -43,6 +47,9 @@ class TopicRecorder:
         self._seen: set[tuple[int, bytes]] = set()
         self._told: set[str] = set()
         self._closed = False
+        self._newest: int | None = None
+        self.lost_count = 0
+        """How many messages were lost on their way."""
         self._profile = adapted(publishers)
         self._subscription = self._subscribe()
 
@@ -112,4 +119,13 @@ class TopicRecorder:
             if key in self._seen:
                 return
             self._seen.add(key)
+        self._count_lost(info.get("publication_sequence_number"))
         self._receive(data, info)
+
+    def _count_lost(self, number: int | None) -> None:
+        """Count what is missing before a message; not where two subscriptions take turns."""
+        newest, self._newest = self._newest, None if self._leaving is not None else number
+        if newest is None or self._newest is None or self._newest <= newest + 1:
+            return
+        if self.publisher_count == 1:
+            self.lost_count += self._newest - newest - 1

@@ -158,6 +158,41 @@ def test_publishers_of_every_quality_of_service(start: Start, peer: Any, tmp_pat
     assert latched_qos.reliability == QosReliability.RELIABLE
 
 
+def test_what_is_lost_while_it_is_starved_is_told(start: Start, peer: Any, tmp_path: Path) -> None:
+    """Stopped for longer than buffers last it loses messages, and knows how many."""
+    bag, told = tmp_path / "bag", {"lost": 0}
+
+    def on_diagnostics(message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "/recorder":
+                told.update((v.key, int(v.value)) for v in status.values if v.key == "lost")
+
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
+    publisher = peer.node.create_publisher(String, "/words", QoSProfile(depth=10))
+    recorder = start("recorder", "-p", f"directory:={bag}", "-p", "topics:=[/words]")
+    assert peer.wait(publisher.get_subscription_count)
+    peer.spin(0.3)
+    for count in range(1100):
+        if count == 50:
+            recorder.send_signal(signal.SIGSTOP)
+        publisher.publish(String(data=f"{count} " + 10_000 * "x"))
+        peer.spin(0.0005)
+    recorder.send_signal(signal.SIGCONT)
+    for count in range(1100, 1150):
+        publisher.publish(String(data=f"{count} "))
+        peer.spin(0.005)
+    assert peer.wait(lambda: told["lost"] > 0)
+    assert end(recorder) == 0
+    with AnyReader([bag]) as reader:
+        kept = [
+            int(reader.deserialize(data, connection.msgtype).data.split()[0])
+            for connection, _, data in reader.messages()
+        ]
+    assert kept[-1] == 1149
+    assert told["lost"] == kept[-1] + 1 - kept[0] - len(kept)
+    assert "were lost on their way here" in (tmp_path / "recorder.log").read_text()
+
+
 def test_what_cannot_be_recorded_does_not_stop_the_rest(
     start: Start, peer: Any, tmp_path: Path
 ) -> None:
