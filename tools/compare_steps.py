@@ -1,6 +1,6 @@
 """Whether a control step takes longer than it did: two installations, run by turns.
 
-    python tools/compare_steps.py OLD_PYTHON NEW_PYTHON [--pairs 10] [-- OPTIONS of simulate]
+    python tools/compare_steps.py [--pairs 10] OLD_PYTHON NEW_PYTHON [-- OPTIONS of simulate]
 
 Both Pythons have quad_mpc_ros installed, in environments of their own. Each pair of runs of
 ``quad_mpc simulate`` flies the same flight, the old one first in every other pair, and gives the
