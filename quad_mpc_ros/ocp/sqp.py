@@ -148,6 +148,30 @@ def workspace_in(layout: Shape, buffer: Array) -> Workspace:
     )
 
 
+class Problem(NamedTuple):
+    """All that an iteration works on: prediction, settings, workspace, and where the QP goes."""
+
+    state: PredictionParts
+    given: Settings
+    work: Workspace
+    layout: Shape
+    stages: Array
+
+
+@compiled
+def problem_in(
+    prediction: Array, settings: Array, layout: Shape, workspace: Array, stages: Array
+) -> Problem:
+    """Return the parts of buffers."""
+    return Problem(
+        prediction_in(prediction),
+        settings_in(settings),
+        workspace_in(layout, workspace),
+        layout,
+        stages,
+    )
+
+
 @compiled
 def begin(
     elapsed_ns: int,
@@ -178,29 +202,30 @@ def begin(
     Returns:
         The cost of the start, the iterations that it needs, and whether the reference flips.
     """
-    given, state = settings_in(settings), prediction_in(prediction)
-    work = workspace_in(layout, workspace)
+    problem = problem_in(prediction, settings, layout, workspace, stages)
+    given, work = problem.given, problem.work
     sample_target(
         elapsed_ns,
         offsets_ns,
         samples,
-        state.parameters,
+        problem.state.parameters,
         given.step,
         u_min=given.u_min,
         u_max=given.u_max,
         buffer=work.target,
     )
-    is_flipping = len(work.allowed) > 0 and _write_allowed(given, state, work)
+    is_flipping = len(work.allowed) > 0 and _write_allowed(problem)
     if recovering or is_flipping:
         let_tilt(work.allowed)
-    cost, iterations, closeness = _warm_start(last, state, given, layout, work, stages)
-    _damp(closeness, recovering or is_flipping, given, layout, work, stages)
+    cost, iterations, closeness = _warm_start(last, problem)
+    _damp(closeness, recovering or is_flipping, problem)
     return cost, iterations, is_flipping
 
 
 @compiled
-def _write_allowed(given: Settings, state: PredictionParts, work: Workspace) -> bool:
+def _write_allowed(problem: Problem) -> bool:
     """Draw the target near, and write what limits allow along it; return whether it flips."""
+    given, state, work = problem.given, problem.state, problem.work
     draw_near(given.step, state.row, given.distance, work.target)
     allow(
         given.limits,
@@ -216,26 +241,20 @@ def _write_allowed(given: Settings, state: PredictionParts, work: Workspace) -> 
 
 
 @compiled
-def _warm_start(
-    last: tuple[float, float],
-    state: PredictionParts,
-    given: Settings,
-    layout: Shape,
-    work: Workspace,
-    stages: Array,
-) -> tuple[float, int, float]:
+def _warm_start(last: tuple[float, float], problem: Problem) -> tuple[float, int, float]:
     """Linearise along the best start; return its cost, the iterations, and the closeness."""
     elapsed, last_cost = last
-    planned, none = trajectory_in(work.plan).deviation, np.zeros((layout[0], INPUT_SIZE))
+    planned = trajectory_in(problem.work.plan).deviation
+    none = np.zeros_like(planned)
     if math.isnan(last_cost):
-        cost, closeness = _linearise_along(none, 0.0, state, given, layout, work, stages)
+        cost, closeness = _linearise_along(none, 0.0, problem)
         return cost, _COLD_ITERATIONS, closeness
-    shifted, closeness = _linearise_along(planned, elapsed, state, given, layout, work, stages)
+    shifted, closeness = _linearise_along(planned, elapsed, problem)
     if shifted <= _JUMP_FACTOR * last_cost + _JUMP_FLOOR:
         return shifted, 1, closeness
-    cost, closeness = _linearise_along(none, 0.0, state, given, layout, work, stages)
+    cost, closeness = _linearise_along(none, 0.0, problem)
     if not cost < shifted:
-        cost, closeness = _linearise_along(planned, elapsed, state, given, layout, work, stages)
+        cost, closeness = _linearise_along(planned, elapsed, problem)
     return cost, _JUMP_ITERATIONS, closeness
 
 
@@ -249,78 +268,55 @@ def relinearise(
     stages: Array,
 ) -> float:
     """Write the QP about the last plan, for another iteration; return the plan's cost."""
-    given, state = settings_in(settings), prediction_in(prediction)
-    work = workspace_in(layout, workspace)
-    planned = trajectory_in(work.plan).deviation
-    cost, closeness = _linearise_along(planned, 0.0, state, given, layout, work, stages)
-    _damp(closeness, is_flipping, given, layout, work, stages)
+    problem = problem_in(prediction, settings, layout, workspace, stages)
+    planned = trajectory_in(problem.work.plan).deviation
+    cost, closeness = _linearise_along(planned, 0.0, problem)
+    _damp(closeness, is_flipping, problem)
     return cost
 
 
 @compiled
-def _damp(
-    closeness: float,
-    is_flipping: bool,
-    given: Settings,
-    layout: Shape,
-    work: Workspace,
-    stages: Array,
-) -> None:
+def _damp(closeness: float, is_flipping: bool, problem: Problem) -> None:
     """Let changes of the plan cost something, where there are limits."""
+    given, work = problem.given, problem.work
     if len(work.allowed) > 0:
         damp(
             given.weights.R,
             prices=work.prices,
             closeness=closeness,
             steep=math.inf if is_flipping else given.steep,
-            shape=layout,
-            stages=stages,
+            shape=problem.layout,
+            stages=problem.stages,
         )
 
 
 @compiled
-def _linearise_along(
-    deviation: Array,
-    elapsed: float,
-    state: PredictionParts,
-    given: Settings,
-    layout: Shape,
-    work: Workspace,
-    stages: Array,
-) -> tuple[float, float]:
+def _linearise_along(deviation: Array, elapsed: float, problem: Problem) -> tuple[float, float]:
     """Write the QP about a plan shifted by ``elapsed`` stages; return its cost and closeness.
 
     That is how close it comes to a limit.
     """
-    cost = _linearise(deviation, elapsed, state, given, layout, work, stages)
+    cost, work = _linearise(deviation, elapsed, problem), problem.work
     if len(work.allowed) == 0:
         return cost, 0.0
     paid, closeness = write_limits(
-        layout[5:].reshape((4, 2)),
+        problem.layout[5:].reshape((4, 2)),
         target=work.target,
         nominal=work.nominal,
         allowed=work.allowed,
         prices=work.prices,
-        shape=layout,
-        stages=stages,
+        shape=problem.layout,
+        stages=problem.stages,
     )
     return cost + paid, closeness
 
 
 @compiled
-def _linearise(
-    deviation: Array,
-    elapsed: float,
-    state: PredictionParts,
-    given: Settings,
-    layout: Shape,
-    work: Workspace,
-    stages: Array,
-) -> float:
+def _linearise(deviation: Array, elapsed: float, problem: Problem) -> float:
     """Write tracking cost and dynamics of the QP; return the cost."""
-    weights, u_min, u_max = given.weights, given.u_min, given.u_max
-    tracked, plan = target_in(work.target), trajectory_in(work.nominal)
-    written = stages_in(layout, stages)
+    weights, u_min, u_max = problem.given.weights, problem.given.u_min, problem.given.u_max
+    tracked, plan = target_in(problem.work.target), trajectory_in(problem.work.nominal)
+    written = stages_in(problem.layout, problem.stages)
     dynamics, state_cost, input_terms = written.dynamics, written.state_cost, written.input_terms
     nx = dynamics.shape[1]
     free, errors = np.empty_like(plan.inputs), np.empty((len(dynamics), 9))
@@ -328,11 +324,11 @@ def _linearise(
     apply_bounds(tracked, plan, u_min=u_min, u_max=u_max)
     mark_free(tracked, plan, free)
     jacobians(
-        parameters_in(state.parameters),
-        given.step,
+        parameters_in(problem.state.parameters),
+        problem.given.step,
         inputs=plan.inputs,
         free=free,
-        start=state.row,
+        start=problem.state.row,
         states=plan.states,
         A=dynamics[:, :, :nx],
         B=dynamics[:, :, nx:-1],
