@@ -60,12 +60,6 @@ class CommandHistory:
         """Whether what acted at a time was sent from here, as far as is remembered."""
         return len(self.acts_ns) > 0 and self.acts_ns.item(0) <= time_ns
 
-    def between(self, start_ns: int, end_ns: int) -> Acting:
-        """Return what acts from one time to another, in order."""
-        return acting_between(
-            acts_ns=self.acts_ns, commands=self.commands, start_ns=start_ns, end_ns=end_ns
-        )
-
     def _make_room(self, oldest_ns: int) -> int:
         """Forget what acted before a time, or grow if that is not even half; return what is left.
 

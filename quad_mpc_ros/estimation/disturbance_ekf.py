@@ -49,7 +49,6 @@ import numpy as np
 
 from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.estimation import rate_lags, rate_offsets, velocity_filter, velocity_noise
-from quad_mpc_ros.estimation.command_history import Acting
 from quad_mpc_ros.estimation.velocity_filter import (
     DRAG_SPREAD,
     ESTIMATE_SIZE,
@@ -151,15 +150,14 @@ class DisturbanceEkf:
     """Follows a vehicle from odometry to odometry."""
 
     def __init__(
-        self, nominal: Array, *, throttle: float, delay: float = 0.0, buffer: Array | None = None
+        self, nominal: Array, *, throttle: float, delay: float = 0.0, buffer: Array
     ) -> None:
         """``nominal`` are the configured parameters (29,), ``throttle`` is where it begins.
 
         ``delay`` [s] is that of the input. What is known is kept in ``buffer``, ``BUFFER_SIZE``
-        zeros to begin with, see :func:`filters_in`, or in one of its own.
+        zeros to begin with, see :func:`filters_in`; :func:`update` goes on with it.
         """
-        filters = filters_in(np.zeros(BUFFER_SIZE) if buffer is None else buffer)
-        self._filters = filters
+        self._filters = filters = filters_in(buffer)
         self._initial_throttle = throttle
         filters.nominal[:] = nominal
         filters.shape[:] = nominal[UNEVEN_DRAG] / (nominal[DRAG] or 1.0)
@@ -201,16 +199,6 @@ class DisturbanceEkf:
     ) -> None:
         """Take over changed bounds of the throttle, and of the disturbance along the ground."""
         self._filters.bounds[:] = throttle_min, throttle_max, disturbance_max
-
-    @property
-    def throttle(self) -> float:
-        """The throttle that the vehicle has by now."""
-        return float(self._filters.estimate[THROTTLE])
-
-    @property
-    def is_at_bounds(self) -> bool:
-        """Whether disturbance or scale are as far as they may go."""
-        return velocity_filter.is_at_bounds(self._filters.estimate, self._filters.bounds[-1])
 
     def parameters(self) -> Array:
         """Return the parameters (29,) as believed by now."""
@@ -255,26 +243,6 @@ class DisturbanceEkf:
     def _believe(self, v_WB_W: Array) -> None:
         estimate, P, noise, *_ = self._filters
         believe_velocity(estimate, P, v_WB_W, velocity_noise.variance_in(noise))
-
-    def update(
-        self,
-        *,
-        before: Array,
-        after: Array,
-        acting: Acting,
-        lesson: int = LEARNED,
-        told_variance: float = 0.0,
-    ) -> int:
-        """Go on from one odometry to the next, see :func:`update`."""
-        return update(
-            filters=self._filters,
-            before=before,
-            after=after,
-            commands=acting.commands,
-            durations=acting.durations,
-            lesson=lesson,
-            told_variance=told_variance,
-        )
 
 
 @compiled

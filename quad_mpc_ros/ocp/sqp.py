@@ -245,14 +245,13 @@ def _warm_start(last: tuple[float, float], problem: Problem) -> tuple[float, int
     """Linearise along the best start; return its cost, the iterations, and the closeness."""
     elapsed, last_cost = last
     planned = trajectory_in(problem.work.plan).deviation
-    none = np.zeros_like(planned)
     if math.isnan(last_cost):
-        cost, closeness = _linearise_along(none, 0.0, problem)
+        cost, closeness = _linearise_along(np.zeros_like(planned), 0.0, problem)
         return cost, _COLD_ITERATIONS, closeness
     shifted, closeness = _linearise_along(planned, elapsed, problem)
     if shifted <= _JUMP_FACTOR * last_cost + _JUMP_FLOOR:
         return shifted, 1, closeness
-    cost, closeness = _linearise_along(none, 0.0, problem)
+    cost, closeness = _linearise_along(np.zeros_like(planned), 0.0, problem)
     if not cost < shifted:
         cost, closeness = _linearise_along(planned, elapsed, problem)
     return cost, _JUMP_ITERATIONS, closeness

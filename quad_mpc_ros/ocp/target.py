@@ -88,8 +88,9 @@ def sample_target(
     """
     model, target, dt = parameters_in(parameters), target_in(buffer), step / SUBSTEPS
     count = target.inputs.shape[0] * SUBSTEPS + 1
-    times_ns = elapsed_ns + np.rint(dt * 1e9 * np.arange(count)).astype(np.int64)
-    points = np.empty((count, POINT_SIZE))
+    times_ns, points = np.empty(count, np.int64), np.empty((count, POINT_SIZE))
+    for k in range(count):
+        times_ns[k] = elapsed_ns + np.int64(np.rint(dt * 1e9 * k))
     sample_into(times_ns, offsets_ns, samples, points)
     p, R, v, dv, w = point_parts(points)
     held, tilts = np.empty((count, INPUT_SIZE)), np.empty((count, 3))

@@ -10,7 +10,7 @@ from fixtures.presets import agile
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.mpc import Mpc
-from quad_mpc_ros.estimation.command_history import CommandHistory
+from quad_mpc_ros.estimation.command_history import CommandHistory, acting_between
 from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.model.state import Input
@@ -47,7 +47,9 @@ def test_commands_from_the_future_are_forgotten() -> None:
     for tick in range(10_000):
         history.record(sent, stamp_ns=START - DAY + tick * 20 * MS)
     now = START - DAY + 10_000 * 20 * MS
-    acting = history.between(now - 1000 * MS, now)
+    acting = acting_between(
+        history.acts_ns, history.commands, start_ns=now - 1000 * MS, end_ns=now
+    )
     assert len(acting.commands) > 0
     assert_allclose(acting.commands, np.tile(sent, (len(acting.commands), 1)))
     # What is kept is of the last seconds: nothing grows until the clock is where it was.

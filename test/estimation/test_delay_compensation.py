@@ -11,7 +11,7 @@ import pytest
 from fixtures.presets import agile
 
 from quad_mpc_ros.compilation import CompiledFunction
-from quad_mpc_ros.estimation.command_history import CommandHistory
+from quad_mpc_ros.estimation.command_history import Acting, CommandHistory, acting_between
 from quad_mpc_ros.estimation.contact import Contact, GroundContact
 from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.lie import so3
@@ -27,11 +27,15 @@ def throttle(value: float) -> Input:
     return Input(throttle=value, w_WB_B=np.zeros(3))
 
 
+def between(history: CommandHistory, start_ns: int, end_ns: int) -> Acting:
+    return acting_between(history.acts_ns, history.commands, start_ns=start_ns, end_ns=end_ns)
+
+
 def test_commands_act_after_the_delay_and_until_the_next() -> None:
     history = CommandHistory(delay_ns=25 * MS, initial=throttle(0.3).vector())
     history.record(throttle(0.5).vector(), stamp_ns=0)
     history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
-    acting = history.between(10 * MS, 60 * MS)
+    acting = between(history, 10 * MS, 60 * MS)
     np.testing.assert_allclose(acting.durations, [0.015, 0.020, 0.015], atol=1e-12)
     np.testing.assert_array_equal(acting.commands[:, 0], [0.3, 0.5, 0.7])
 
@@ -40,15 +44,15 @@ def test_of_two_commands_for_the_same_odometry_the_later_one_acts() -> None:
     history = CommandHistory(delay_ns=0, initial=throttle(0.3).vector())
     history.record(throttle(0.5).vector(), stamp_ns=20 * MS)
     history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
-    np.testing.assert_array_equal(history.between(20 * MS, 40 * MS).commands[:, 0], [0.7])
-    np.testing.assert_array_equal(history.between(10 * MS, 40 * MS).commands[:, 0], [0.3, 0.7])
+    np.testing.assert_array_equal(between(history, 20 * MS, 40 * MS).commands[:, 0], [0.7])
+    np.testing.assert_array_equal(between(history, 10 * MS, 40 * MS).commands[:, 0], [0.3, 0.7])
 
 
 def test_after_a_clock_was_set_back_the_new_commands_act() -> None:
     history = CommandHistory(delay_ns=0, initial=throttle(0.3).vector())
     history.record(throttle(0.5).vector(), stamp_ns=1000 * MS)
     history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
-    np.testing.assert_array_equal(history.between(20 * MS, 40 * MS).commands[:, 0], [0.7])
+    np.testing.assert_array_equal(between(history, 20 * MS, 40 * MS).commands[:, 0], [0.7])
 
 
 @pytest.mark.parametrize("period_ms", [20, 1], ids=["forgets", "grows"])
@@ -58,7 +62,7 @@ def test_a_long_flight_remembers_the_last_two_seconds(period_ms: int) -> None:
     for stamp in stamps:
         history.record(throttle(stamp * 1e-5).vector(), stamp_ns=int(stamp) * MS)
     last = int(stamps[-1]) * MS
-    acting = history.between(last - 1_900 * MS, last)
+    acting = between(history, last - 1_900 * MS, last)
     assert acting.durations.sum() == pytest.approx(1.9, abs=1e-9)
     assert len(acting.commands) == 1_900 // period_ms
     np.testing.assert_allclose(np.diff(acting.commands[:, 0]), period_ms * 1e-5)
@@ -71,7 +75,7 @@ def test_the_intervals_fill_the_time_whatever_was_sent() -> None:
     for stamp in np.cumsum(rng.integers(1, 40, 50)) * MS:
         history.record(throttle(float(rng.random())).vector(), stamp_ns=int(stamp))
     for start in range(0, 900, 37):
-        total = history.between(start * MS, (start + 31) * MS).durations.sum()
+        total = between(history, start * MS, (start + 31) * MS).durations.sum()
         assert total == pytest.approx(0.031, abs=1e-12)
 
 
@@ -236,7 +240,7 @@ def test_a_clock_that_is_set_back_is_no_end_of_knowing() -> None:
         history.record(throttle(0.5).vector(), stamp_ns=stamp)
     history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
     assert history.knows(30 * MS)
-    ((command,),) = (history.between(30 * MS, 50 * MS).commands,)
+    ((command,),) = (between(history, 30 * MS, 50 * MS).commands,)
     assert command[0] == 0.7
 
 

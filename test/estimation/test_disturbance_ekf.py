@@ -10,9 +10,16 @@ import pytest
 from fixtures.plant_motion import integrate
 
 from quad_mpc_ros.estimation.command_history import Acting
-from quad_mpc_ros.estimation.disturbance_ekf import DisturbanceEkf
+from quad_mpc_ros.estimation.disturbance_ekf import BUFFER_SIZE, DisturbanceEkf, filters_in, update
 from quad_mpc_ros.estimation.process_model import Prediction, Throttle, predict
-from quad_mpc_ros.estimation.velocity_filter import HELD, LEARNED, PAUSED, REFUSED
+from quad_mpc_ros.estimation.velocity_filter import (
+    HELD,
+    LEARNED,
+    PAUSED,
+    REFUSED,
+    THROTTLE,
+    is_at_bounds,
+)
 from quad_mpc_ros.lie import Array, so3
 from quad_mpc_ros.model.parameters import ModelParameters, parameters_in, parameters_of
 from quad_mpc_ros.model.rollout import ACTUATORS, R_WB, ROW_SIZE, V_WB_W, Body, propagated
@@ -26,6 +33,34 @@ HOVER = VEHICLE.hover_throttle
 
 def parameters(*, rate: float = 0.0, thrust: float = 0.0) -> Array:
     return parameters_of(VEHICLE, rate_time_constant=rate, thrust_time_constant=thrust)
+
+
+class Ekf(DisturbanceEkf):
+    """The filter, and what it goes on with."""
+
+    def __init__(self, nominal: Array, *, throttle: float, delay: float = 0.0) -> None:
+        buffer = np.zeros(BUFFER_SIZE)
+        self.filters = filters_in(buffer)
+        super().__init__(nominal, throttle=throttle, delay=delay, buffer=buffer)
+
+    def update(
+        self,
+        *,
+        before: Array,
+        after: Array,
+        acting: Acting,
+        lesson: int = LEARNED,
+        told_variance: float = 0.0,
+    ) -> int:
+        return update(
+            self.filters,
+            before=before,
+            after=after,
+            commands=acting.commands,
+            durations=acting.durations,
+            lesson=lesson,
+            told_variance=told_variance,
+        )
 
 
 def believed(ekf: DisturbanceEkf) -> ModelParameters:
@@ -63,7 +98,7 @@ def under(u: Input) -> Acting:
 
 
 def flown(
-    ekf: DisturbanceEkf,
+    ekf: Ekf,
     *,
     rate: float = 0.0,
     thrust: float = 0.0,
@@ -73,7 +108,7 @@ def flown(
     frozen: bool = False,
     noise: float = 0.0,
     drag: float = VEHICLE.drag,
-) -> DisturbanceEkf:
+) -> Ekf:
     """Let the filter follow a flight, integrated in fine steps by the true rigid body."""
     rng = np.random.default_rng(3)
     x = State(p_WB=np.zeros(3), v_WB_B=np.zeros(3), R_WB=np.eye(3))
@@ -114,7 +149,7 @@ def flown(
 @pytest.mark.parametrize("scale", [0.8, 1.0, 1.1])
 def test_wind_and_thrust_scale_are_told_apart(scale: float) -> None:
     wind = np.array([0.6, -0.4, 0.2])
-    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    ekf = Ekf(parameters(), throttle=0.29)
     estimate = believed(flown(ekf, scale=scale, a_W=wind))
     np.testing.assert_allclose(estimate.a_W[:2], wind[:2], atol=0.1)
     # It sinks all the while: an updraught is like more drag.
@@ -124,31 +159,31 @@ def test_wind_and_thrust_scale_are_told_apart(scale: float) -> None:
 
 @pytest.mark.parametrize(("rate", "thrust"), [(0.03, 0.03), (0.045, 0.045), (0.02, 0.055)])
 def test_time_constants_are_found(rate: float, thrust: float) -> None:
-    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     learned = believed(flown(ekf, rate=rate, thrust=thrust, scale=0.9))
     assert learned.rate_time_constants[0] == pytest.approx(rate, rel=0.02)
     assert learned.thrust_time_constant == pytest.approx(thrust, rel=0.1)
     assert believed(ekf).thrust_scale == pytest.approx(0.9, abs=0.02)
-    assert ekf.throttle == pytest.approx(_lagging(thrust), abs=0.01)
+    assert ekf.filters.estimate[THROTTLE] == pytest.approx(_lagging(thrust), abs=0.01)
 
 
 @pytest.mark.parametrize("slower", [1.0, 2.5, 4.0])
 def test_a_slow_yaw_does_not_pull_roll_and_pitch(slower: float) -> None:
-    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     learned = believed(flown(ekf, rate=0.04, thrust=0.03, slower_yaw=slower))
     assert learned.rate_time_constants[0] == pytest.approx(0.04, rel=0.02)
     assert learned.rate_time_constants[2] == pytest.approx(slower * 0.04, rel=0.05)
 
 
 def test_noise_costs_accuracy_only() -> None:
-    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     learned = believed(flown(ekf, rate=0.045, thrust=0.045, noise=0.03))
     assert learned.rate_time_constants[0] == pytest.approx(0.045, rel=0.1)
     assert learned.thrust_time_constant == pytest.approx(0.045, rel=0.3)
 
 
 def test_without_lags_in_the_model_none_are_learned() -> None:
-    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    ekf = Ekf(parameters(), throttle=0.29)
     learned = believed(flown(ekf, rate=0.02, thrust=0.02))
     assert (*learned.rate_time_constants, learned.thrust_time_constant) == (0.0, 0.0, 0.0, 0.0)
 
@@ -156,9 +191,7 @@ def test_without_lags_in_the_model_none_are_learned() -> None:
 @pytest.mark.parametrize("drag", [0.0, 0.45, 0.7])
 def test_drag_is_told_from_wind(drag: float) -> None:
     wind = np.array([0.6, -0.4, 0.2])
-    learned = believed(
-        flown(DisturbanceEkf(parameters(), throttle=0.29), drag=drag, a_W=wind, scale=0.9)
-    )
+    learned = believed(flown(Ekf(parameters(), throttle=0.29), drag=drag, a_W=wind, scale=0.9))
     assert learned.drag == pytest.approx(drag, abs=0.05)
     np.testing.assert_allclose(learned.learned_drag, learned.drag - VEHICLE.drag, atol=1e-12)
     np.testing.assert_allclose(learned.a_W[:2], wind[:2], atol=0.25)
@@ -166,7 +199,7 @@ def test_drag_is_told_from_wind(drag: float) -> None:
 
 def test_drag_keeps_its_proportions() -> None:
     modelled = Vehicle(drag=(0.1, 0.3, 0.5))
-    ekf = DisturbanceEkf(
+    ekf = Ekf(
         parameters_of(modelled, rate_time_constant=0.0, thrust_time_constant=0.0), throttle=0.29
     )
     # The same air along all axes is as much as this on average, as far as its motion tells.
@@ -177,7 +210,7 @@ def test_drag_keeps_its_proportions() -> None:
 
 
 def test_of_drag_nothing_is_learned_at_rest() -> None:
-    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    ekf = Ekf(parameters(), throttle=0.29)
     rng = np.random.default_rng(5)
     level = under(Input(throttle=HOVER, w_WB_B=np.zeros(3)))
     noisy = 0.1 * rng.normal(size=(500, 3))
@@ -223,7 +256,7 @@ def test_a_vehicle_that_answers_soon_is_followed_closely(
     lag: float, delay: float, closer: float
 ) -> None:
     level, push = under(Input(throttle=HOVER, w_WB_B=np.zeros(3))), 2.0
-    ekf = DisturbanceEkf(parameters(rate=lag, thrust=lag), throttle=HOVER, delay=delay)
+    ekf = Ekf(parameters(rate=lag, thrust=lag), throttle=HOVER, delay=delay)
     speed, drag = 0.0, VEHICLE.drag
     for k in range(115):
         before, pushed = speed, push if k >= 100 else 0.0
@@ -239,13 +272,13 @@ def test_a_vehicle_that_answers_soon_is_followed_closely(
 
 def test_frozen_it_learns_nothing() -> None:
     modelled = parameters(rate=0.03, thrust=0.03)
-    ekf = DisturbanceEkf(modelled, throttle=0.29)
+    ekf = Ekf(modelled, throttle=0.29)
     flown(ekf, rate=0.05, thrust=0.05, scale=0.8, frozen=True)
     np.testing.assert_array_equal(ekf.parameters(), modelled)
 
 
 def test_recalled_it_believes_what_it_believed_and_the_velocity_of_now() -> None:
-    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
     before, kept = ekf.parameters(), ekf.memory()
     idle = Input(throttle=0.1, w_WB_B=np.zeros(3))
@@ -260,7 +293,7 @@ def test_recalled_it_believes_what_it_believed_and_the_velocity_of_now() -> None
 
 def test_more_thrust_than_modelled_is_learned_from_a_hover() -> None:
     scale, hover = 1.5, VEHICLE.thrust(VEHICLE.hover_throttle)
-    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    ekf = Ekf(parameters(), throttle=0.29)
     ekf.start(np.zeros(3))
     velocity = 0.0
     # Thrust as modelled over the weight: taken over in the air, and brought to hover.
@@ -279,7 +312,7 @@ def test_more_thrust_than_modelled_is_learned_from_a_hover() -> None:
     )
 
 
-def hovering(ekf: DisturbanceEkf, *, scale: float, seconds: float) -> list[ModelParameters]:
+def hovering(ekf: Ekf, *, scale: float, seconds: float) -> list[ModelParameters]:
     """Return what is believed of a vehicle that a controller holds in place with what it is told.
 
     The thrust is ``scale`` times the modelled; the velocity goes with what is left of the error.
@@ -305,7 +338,7 @@ def hovering(ekf: DisturbanceEkf, *, scale: float, seconds: float) -> list[Model
 
 @pytest.mark.parametrize("scale", [0.7, 1.3])
 def test_what_lasts_in_a_hover_is_taken_for_thrust(scale: float) -> None:
-    found = hovering(DisturbanceEkf(parameters(), throttle=0.29), scale=scale, seconds=40.0)
+    found = hovering(Ekf(parameters(), throttle=0.29), scale=scale, seconds=40.0)
     for learned in found[50:]:  # together they carry it all the while
         together = learned.thrust_scale / scale * VEHICLE.gravity + learned.a_W[2]
         assert together == pytest.approx(VEHICLE.gravity, abs=0.1)
@@ -314,7 +347,7 @@ def test_what_lasts_in_a_hover_is_taken_for_thrust(scale: float) -> None:
 
 
 def test_let_go_it_carries_the_vehicle_on() -> None:
-    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     found = hovering(ekf, scale=0.8, seconds=0.6)[-1]
     assert abs(found.a_W[2]) > 0.05
     ekf.reset()
@@ -335,7 +368,7 @@ def test_let_go_it_carries_the_vehicle_on() -> None:
     ],
 )
 def test_a_jump_is_not_learned(jump: dict[str, Array]) -> None:
-    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     hovering(ekf, scale=1.0, seconds=2.0)
     before, level = ekf.parameters(), under(Input(throttle=HOVER, w_WB_B=np.zeros(3)))
     stepped = measured(**jump)
@@ -346,7 +379,7 @@ def test_a_jump_is_not_learned(jump: dict[str, Array]) -> None:
 
 
 def test_while_commands_are_saturated_the_velocity_alone_is_followed() -> None:
-    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    ekf = Ekf(parameters(), throttle=0.29)
     hovering(ekf, scale=1.0, seconds=1.0)
     ekf.reconfigure(throttle_min=0.0, throttle_max=HOVER, disturbance_max=5.0)
     before, velocity = ekf.parameters(), 0.0
@@ -364,7 +397,7 @@ def test_while_commands_are_saturated_the_velocity_alone_is_followed() -> None:
 @pytest.mark.parametrize("farthest", [2.0, 5.0, 15.0])
 def test_estimates_are_bounded(farthest: float) -> None:
     """However absurd the velocities, and the rates."""
-    ekf = DisturbanceEkf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     ekf.reconfigure(throttle_min=0.0, throttle_max=1.0, disturbance_max=farthest)
     rng = np.random.default_rng(0)
     for k in range(500):
@@ -391,7 +424,7 @@ def test_estimates_are_bounded(farthest: float) -> None:
 
 @pytest.mark.parametrize("farthest", [5.0, 15.0])
 def test_a_strong_push_is_found_as_far_as_the_bound_allows(farthest: float) -> None:
-    ekf = DisturbanceEkf(parameters(), throttle=0.29)
+    ekf = Ekf(parameters(), throttle=0.29)
     ekf.reconfigure(throttle_min=0.0, throttle_max=1.0, disturbance_max=farthest)
     level, push = under(Input(throttle=HOVER, w_WB_B=np.zeros(3))), 12.0
     speed, drag = 0.0, Vehicle().drag
@@ -408,7 +441,7 @@ def test_a_strong_push_is_found_as_far_as_the_bound_allows(farthest: float) -> N
     assert (explained if push < farthest else learned.a_W[0]) == pytest.approx(
         min(push, farthest), rel=0.03
     )
-    assert ekf.is_at_bounds == (push > farthest)
+    assert is_at_bounds(ekf.filters.estimate, farthest) == (push > farthest)
 
 
 def _lagging(time_constant: float) -> float:
