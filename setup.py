@@ -11,13 +11,13 @@ INIT = Path(PACKAGE, "__init__.py").read_text(encoding="utf-8")
 # The bridges to flight stacks. A new one is one line here, from which come its executable and the
 # entry point by which launch files, ``quad_mpc bridges`` and the parameter files know it.
 BRIDGES = {
-    "px4_bridge": "quad_mpc_ros.bridges.px4:Px4Bridge",
-    "mavros_bridge": "quad_mpc_ros.bridges.mavros:MavrosBridge",
-    "rosflight_bridge": "quad_mpc_ros.bridges.rosflight:RosflightBridge",
-    "aerostack2_bridge": "quad_mpc_ros.bridges.aerostack2:Aerostack2Bridge",
-    "crazyswarm2_bridge": "quad_mpc_ros.bridges.crazyswarm2:Crazyswarm2Bridge",
-    "betaflight_bridge": "quad_mpc_ros.bridges.betaflight:BetaflightBridge",
-    "rates_bridge": "quad_mpc_ros.bridges.rates:RatesBridge",
+    "px4_bridge": "quad_mpc_ros.ros.bridges.px4:Px4Bridge",
+    "mavros_bridge": "quad_mpc_ros.ros.bridges.mavros:MavrosBridge",
+    "rosflight_bridge": "quad_mpc_ros.ros.bridges.rosflight:RosflightBridge",
+    "aerostack2_bridge": "quad_mpc_ros.ros.bridges.aerostack2:Aerostack2Bridge",
+    "crazyswarm2_bridge": "quad_mpc_ros.ros.bridges.crazyswarm2:Crazyswarm2Bridge",
+    "betaflight_bridge": "quad_mpc_ros.ros.bridges.betaflight:BetaflightBridge",
+    "rates_bridge": "quad_mpc_ros.ros.bridges.rates:RatesBridge",
 }
 
 # Elsewhere the package runs with an installed ROS 2 Jazzy.
@@ -77,7 +77,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
         "quad_mpc_ros": ["py.typed"],
-        "quad_mpc_ros.report": ["*.html", "*.css", "*.js"],
+        "quad_mpc_ros.analysis.report": ["*.html", "*.css", "*.js"],
         "quad_mpc_ros.messages": ["schemas/*.msg", "schemas/*.json"],
         "quad_mpc_ros.simulation.betaflight": ["shim.c"],
     },
@@ -148,13 +148,13 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            "simulator_node = quad_mpc_ros.nodes.simulator_node:main",
-            "reference_node = quad_mpc_ros.nodes.reference_node:main",
-            "mpc_node = quad_mpc_ros.nodes.mpc_node:main",
-            "stack_node = quad_mpc_ros.stack_node:main",
-            "recorder_node = quad_mpc_ros.nodes.recorder_node:main",
-            "visualisation_node = quad_mpc_ros.nodes.visualisation_node:main",
-            "player_node = quad_mpc_ros.nodes.player_node:main",
+            "simulator_node = quad_mpc_ros.ros.nodes.simulator_node:main",
+            "reference_node = quad_mpc_ros.ros.nodes.reference_node:main",
+            "mpc_node = quad_mpc_ros.ros.nodes.mpc_node:main",
+            "stack_node = quad_mpc_ros.ros.stack_node:main",
+            "recorder_node = quad_mpc_ros.ros.nodes.recorder_node:main",
+            "visualisation_node = quad_mpc_ros.ros.nodes.visualisation_node:main",
+            "player_node = quad_mpc_ros.ros.nodes.player_node:main",
             *(f"{name} = {bridge}.main" for name, bridge in BRIDGES.items()),
             "quad_mpc = quad_mpc_ros.cli:main",
         ],

@@ -27,16 +27,16 @@ import numpy as np
 from scipy import signal
 
 from quad_mpc_ros import load_config
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.evaluation.simulated import FlightConfig
-from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
+from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
+from quad_mpc_ros.references.path import PathSamples
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.rotors import rate_loop
 from quad_mpc_ros.simulation.rotors.mixer import mixing
-from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
-from quad_mpc_ros.trajectories.path import PathSamples
 
 SETTINGS = Path(__file__).with_suffix(".yaml")
 SEED, TRIALS = 42, 20  # those of the figures beside these

@@ -26,9 +26,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
-from quad_mpc_ros.bridges.bridge import OutgoingMessage
-from quad_mpc_ros.bridges.node import BridgeNode
-from quad_mpc_ros.bridges.rates import RatesBridge
+from quad_mpc_ros.ros.bridges.bridge import OutgoingMessage
+from quad_mpc_ros.ros.bridges.node import BridgeNode
+from quad_mpc_ros.ros.bridges.rates import RatesBridge
 
 
 class Stopwatch:

@@ -16,12 +16,12 @@ import time
 from typing import NamedTuple
 
 from quad_mpc_ros import simulate, summarise
+from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.evaluation.simulated import FlightConfig, load_config
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_config
 from quad_mpc_ros.simulation.closed_loop import fly
-from quad_mpc_ros.text_tables import text_table
 
 _EFFECTS = (
     "simulator.rate_time_constant=0.03",

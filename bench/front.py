@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from quad_mpc_ros.campaigns.campaign_file import Overrides, campaign_from
-from quad_mpc_ros.campaigns.flying import fly
-from quad_mpc_ros.campaigns.local_workers import LocalWorkers
-from quad_mpc_ros.figures import style
+from quad_mpc_ros.analysis.figures import style
+from quad_mpc_ros.experiments.campaigns.campaign_file import Overrides, campaign_from
+from quad_mpc_ros.experiments.campaigns.flying import fly
+from quad_mpc_ros.experiments.campaigns.local_workers import LocalWorkers
 
 CAMPAIGNS = Path(__file__).with_name("campaigns")
 DELAYS = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12)  # s, more than modelled

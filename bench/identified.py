@@ -27,13 +27,13 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros import load_config, simulate
+from quad_mpc_ros.analysis.identification.fit import fit
+from quad_mpc_ros.analysis.identification.measurements import measurements_of
+from quad_mpc_ros.analysis.identification.report import parameter_file
+from quad_mpc_ros.analysis.identification.result import Estimate, Identification
 from quad_mpc_ros.configuration import ConfigurationError, per_axis
-from quad_mpc_ros.evaluation.simulated import FlightConfig
-from quad_mpc_ros.identification.fit import fit
-from quad_mpc_ros.identification.measurements import measurements_of
-from quad_mpc_ros.identification.report import parameter_file
-from quad_mpc_ros.identification.result import Estimate, Identification
-from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog
 from quad_mpc_ros.recordings.run import RecordedRun
 from quad_mpc_ros.simulation.closed_loop import fly

@@ -27,10 +27,10 @@ from quad_mpc_ros.commands.flight_monitor import FlightMonitor
 from quad_mpc_ros.commands.processes import NodeProcess, start_all, stop_all
 from quad_mpc_ros.commands.run_configuration import RunConfig, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
+from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.messages.conversions import stamp_of_serialized
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY
 from quad_mpc_ros.recordings.reader import BagReader
-from quad_mpc_ros.text_tables import text_table
 
 _RELAY = Path(__file__).with_name("relay.py")
 _RELAYED = "relayed_command"

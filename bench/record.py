@@ -65,7 +65,7 @@ class Recording:
 def record(bag: Path, *, duration: float, rate: float, arguments: Sequence[str] = ()) -> Recording:
     """Record ``duration`` seconds of every topic at ``rate`` [Hz] into ``bag``."""
     count = round(duration * rate)
-    module = "quad_mpc_ros.nodes.recorder_node"
+    module = "quad_mpc_ros.ros.nodes.recorder_node"
     ros_arguments = ["--ros-args", "-p", f"directory:={bag}", *arguments]
     recorder = subprocess.Popen([sys.executable, "-P", "-m", module, *ros_arguments])
     senders = [

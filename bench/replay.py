@@ -86,7 +86,7 @@ def _content(
 
 def _node(name: str, *parameters: str) -> subprocess.Popen[bytes]:
     arguments = [argument for parameter in parameters for argument in ("-p", parameter)]
-    module = f"quad_mpc_ros.nodes.{name}_node"
+    module = f"quad_mpc_ros.ros.nodes.{name}_node"
     return subprocess.Popen([sys.executable, "-P", "-m", module, "--ros-args", *arguments])
 
 

@@ -26,11 +26,11 @@ import numpy as np
 
 from quad_mpc_ros import load_config
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.evaluation.simulated import FlightConfig
+from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
+from quad_mpc_ros.references.configured import judged_trajectory
+from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import fly, start_on
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.trajectories.configured import judged_trajectory
-from quad_mpc_ros.trajectories.trajectory import Trajectory
 
 SETTINGS = Path(__file__).with_suffix(".yaml")
 FARTHEST = 5.0  # m outside of the reference's bounds is a crash, and counted as this

@@ -40,18 +40,11 @@ myst_enable_extensions = ["dollarmath"]
 
 # Of the rooms, those that a program of one's own may want to look into.
 _ROOMS = {
+    "analysis",
     "control",
-    "estimation",
-    "evaluation",
-    "identification",
-    "lie",
-    "model",
-    "mpc_config.py",
-    "ocp",
     "recordings",
-    "safety",
+    "references",
     "simulation",
-    "trajectories",
 }
 _PACKAGE = Path(__file__).parents[1] / "quad_mpc_ros"
 apidoc_modules = [

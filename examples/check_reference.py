@@ -8,7 +8,7 @@ import dataclasses
 
 from quad_mpc_ros import ReferenceConfig
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.trajectories.configured import configured_trajectory, judged_trajectory
+from quad_mpc_ros.references.configured import configured_trajectory, judged_trajectory
 
 highest = {}
 for frequency in (1.0, 2.0, 3.0):

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros import CommandSample, Controller, MpcConfig, OdometrySample, ReferenceWindow
-from quad_mpc_ros.bridges.bridge import OutgoingMessage, Subscription, SwitchedBridge
-from quad_mpc_ros.bridges.config import BridgeConfig
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.ros.bridges.bridge import OutgoingMessage, Subscription, SwitchedBridge
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
 STATE = Topic(name="toy/state", type_name="toy_msgs/msg/State")
 RATES = Topic(name="toy/rates", type_name="toy_msgs/msg/Rates", reliable=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros import simulate, summarise
-from quad_mpc_ros.trajectories.path import PathSamples
+from quad_mpc_ros.references.path import PathSamples
 
 
 class Crown:

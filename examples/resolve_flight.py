@@ -13,7 +13,7 @@ import numpy as np
 
 from quad_mpc_ros import MpcConfig, Recording
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.replay.resolution import resolve
+from quad_mpc_ros.recordings.replay.resolution import resolve
 
 if len(sys.argv) > 1:
     bag = Path(sys.argv[1])

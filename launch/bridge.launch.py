@@ -16,7 +16,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
-from quad_mpc_ros.bridges.registry import bridge_packages
+from quad_mpc_ros.ros.bridges.registry import bridge_packages
 
 PACKAGE = "quad_mpc_ros"
 SUFFIX = "_bridge"  # of executable and node

@@ -14,7 +14,7 @@ from launch.substitutions import EqualsSubstitution, LaunchConfiguration, NotEqu
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from quad_mpc_ros.bridges.registry import bridge_packages
+from quad_mpc_ros.ros.bridges.registry import bridge_packages
 
 PACKAGE = "quad_mpc_ros"
 SUFFIX = "_bridge"  # of the node

@@ -9,7 +9,7 @@ These names are the library. None of them needs ROS; each is imported when it is
   :func:`.load_config` for presets and parameter files;
 - to read and judge a flight: :class:`.Recording`, :class:`.Flight`, :func:`.summarise`;
 - to identify a vehicle: :func:`.identify`;
-- rotations: :mod:`so3 <quad_mpc_ros.lie.so3>`.
+- rotations: :mod:`so3 <quad_mpc_ros.control.lie.so3>`.
 
 World frame ENU, body frame FLU, SI units, radians; stamps are integer nanoseconds. ``p_WB`` is the
 position of the body in the world, ``v_WB_B`` its velocity in body axes, ``w_WB_B`` its rates,
@@ -30,18 +30,18 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from quad_mpc_ros.analysis.identification.fit import identify
+    from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.control.controller import Controller
-    from quad_mpc_ros.evaluation.metrics import summarise
-    from quad_mpc_ros.evaluation.simulated import load_config, simulate
-    from quad_mpc_ros.identification.fit import identify
-    from quad_mpc_ros.lie import so3
-    from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
-    from quad_mpc_ros.model.vehicle import Vehicle
-    from quad_mpc_ros.mpc_config import MpcConfig
+    from quad_mpc_ros.control.lie import so3
+    from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+    from quad_mpc_ros.control.model.vehicle import Vehicle
+    from quad_mpc_ros.recordings.evaluation.metrics import summarise
+    from quad_mpc_ros.recordings.evaluation.simulated import load_config, simulate
     from quad_mpc_ros.recordings.flight import Flight
     from quad_mpc_ros.recordings.recording import Recording
+    from quad_mpc_ros.references.config import ReferenceConfig
     from quad_mpc_ros.simulation.config import SimulatorConfig
-    from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 __version__ = "0.1.0"
 
@@ -65,21 +65,21 @@ __all__ = [
 
 # Where each name comes from; the imports above say the same to type checkers.
 _MODULES = {
-    "CommandSample": "model.samples",
+    "CommandSample": "control.model.samples",
     "Controller": "control.controller",
     "Flight": "recordings.flight",
-    "MpcConfig": "mpc_config",
-    "OdometrySample": "model.samples",
+    "MpcConfig": "control.config",
+    "OdometrySample": "control.model.samples",
     "Recording": "recordings.recording",
-    "ReferenceConfig": "trajectories.config",
-    "ReferenceWindow": "model.samples",
+    "ReferenceConfig": "references.config",
+    "ReferenceWindow": "control.model.samples",
     "SimulatorConfig": "simulation.config",
-    "Vehicle": "model.vehicle",
-    "identify": "identification.fit",
-    "load_config": "evaluation.simulated",
-    "simulate": "evaluation.simulated",
-    "so3": "lie",
-    "summarise": "evaluation.metrics",
+    "Vehicle": "control.model.vehicle",
+    "identify": "analysis.identification.fit",
+    "load_config": "recordings.evaluation.simulated",
+    "simulate": "recordings.evaluation.simulated",
+    "so3": "control.lie",
+    "summarise": "recordings.evaluation.metrics",
 }
 
 

@@ -88,8 +88,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     option = session.config.option
     if not getattr(option, "numprocesses", None) or option.collectonly:
         return
+    from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.control.warm_up import warmed_up
-    from quad_mpc_ros.mpc_config import MpcConfig
 
     warmed_up(MpcConfig())
     warmed_up(MpcConfig(rate_time_constant=0.03, thrust_time_constant=0.03, input_delay=0.02))

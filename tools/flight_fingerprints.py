@@ -21,12 +21,12 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from quad_mpc_ros.faults.cases import FAULTS, Fault, ProcessFault
-from quad_mpc_ros.faults.flight import FaultFlight
-from quad_mpc_ros.faults.solver import SolverFault
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.experiments.faults.cases import FAULTS, Fault, ProcessFault
+from quad_mpc_ros.experiments.faults.flight import FaultFlight
+from quad_mpc_ros.experiments.faults.solver import SolverFault
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 QUAD_MPC = (sys.executable, "-P", "-m", "quad_mpc_ros.cli")
 

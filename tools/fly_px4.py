@@ -24,20 +24,20 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from quad_mpc_ros.bridges.bridge import OutgoingMessage, Response
-from quad_mpc_ros.bridges.px4 import Px4Bridge
 from quad_mpc_ros.configuration import files
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.lie import so3
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
+from quad_mpc_ros.references.director import Reply
+from quad_mpc_ros.references.live import LiveReference
+from quad_mpc_ros.ros.bridges.bridge import OutgoingMessage, Response
+from quad_mpc_ros.ros.bridges.px4 import Px4Bridge
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.configured import configured_trajectory, joined_trajectory
-from quad_mpc_ros.trajectories.director import Reply
-from quad_mpc_ros.trajectories.live import LiveReference
 
 SCHEMA = {"mpc": MpcConfig, "reference": ReferenceConfig, "px4_bridge": Px4Bridge.Config}
 CORNERS = ((1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0))

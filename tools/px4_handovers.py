@@ -28,19 +28,20 @@ import rclpy
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from quad_mpc_ros.bridges.px4 import (
+from quad_mpc_ros.configuration import files
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.reference_window import sample
+from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.messages.topics import ENGAGED, ODOMETRY, REFERENCE
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.ros.bridges.px4 import (
     ARMING_STATE_ARMED,
     NAVIGATION_STATE_OFFBOARD,
     VEHICLE_CMD_COMPONENT_ARM_DISARM,
     VEHICLE_CMD_DO_SET_MODE,
     Px4Bridge,
 )
-from quad_mpc_ros.configuration import files
-from quad_mpc_ros.lie import so3
-from quad_mpc_ros.messages.topics import ENGAGED, ODOMETRY, REFERENCE
-from quad_mpc_ros.model.reference_window import sample
-from quad_mpc_ros.model.samples import ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ros.messages import (
     message_class,
     new_message,
@@ -49,12 +50,11 @@ from quad_mpc_ros.ros.messages import (
     reference_in,
 )
 from quad_mpc_ros.ros.rclpy_internals import fastest_executor
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 NODES = {  # what runs each
-    "mpc": "from quad_mpc_ros.nodes.mpc_node import main",
-    "reference": "from quad_mpc_ros.nodes.reference_node import main",
-    "px4_bridge": "from quad_mpc_ros.bridges.px4 import Px4Bridge; main = Px4Bridge.main",
+    "mpc": "from quad_mpc_ros.ros.nodes.mpc_node import main",
+    "reference": "from quad_mpc_ros.ros.nodes.reference_node import main",
+    "px4_bridge": "from quad_mpc_ros.ros.bridges.px4 import Px4Bridge; main = Px4Bridge.main",
 }
 SCHEMA = {"mpc": MpcConfig, "reference": ReferenceConfig, "px4_bridge": Px4Bridge.Config}
 MOST_TILT = 20.0  # degrees beyond what the reference asks for

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from quad_mpc_ros.bridges.registry import bridge_configurations, bridge_packages
 from quad_mpc_ros.commands.params import as_markdown, as_yaml, own_nodes
-from quad_mpc_ros.faults.cases import fault_table
+from quad_mpc_ros.experiments.faults.cases import fault_table
+from quad_mpc_ros.ros.bridges.registry import bridge_configurations, bridge_packages
 
 ROOT = Path(__file__).resolve().parents[1]
 

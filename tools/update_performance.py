@@ -12,11 +12,11 @@ import json
 import sys
 from pathlib import Path
 
-from quad_mpc_ros.bench.page import page
-from quad_mpc_ros.bench.picture import write_picture
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.bench import PICTURE, RESULT
 from quad_mpc_ros.commands.output import default_out
+from quad_mpc_ros.experiments.bench.page import page
+from quad_mpc_ros.experiments.bench.picture import write_picture
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "bench" / RESULT

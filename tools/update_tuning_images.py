@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.commands.run_configuration import run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
-from quad_mpc_ros.figures import style
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly
 
 if TYPE_CHECKING:

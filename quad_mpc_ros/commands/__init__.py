@@ -2,7 +2,7 @@
 
 ``add_options(parser)`` says what a command can be given and what it does, ``run(options)`` does it
 and returns the exit code. A module is imported when its command is asked for; what takes long to
-import, ``run`` imports, so that ``--help`` is quick.
+import, ``run`` imports, so that ``--help`` is quick. May import everything.
 """
 
 EXIT_FAILED = 1

@@ -6,10 +6,10 @@ import argparse
 import datetime
 from pathlib import Path
 
+from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.recordings.bag_metadata import TimeSpan
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.repair import RepairedFile, repair
-from quad_mpc_ros.text_tables import text_table
 
 _MIB = 2**20
 

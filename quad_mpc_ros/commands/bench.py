@@ -10,15 +10,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from quad_mpc_ros.bench import page as pages
-from quad_mpc_ros.bench.peers import PEERS, SWEPT
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, write_json
 from quad_mpc_ros.commands.run_options import add_config, add_out, add_set, check_duration
 from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.experiments.bench import page as pages
+from quad_mpc_ros.experiments.bench.peers import PEERS, SWEPT
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.bench.run import BenchConfig
-    from quad_mpc_ros.mpc_config import MpcConfig
+    from quad_mpc_ros.control.config import MpcConfig
+    from quad_mpc_ros.experiments.bench.run import BenchConfig
 
 RESULT, PAGE, PICTURE = "performance.json", "performance.md", "performance.png"
 _STEPS = (5, 10, 20, 40)
@@ -71,7 +71,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fly the peers, write and show what was measured; return the exit code."""
-    from quad_mpc_ros.bench.run import run as fly_peers
+    from quad_mpc_ros.experiments.bench.run import run as fly_peers
     from quad_mpc_ros.simulation.config import make_plant
 
     config = _configuration(options)
@@ -91,7 +91,7 @@ def _tell(line: str) -> None:
 
 
 def _write(result: dict[str, Any], out: Path) -> None:
-    from quad_mpc_ros.bench.picture import write_picture
+    from quad_mpc_ros.experiments.bench.picture import write_picture
 
     with results_in(out):
         write_json(out / RESULT, result)
@@ -112,8 +112,8 @@ def _show(result: dict[str, Any], out: Path) -> None:
 
 def _configuration(options: argparse.Namespace) -> BenchConfig:
     """Return what the options ask for; raises :class:`UserError` for what cannot be used."""
-    from quad_mpc_ros.bench.run import BenchConfig
-    from quad_mpc_ros.evaluation.simulated import load_config
+    from quad_mpc_ros.experiments.bench.run import BenchConfig
+    from quad_mpc_ros.recordings.evaluation.simulated import load_config
 
     _check_options(options)
     # The peers know a model without lags only, and so does the controller then.

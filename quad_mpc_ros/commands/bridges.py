@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from quad_mpc_ros.bridges.registry import GROUP, RegisteredBridge, registered_bridges
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.text_tables import text_table
+from quad_mpc_ros.configuration.text_tables import text_table
+from quad_mpc_ros.ros.bridges.registry import GROUP, RegisteredBridge, registered_bridges
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

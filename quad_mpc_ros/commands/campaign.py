@@ -14,7 +14,7 @@ from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
 from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.campaigns.campaign import Campaign
+    from quad_mpc_ros.experiments.campaigns.campaign import Campaign
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -46,9 +46,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fly what is left to fly, tell how it went, and return the exit code."""
-    from quad_mpc_ros.campaigns.flying import begin, fly_into
-    from quad_mpc_ros.campaigns.results import results_text
-    from quad_mpc_ros.report import PLOTLY_NEEDED, write_campaign_page
+    from quad_mpc_ros.analysis.report import PLOTLY_NEEDED
+    from quad_mpc_ros.experiments.campaign_report import write_campaign_page
+    from quad_mpc_ros.experiments.campaigns.flying import begin, fly_into
+    from quad_mpc_ros.experiments.campaigns.results import results_text
 
     campaign, out = _resumed(options) if options.resume is not None else _new(options)
     with engine_of(options) as engine, results_in(out):
@@ -85,8 +86,8 @@ def _new(options: argparse.Namespace) -> tuple[Campaign, Path]:
 
 def _resumed(options: argparse.Namespace) -> tuple[Campaign, Path]:
     """Return the campaign of a folder; refuse to go on with another one."""
-    from quad_mpc_ros.campaigns.campaign_file import campaign_text
-    from quad_mpc_ros.campaigns.flying import campaign_of
+    from quad_mpc_ros.experiments.campaigns.campaign_file import campaign_text
+    from quad_mpc_ros.experiments.campaigns.flying import campaign_of
 
     if options.out is not None:
         raise UserError("--out: --resume says where: leave one out")
@@ -104,7 +105,7 @@ def _resumed(options: argparse.Namespace) -> tuple[Campaign, Path]:
 
 
 def _read(options: argparse.Namespace) -> Campaign:
-    from quad_mpc_ros.campaigns.campaign_file import Overrides, read_campaign
+    from quad_mpc_ros.experiments.campaigns.campaign_file import Overrides, read_campaign
 
     overrides = Overrides(
         config=options.config,
@@ -125,6 +126,6 @@ def _check_new(out: Path) -> None:
 
 
 def _prepared(out: Path) -> Path:
-    from quad_mpc_ros.campaigns.flying import HOLDS
+    from quad_mpc_ros.experiments.campaigns.flying import HOLDS
 
     return prepared_out(out, holds=HOLDS)

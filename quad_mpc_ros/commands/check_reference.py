@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 
+from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
 from quad_mpc_ros.commands.run_options import add_configuration_options, add_out
-from quad_mpc_ros.evaluation.simulated import load_config
-from quad_mpc_ros.figures.reference_figure import write_reference
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.configuration.text_tables import text_table
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.recordings.recording import flown_points
-from quad_mpc_ros.text_tables import text_table
-from quad_mpc_ros.trajectories.configured import judged_trajectory
-from quad_mpc_ros.trajectories.feasibility import Verdict
+from quad_mpc_ros.references.configured import judged_trajectory
+from quad_mpc_ros.references.feasibility import Verdict
 
 _FIGURE = "reference.png"
 

@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fly a little of everything; return the exit code."""
-    from quad_mpc_ros import compilation
+    from quad_mpc_ros.configuration import compilation
 
     if compilation.is_complete():
         print("all is compiled")
@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _flown() -> Iterator[str]:
     """Fly what there is to fly, piece by piece, and yield what it was."""
-    from quad_mpc_ros.trajectories.config import TRAJECTORIES
+    from quad_mpc_ros.references.config import TRAJECTORIES
 
     yield from _presets()
     yield from _plants()
@@ -68,7 +68,7 @@ def _flown() -> Iterator[str]:
 
 
 def _presets() -> Iterator[str]:
-    from quad_mpc_ros.evaluation.simulated import load_config
+    from quad_mpc_ros.recordings.evaluation.simulated import load_config
     from quad_mpc_ros.simulation.closed_loop import fly
 
     for preset in _PRESETS:
@@ -84,7 +84,7 @@ def _presets() -> Iterator[str]:
 def _plants() -> Iterator[str]:
     from quad_mpc_ros.configuration import UserError
     from quad_mpc_ros.control.warm_up import warmed_up
-    from quad_mpc_ros.evaluation.simulated import load_config
+    from quad_mpc_ros.recordings.evaluation.simulated import load_config
     from quad_mpc_ros.simulation.config import PLANTS
     from quad_mpc_ros.simulation.warm_up import warm_up
 
@@ -109,10 +109,10 @@ def _follow(name: str) -> None:
 
     import numpy as np
 
-    from quad_mpc_ros.model.samples import OdometrySample
-    from quad_mpc_ros.trajectories.config import ReferenceConfig
-    from quad_mpc_ros.trajectories.configured import configured_trajectory, joined_trajectory
-    from quad_mpc_ros.trajectories.live import LiveReference
+    from quad_mpc_ros.control.model.samples import OdometrySample
+    from quad_mpc_ros.references.config import ReferenceConfig
+    from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
+    from quad_mpc_ros.references.live import LiveReference
 
     high, level = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0])
     for mode in ("at_once", "on_request"):

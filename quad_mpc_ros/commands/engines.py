@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.campaigns.engine import Engine
+    from quad_mpc_ros.experiments.campaigns.engine import Engine
 
 
 def add_engine_options(parser: argparse.ArgumentParser) -> None:
@@ -31,10 +31,10 @@ def add_engine_options(parser: argparse.ArgumentParser) -> None:
 def engine_of(options: argparse.Namespace) -> Engine:
     """Return the workers that are asked for. Raises :class:`UserError` where there are none."""
     if options.scheduler is not None:
-        from quad_mpc_ros.campaigns.dask_workers import DaskWorkers
+        from quad_mpc_ros.experiments.campaigns.dask_workers import DaskWorkers
 
         return DaskWorkers(options.scheduler)
-    from quad_mpc_ros.campaigns.local_workers import LocalWorkers
+    from quad_mpc_ros.experiments.campaigns.local_workers import LocalWorkers
 
     if options.workers is not None and options.workers < 1:
         raise UserError(f"--workers: given {options.workers}, expected a number >= 1")

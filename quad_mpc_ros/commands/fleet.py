@@ -15,8 +15,8 @@ from quad_mpc_ros.commands.output import default_out, results_in, write_json
 from quad_mpc_ros.commands.processes import FlightError, NodeProcess, start_all, stop_all
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.run_configuration import RunConfig, run_configuration
+from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, STATS
-from quad_mpc_ros.text_tables import text_table
 
 # What the table asks for; each more costs a recorder, and a plan that is looked at its MPC.
 _RECORDED = (ODOMETRY, REFERENCE, COMMAND, STATS)
@@ -101,7 +101,7 @@ def _check_alive(fleet: Fleet, *, but: str = "") -> None:
 
 def _finish(configs: Mapping[str, RunConfig], *, wall_seconds: float) -> int:
     """Evaluate each vehicle's bag, show one table, and return the exit code."""
-    from quad_mpc_ros.evaluation.metrics import summarise
+    from quad_mpc_ros.recordings.evaluation.metrics import summarise
     from quad_mpc_ros.recordings.recording import Recording
 
     summaries = {}

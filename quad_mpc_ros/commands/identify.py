@@ -13,7 +13,7 @@ from quad_mpc_ros.commands.save_vehicle import add_vehicle_file_options
 from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.identification.measurements import VoltageMap
+    from quad_mpc_ros.analysis.identification.measurements import VoltageMap
     from quad_mpc_ros.recordings.run import RecordedRun
 
 
@@ -39,11 +39,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fit, tell (the table on standard error), write; return the exit code."""
-    from quad_mpc_ros.identification.figure import write_fit_figure
-    from quad_mpc_ros.identification.fit import fit
-    from quad_mpc_ros.identification.measurements import RECORDED, measurements_of
-    from quad_mpc_ros.identification.report import identification_table, parameter_file
-    from quad_mpc_ros.mpc_config import MpcConfig
+    from quad_mpc_ros.analysis.identification.figure import write_fit_figure
+    from quad_mpc_ros.analysis.identification.fit import fit
+    from quad_mpc_ros.analysis.identification.measurements import RECORDED, measurements_of
+    from quad_mpc_ros.analysis.identification.report import identification_table, parameter_file
+    from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.recordings.recording import Recording
 
     for name, path in (("--out", options.out), ("--plot", options.plot)):
@@ -108,8 +108,8 @@ def _add_battery_options(parser: argparse.ArgumentParser) -> None:
 
 def _voltage_map(options: argparse.Namespace, run: RecordedRun) -> VoltageMap:
     """Return what the bridge made of the voltage, as given or else as recorded."""
-    from quad_mpc_ros.bridges.config import ThrustParameters
-    from quad_mpc_ros.identification.measurements import VoltageMap, recorded_voltage_map
+    from quad_mpc_ros.analysis.identification.measurements import VoltageMap, recorded_voltage_map
+    from quad_mpc_ros.ros.bridges.config import ThrustParameters
 
     if options.battery_voltage is None:
         if options.battery_exponent is not None:

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from quad_mpc_ros.atomic_file import write_atomically
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration.atomic_file import write_atomically
 
 
 def check_writable(option: str, path: Path | None, *, overwrite: bool) -> None:

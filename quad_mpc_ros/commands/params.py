@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from quad_mpc_ros.configuration import Configuration, ParameterSpec, UserError
-from quad_mpc_ros.text_tables import labelled, markdown_table, text_table
+from quad_mpc_ros.configuration.text_tables import labelled, markdown_table, text_table
 
 _WIDTH = 99
 
@@ -44,7 +44,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the parameters that are asked for. Raises :class:`UserError` for an unknown name."""
-    from quad_mpc_ros.bridges.registry import bridge_configurations
+    from quad_mpc_ros.ros.bridges.registry import bridge_configurations
 
     nodes = {**own_nodes(), **bridge_configurations()}
     written = FORMATS[options.format]

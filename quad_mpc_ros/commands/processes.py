@@ -73,7 +73,7 @@ class NodeProcess:
         # Appended: a node may be started more than once in a run.
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(
-                _command_line(module or f"nodes.{node}_node", parameters, names),
+                _command_line(module or f"ros.nodes.{node}_node", parameters, names),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -124,7 +124,7 @@ def run_in_foreground(node: str, ros_arguments: Sequence[str]) -> int:
     Raises ``KeyboardInterrupt`` on Ctrl-C, which the node gets as well, after it has ended.
     """
     process = subprocess.Popen(
-        (*_module(f"nodes.{node}_node"), "--ros-args", *ros_arguments),
+        (*_module(f"ros.nodes.{node}_node"), "--ros-args", *ros_arguments),
         stdin=subprocess.DEVNULL,
         env=_environment(),
         preexec_fn=_die_with_parent,
@@ -161,7 +161,7 @@ def start_all(
             run=run,
             use_sim_time=lockstep and node != "simulator",
             namespace=namespace,
-            module="stack_node" if together and node == "mpc" else None,
+            module="ros.stack_node" if together and node == "mpc" else None,
             others=("reference",) if together and node == "mpc" else (),
         )
         for node in SCHEMA

@@ -11,7 +11,7 @@ from quad_mpc_ros.commands.output import check_writable, results_in, write_new
 from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.report import ReportedRun
+    from quad_mpc_ros.analysis.report import ReportedRun
 
 _COMPARISON = "comparison.png"
 
@@ -60,7 +60,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Read, draw, write, tell; return the exit code."""
-    from quad_mpc_ros.report import is_campaign
+    from quad_mpc_ros.experiments.campaign_report import is_campaign
 
     campaigns = [path for path in options.runs if is_campaign(path)]
     if not campaigns:
@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _report_campaigns(options: argparse.Namespace) -> int:
-    from quad_mpc_ros.report import campaign_page, read_campaigns
+    from quad_mpc_ros.experiments.campaign_report import campaign_page, read_campaigns
 
     first = options.runs[0]
     if options.csv is not None:
@@ -98,7 +98,7 @@ def _report_campaigns(options: argparse.Namespace) -> int:
 
 
 def _report_runs(options: argparse.Namespace) -> int:
-    from quad_mpc_ros.report import csv_tables, page, read_runs
+    from quad_mpc_ros.analysis.report import csv_tables, page, read_runs
 
     bags = _named(options.runs)
     _check(options, list(bags))
@@ -143,8 +143,8 @@ def _listed(paths: Sequence[Path]) -> str:
 
 def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
     """Refuse, before anything is read, to write over what is there."""
-    from quad_mpc_ros.figures import FIGURE_NAMES
-    from quad_mpc_ros.report import TABLE_NAMES
+    from quad_mpc_ros.analysis.figures import FIGURE_NAMES
+    from quad_mpc_ros.analysis.report import TABLE_NAMES
 
     planned = [("--out", options.out)]
     for name in names:
@@ -159,7 +159,7 @@ def _check(options: argparse.Namespace, names: Sequence[str]) -> None:
 
 
 def _write_figures(runs: Sequence[ReportedRun], folder: Path) -> None:
-    from quad_mpc_ros.figures import write_comparison, write_figures
+    from quad_mpc_ros.analysis.figures import write_comparison, write_figures
 
     for run in runs:
         write_figures(run.flight, folder / run.name)

@@ -14,11 +14,11 @@ from quad_mpc_ros.commands.run_options import add_out
 from quad_mpc_ros.configuration import BagError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.mpc_config import MpcConfig
+    from quad_mpc_ros.analysis.figures.command_comparison import CommandComparison
+    from quad_mpc_ros.control.config import MpcConfig
+    from quad_mpc_ros.recordings.replay.resolution import Resolved, WindowSource
     from quad_mpc_ros.recordings.run import RecordedRun
-    from quad_mpc_ros.replay.command_comparison import CommandComparison
-    from quad_mpc_ros.replay.resolution import Resolved, WindowSource
-    from quad_mpc_ros.trajectories.config import ReferenceConfig
+    from quad_mpc_ros.references.config import ReferenceConfig
 
 _MOST_WARNINGS = 5
 
@@ -76,7 +76,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _adopted(options: argparse.Namespace, run: RecordedRun) -> tuple[str, ...]:
     """Return what is taken over from the bag and the options below what is given with --set."""
-    from quad_mpc_ros.mpc_config import MpcConfig
+    from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.recordings.parameters import recorded_parameters
 
     made = []
@@ -94,7 +94,7 @@ def _adopted(options: argparse.Namespace, run: RecordedRun) -> tuple[str, ...]:
 
 def _made_windows(config: ReferenceConfig, run: RecordedRun) -> WindowSource:
     """Return a reference that starts with the first odometry."""
-    from quad_mpc_ros.trajectories.server import ReferenceServer
+    from quad_mpc_ros.references.server import ReferenceServer
 
     server = ReferenceServer(config)
     server.start(run.odometries[0].value.stamp_ns)
@@ -107,7 +107,7 @@ def _recorded(
     """Feed the flight to the controller and write what goes in and out of it to a bag."""
     from quad_mpc_ros.commands.run_recorder import RunRecorder
     from quad_mpc_ros.messages import topics
-    from quad_mpc_ros.replay.resolution import resolve
+    from quad_mpc_ros.recordings.replay.resolution import resolve
 
     others = {
         node: values
@@ -164,7 +164,7 @@ class _Warnings:
 
 def _compared(run: RecordedRun, steps: Iterable[Resolved]) -> CommandComparison:
     """Compare up to the end of the flight, after which the watchdog rightly acts."""
-    from quad_mpc_ros.replay.command_comparison import compare_commands
+    from quad_mpc_ros.analysis.figures.command_comparison import compare_commands
 
     end_ns = max(odometry.value.stamp_ns for odometry in run.odometries)
     ticks = [step.tick for step in steps if step.tick is not None]
@@ -179,7 +179,10 @@ def _compared(run: RecordedRun, steps: Iterable[Resolved]) -> CommandComparison:
 def _write_results(
     out: Path, run: RecordedRun, comparison: CommandComparison, mpc: MpcConfig
 ) -> None:
-    from quad_mpc_ros.replay.command_comparison import comparison_table, write_command_comparison
+    from quad_mpc_ros.analysis.figures.command_comparison import (
+        comparison_table,
+        write_command_comparison,
+    )
 
     summary = {
         "bag": str(run.bag),

@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from quad_mpc_ros.analysis.figures import write_figures
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import results_in, write_json
-from quad_mpc_ros.evaluation.metrics import summarise
-from quad_mpc_ros.evaluation.table import summary_table
-from quad_mpc_ros.figures import write_figures
+from quad_mpc_ros.recordings.evaluation.metrics import summarise
+from quad_mpc_ros.recordings.evaluation.table import summary_table
 from quad_mpc_ros.recordings.recording import Recording
 
 

@@ -15,14 +15,14 @@ import yaml
 from quad_mpc_ros.commands.output import default_out, prepared_out
 from quad_mpc_ros.commands.run_options import DEFAULT_DURATION, check_duration
 from quad_mpc_ros.configuration import UserError, files
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.recording import flown_points
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory
+from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import start_on
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant, plant_entry
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.configured import configured_trajectory
-from quad_mpc_ros.trajectories.trajectory import Trajectory
 
 SCHEMA: files.Schema = {
     "mpc": MpcConfig,

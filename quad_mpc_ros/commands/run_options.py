@@ -15,7 +15,7 @@ def add_configuration_options(
     parser: argparse.ArgumentParser, *, reference: str = "square"
 ) -> None:
     """Add the options that say what is configured to a command."""
-    from quad_mpc_ros.trajectories.config import TRAJECTORIES
+    from quad_mpc_ros.references.config import TRAJECTORIES
 
     add_config(
         parser, "(default, agile, paper, paper_rigid_body, rotorpy, betaflight, vehicles/…)"

@@ -7,15 +7,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.messages import conversions, diagnostics, topics
 from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.messages.topics import Topic
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.recordings.parameters import write_parameters
 from quad_mpc_ros.recordings.qos_profile import QosProfile
 from quad_mpc_ros.recordings.writer import BagWriter
-from quad_mpc_ros.trajectories.trajectory import TrajectorySamples
+from quad_mpc_ros.references.trajectory import TrajectorySamples
 
 
 class RunRecorder:

@@ -12,9 +12,9 @@ from rclpy.parameter_client import AsyncParameterClient
 
 from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages.topics import STATS
-from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings.logs import tick_stats
 
 _ANSWER_TIMEOUT = 5.0  # s, discovery included

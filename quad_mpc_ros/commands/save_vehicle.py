@@ -58,8 +58,8 @@ def run(options: argparse.Namespace) -> int:
     check_writable("--out", options.out, overwrite=options.overwrite)
     check_duration(options.duration)
     require_ros("save-vehicle", instead="; 'identify' finds the vehicle in a recorded flight")
+    from quad_mpc_ros.analysis.identification.learned import learned, learned_file
     from quad_mpc_ros.commands.running_mpc import RunningMpc
-    from quad_mpc_ros.identification.learned import learned, learned_file
 
     with RunningMpc(options.node) as mpc:
         config = mpc.configuration()

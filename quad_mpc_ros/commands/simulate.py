@@ -15,9 +15,9 @@ from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.commands.run_recorder import RunRecorder
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.messages import topics
+from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
 from quad_mpc_ros.simulation.config import PLANTS
-from quad_mpc_ros.trajectories.server import ReferenceServer
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

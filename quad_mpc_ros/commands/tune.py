@@ -18,9 +18,9 @@ from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
 from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.campaigns.tuning.study import Observer
-    from quad_mpc_ros.campaigns.tuning.trial import Trial
-    from quad_mpc_ros.campaigns.tuning.tune_file import Tuning
+    from quad_mpc_ros.experiments.tuning.study import Observer
+    from quad_mpc_ros.experiments.tuning.trial import Trial
+    from quad_mpc_ros.experiments.tuning.tune_file import Tuning
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -58,9 +58,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Fly what is left to fly, tell what was found, and return the exit code."""
-    from quad_mpc_ros.campaigns.tuning.optimiser import optuna_module
-    from quad_mpc_ros.campaigns.tuning.study import Study
-    from quad_mpc_ros.campaigns.tuning.tune_results import (
+    from quad_mpc_ros.experiments.tuning.optimiser import optuna_module
+    from quad_mpc_ros.experiments.tuning.study import Study
+    from quad_mpc_ros.experiments.tuning.tune_results import (
         HOLDS,
         TUNE_NAME,
         begin,
@@ -111,8 +111,8 @@ def _held(path: Path) -> Iterator[None]:
 
 def _observer(progress: StudyProgress, tuning: Tuning) -> Observer:
     """Return what shows how far the study is."""
-    from quad_mpc_ros.campaigns.tuning.study import time_left
-    from quad_mpc_ros.campaigns.tuning.tune_results import results_of
+    from quad_mpc_ros.experiments.tuning.study import time_left
+    from quad_mpc_ros.experiments.tuning.tune_results import results_of
 
     flights = sum(campaign.flights for campaign in tuning.campaigns.values())
 
@@ -147,8 +147,8 @@ def _new(options: argparse.Namespace) -> tuple[Tuning, Path]:
 
 def _resumed(options: argparse.Namespace) -> tuple[Tuning, Path]:
     """Return the study of a folder; refuse to go on with another one."""
-    from quad_mpc_ros.campaigns.tuning.tune_file import identity_text
-    from quad_mpc_ros.campaigns.tuning.tune_results import tuning_of
+    from quad_mpc_ros.experiments.tuning.tune_file import identity_text
+    from quad_mpc_ros.experiments.tuning.tune_results import tuning_of
 
     if options.out is not None:
         raise UserError("--out: --resume says where: leave one out")
@@ -165,8 +165,8 @@ def _resumed(options: argparse.Namespace) -> tuple[Tuning, Path]:
 
 
 def _read(options: argparse.Namespace) -> Tuning:
-    from quad_mpc_ros.campaigns.campaign_file import Overrides
-    from quad_mpc_ros.campaigns.tuning.tune_file import read_tuning
+    from quad_mpc_ros.experiments.campaigns.campaign_file import Overrides
+    from quad_mpc_ros.experiments.tuning.tune_file import read_tuning
 
     overrides = Overrides(config=options.config, assignments=options.assignments)
     return read_tuning(options.file, overrides)

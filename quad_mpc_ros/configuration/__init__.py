@@ -1,4 +1,7 @@
-"""Parameters: declared once as frozen dataclasses, validated everywhere the same way."""
+"""What all stand on: parameters declared once as frozen dataclasses, files, compilation.
+
+Imports nothing else of the package.
+"""
 
 from quad_mpc_ros.configuration.errors import BagError, ConfigurationError, UserError
 from quad_mpc_ros.configuration.extension import ExtensibleConfiguration, registered

@@ -11,16 +11,16 @@ import functools
 import math
 from typing import NamedTuple
 
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.contact import GroundContact
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.safety.ladder import Decision
+from quad_mpc_ros.control.safety.supervisor import Supervisor
 from quad_mpc_ros.control.tick import Tick, figures_of
-from quad_mpc_ros.estimation.contact import GroundContact
-from quad_mpc_ros.model.estimate_reset import EstimateReset
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.model.state import Input
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.plan import Plan
-from quad_mpc_ros.safety.ladder import Decision
-from quad_mpc_ros.safety.supervisor import Supervisor
 
 _SECOND = 1_000_000_000
 _NOT_RUN = "not run without odometry"

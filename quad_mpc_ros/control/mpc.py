@@ -7,19 +7,19 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from quad_mpc_ros.estimation.contact import GroundContact
-from quad_mpc_ros.estimation.delay_compensation import DelayCompensation, EstimateStatus
-from quad_mpc_ros.model.estimate_reset import EstimateReset
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.model.state import Input
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.horizon_qp import HorizonQP
-from quad_mpc_ros.ocp.manifold import ManifoldProblem
-from quad_mpc_ros.ocp.paper import PaperProblem
-from quad_mpc_ros.ocp.plan import Plan
-from quad_mpc_ros.ocp.problem import PredictedState, TrackingProblem
-from quad_mpc_ros.ocp.qp_solver import QpSolution, QpSolver
-from quad_mpc_ros.safety.fallbacks import Learned
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.contact import GroundContact
+from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation, EstimateStatus
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
+from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
+from quad_mpc_ros.control.ocp.paper import PaperProblem
+from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.ocp.problem import PredictedState, TrackingProblem
+from quad_mpc_ros.control.ocp.qp_solver import QpSolution, QpSolver
+from quad_mpc_ros.control.safety.fallbacks import Learned
 
 FORMULATIONS: dict[str, Callable[[MpcConfig], TrackingProblem]] = {
     "manifold": ManifoldProblem,

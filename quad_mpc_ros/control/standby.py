@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Generic, NamedTuple, TypeVar
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.safety.validation import odometry_fault, reference_fault
 from quad_mpc_ros.control.tick import Tick
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.safety.validation import odometry_fault, reference_fault
 
 _SECOND = 1_000_000_000
 

@@ -8,13 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.control.model.samples import CommandSample
 
 if TYPE_CHECKING:  # who reads the figures of a recording needs no solver
     from quad_mpc_ros.control.mpc import MpcStep
-    from quad_mpc_ros.ocp.plan import Plan
-    from quad_mpc_ros.safety.ladder import Decision
-    from quad_mpc_ros.safety.supervisor import Counts
+    from quad_mpc_ros.control.ocp.plan import Plan
+    from quad_mpc_ros.control.safety.ladder import Decision
+    from quad_mpc_ros.control.safety.supervisor import Counts
 
 
 class Tick:

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 
 # No further apart than odometries that something is learned between, and longer than any delay
 # of the input: learning compiles as well.

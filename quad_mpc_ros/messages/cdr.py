@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import (
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import (
     CommandSample,
     OdometrySample,
     ReferenceWindow,

@@ -18,17 +18,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.messages import cdr
-from quad_mpc_ros.model.samples import (
+from quad_mpc_ros.control.model.samples import (
     CommandSample,
     OdometrySample,
     ReferenceWindow,
     told_variance,
 )
+from quad_mpc_ros.messages import cdr
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.model.estimate_reset import EstimateReset
-    from quad_mpc_ros.ocp.plan import Plan
+    from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+    from quad_mpc_ros.control.ocp.plan import Plan
 
 NewMessage = Callable[[str], Any]
 """Makes an empty message of a type named like ``geometry_msgs/msg/Pose``."""
@@ -213,7 +213,7 @@ def positions_from_path(message: Any) -> NDArray[np.float64]:
 
 def fill_plan(message: Any, plan: Plan, *, frame_id: str, new: NewMessage) -> None:
     """Write the poses of a plan into a ``nav_msgs/Path``."""
-    from quad_mpc_ros.lie import so3  # compiled: the recorder does without
+    from quad_mpc_ros.control.lie import so3  # compiled: the recorder does without
 
     fill_path(
         message,
@@ -228,7 +228,7 @@ def fill_plan(message: Any, plan: Plan, *, frame_id: str, new: NewMessage) -> No
 
 def written_plan(plan: Plan, *, frame_id: str) -> bytes:
     """Return the poses of a plan as the bytes of a ``nav_msgs/Path``."""
-    from quad_mpc_ros.lie import so3
+    from quad_mpc_ros.control.lie import so3
 
     return cdr.written_path(
         stamp_ns=plan.stamp_ns,
@@ -254,7 +254,9 @@ def reset_from_message(message: Any) -> EstimateReset:
     Raises:
         ValueError: It is no finite turn about the vertical with a step.
     """
-    from quad_mpc_ros.model.estimate_reset import EstimateReset  # which needs compiled code
+    from quad_mpc_ros.control.model.estimate_reset import (
+        EstimateReset,  # which needs compiled code
+    )
 
     step_W = _vector(message.transform.translation)
     x, y, z, w = _quaternion(message.transform.rotation).tolist()

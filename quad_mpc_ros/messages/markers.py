@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.configuration import parameter
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.vehicle import ARM, Vehicle, VehicleParameters, outline
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
-from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.model.vehicle import ARM, Vehicle, VehicleParameters, outline
 
 
 @dataclass(frozen=True, kw_only=True)

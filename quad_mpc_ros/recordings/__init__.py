@@ -2,5 +2,6 @@
 
 ``recording`` opens a run once and gives its flight as arrays; below it ``reader`` reads any bag,
 message by message, ``writer`` writes one, and ``repair`` completes one that was cut short. Every
-failure is a ``BagError``. Nothing here imports rclpy or a message package.
+failure is a ``BagError``. ``evaluation`` measures flights,
+``replay`` plays them or solves them again. May import simulation, messages and what is below.
 """

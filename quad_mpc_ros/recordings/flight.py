@@ -9,15 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.reference_window import (
+    POINT_SIZE,
+    packed,
+    reference_points,
+    sample_into,
+)
+from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.ocp.paper import reference_throttles
+from quad_mpc_ros.control.safety.validation import reference_fault
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.model.reference_window import POINT_SIZE, packed, reference_points, sample_into
-from quad_mpc_ros.model.samples import ReferenceWindow
-from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.ocp.paper import reference_throttles
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
-from quad_mpc_ros.safety.validation import reference_fault
 
 if TYPE_CHECKING:  # a simulated flight needs no reader of bags
     from quad_mpc_ros.recordings.reader import RecordedMessage

@@ -20,10 +20,10 @@ from typing import Any, ClassVar, Generic, Self, TypeVar, get_type_hints, overlo
 import numpy as np
 from numpy.typing import NDArray
 
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import TickStats
-from quad_mpc_ros.lie import Array
 from quad_mpc_ros.messages import diagnostics
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 
 T = TypeVar("T")
 Stamps = NDArray[np.int64]

@@ -8,6 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.configuration import BagError, Configuration
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.state import with_body_twist
+from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.codec import header_stamp_ns
 from quad_mpc_ros.messages.topics import (
@@ -24,10 +29,6 @@ from quad_mpc_ros.messages.topics import (
     STATS,
     Topic,
 )
-from quad_mpc_ros.model.estimate_reset import EstimateReset
-from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.model.state import with_body_twist
-from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.recordings import logs
 from quad_mpc_ros.recordings.bag_metadata import bag_of
 from quad_mpc_ros.recordings.flight import (
@@ -52,8 +53,7 @@ from quad_mpc_ros.recordings.run import (
     odometry_of_pose,
     odometry_of_twist,
 )
-from quad_mpc_ros.safety.validation import odometry_fault
-from quad_mpc_ros.trajectories.point_table import PointTable
+from quad_mpc_ros.references.point_table import PointTable
 
 Taker = Callable[[RecordedMessage], None]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC, Writer
 
-from quad_mpc_ros.atomic_file import write_atomically
+from quad_mpc_ros.configuration.atomic_file import write_atomically
 from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.recordings import bag_metadata
 from quad_mpc_ros.recordings.mcap_file import McapFile

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages.conversions import odometry_from_pose_and_twist
 from quad_mpc_ros.messages.topics import BATTERY, COMMAND, ODOMETRY, REFERENCE, Topic
-from quad_mpc_ros.model.estimate_reset import EstimateReset
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received
 
 POSE = Topic(name="pose", type_name="geometry_msgs/msg/PoseStamped")

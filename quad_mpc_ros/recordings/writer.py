@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self, get_args
 
-from quad_mpc_ros.atomic_file import write_atomically
+from quad_mpc_ros.configuration.atomic_file import write_atomically
 from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.messages.schemas import schema_for
 from quad_mpc_ros.recordings import bag_metadata

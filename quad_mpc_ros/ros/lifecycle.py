@@ -19,7 +19,6 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from quad_mpc_ros.configuration import ManagedConfiguration, UserError
 from quad_mpc_ros.messages.diagnostics import WARN
 from quad_mpc_ros.messages.topics import Topic
-from quad_mpc_ros.realtime import settle_memory
 from quad_mpc_ros.ros.clocks import Metronome, create_steady_timer
 from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.parameters import ManagedParameters
@@ -28,6 +27,7 @@ from quad_mpc_ros.ros.rclpy_internals import (
     possible_transitions,
     wrap_change_state,
 )
+from quad_mpc_ros.ros.realtime import settle_memory
 from quad_mpc_ros.ros.spin import stop
 
 C = TypeVar("C", bound=ManagedConfiguration)

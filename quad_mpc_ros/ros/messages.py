@@ -13,9 +13,9 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE, Topic
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 
 
 @functools.cache

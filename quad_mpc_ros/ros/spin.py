@@ -17,9 +17,9 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.realtime import settle_memory
 from quad_mpc_ros.ros.parameter_files import refuse_unread_files
 from quad_mpc_ros.ros.rclpy_internals import RCLError, fastest_executor
+from quad_mpc_ros.ros.realtime import settle_memory
 
 EXIT_BAD_INPUT = 2
 # A signal that comes just before the executor waits does not wake it; then it ends this late.

@@ -4,16 +4,16 @@ Body rates and throttle y follow the command c as dy/dt = (c - y) / tau, with ti
 seconds; with 0 the command is followed at once. It is the throttle signal that lags, the thrust
 follows by the curve.
 
-The plant's own, apart from those of the controller's model (``model/actuators.py``) on purpose: a
-mistake that both shared would not show.
+The plant's own, apart from those of the controller's model (``control/model/actuators.py``) on
+purpose: a mistake that both shared would not show.
 """
 
 from __future__ import annotations
 
 import math
 
-from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import kernels
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import kernels
 
 ActuatorState = tuple[float, kernels.Vector]
 """Throttle and body rates [rad/s]."""

@@ -6,21 +6,21 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.lie import so3
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory
+from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
+from quad_mpc_ros.references.path import Path
+from quad_mpc_ros.references.server import ReferenceServer, WindowsAhead
+from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.sensors import OdometryStream, looks_younger_ns, odometry_stamps
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.configured import configured_trajectory
-from quad_mpc_ros.trajectories.flat_trajectory import FlatTrajectory
-from quad_mpc_ros.trajectories.path import Path
-from quad_mpc_ros.trajectories.server import ReferenceServer, WindowsAhead
-from quad_mpc_ros.trajectories.trajectory import Trajectory
 
 # Simulated time does not start at zero, which ROS reads as "no time yet".
 SIMULATION_START_NS = 1_000_000_000

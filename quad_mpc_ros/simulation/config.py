@@ -17,7 +17,7 @@ from quad_mpc_ros.configuration import (
     parameter,
     registered,
 )
-from quad_mpc_ros.model.vehicle import VehicleParameters
+from quad_mpc_ros.control.model.vehicle import VehicleParameters
 from quad_mpc_ros.simulation.betaflight.parameters import BetaflightParameters
 from quad_mpc_ros.simulation.betaflight.plant import BetaflightPlant
 from quad_mpc_ros.simulation.internal_plant import InternalParameters, InternalPlant

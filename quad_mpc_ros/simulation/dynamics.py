@@ -1,7 +1,7 @@
 """Continuous dynamics of the plant, as printed in the paper and of the true rigid body, compiled.
 
-The controller predicts by a model of its own (``model/rollout.py``), not by these: they are apart
-on purpose.
+The controller predicts by a model of its own (``control/model/rollout.py``), not by these: they
+are apart on purpose.
 
 World ENU, body FLU: gravity is -g along world z and thrust is along +z of the body. The paper
 writes NED/FRD, where both signs flip. Velocity is in body axes, as in the paper.
@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 
-from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import kernels
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import kernels
 
 Drive = tuple[float, kernels.Vector]
 """What moves the vehicle: thrust over mass along body z [m/s^2], and body rates [rad/s]."""

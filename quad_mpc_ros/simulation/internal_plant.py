@@ -1,7 +1,8 @@
 """The package's own vehicle: true state, actuators, wind, ground.
 
-Its equations and its integrator are not those of ``model/rollout.py``, by which the controller
-predicts: they are written twice on purpose, so that a mistake in one of them shows in flight.
+Its equations and its integrator are not those of ``control/model/rollout.py``, by which the
+controller predicts: they are written twice on purpose, so that a mistake in one of them shows in
+flight.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.configuration import parameter, per_axis
-from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.model.state import Input, State
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.simulation import motion
 from quad_mpc_ros.simulation.parameters import LONGEST_TIME_CONSTANT, PlantParameters
 from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.configuration import PerAxis, per_axis
-from quad_mpc_ros.lie import Array, kernels
-from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.actuators import ActuatorState, TimeConstants, later, turn
 from quad_mpc_ros.simulation.dynamics import Course, Drive, integrated
 
@@ -149,5 +149,5 @@ def _landed(
 
 @compiled
 def _on_ground(p_WB: kernels.Vector, v_WB_B: kernels.Vector) -> bool:
-    """Known here; the controller has to find it out (``estimation/contact.py``)."""
+    """Known here; the controller has to find it out (``control/estimation/contact.py``)."""
     return p_WB[2] <= 0.0 and v_WB_B[0] == 0.0 and v_WB_B[1] == 0.0 and v_WB_B[2] == 0.0

@@ -11,8 +11,8 @@ from enum import IntEnum
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError, parameter
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.vehicle import Vehicle, VehicleParameters
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.vehicle import Vehicle, VehicleParameters
 
 LONGEST_TIME_CONSTANT = 10.0  # s
 # Above this deviation of its length from 1 a quaternion is a mistake and not a rounded one.

@@ -7,9 +7,9 @@ from abc import ABC, abstractmethod
 from collections import deque
 from typing import Protocol, runtime_checkable
 
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
-from quad_mpc_ros.model.state import Input
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.simulation.parameters import PlantParameters
 from quad_mpc_ros.simulation.wind import NEVER_NS, Wind
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError, parameter
-from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.model.state import Input, State, odometry_from_state
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.state import Input, State, odometry_from_state
 from quad_mpc_ros.simulation.parameters import PlantParameters
 from quad_mpc_ros.simulation.plant import DelayedPlant
 

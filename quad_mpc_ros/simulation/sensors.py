@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.lie import so3
-from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.parameters import Stream, white_noise
 from quad_mpc_ros.simulation.plant import Plant, Powered

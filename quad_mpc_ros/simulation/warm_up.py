@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.sensors import OdometryStream
 

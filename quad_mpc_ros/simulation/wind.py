@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.simulation.parameters import PlantParameters, Stream, white_noise
 
 NEVER_NS = 2**63 - 1

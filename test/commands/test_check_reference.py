@@ -9,8 +9,8 @@ import pytest
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.recordings.recording import flown_points
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.configured import configured_trajectory
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory
 
 
 @pytest.mark.parametrize(

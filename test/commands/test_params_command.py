@@ -9,7 +9,7 @@ import pytest
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import files
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
 
 
 def test_every_parameter_is_there_with_type_default_unit_range_and_meaning(

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.lie import so3
+from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.recordings.parameters import read_parameters, write_parameters
 from quad_mpc_ros.recordings.reader import BagReader

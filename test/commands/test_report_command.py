@@ -14,8 +14,8 @@ import pytest
 from fixtures.browser import headless_browser
 from matplotlib.image import imread
 
+from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.figures import style
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.writer import BagWriter
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from quad_mpc_ros.cli import main
-from quad_mpc_ros.faults.cases import FAULTS
+from quad_mpc_ros.experiments.faults.cases import FAULTS
 
 MISTAKES = {
     "unknown fault": (["--faults", "odometry_stop"], ["--faults", "odometry_stop", "solver_lies"]),

@@ -13,11 +13,11 @@ from numpy.testing import assert_allclose
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.run_configuration import RunConfig, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
-from quad_mpc_ros.lie import so3
-from quad_mpc_ros.model.state import Input, State
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.state import Input, State
+from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.trajectories.configured import configured_trajectory
 
 
 def resolved(out: Path, *arguments: str) -> RunConfig:

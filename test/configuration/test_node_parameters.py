@@ -7,9 +7,9 @@ import math
 import pytest
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 NODES: dict[str, type[Configuration]] = {
     "mpc": MpcConfig,

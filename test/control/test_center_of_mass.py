@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros import load_config
+from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.simulation.closed_loop import fly, start_on
-from quad_mpc_ros.trajectories.configured import configured_trajectory
 
 
 def flown(*, learned: bool, ahead: float) -> tuple[float, list[float]]:

@@ -9,12 +9,12 @@ import pytest
 from fixtures.presets import agile
 from numpy.testing import assert_allclose
 
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.command_history import CommandHistory, acting_between
+from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.mpc import Mpc
-from quad_mpc_ros.estimation.command_history import CommandHistory, acting_between
-from quad_mpc_ros.estimation.delay_compensation import DelayCompensation
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.model.state import Input
-from quad_mpc_ros.mpc_config import MpcConfig
 
 MakeOdometry = Callable[..., OdometrySample]
 MakeWindow = Callable[..., ReferenceWindow]

@@ -14,16 +14,16 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from quad_mpc_ros.control.config import MpcConfig, OdometryParameters, SolverParameters
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.state import State
+from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.ocp import paper
+from quad_mpc_ros.control.ocp.paper import error_dynamics
 from quad_mpc_ros.control.tick import Tick
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.model.state import State
-from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.mpc_config import MpcConfig, OdometryParameters, SolverParameters
-from quad_mpc_ros.ocp import paper
-from quad_mpc_ros.ocp.paper import error_dynamics
 from quad_mpc_ros.simulation.closed_loop import LoopStep
 
 MakeOdometry = Callable[..., OdometrySample]

@@ -10,11 +10,11 @@ import pytest
 from fixtures.presets import ideal
 
 from quad_mpc_ros.control import controller as controller_module
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.mpc import Mpc
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.simulation.config import make_plant
 
 PERIOD_NS = 20_000_000

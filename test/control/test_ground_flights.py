@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from fixtures.presets import agile, ideal
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory
+from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import make_plant
 from quad_mpc_ros.simulation.sensors import OdometryStream
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.configured import configured_trajectory
-from quad_mpc_ros.trajectories.live import LiveReference
 
 LAGS: dict[str, Any] = {"rate_time_constant": 0.04, "thrust_time_constant": 0.04}
 ROBUST = agile(**LAGS, input_delay=0.03, horizon_steps=20, R=(0.0, 0.1, 0.1, 0.1))

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 LAGS: dict[str, Any] = {"rate_time_constant": 0.04, "thrust_time_constant": 0.04}
 ROBUST: dict[str, Any] = {**LAGS, "horizon_steps": 20, "R": (0.0, 0.1, 0.1, 0.1)}

@@ -18,8 +18,8 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import OdometrySample
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.simulation.closed_loop import LoopStep
 
 MASS, G, MU = 0.396893, 9.81, 0.2

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.model.samples import ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.safety.ladder import Source
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import joined_trajectory
+from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.sensors import OdometryStream
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.configured import joined_trajectory
-from quad_mpc_ros.trajectories.live import LiveReference
 
 SECOND = 1_000_000_000
 WINDOWS_NS = SECOND // 10  # from one to the next, as the node sends them

@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.standby import Standby
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig
 
 MakeOdometry = Callable[..., OdometrySample]
 MakeWindow = Callable[..., ReferenceWindow]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from fixtures.presets import agile, ideal
 
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly, start_on
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.configured import configured_trajectory
 
 AIR: dict[str, Any] = {
     "drag": (0.25, 0.1, 0.35),

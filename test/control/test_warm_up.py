@@ -10,10 +10,10 @@ import pytest
 # In a process of its own, where nothing has been compiled by other tests.
 FLY = """
 import sys
-from quad_mpc_ros.compilation import CompiledFunction
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.configuration.compilation import CompiledFunction
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.trajectories.config import ReferenceConfig
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
@@ -61,8 +61,8 @@ FAIL = (
     FLY.split("reference = ")[0].replace("lockstep=True", "lockstep=False")
     + """
 import numpy as np
-from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.trajectories.server import ReferenceServer
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.references.server import ReferenceServer
 ROOMS = "quad_mpc_ros."
 server = ReferenceServer(ReferenceConfig(trajectory="lemniscate"))
 server.start(0)

@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.messages import cdr, conversions, diagnostics
 from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, PREDICTED_PATH, REFERENCE, STATS
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 
 MESSAGES = RosbagsMessages()
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from quad_mpc_ros.lie import so3
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.codec import RosbagsMessages
-from quad_mpc_ros.model.estimate_reset import EstimateReset
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.messages import new_message
 
 New = Callable[[str], Any]

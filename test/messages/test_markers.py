@@ -7,11 +7,11 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 from visualization_msgs.msg import Marker
 
-from quad_mpc_ros.lie import so3
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.messages import conversions, markers
 from quad_mpc_ros.messages.markers import Trail
-from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.model.vehicle import Vehicle
 from quad_mpc_ros.ros.messages import new_message
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -22,12 +22,12 @@ import rclpy
 import yaml
 from fixtures.setup_py import declared, write_metadata
 
-from quad_mpc_ros.bridges.registry import bridge_configurations
 from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import Configuration, files
 from quad_mpc_ros.messages.markers import VisualisationConfig
-from quad_mpc_ros.nodes.mpc_node import MpcNode
-from quad_mpc_ros.nodes.reference_node import ReferenceNode
+from quad_mpc_ros.ros.bridges.registry import bridge_configurations
+from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
+from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
 
 ROOT = Path(__file__).parents[2]
 LAUNCH_FILES = sorted(path.name for path in (ROOT / "launch").glob("*.launch.py"))

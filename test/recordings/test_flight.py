@@ -13,14 +13,14 @@ from fixtures.presets import ideal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.configuration import BagError, UserError
-from quad_mpc_ros.evaluation.metrics import summarise
-from quad_mpc_ros.evaluation.simulated import load_config
-from quad_mpc_ros.model.samples import CommandSample
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.recordings.evaluation.metrics import summarise
+from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.recordings.flight import Flight, ReferenceSampler
 from quad_mpc_ros.recordings.recording import Recording
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 HOVER_THROTTLE = 0.2923008  # of the paper's vehicle
 HALF = np.sqrt(0.5)

@@ -7,8 +7,8 @@ import time
 import rclpy
 from rclpy.task import Future
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.messages.diagnostics import OK
-from quad_mpc_ros.mpc_config import MpcConfig
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.rclpy_internals import fastest_executor

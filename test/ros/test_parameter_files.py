@@ -12,8 +12,8 @@ import rclpy
 import yaml
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.nodes.mpc_node import MpcNode
-from quad_mpc_ros.nodes.reference_node import ReferenceNode
+from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
+from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
 from quad_mpc_ros.ros.parameter_files import refuse_unread_files
 from quad_mpc_ros.ros.spin import run
 

@@ -16,9 +16,9 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.configuration import PerAxis, per_axis
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import CommandSample
-from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 
 MILLISECOND = 1_000_000

@@ -17,8 +17,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.configuration import ConfigurationError, UserError
-from quad_mpc_ros.evaluation.simulated import load_config, simulate
-from quad_mpc_ros.model.samples import CommandSample
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.recordings.evaluation.simulated import load_config, simulate
 from quad_mpc_ros.simulation.betaflight import installation
 from quad_mpc_ros.simulation.betaflight.firmware import Firmware
 from quad_mpc_ros.simulation.betaflight.plant import BetaflightPlant, motors_of

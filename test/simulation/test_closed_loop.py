@@ -10,8 +10,9 @@ import pytest
 from fixtures.presets import agile, ideal
 from numpy.testing import assert_array_equal
 
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import (
     SIMULATION_START_NS,
     LoopStep,
@@ -19,7 +20,6 @@ from quad_mpc_ros.simulation.closed_loop import (
 )
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.sensors import odometry_stamps
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 
 @pytest.fixture(scope="module")

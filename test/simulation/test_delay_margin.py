@@ -7,11 +7,11 @@ import math
 import pytest
 from fixtures.presets import ideal
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.safety.ladder import Source
+from quad_mpc_ros.control.safety.ladder import Source
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 MPC = MpcConfig()
 MORE = 0.08  # s

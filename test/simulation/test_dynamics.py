@@ -13,9 +13,9 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.state import Input, State, boxminus
-from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.state import Input, State, boxminus
+from quad_mpc_ros.control.model.vehicle import Vehicle
 
 BOTH = pytest.mark.parametrize("dynamics", ["paper", "rigid_body"])
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from fixtures.presets import agile, ideal
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.estimate_reset import EstimateReset
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.safety.ladder import Source
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.safety.ladder import Source
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import joined_trajectory
+from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.simulation.closed_loop import fly
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.configured import joined_trajectory
-from quad_mpc_ros.trajectories.live import LiveReference
 
 SECOND = 1_000_000_000
 HEIGHT, STEP_W = 2.0, np.array([1.2, -1.6, 0.4])

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from fixtures.presets import ideal
 
-from quad_mpc_ros.model.vehicle import Vehicle
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 MODELLED = Vehicle()
 HEIGHT = 2.0  # m

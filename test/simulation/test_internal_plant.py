@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.model.samples import CommandSample
-from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 
 SECOND = 1_000_000_000

@@ -7,16 +7,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
+from quad_mpc_ros.references.director import Reply
+from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.sensors import OdometryStream
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.configured import configured_trajectory, joined_trajectory
-from quad_mpc_ros.trajectories.director import Reply
-from quad_mpc_ros.trajectories.live import LiveReference
 
 Requests = dict[float, Callable[[LiveReference, int], Reply]]
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from fixtures.presets import ideal
 
+from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation import closed_loop
 from quad_mpc_ros.simulation.closed_loop import LoopStep
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 Change = Callable[[int], MpcConfig]
 

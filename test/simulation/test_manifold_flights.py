@@ -17,11 +17,11 @@ from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.commands.run_configuration import run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 AT_ONCE = [
     f"--set={name}=0"

@@ -13,10 +13,10 @@ from numpy.testing import assert_array_equal
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
-from quad_mpc_ros.trajectories.config import ReferenceConfig
 
 TWO_SECONDS = SimulatorConfig(duration=2.0)
 HOVER = ReferenceConfig(trajectory="hover", height=1.0)

@@ -19,8 +19,8 @@ from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands import simulate
 from quad_mpc_ros.commands.run_configuration import SCHEMA, run_configuration
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files
-from quad_mpc_ros.model.samples import CommandSample
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.simulation.config import PLANTS, SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import DelayedPlant
 

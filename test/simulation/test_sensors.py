@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.parameters import Stream, white_noise
 from quad_mpc_ros.simulation.sensors import (

@@ -12,15 +12,15 @@ import pytest
 from fixtures.presets import agile, ideal
 
 from quad_mpc_ros import load_config
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.samples import CommandSample, OdometrySample, ReferenceWindow
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.safety.ladder import Source
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import judged_trajectory
 from quad_mpc_ros.simulation.closed_loop import fly, start_on
-from quad_mpc_ros.trajectories.config import ReferenceConfig
-from quad_mpc_ros.trajectories.configured import judged_trajectory
 
 LAGS = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
 TILT = {"limits.tilt_max": math.radians(35.0)}

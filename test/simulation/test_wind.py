@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.lie import Array
-from quad_mpc_ros.model.samples import CommandSample
-from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.internal_plant import InternalPlant
 from quad_mpc_ros.simulation.wind import Wind
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 from fixtures.scripts import ROOT, script_module
 
-from quad_mpc_ros.evaluation.simulated import load_config
+from quad_mpc_ros.recordings.evaluation.simulated import load_config
 
 FINGERPRINTS = ROOT / "tools/flight_fingerprints.py"
 fingerprints = script_module("tools/flight_fingerprints.py")

@@ -16,7 +16,7 @@ from quad_mpc_ros.configuration import ConfigurationError, UserError
 
 if TYPE_CHECKING:
     from quad_mpc_ros.commands.run_configuration import RunConfig
-    from quad_mpc_ros.faults.cases import Fault
+    from quad_mpc_ros.experiments.faults.cases import Fault
 
 RESULT, PICTURE = "soak.json", "soak.png"
 _ENDURANCE = 1800.0  # s
@@ -74,7 +74,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Fly, judge and tell; return the exit code, 0 only when all holds."""
     if options.list:
-        from quad_mpc_ros.faults.cases import fault_table
+        from quad_mpc_ros.experiments.faults.cases import fault_table
 
         print(fault_table())
         return 0
@@ -186,7 +186,7 @@ def _endurance(options: argparse.Namespace, faults: tuple[Fault, ...]) -> tuple[
 
 def _faults(names: str | None) -> tuple[Fault, ...]:
     """Return the faults by their names, of those that can be injected between processes."""
-    from quad_mpc_ros.faults.cases import FAULTS
+    from quad_mpc_ros.experiments.faults.cases import FAULTS
 
     if names is None:
         return ()

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from quad_mpc_ros.commands.soak.rig import NODES, Rig, SoakError
-from quad_mpc_ros.faults.cases import Fault, ProcessFault
-from quad_mpc_ros.faults.parameter_changes import Change, good_and_bad_changes
-from quad_mpc_ros.faults.verdict import Record, Sighting, complaints, course_seen
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.experiments.faults.cases import Fault, ProcessFault
+from quad_mpc_ros.experiments.faults.parameter_changes import Change, good_and_bad_changes
+from quad_mpc_ros.experiments.faults.verdict import Record, Sighting, complaints, course_seen
 
 # What a course may be off by [s]: how late this process acts, and how late that of the MPC wakes;
 # and besides for as long as this one was seen to be kept waiting.

@@ -12,8 +12,8 @@ import numpy as np
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.soak.bare_timer import BareTimer, Wakes
 from quad_mpc_ros.commands.soak.rig import Rig
-from quad_mpc_ros.faults.parameter_changes import good_changes
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.experiments.faults.parameter_changes import good_changes
 
 _MEGABYTE = 1e6
 _GROWTH_ALLOWED = 5.0  # MB

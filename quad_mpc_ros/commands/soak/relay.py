@@ -15,10 +15,10 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
 from quad_mpc_ros.commands.observer import subscribe
-from quad_mpc_ros.faults.distortions import Distortion, M
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.experiments.faults.distortions import Distortion, M
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE, Topic
-from quad_mpc_ros.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.messages import decoded, message_class, new_message, qos_of
 
 PREFIX = "soak/"

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from quad_mpc_ros.analysis.figures import style
+from quad_mpc_ros.analysis.figures.over_time import draw_panel, label_time
+from quad_mpc_ros.analysis.figures.panels import LEVELS, Curve, Panel
 from quad_mpc_ros.commands.output import results_in, write_json
 from quad_mpc_ros.commands.run_configuration import RunConfig
 from quad_mpc_ros.commands.soak import PICTURE, RESULT
 from quad_mpc_ros.commands.soak.campaign import Outcome
 from quad_mpc_ros.commands.soak.endurance import PERIODS_TO_CATCH_UP
 from quad_mpc_ros.commands.soak.rig import Rig
-from quad_mpc_ros.figures import style
-from quad_mpc_ros.figures.over_time import draw_panel, label_time
-from quad_mpc_ros.figures.panels import LEVELS, Curve, Panel
-from quad_mpc_ros.mpc_config import MpcConfig
-from quad_mpc_ros.text_tables import labelled, text_table
+from quad_mpc_ros.configuration.text_tables import labelled, text_table
+from quad_mpc_ros.control.config import MpcConfig
 
 _WIDTH, _NAME = 99, 27
 _FIGURE_WIDTH, _FIGURE_HEIGHT = 10.0, 6.0  # inch

@@ -19,8 +19,8 @@ from quad_mpc_ros.commands.processes import NodeProcess
 from quad_mpc_ros.commands.run_configuration import RunConfig
 from quad_mpc_ros.commands.soak.relay import PREFIX, odometry_relay, reference_relay
 from quad_mpc_ros.commands.soak.watch import Watch, resident_memory
-from quad_mpc_ros.faults.parameter_changes import Change
-from quad_mpc_ros.faults.verdict import is_home
+from quad_mpc_ros.experiments.faults.parameter_changes import Change
+from quad_mpc_ros.experiments.faults.verdict import is_home
 from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE
 
 NODES = ("simulator", "reference", "mpc")
@@ -76,7 +76,7 @@ class Rig(Observer):
         """Start a node, with parameters that win over those of the run."""
         module, remaps = None, {}
         if node == "mpc" and self._relays:
-            module = "nodes.mpc_with_faults"
+            module = "commands.soak.mpc_with_faults"
             remaps = {topic.name: PREFIX + topic.name for topic in (ODOMETRY, REFERENCE)}
         self.processes[node] = NodeProcess(
             node, run=self._run, module=module, remaps=remaps, overrides=overrides

@@ -10,10 +10,10 @@ import numpy as np
 from rclpy.node import Node
 
 from quad_mpc_ros.commands.observer import subscribe
-from quad_mpc_ros.faults.verdict import command_fault
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.experiments.faults.verdict import command_fault
 from quad_mpc_ros.messages import conversions, diagnostics
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, STATS
-from quad_mpc_ros.mpc_config import MpcConfig
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

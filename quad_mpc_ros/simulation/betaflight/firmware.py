@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.simulation.betaflight.installation import firmware_path, shim_path
 
 PULSE_MIN, PULSE_MID, PULSE_MAX = 1000, 1500, 2000

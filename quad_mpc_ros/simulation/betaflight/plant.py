@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from quad_mpc_ros import msp
 from quad_mpc_ros.configuration import ConfigurationError, UserError
-from quad_mpc_ros.lie import so3
-from quad_mpc_ros.model.state import Input
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.messages import msp
 from quad_mpc_ros.simulation.betaflight.firmware import (
     AT_REST,
     PULSE_MAX,

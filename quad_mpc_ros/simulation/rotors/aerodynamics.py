@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import kernels
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.simulation.rotors.craft import Craft
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from quad_mpc_ros.compilation import compiled
+from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.simulation.rotors.craft import Craft
 
 

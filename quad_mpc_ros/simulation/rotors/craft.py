@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array, kernels, so3
-from quad_mpc_ros.model.vehicle import Vehicle
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels, so3
+from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.rotors.parameters import RotorParameters, RotorsPlantParameters
 
 PLACE, AXIS, SPIN = slice(0, 3), slice(3, 6), 6

@@ -14,8 +14,8 @@ the body, the second that of its acceleration; the last term is gyroscopic.
 
 from __future__ import annotations
 
-from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.simulation.rotors.aerodynamics import body_drag, ground_gain, rotor_force
 from quad_mpc_ros.simulation.rotors.battery import battery
 from quad_mpc_ros.simulation.rotors.craft import Craft, craft_in

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array
 
 Section = tuple[tuple[float, float, float], tuple[float, float]]
 """Coefficients b and a (without a_0 = 1) of a filter of second order."""

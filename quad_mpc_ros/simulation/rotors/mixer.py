@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from quad_mpc_ros.compilation import compiled
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.simulation.rotors.craft import AXIS, PLACE, SPIN, rotor_rows
 from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
 

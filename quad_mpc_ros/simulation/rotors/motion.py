@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.simulation.rotors import rate_loop
 from quad_mpc_ros.simulation.rotors.craft import craft_in
 from quad_mpc_ros.simulation.rotors.equations import Outside, derivative

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.lie import Array, so3
-from quad_mpc_ros.model.samples import OdometrySample
-from quad_mpc_ros.model.state import Input, State
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of
 from quad_mpc_ros.simulation.rotors import equations, motion, rate_loop
 from quad_mpc_ros.simulation.rotors.craft import craft_vector, rotor_rows

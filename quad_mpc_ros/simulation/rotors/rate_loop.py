@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.simulation.rotors import filters
 from quad_mpc_ros.simulation.rotors.mixer import mixed
 from quad_mpc_ros.simulation.rotors.parameters import RotorsPlantParameters

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from quad_mpc_ros.compilation import compiled
-from quad_mpc_ros.lie import Array, kernels
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels
 
 P_WC, V_WC_W, Q_WB, W_WB_B, USED = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), 13
 """Parts of a row: place and velocity of the centre of mass C in the world, attitude as a

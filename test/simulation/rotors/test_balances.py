@@ -10,7 +10,7 @@ import pytest
 from fixtures.rotors import NO_AIR, Equations, configured, rotation
 from numpy.testing import assert_allclose
 
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.simulation.rotors.state import P_WC, SPEEDS, V_WC_W, W_WB_B
 
 TENSOR = (8.2e-4, 6.9e-4, 1.41e-3, 1.0e-4, -0.5e-4, 0.8e-4)

@@ -7,7 +7,7 @@ import pytest
 from fixtures.rotors import command, plant
 from numpy.testing import assert_allclose
 
-from quad_mpc_ros.evaluation.simulated import load_config
+from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.simulation.config import make_plant
 
 PERIOD_NS = 20_000_000

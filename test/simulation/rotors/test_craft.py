@@ -8,7 +8,7 @@ from fixtures.rotors import VEHICLES, Equations, configured
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.lie import so3
+from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.simulation.rotors.craft import craft_in, inertia_tensor, rotor_rows
 from quad_mpc_ros.simulation.rotors.parameters import (
     AirframeParameters,

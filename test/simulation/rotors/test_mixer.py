@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.simulation.rotors.mixer import allocation, mixed, mixing
 from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
 

@@ -9,7 +9,7 @@ import pytest
 from fixtures.rotors import configured
 from numpy.testing import assert_allclose
 
-from quad_mpc_ros.lie import Array
+from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.rotors import rate_loop
 from quad_mpc_ros.simulation.rotors.mixer import allocation, mixing

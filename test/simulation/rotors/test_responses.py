@@ -20,7 +20,7 @@ from fixtures.rotors import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 from quad_mpc_ros.configuration import ConfigurationError
-from quad_mpc_ros.evaluation.simulated import simulate
+from quad_mpc_ros.recordings.evaluation.simulated import simulate
 from quad_mpc_ros.simulation.config import make_plant
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 

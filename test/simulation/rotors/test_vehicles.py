@@ -18,8 +18,8 @@ from fixtures.rotors import (
 )
 
 from quad_mpc_ros.configuration import ConfigurationError, files, per_axis
-from quad_mpc_ros.evaluation.simulated import load_config, simulate
-from quad_mpc_ros.mpc_config import MpcConfig
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.recordings.evaluation.simulated import load_config, simulate
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 FOLDER = Path(__file__).resolve().parents[3] / "config" / "vehicles"

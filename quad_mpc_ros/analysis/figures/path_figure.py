@@ -1,0 +1,104 @@
+"""The flight in space."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.analysis.figures import space, style
+from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
+from quad_mpc_ros.recordings.flight import Flight
+
+_WIDTH, _HEIGHT = 8.0, 6.2  # inch
+_MOST_NUMBERS = 12  # waypoints; numbers on more would hide the flight
+
+_SPACING = 0.25  # of the longest side, flown between two drawn vehicles
+_MOST_VEHICLES = 300
+_MOST_PIECES = 20_000  # of the coloured line, each drawn by itself
+
+# From the ground up; mplot3d's own order takes each of these as a whole and gets it wrong.
+_GROUND, _REFERENCE, _FLIGHT, _VEHICLES, _MARKS = 1, 2, 3, 4, 5
+
+
+def write_path(flight: Flight, path: Path) -> Path:
+    """Draw the flight coloured by its speed, with start, waypoints and reference.
+
+    The vehicle, four rotors on a cross, is drawn along the way as it was tilted there, larger
+    than it is where the room is large. Raises ``OSError`` when the file cannot be written.
+    """
+    figure = style.new_figure(_WIDTH, _HEIGHT)
+    points = [flight.p_WB, *([] if flight.reference is None else [flight.reference.p_WB])]
+    lower, upper = space.room(np.vstack(points))
+    axes = space.draw_room(figure, lower, upper)
+    _draw_reference(axes, flight)
+    _draw_flight(figure, axes, flight, ground=float(lower[2]))
+    side = float(np.max(upper - lower))
+    way = space.way_along(flight.p_WB)
+    space.draw_vehicles(
+        axes,
+        flight.p_WB,
+        flight.q_WB_xyzw,
+        way=way,
+        spacing=max(_SPACING * side, float(way[-1]) / _MOST_VEHICLES),
+        side=side,
+        zorder=_VEHICLES,
+    )
+    axes.legend(
+        loc="upper left", frameon=False, fontsize=9, labelcolor=style.INK, handlelength=2.4
+    )
+    return style.save(figure, path)
+
+
+def _draw_reference(axes: Any, flight: Flight) -> None:
+    from matplotlib.patheffects import withStroke
+
+    if flight.reference is None:
+        return
+    axes.plot(
+        *flight.reference.p_WB.T,
+        color=style.REFERENCE,
+        linewidth=1.6,
+        linestyle=(0, (4, 2)),
+        label="reference",
+        zorder=_REFERENCE,
+    )
+    places = waypoint_positions(flight)
+    if not len(places):
+        return
+    axes.scatter(
+        *places.T,
+        s=80,
+        facecolors="none",
+        edgecolors=style.BOUND,
+        linewidths=1.8,
+        depthshade=False,
+        label="waypoint",
+        zorder=_MARKS,
+    )
+    halo = [withStroke(linewidth=3.0, foreground="white")]
+    for number, place in enumerate(places[:_MOST_NUMBERS], start=1):
+        axes.text(
+            *place,
+            f"  {number}  ",
+            fontsize=10,
+            fontweight="bold",
+            color=style.BOUND,
+            horizontalalignment="right",
+            verticalalignment="top",
+            path_effects=halo,
+            zorder=_MARKS,
+        )
+
+
+def _draw_flight(figure: Any, axes: Any, flight: Flight, *, ground: float) -> None:
+    x, y, _ = flight.p_WB.T
+    axes.plot(x, y, ground, color=style.FAINT, linewidth=1.0, zorder=_GROUND)
+    start = flight.p_WB[0]
+    axes.scatter(
+        *start, marker="s", s=36, color=style.INK, depthshade=False, label="start", zorder=_MARKS
+    )
+    thinned = slice(None, None, -(-len(x) // _MOST_PIECES))
+    speed = np.linalg.norm(flight.v_WB_B[thinned], axis=1)
+    space.draw_coloured_by_speed(figure, axes, flight.p_WB[thinned], speed, zorder=_FLIGHT)

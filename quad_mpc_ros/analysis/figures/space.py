@@ -1,0 +1,124 @@
+"""What figures in space have in common: the room, the line coloured by speed, the vehicles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.analysis.figures import style
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.vehicle import ARM, outline
+
+_ELEVATION, _AZIMUTH = 22.0, -60.0  # deg, of the eye
+_ZOOM = 1.12
+_MARGIN = 0.1  # of the longest side of the flight
+_SMALLEST_SIDE = 1.0  # m: a hovering flight is not to look like a journey
+
+_SMALLEST_ARM = 0.045  # of the longest side, where the true size could not be seen
+
+
+def room(points: Array) -> tuple[Array, Array]:
+    """Return two corners (3,) [m] of the space round points, down to the ground if it is near."""
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    widened = np.maximum(_SMALLEST_SIDE - (upper - lower), 0.0) / 2.0
+    side = max(float(np.max(upper - lower)), _SMALLEST_SIDE)
+    near_ground = 0.0 <= lower[2] <= side
+    lower, upper = lower - widened - _MARGIN * side, upper + widened + _MARGIN * side
+    if near_ground:
+        lower[2] = 0.0
+    return lower, upper
+
+
+def draw_room(
+    figure: Any, lower: Array, upper: Array, *, place: Any = 111, zoom: float = _ZOOM
+) -> Any:
+    """Return axes of that extent, in a place of the figure; Any, for mplot3d has no types."""
+    from matplotlib import rc_context
+    from matplotlib.ticker import MaxNLocator
+
+    # The colour and the width that mplot3d's grid() is given it ignores; these it takes.
+    with rc_context({"grid.color": style.GRID, "grid.linewidth": 0.6}):
+        axes = figure.add_subplot(place, projection="3d", computed_zorder=False)
+    axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(lower[2], upper[2]))
+    axes.set_box_aspect(upper - lower, zoom=zoom)
+    axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
+    names = {"x, east": axes.xaxis, "y, north": axes.yaxis, "z, up": axes.zaxis}
+    for name, axis in names.items():
+        axis.set_pane_color((0.98, 0.98, 0.98, 1.0))
+        axis.line.set_color(style.FAINT)
+        axis.set_label_text(f"{name} [m]", fontsize=9, color=style.INK)
+        axis.set_tick_params(labelsize=8, labelcolor=style.INK, color=style.FAINT)
+        axis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+    return axes
+
+
+def draw_coloured_by_speed(
+    figure: Any, axes: Any, p_WB: Array, speed: Array, *, zorder: int
+) -> None:
+    """Draw positions (n, 3) [m] as a line coloured by speed (n,) [m/s], and its scale."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
+
+    pieces = np.stack((p_WB[:-1], p_WB[1:]), axis=1)
+    line = Line3DCollection(
+        pieces, cmap=_speed_colours(), linewidth=3.0, capstyle="round", zorder=zorder
+    )
+    line.set_array(speed[1:])
+    axes.add_collection(line)
+    bar = figure.colorbar(line, ax=axes, shrink=0.55, pad=0.1, aspect=26)
+    bar.outline.set_visible(False)
+    bar.set_label("speed [m/s]", fontsize=9, color=style.INK)
+    bar.ax.tick_params(labelsize=8, labelcolor=style.INK, color=style.FAINT)
+
+
+def _speed_colours() -> Any:
+    """Return viridis without its last yellow, which cannot be seen on white."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.92, 256)))
+
+
+def way_along(p_WB: Array) -> Array:
+    """Return the way (n,) [m] to each of positions (n, 3) [m] from the first."""
+    steps = np.linalg.norm(np.diff(p_WB, axis=0, prepend=p_WB[:1]), axis=1)
+    return np.asarray(np.cumsum(steps))
+
+
+def draw_vehicles(
+    axes: Any,
+    p_WB: Array,
+    q_WB_xyzw: Array,
+    *,
+    way: Array,
+    spacing: float,
+    side: float,
+    zorder: int,
+) -> None:
+    """Draw the vehicle, four rotors on a cross, at positions (n, 3) [m] as it is tilted there.
+
+    One is drawn every ``spacing`` of the ``way`` (n,), larger than it is where the longest
+    ``side`` [m] of the room is large.
+    """
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+    drawn = np.flatnonzero(np.diff(np.floor(way / spacing), prepend=0.0))
+    if len(drawn) == 0:
+        return
+    places = p_WB[drawn]
+    R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw[drawn])
+    arms_B, rotors_B = outline(max(ARM, _SMALLEST_ARM * side))
+    arms_W = np.einsum("nij,lkj->nlki", R_WB, arms_B) + places[:, None, None]
+    rotors_W = np.einsum("nij,lkj->nlki", R_WB, rotors_B) + places[:, None, None]
+    axes.add_collection(
+        Poly3DCollection(
+            rotors_W.reshape(-1, *rotors_W.shape[2:]),
+            facecolors=(*style.rgb(style.INK), 0.18),
+            edgecolors=style.INK,
+            linewidths=0.6,
+            zorder=zorder,
+        )
+    )
+    axes.add_collection(
+        Line3DCollection(arms_W.reshape(-1, 2, 3), color=style.INK, linewidth=1.2, zorder=zorder)
+    )

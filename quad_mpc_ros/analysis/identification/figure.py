@@ -1,0 +1,68 @@
+"""What an identification fits, drawn: measured and modelled body rates and specific force."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from quad_mpc_ros.analysis.figures import style
+from quad_mpc_ros.analysis.figures.over_time import write_panels
+from quad_mpc_ros.analysis.figures.panels import Curve, Panel
+from quad_mpc_ros.analysis.identification.result import Estimate, FittedCourse, Identification
+
+_LONGEST = 10.0  # s, of a flight, shown where the rates change most
+
+
+def write_fit_figure(found: Identification, path: Path) -> Path:
+    """Draw the liveliest ten seconds into a PNG. Raises ``OSError`` if it cannot be written."""
+    start = _liveliest(found.rates)
+    panels = [
+        Panel(
+            name="ω", subscript=name, unit="rad/s", curves=_curves(found.rates, axis, start=start)
+        )
+        for axis, name in enumerate("xyz")
+    ]
+    force = _curves(found.specific_force, 0, start=start)
+    panels.append(Panel(name="specific force\nalong body z", unit="m/s²", curves=force))
+    return write_panels(_title(found), panels, path)
+
+
+def _curves(course: FittedCourse, axis: int, *, start: float) -> list[Curve]:
+    """Return one component as fitted and as measured, over the time that is shown."""
+    shown = (course.time >= start) & (course.time <= start + _LONGEST)
+    time = course.time[shown]
+    return [
+        Curve(
+            name="fitted",
+            time=time,
+            values=course.fitted[shown, axis],
+            colour=style.REFERENCE,
+            weight="broad",
+        ),
+        Curve(name="measured", time=time, values=course.measured[shown, axis]),
+    ]
+
+
+def _title(found: Identification) -> str:
+    names = {
+        "rates lag": found.rate_time_constant,
+        "thrust lags": (found.thrust_time_constant,),
+        "delay": (found.input_delay,),
+    }
+    return ", ".join(f"{name} {_milliseconds(each)}" for name, each in names.items())
+
+
+def _milliseconds(estimates: tuple[Estimate, ...]) -> str:
+    told = [f"{1e3 * each.value:.0f}" if each.observable else "?" for each in estimates]
+    return f"{' / '.join(told)} ms"
+
+
+def _liveliest(rates: FittedCourse) -> float:
+    """Return from when on the body rates vary most over the time that is shown."""
+    squares = np.sum((rates.measured - rates.measured.mean(axis=0)) ** 2, axis=1)
+    sums = np.concatenate(([0.0], np.cumsum(squares)))
+    ends = np.searchsorted(rates.time, rates.time + _LONGEST)
+    candidates = rates.time <= max(rates.time[-1] - _LONGEST, rates.time[0])
+    lively = np.where(candidates, sums[ends] - sums[:-1], -1.0)
+    return float(rates.time[int(np.argmax(lively))])

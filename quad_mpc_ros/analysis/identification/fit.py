@@ -1,0 +1,503 @@
+"""Fitting the response model: a coarse search, a robust least-squares fit, and its confidence."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import t as student_t
+
+from quad_mpc_ros.analysis.identification.measurements import (
+    RECORDED,
+    Measurements,
+    measurements_of,
+    recorded_voltage_map,
+)
+from quad_mpc_ros.analysis.identification.model import (
+    ACCELERATION,
+    DELAY,
+    DRAG,
+    EXPONENT,
+    LIFT,
+    LINEAR_IN_VELOCITY,
+    MOST_PARAMETERS,
+    RATE_BIAS,
+    RATE_GAIN,
+    RATE_TAU,
+    ROTOR_DRAG,
+    SCALE,
+    THRUST_TAU,
+    ResponseModel,
+)
+from quad_mpc_ros.analysis.identification.result import (
+    Estimate,
+    FittedCourse,
+    Identification,
+    ThrustOverVoltage,
+)
+from quad_mpc_ros.configuration import BagError, per_axis
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.recordings.recording import Recording
+
+# Searched before the fit, which finds the nearest minimum only [s].
+_TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
+_DELAYS = np.arange(0.0, 0.301, 0.02)
+
+# In the order of the model's parameters.
+_LOWEST = np.repeat(
+    [0.0, 0.2, 0.0, 0.1, 0.0, -0.5, 0.0, -20.0, -5.0, -1.0], [3, 3, 2, 1, 3, 1, 3, 2, 3, 1]
+)
+_HIGHEST = np.repeat(
+    [1.0, 3.0, 1.0, 0.5, 10.0, 0.5, 10.0, 20.0, 5.0, 4.0], [3, 3, 1, 1, 4, 1, 3, 2, 3, 1]
+)
+_SIZES = np.repeat(
+    [0.03, 0.3, 0.03, 1.0, 0.3, 0.02, 0.3, 1.0, 0.1, 1.0], [3, 3, 2, 1, 3, 1, 3, 2, 3, 1]
+)
+
+# Residuals smaller than these are no knowledge: rounding, and what the model leaves out.
+_LEAST_SPREAD_RATE, _LEAST_SPREAD_VELOCITY = 0.02, 0.005  # rad/s, m/s
+_LEAST_VARIED_RATE, _LEAST_VARIED_VELOCITY = 0.3, 0.1  # rad/s, m/s
+_MAD_TO_SIGMA = 1.4826
+_OUTLIER = 2.0  # spreads from where a residual counts less
+_ROUNDS = 2
+_AT_BOUND = 1e-3  # of the size of a parameter
+_UNKNOWN = 1e-6  # what is known of a parameter beforehand, in its size
+_ALIKE_WINDOWS = 4  # in a row whose residuals may be alike
+_TIME_DIFFERENCE = 0.005  # s; a shorter one sees nothing of lags faster than the odometry
+# A window weighs on those parameters together that the velocity shows, of which there are so many
+# without the drag of the rotors, which few flights tell.
+_TOGETHER = 10
+_FEWEST_WINDOWS = _TOGETHER + 2
+
+# No interval is narrower than this share of the value: the model is not truer than that.
+_LEAST_SHARE = 0.01
+# Half of a 95 % interval above both is no answer: share of the value, and its natural size.
+# What is beside the point has none.
+_SHARES = np.repeat([0.5, 0.0, 0.5, 0.0], [3, 3, 10, 6])
+_VAGUE = np.repeat(
+    [0.01, 0.1, 0.01, 0.1, 0.1, 0.01, 0.1, np.inf, 0.5], [3, 3, 2, 1, 3, 1, 3, 5, 1]
+)
+_TOLD = np.isfinite(_VAGUE)
+# The drag of the rotors is told from the other where it is so many half intervals from what is
+# given, once in a hundred times by chance. Else it would only blur that.
+_APART = 1.2
+_ARE_TIMES = np.isin(np.arange(MOST_PARAMETERS), [*range(3), THRUST_TAU, DELAY])
+
+_MOST_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and tells no more
+_AVERAGED_OVER = 0.08  # s, of the specific force shown
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Spread:
+    rate: float
+    velocity: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Fit:
+    """Parameters, half of their 95 % intervals, and of each were it the only one, all (p,)."""
+
+    theta: Array
+    half_width: Array
+    alone: Array
+
+    @property
+    def enough(self) -> Array:
+        """Half of an interval that is narrow enough to be of use.
+
+        Drags of body and rotors that are fitted both are mostly told by their sum.
+        """
+        p = len(self.theta)
+        enough = np.maximum(_SHARES[:p] * self.theta, _VAGUE[:p])
+        both = np.where(self.half_width[ROTOR_DRAG] > 0.0, self.theta[ROTOR_DRAG], -np.inf)
+        both += self.theta[DRAG]
+        for drag in (DRAG, ROTOR_DRAG):
+            enough[drag] = np.maximum(enough[drag], both)
+        return np.asarray(enough)
+
+    @property
+    def at_bound(self) -> NDArray[np.bool_]:
+        """What is as large, or as small, as anything searched; but for what may be nothing."""
+        theta, p = self.theta, len(self.theta)
+        margin = _AT_BOUND * _SIZES[:p]
+        low = (theta <= _LOWEST[:p] + margin) & (_LOWEST[:p] != 0.0)
+        return np.asarray(_TOLD[:p] & (low | (theta >= _HIGHEST[:p] - margin)))
+
+    def estimates(self, parameters: NDArray[np.intp], *, told: bool) -> dict[int, Estimate]:
+        """Return what is found of parameters; those that were held at last are not ``told``."""
+        least = _LEAST_SHARE * np.abs(self.theta)
+        width, enough, at_bound = np.maximum(self.half_width, least), self.enough, self.at_bound
+        return {
+            p: Estimate(
+                value=float(self.theta[p]),
+                half_width=float(width[p]),
+                seen=bool(self.alone[p] <= enough[p]),
+                observable=bool(told and not at_bound[p]),
+                at_bound=bool(at_bound[p]),
+            )
+            for p in parameters.tolist()
+        }
+
+
+def identify(recording: Recording) -> Identification:
+    """Identify the vehicle of a recording, compared with the one in its recorded parameters.
+
+    Args:
+        recording: One vehicle's odometry and the commands that it flew by.
+
+    Returns:
+        Time constants and delay [s], thrust per mass over that of the given vehicle, drag [1/s],
+        each with its 95 % interval.
+
+    Raises:
+        BagError: The recording has too little flight under commands.
+    """
+    given = MpcConfig.build(recording.parameters_of(MpcConfig))
+    run = recording.run(topics=RECORDED)
+    measured = measurements_of(
+        run,
+        vehicle=given.vehicle(),
+        twist_frame=given.odometry.twist_frame,
+        voltage_map=recorded_voltage_map(run.parameters),
+    )
+    return fit(measured, given=given)
+
+
+def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
+    """Fit lags, delay, thrust scale and drag to a flight; of a long one, to parts of it.
+
+    What the flight does not tell is held as ``given``, one after the other, until it tells all
+    the others. Raises :class:`BagError` for a flight that is too short for a confidence.
+    """
+    data = measured.thinned(_MOST_ODOMETRIES)
+    model = ResponseModel(data)
+    windows = len(np.unique(model.blocks[model.in_window > 0.0]))
+    if windows < _FEWEST_WINDOWS:
+        raise BagError(
+            f"{windows} stretches of flight of half a second, expected {_FEWEST_WINDOWS} or more "
+            "under commands: record a longer flight"
+        )
+    theta, held = _searched(model, data), _as_given(given, data)[: model.parameters]
+    estimates: dict[int, Estimate] = {}
+    free = np.ones(model.parameters, dtype=bool)
+    while True:
+        found = _fit(model, theta, free)
+        theta, untold = found.theta.copy(), _untold(found, free, held)
+        if not len(untold):
+            break
+        estimates |= found.estimates(untold, told=False)
+        theta[untold], free[untold] = held[untold], False
+    estimates |= found.estimates(np.flatnonzero(free & _TOLD[: len(free)]), told=True)
+    axes = {
+        name: tuple(estimates[p] for p in range(each.start, each.stop))
+        for name, each in (
+            ("tau", RATE_TAU),
+            ("gain", RATE_GAIN),
+            ("drag", DRAG),
+            ("rotors", ROTOR_DRAG),
+        )
+    }
+    rates, velocity = model.residuals(theta)
+    return Identification(
+        rate_time_constant=axes["tau"],
+        rate_gain=axes["gain"],
+        thrust_time_constant=estimates[THRUST_TAU],
+        input_delay=estimates[DELAY],
+        thrust_scale=estimates[SCALE],
+        drag=axes["drag"],
+        translational_lift=estimates[LIFT],
+        rotor_drag=axes["rotors"],
+        over_voltage=_over_voltage(estimates, data),
+        wind_acceleration_W=theta[ACCELERATION],
+        rate_residual=_root_mean_square(rates),
+        velocity_residual=_root_mean_square(velocity[model.in_window > 0.0]),
+        misfit=_misfit(model, data, rates, velocity),
+        rates=_rate_course(model, data, theta),
+        specific_force=_specific_force(model, data, theta),
+        flown=measured.flown,
+        fitted=data.flown,
+    )
+
+
+def _over_voltage(
+    estimates: Mapping[int, Estimate], data: Measurements
+) -> ThrustOverVoltage | None:
+    if not data.knows_voltage:
+        return None
+    exponent = estimates[EXPONENT]
+    # What does not show comes to a bound by chance.
+    at_bound = exponent.at_bound and exponent.seen
+    return ThrustOverVoltage(
+        exponent=dataclasses.replace(exponent, at_bound=at_bound),
+        reference=data.reference_voltage,
+        made_up=data.made_up,
+    )
+
+
+def _as_given(given: MpcConfig, data: Measurements) -> Array:
+    """Return the parameters (22,) that a configuration has; the thrust is that of its vehicle.
+
+    That it goes with the voltage is only believed as far as commands made up for it.
+    """
+    theta = np.zeros(MOST_PARAMETERS)
+    theta[RATE_TAU] = per_axis(given.rate_time_constant)
+    theta[RATE_GAIN], theta[SCALE] = per_axis(given.rate_gain), 1.0
+    theta[THRUST_TAU], theta[DELAY] = given.thrust_time_constant, given.input_delay
+    theta[DRAG], theta[LIFT] = per_axis(given.drag), given.translational_lift
+    theta[ROTOR_DRAG], theta[EXPONENT] = per_axis(given.rotor_drag), data.made_up
+    return theta
+
+
+def _fit(model: ResponseModel, theta: Array, free: NDArray[np.bool_]) -> _Fit:
+    """Return the fit of the parameters that are free, from where they are."""
+    for _ in range(_ROUNDS):
+        spread = _spread(model, theta)
+        theta = _fitted(model, theta, spread, free)
+    half_width, alone = _half_widths(model, theta, spread, free)
+    # What is much faster than the odometry is not told from nothing.
+    short = _ARE_TIMES[: len(theta)] & (theta < _TIME_DIFFERENCE)
+    half_width[short] = np.maximum(half_width, theta)[short]
+    return _Fit(theta=theta, half_width=half_width, alone=alone)
+
+
+def _untold(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.intp]:
+    """Return what the flight does not show at all, or else what it tells the least, if too little.
+
+    One that is held as given may be what the others were mistaken for. Before all others the drag
+    of the rotors that is not apart from what is ``given`` (p,).
+    """
+    off = np.abs(found.theta - given)[ROTOR_DRAG]
+    alike = free[ROTOR_DRAG] & (off <= _APART * found.half_width[ROTOR_DRAG])
+    if alike.any():
+        return ROTOR_DRAG.start + np.flatnonzero(alike)
+    # What is given is not kept where the flight tells that it is another, however roughly.
+    vague = free & (np.abs(found.theta - given) <= _APART * found.half_width)
+    width = np.where(vague, found.half_width / found.enough, 0.0)
+    alone = np.where(free, found.alone / found.enough, 0.0)
+    unseen = np.flatnonzero((alone > 1.0) | (free & found.at_bound))
+    if len(unseen):
+        return unseen
+    return np.flatnonzero((width > 1.0) & (width == width.max()))
+
+
+def _misfit(
+    model: ResponseModel, data: Measurements, rates: Array, velocity: Array
+) -> tuple[float, float]:
+    """Return what of body rates and velocity is neither modelled nor noise, as shares.
+
+    Noise is what differs from one odometry to the next; what lasts for longer is not. Shares are
+    of what they vary, but not of less than what can matter.
+    """
+    inside = model.in_window > 0.0
+    neighbours = np.diff(model.usable) == 1
+    together = inside[1:] & (np.diff(model.blocks) == 0)
+    measured = data.w_WB_B[model.usable]
+    return (
+        _lasting(
+            rates,
+            np.diff(rates, axis=0)[neighbours],
+            max(_root_mean_square(measured - measured.mean(axis=0)), _LEAST_VARIED_RATE),
+        ),
+        _lasting(
+            velocity[inside],
+            np.diff(velocity, axis=0)[together],
+            max(_root_mean_square(model.relative(data.v_WB_W)[inside]), _LEAST_VARIED_VELOCITY),
+        ),
+    )
+
+
+def _lasting(left: Array, steps: Array, varied: float) -> float:
+    lasting = float(np.mean(left**2)) - 0.5 * float(np.mean(steps**2))
+    return float(np.sqrt(max(lasting, 0.0))) / varied
+
+
+def _searched(model: ResponseModel, data: Measurements) -> Array:
+    """Return the best parameters of a grid of time constants and delays."""
+    measured = data.w_WB_B[model.usable]
+    shape = (len(_TIME_CONSTANTS), len(_DELAYS))
+    rate_cost, thrust_cost = np.empty((*shape, 3)), np.empty(shape)
+    linear = np.empty((*shape, LINEAR_IN_VELOCITY.stop - LINEAR_IN_VELOCITY.start))
+    constants = np.array(_TIME_CONSTANTS)
+    for j, delay in enumerate(_DELAYS):
+        for i, tau in enumerate(_TIME_CONSTANTS):
+            off = measured - model.rates(rate_tau=tau, delay=delay)
+            rate_cost[i, j] = np.sum((off - off.mean(axis=0)) ** 2, axis=0)
+        best = constants[np.argmin(rate_cost[:, j], axis=0)]
+        for i, tau in enumerate(_TIME_CONSTANTS):
+            left, columns = model.velocity_columns(rate_tau=best, thrust_tau=tau, delay=delay)
+            A, b = columns.reshape(-1, columns.shape[-1]), left.ravel()
+            linear[i, j] = np.linalg.lstsq(A, b, rcond=1e-6)[0]
+            thrust_cost[i, j] = np.sum((b - A @ linear[i, j]) ** 2)
+    # The delay is one, and the channels are weighed by what each leaves at its best.
+    total = sum(
+        np.min(cost, axis=0) / _scale(cost, _LEAST_SPREAD_RATE, len(measured))
+        for cost in np.moveaxis(rate_cost, -1, 0)
+    ) + np.min(thrust_cost, axis=0) / _scale(
+        thrust_cost, _LEAST_SPREAD_VELOCITY, 3.0 * float(np.sum(model.in_window))
+    )
+    j = int(np.argmin(total))
+    i_thrust = int(np.argmin(thrust_cost[:, j]))
+    theta = np.zeros(model.parameters)
+    theta[RATE_TAU] = constants[np.argmin(rate_cost[:, j], axis=0)]
+    theta[RATE_GAIN], theta[THRUST_TAU] = 1.0, _TIME_CONSTANTS[i_thrust]
+    theta[DELAY] = _DELAYS[j]
+    theta[LINEAR_IN_VELOCITY] = linear[i_thrust, j]
+    theta[RATE_BIAS] = (measured - model.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])).mean(
+        axis=0
+    )
+    if data.knows_voltage:
+        theta[EXPONENT] = data.made_up
+    margin = 1e-3 * _SIZES[: len(theta)]
+    return np.clip(theta, _LOWEST[: len(theta)] + margin, _HIGHEST[: len(theta)] - margin)
+
+
+def _scale(cost: Array, least_spread: float, count: float) -> float:
+    return max(float(cost.min()) / count, least_spread**2)
+
+
+def _spread(model: ResponseModel, theta: Array) -> _Spread:
+    """Return the spread of the residuals, by their median, which outliers do not move."""
+    rates, velocity = model.residuals(theta)
+    inside = velocity[model.in_window > 0.0]
+    return _Spread(
+        rate=max(_MAD_TO_SIGMA * float(np.median(np.abs(rates))), _LEAST_SPREAD_RATE),
+        velocity=max(_MAD_TO_SIGMA * float(np.median(np.abs(inside))), _LEAST_SPREAD_VELOCITY),
+    )
+
+
+def _fitted(model: ResponseModel, start: Array, spread: _Spread, free: NDArray[np.bool_]) -> Array:
+    def scaled(rates: Array, velocity: Array) -> Array:
+        return np.concatenate((rates / spread.rate, velocity / spread.velocity))
+
+    def whole(some: Array) -> Array:
+        theta = start.copy()
+        theta[free] = some
+        return theta
+
+    def residuals(some: Array) -> Array:
+        return scaled(*model.residuals(whole(some))).ravel()
+
+    def jacobian(some: Array) -> Array:
+        return scaled(*model.jacobians(whole(some))).reshape(-1, len(free))[:, free]
+
+    lowest, highest, sizes = (each[: len(free)] for each in (_LOWEST, _HIGHEST, _SIZES))
+
+    solution = least_squares(
+        residuals,
+        start[free],
+        jac=jacobian,
+        bounds=(lowest[free], highest[free]),
+        x_scale=sizes[free],
+        loss="soft_l1",
+        f_scale=_OUTLIER,
+        max_nfev=60,
+    )
+    return whole(solution.x)
+
+
+def _half_widths(
+    model: ResponseModel, theta: Array, spread: _Spread, fitted: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return half of the 95 % interval of what is fitted, and of each were it the only one.
+
+    Residuals next to each other are alike (gusts, what the model leaves out), so their number
+    says too much. The covariance is the sandwich H^-1 M H^-1 (Huber 1967; White 1980) whose M
+    sums the gradients window by window, and neighbouring windows with falling weights (Newey and
+    West 1987). It is taken no smaller than H^-1, that of independent residuals of the assumed
+    spread, and knows of no error that lasts the whole flight. The second is from the diagonal of
+    H: how much the flight says of a parameter if all others were known.
+    """
+    H, gradients = _curvature_and_gradients(model, theta, spread)
+    count = len(gradients)
+    # Where a bound holds the fit back the gradients do not cancel: only their scatter counts.
+    gradients -= gradients.mean(axis=0)
+    M = gradients.T @ gradients
+    for lag in range(1, _ALIKE_WINDOWS + 1):
+        neighbours = gradients[lag:].T @ gradients[:-lag]
+        M += (1.0 - lag / (_ALIKE_WINDOWS + 1.0)) * (neighbours + neighbours.T)
+    M *= count / (count - 1.0)
+    variance = np.zeros(len(theta))
+    lowest, highest, sizes = (each[: len(theta)] for each in (_LOWEST, _HIGHEST, _SIZES))
+    inside = (theta > lowest + _AT_BOUND * sizes) & (theta < highest - _AT_BOUND * sizes)
+    # Of a drag that comes out as none all the same no more is known than the other leaves.
+    inside[DRAG] = inside[ROTOR_DRAG] = True
+    for free in (fitted, fitted & inside):
+        block = np.ix_(free, free)
+        variance[free] = _variances(H[block], M[block], sizes[free])
+    quantile = student_t.ppf(0.975, max(count - _TOGETHER, 1))
+    alone = 1.0 / np.sqrt(np.diag(H) + _UNKNOWN / sizes**2)
+    return quantile * np.sqrt(variance), quantile * alone
+
+
+def _curvature_and_gradients(
+    model: ResponseModel, theta: Array, spread: _Spread
+) -> tuple[Array, Array]:
+    """Return H (p, p) and the gradient of every window with data (windows, p)."""
+    rates, velocity = model.residuals(theta)
+    rate_jacobian, velocity_jacobian = model.jacobians(theta, difference=_TIME_DIFFERENCE)
+    H = np.zeros((len(theta), len(theta)))
+    gradients = np.zeros((model.blocks[-1] + 1, len(theta)))
+    for residual, jacobian, scale, blocks in (
+        (rates, rate_jacobian, spread.rate, model.blocks[model.usable]),
+        (velocity, velocity_jacobian, spread.velocity, model.blocks),
+    ):
+        r, J = residual / scale, jacobian / scale
+        weight = 1.0 / np.sqrt(1.0 + (r / _OUTLIER) ** 2)
+        H += np.einsum("nip,ni,niq->pq", J, weight, J)
+        np.add.at(gradients, blocks, np.einsum("nip,ni->np", J, weight * r))
+    return H, gradients[np.unique(model.blocks[model.usable])]
+
+
+def _variances(H: Array, M: Array, sizes: Array) -> Array:
+    """Return the diagonal of H^-1 M H^-1, or of H^-1 where that is larger."""
+    # A parameter that nothing depends on would make H singular; this makes it just unknown.
+    inverse = np.linalg.pinv(H + np.diag(_UNKNOWN / sizes**2), hermitian=True)
+    return np.asarray(np.maximum(np.diag(inverse @ M @ inverse), np.diag(inverse)))
+
+
+def _rate_course(model: ResponseModel, data: Measurements, theta: Array) -> FittedCourse:
+    followed = model.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
+    fitted = theta[RATE_GAIN] * followed + theta[RATE_BIAS]
+    return FittedCourse(
+        time=data.time[model.usable], measured=data.w_WB_B[model.usable], fitted=fitted
+    )
+
+
+def _specific_force(model: ResponseModel, data: Measurements, theta: Array) -> FittedCourse:
+    """Return the specific force along the thrust axis (n, 1), averaged over a few odometries."""
+    stride = max(1, round(_AVERAGED_OVER / data.period))
+    columns = model.fitted_increments(theta)
+    interval = np.diff(data.time)
+    fitted = columns @ theta[LINEAR_IN_VELOCITY]
+    measured = np.diff(data.v_WB_W, axis=0)
+    measured[:, 2] += data.vehicle.gravity * interval
+    first = np.arange(0, len(interval) - stride + 1)
+    duration = data.time[first + stride] - data.time[first]
+    axis = data.R_WB[first + stride // 2][:, :, 2]
+
+    def along(increments: Array) -> Array:
+        sums = np.concatenate((np.zeros((1, 3)), np.cumsum(increments, axis=0)))
+        moved = sums[first + stride] - sums[first]
+        return np.asarray(np.einsum("ni,ni->n", moved, axis) / duration)[:, None]
+
+    whole = _whole(model, first, stride)
+    return FittedCourse(
+        time=(data.time[first] + 0.5 * duration)[whole],
+        measured=along(measured)[whole],
+        fitted=along(fitted)[whole],
+    )
+
+
+def _whole(model: ResponseModel, first: NDArray[np.intp], stride: int) -> NDArray[np.bool_]:
+    """Return which stretches from ``first`` on lie in usable windows."""
+    sums = np.concatenate(([0.0], np.cumsum(model.in_window)))
+    return np.asarray(sums[first + stride + 1] - sums[first] >= stride + 1)
+
+
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

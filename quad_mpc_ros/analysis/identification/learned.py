@@ -1,0 +1,175 @@
+"""What the controller has learned of its vehicle in flight, from the figures of its ticks."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.analysis.identification import vehicle_file
+from quad_mpc_ros.analysis.identification.result import Estimate
+from quad_mpc_ros.configuration import UserError, per_axis
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.velocity_filter import SCALE_BOUNDS
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.tick import TickStats
+
+_FEWEST_TICKS = 25
+_MOST_WANDERING = 0.1  # of a value, either way
+_AT_BOUND = 0.005
+_YAW_APART = 0.1  # of a time constant; what has moved by less has hardly been told
+_DRAG_MOVED = 0.01  # 1/s; at rest it stays as it is given
+_TIMES = ("rate_time_constant", "yaw_time_constant", "thrust_time_constant")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learned:
+    """The estimates over some ticks: their medians, and how far they wandered.
+
+    Time constants [s] are None where the model has no lag, of which nothing is learned; that of
+    the rates is the mean of roll and pitch. ``drag`` [1/s] is the mean over the axes, None where
+    it is as it was given or has not settled: it is learned in motion only.
+    """
+
+    thrust_scale: Estimate
+    rate_time_constant: Estimate | None
+    yaw_time_constant: Estimate | None
+    thrust_time_constant: Estimate | None
+    drag: Estimate | None
+    ticks: int
+
+
+def learned(ticks: Sequence[TickStats], given: MpcConfig) -> Learned:
+    """Return what ticks of the flying MPC tell. Raises :class:`UserError` for what tells nothing.
+
+    ``given`` is the configuration that it flies with.
+    """
+    if given.formulation != "manifold" or not given.estimate_disturbance:
+        raise UserError(
+            "the MPC estimates nothing: expected formulation manifold and estimate_disturbance "
+            f"true, given {given.formulation} and {str(given.estimate_disturbance).lower()}"
+        )
+    flying = [tick for tick in ticks if tick.source == "mpc"]
+    if len(flying) < _FEWEST_TICKS:
+        reason = f" (the last: {ticks[-1].source}, {ticks[-1].reason})" if ticks else ""
+        raise UserError(
+            f"the MPC flew {len(flying)} ticks while it was watched{reason}, expected "
+            f"{_FEWEST_TICKS} or more"
+        )
+    believed = np.array([tick.thrust_scale for tick in flying])
+    scale = _estimate(_thrust_scales(flying, given))
+    _check(scale, believed=float(np.median(believed)))
+    times = {name: np.array([getattr(tick, f"{name}_ms") for tick in flying]) for name in _TIMES}
+    lags = {name: _estimate(1e-3 * time) if time.any() else None for name, time in times.items()}
+    return Learned(thrust_scale=scale, drag=_drag(flying, given), ticks=len(flying), **lags)
+
+
+def learned_file(found: Learned, given: MpcConfig, *, head: str, keep: vehicle_file.Kept) -> str:
+    """Return a ROS parameter file of the whole vehicle, with what was learned in it.
+
+    ``head`` is its first line, a remark. Raises ``ConfigurationError`` when the controller would
+    refuse the values.
+    """
+    entries = vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
+    entries["rate_time_constant"] = _rate_entry(found, given)
+    for name in (
+        "rate_gain",
+        "thrust_time_constant",
+        "gravity",
+        "drag",
+        "rotor_drag",
+        "translational_lift",
+        "torque_curve",
+        "input_delay",
+    ):
+        entries[name] = (getattr(given, name), vehicle_file.KEPT)
+    if found.thrust_time_constant is not None:
+        entries["thrust_time_constant"] = vehicle_file.found_entry(found.thrust_time_constant)
+    if found.drag is not None:
+        entries["drag"] = _drag_entry(found.drag, given)
+    return vehicle_file.content(entries, given, remarks=[head])
+
+
+def _drag(ticks: Sequence[TickStats], given: MpcConfig) -> Estimate | None:
+    drag = _estimate(np.array([tick.drag for tick in ticks]))
+    moved = abs(drag.value - float(np.mean(per_axis(given.drag)))) > _DRAG_MOVED
+    return drag if drag.observable and moved and drag.value > 0.0 else None
+
+
+def _drag_entry(found: Estimate, given: MpcConfig) -> tuple[Any, str]:
+    """Return the drag of each axis: they keep their proportions."""
+    if isinstance(given.drag, float):
+        return vehicle_file.found_entry(found)
+    mean = float(np.mean(given.drag))
+    shares = [drag / mean if mean > 0.0 else 1.0 for drag in given.drag]
+    return vehicle_file.axes_entry([_scaled(found, share) for share in shares], given.drag)
+
+
+def _rate_entry(found: Learned, given: MpcConfig) -> tuple[Any, str]:
+    """Return the lags of the rates: one number, unless yaw's is another or three are given.
+
+    Roll and pitch keep their ratio.
+    """
+    roll, pitch, yaw = per_axis(given.rate_time_constant)
+    shared, of_yaw = found.rate_time_constant, found.yaw_time_constant
+    apart = of_yaw is not None and all(
+        abs(of_yaw.value - other) > _YAW_APART * other
+        for other in (yaw, yaw if shared is None else shared.value)
+    )
+    if isinstance(given.rate_time_constant, float) and not apart:
+        if shared is None:
+            return given.rate_time_constant, vehicle_file.KEPT
+        return vehicle_file.found_entry(shared)
+    shares = [2.0 * lag / ((roll + pitch) or 1.0) for lag in (roll, pitch)]
+    of_axes = [None if shared is None else _scaled(shared, share) for share in shares]
+    return vehicle_file.axes_entry([*of_axes, of_yaw], given.rate_time_constant)
+
+
+def _scaled(estimate: Estimate, factor: float) -> Estimate:
+    return dataclasses.replace(
+        estimate, value=factor * estimate.value, half_width=factor * estimate.half_width
+    )
+
+
+def _thrust_scales(ticks: Sequence[TickStats], given: MpcConfig) -> Array:
+    """Return the scales that carry the vehicle with no more help from below or above.
+
+    In a hover a lack of thrust and a steady push look alike, and the estimator believes some of
+    each: ``thrust_scale`` T/m + d = g. Little pushes a vehicle up or down for long, so all of it
+    is taken for thrust.
+    """
+    scales = np.array([tick.thrust_scale for tick in ticks])
+    pushes = np.array([tick.disturbance_z for tick in ticks])
+    return np.asarray(scales * given.gravity / (given.gravity - pushes))
+
+
+def _check(scale: Estimate, *, believed: float) -> None:
+    if scale.value == 1.0 and scale.half_width == 0.0:
+        raise UserError(
+            "nothing has been learned yet: thrust_scale in mpc/stats is 1 throughout; fly first"
+        )
+    low, high = SCALE_BOUNDS
+    if not low + _AT_BOUND < believed < high - _AT_BOUND:
+        raise UserError(
+            f"thrust_scale {believed:.3f} is at the end of what is estimated, {low:g} to "
+            f"{high:g}: correct mass or thrust_curve by about that much and fly again"
+        )
+    if not scale.observable:
+        raise UserError(
+            f"the thrust has not settled: {scale.value:.3f} +- {scale.half_width:.2g} of the "
+            "given, expected +- 10 % or less: fly longer, or more quietly"
+        )
+
+
+def _estimate(values: Array) -> Estimate:
+    low, middle, high = np.percentile(values, (2.5, 50.0, 97.5)).tolist()
+    half_width = 0.5 * (high - low)
+    return Estimate(
+        value=middle,
+        half_width=half_width,
+        seen=True,
+        observable=half_width <= _MOST_WANDERING * abs(middle),
+    )

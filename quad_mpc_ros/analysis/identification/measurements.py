@@ -1,0 +1,296 @@
+"""What an identification is fitted to: the motion, and the commands by the stamps they answer."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.model.voltage import SmoothedVoltage
+from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.messages.topics import BATTERY, COMMAND, ENGAGED
+from quad_mpc_ros.recordings.flight import first_by_stamp
+from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Received, Stamps
+from quad_mpc_ros.recordings.run import RecordedRun
+
+RECORDED = (COMMAND, ENGAGED, BATTERY)
+"""What is asked of a recording beside its odometry."""
+
+# Perhaps on the ground: this near to where it stood, if it ever went this far from there [m].
+_STANDING, _LEFT = 0.05, 0.3
+_AT_REST = 0.3  # m/s
+# After the first command the actuators are where nobody knows [s].
+_SETTLING = 0.3
+_STALE_COMMAND = 0.5  # s
+_STALE_VOLTAGE = 5.0  # s
+_FASTEST = 1e3  # rad/s; nothing turns at more, and no throttle is larger
+_FEWEST = 50
+_BLOCK = 5.0  # s of a long flight that are kept together
+_PER_ODOMETRY = ("time", "p_WB", "v_WB_W", "R_WB", "w_WB_B", "voltage")
+_PER_COMMAND = ("command_time", "throttle", "w_command")
+
+
+@dataclass(frozen=True, kw_only=True)
+class VoltageMap:
+    """What a bridge made of the voltage in the flight: ``thrust_map`` of its parameters.
+
+    It scaled the thrust by the voltage over ``battery_voltage`` [V], to the power
+    ``battery_exponent``; with a voltage of 0, or a power of 0, it left that out.
+    """
+
+    battery_voltage: float = 0.0
+    battery_exponent: float = 0.0
+
+    @property
+    def made_up(self) -> float:
+        """Power of the voltage that commands made up for."""
+        return self.battery_exponent if self.battery_voltage > 0.0 else 0.0
+
+
+NO_VOLTAGE_MAP = VoltageMap()
+"""That of a flight in which nobody looked at the voltage."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measurements:
+    """n odometries and m commands, in order of time [s], which starts with the first odometry.
+
+    Shapes: ``p_WB``, ``v_WB_W``, ``w_WB_B`` (n, 3); ``R_WB`` (n, 3, 3); ``throttle`` (m,) in 0 to
+    1; ``w_command`` (m, 3) [rad/s]. A command's time is the stamp of the odometry it answers.
+    ``usable`` (n,) tells in which odometries the vehicle flies and acts on commands.
+    ``command_age`` is the median time from that stamp to the command's publication [s], NaN where
+    the clocks differ. ``vehicle`` is the one that the thrust is compared with.
+
+    ``voltage`` (n,) [V] is the battery's as a bridge smooths it, NaN throughout where it is not
+    known all the flight; at ``reference_voltage`` [V] the thrust is that of the fit's scale.
+    Commands have made up for the power ``made_up`` of the one over the other already.
+    """
+
+    time: Array
+    p_WB: Array
+    v_WB_W: Array
+    R_WB: Array
+    w_WB_B: Array
+    command_time: Array
+    throttle: Array
+    w_command: Array
+    usable: NDArray[np.bool_]
+    command_age: float
+    vehicle: Vehicle
+    voltage: Array
+    reference_voltage: float
+    made_up: float
+
+    @property
+    def knows_voltage(self) -> bool:
+        """Whether the voltage is known, all the flight."""
+        return not math.isnan(self.reference_voltage)
+
+    @property
+    def period(self) -> float:
+        """Usual time between two odometries [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def flown(self) -> float:
+        """Time that the vehicle flies and acts on commands [s]."""
+        return float(np.count_nonzero(self.usable) * self.period)
+
+    def thinned(self, most: int) -> Measurements:
+        """Return about ``most`` odometries at most, in blocks spread evenly over the flight.
+
+        The commands are those before and in the blocks.
+        """
+        if len(self.time) <= most:
+            return self
+        block = np.floor(self.time / _BLOCK)
+        numbers = np.unique(block[self.usable])
+        kept = numbers[:: -(-np.count_nonzero(self.usable) // most)]
+        chosen = np.isin(block, kept)
+        # Nothing is measured across a gap.
+        usable = self.usable & np.append(chosen[1:], True)
+        command_block = np.floor(self.command_time / _BLOCK)
+        commanded = np.isin(command_block, kept) | np.isin(command_block + 1, kept)
+        return dataclasses.replace(
+            self,
+            usable=usable[chosen],
+            **{name: getattr(self, name)[chosen] for name in _PER_ODOMETRY},
+            **{name: getattr(self, name)[commanded] for name in _PER_COMMAND},
+        )
+
+
+def measurements_of(
+    run: RecordedRun,
+    *,
+    vehicle: Vehicle,
+    twist_frame: str,
+    voltage_map: VoltageMap = NO_VOLTAGE_MAP,
+) -> Measurements:
+    """Return what a recording tells of a vehicle whose twist is in ``child`` or ``world`` frame.
+
+    Raises :class:`BagError` for one without commands, or with too little flight under them.
+    """
+    places = _usable_places(run.odometries)
+    command_ns, commands = _usable_commands(run.commands)
+    if len(places) < _FEWEST:
+        raise BagError(f"{run.bag}: {len(places)} usable odometries, expected {_FEWEST} or more")
+    if len(commands) < 2:
+        raise BagError(
+            f"{run.bag}: {len(commands)} commands, expected those of the flight, "
+            "geometry_msgs/msg/TwistStamped with the throttle in linear.z, on a topic that ends "
+            "in /command or on --command-topic"
+        )
+    stamp_ns = run.odometries.stamp_ns[places]
+    time = (stamp_ns - stamp_ns[0]) * 1e-9
+    p_WB, q_WB_xyzw, v, w = (
+        run.odometries.values.column(name)[places]
+        for name in ("p_WB", "q_WB_xyzw", "v_WB_B", "w_WB_B")
+    )
+    R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw)
+    if twist_frame == "child":
+        v = np.einsum("nij,nj->ni", R_WB, v)
+    else:
+        w = np.einsum("nji,nj->ni", R_WB, w)
+    command_time = (command_ns - stamp_ns[0]) * 1e-9
+    recorded_ns = run.odometries.log_time_ns[places]
+    acting = _acting(run.engagements, recorded_ns)
+    usable = _flying(p_WB, v) & _commanded(time, command_time) & acting
+    if np.count_nonzero(usable) < _FEWEST:
+        raise BagError(
+            f"{run.bag}: {np.count_nonzero(usable)} odometries of a flight under commands, "
+            f"expected {_FEWEST} or more; the commands are stamped {command_time[0]:.3f} s to "
+            f"{command_time[-1]:.3f} s after the first odometry, the odometries until "
+            f"{time[-1]:.3f} s, and commands acted on {np.mean(acting):.0%} of them"
+        )
+    voltage = _smoothed(run.voltages, recorded_ns, usable=usable)
+    return Measurements(
+        time=time,
+        p_WB=p_WB,
+        v_WB_W=v,
+        R_WB=R_WB,
+        w_WB_B=w,
+        command_time=command_time,
+        throttle=np.clip(commands[:, 0], 0.0, 1.0),
+        w_command=np.ascontiguousarray(commands[:, 1:]),
+        usable=usable,
+        command_age=_command_age(run.commands),
+        vehicle=vehicle,
+        voltage=voltage,
+        reference_voltage=_reference_voltage(voltage[usable], voltage_map),
+        made_up=voltage_map.made_up,
+    )
+
+
+def recorded_voltage_map(parameters: Mapping[str, Mapping[str, Any]]) -> VoltageMap:
+    """Return what the bridge among recorded nodes made of the voltage; nothing without one."""
+    for values in parameters.values():
+        if values.get("thrust_map.battery_voltage"):
+            return VoltageMap(
+                battery_voltage=float(values["thrust_map.battery_voltage"]),
+                battery_exponent=float(values.get("thrust_map.battery_exponent", 0.0)),
+            )
+    return NO_VOLTAGE_MAP
+
+
+def _usable_places(odometries: OdometryLog) -> NDArray[np.intp]:
+    """Return where what is fit for use is, in order of stamps, each stamp once."""
+    fit = [odometry_fault(each.value, frame_id=each.value.frame_id) is None for each in odometries]
+    places = np.flatnonzero(fit)
+    _, first = first_by_stamp(odometries.stamp_ns[places])
+    return places[first]
+
+
+def _usable_commands(commands: CommandLog) -> tuple[Stamps, Array]:
+    """Return stamps (m,), ascending, and throttle and rates (m, 4) of what can be used."""
+    values = commands.values
+    rows = np.column_stack((values.column("throttle"), values.column("w_WB_B")))
+    # NaN compares with nothing, and so is not within the limit.
+    places = np.flatnonzero(np.all(np.abs(rows) <= _FASTEST, axis=1))
+    stamp_ns, first = first_by_stamp(commands.stamp_ns[places])
+    return stamp_ns, rows[places[first]]
+
+
+def _flying(p_WB: Array, v_WB_W: Array) -> NDArray[np.bool_]:
+    """Return when the vehicle is surely not on the ground.
+
+    Where it stood still at the beginning or the end, and as near to there, it may have been: the
+    ground holds what no model of flight explains. One that never leaves its place hovers.
+    """
+    flying = np.ones(len(p_WB), dtype=bool)
+    for order in (slice(None), slice(None, None, -1)):
+        distance = np.linalg.norm(p_WB[order] - p_WB[order][0], axis=1)
+        left = int(np.argmax(distance > _LEFT))  # 0 when it never does
+        if left and np.linalg.norm(v_WB_W[order][0]) < _AT_REST:
+            stood = np.flatnonzero(distance[:left] <= _STANDING)[-1]
+            flying[order][: stood + 1] = False
+    return flying
+
+
+def _commanded(time: Array, command_time: Array) -> NDArray[np.bool_]:
+    """Return when a command is young enough to be followed, and the first one is history."""
+    place = np.searchsorted(command_time, time, side="right") - 1
+    age = time - command_time[np.maximum(place, 0)]
+    return np.asarray((place >= 0) & (age < _STALE_COMMAND) & (time > command_time[0] + _SETTLING))
+
+
+def _acting(
+    engagements: Sequence[Received[bool]], recorded_ns: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return whether the vehicle acted on commands when each odometry was recorded [ns].
+
+    And had done so for long enough; before it is said for the first time, it is supposed to.
+    """
+    acting = np.ones(len(recorded_ns), dtype=bool)
+    acts = True
+    for told in engagements:
+        if told.value is not acts:
+            acts = told.value
+            acting[recorded_ns >= told.log_time_ns] = acts
+            if acts:
+                settled_ns = told.log_time_ns + _SETTLING * 1e9
+                acting[(recorded_ns >= told.log_time_ns) & (recorded_ns < settled_ns)] = False
+    return acting
+
+
+def _smoothed(
+    voltages: Sequence[Received[float]],
+    recorded_ns: NDArray[np.int64],
+    *,
+    usable: NDArray[np.bool_],
+) -> Array:
+    """Return the smoothed voltage when each odometry was recorded (n,) [V], or NaN throughout.
+
+    That is where one that is ``usable`` (n,) is too far from a measured voltage.
+    """
+    smoothed = SmoothedVoltage()
+    times_ns, values = [], []
+    for told in voltages:
+        if smoothed.receive(told.value, now_ns=told.log_time_ns) and smoothed.value is not None:
+            times_ns.append(told.log_time_ns)
+            values.append(smoothed.value)
+    if not values:
+        return np.full(len(recorded_ns), np.nan)
+    place = np.maximum(np.searchsorted(times_ns, recorded_ns, side="right") - 1, 0)
+    away = np.abs(recorded_ns - np.array(times_ns)[place])
+    if np.any(away[usable] > _STALE_VOLTAGE * 1e9):
+        return np.full(len(recorded_ns), np.nan)
+    return np.array(values)[place]
+
+
+def _reference_voltage(voltage: Array, given: VoltageMap) -> float:
+    """Return the voltage of the map, or the mean of the flight (n,); NaN where that is [V]."""
+    mean = float(np.mean(voltage))
+    return given.battery_voltage if given.battery_voltage and not math.isnan(mean) else mean
+
+
+def _command_age(commands: CommandLog) -> float:
+    age = float(np.median((commands.publish_time_ns - commands.stamp_ns) * 1e-9))
+    return age if 0.0 <= age < 1.0 else float("nan")

@@ -1,0 +1,331 @@
+"""The model that is fitted, and by how much measurements differ from it.
+
+Commands act after the delay d; body rates and throttle follow them with first-order lags,
+
+    dw/dt = (gamma w_c(t - d) - w) / tau_w,  ds/dt = (s_c(t - d) - s) / tau_s,
+    dv/dt = g + (k T(s)/m + k_h (u_x^2 + u_y^2)) R e3 - R D R' v + a,   u = R' v,
+    D = diag(mu + nu sqrt(k T(s)/(m g))),
+
+which is the prediction model of the controller but for the gains gamma of the rate loop. tau_w and
+gamma are those of each axis, as mu and nu are. Where the battery's voltage V was recorded, k is
+that at V_r times (V / V_r)^n; of n commands may have made up for some already. Both lags are
+followed exactly from edge to edge of the commands, wherever those lie between the odometries. The
+velocity is compared over windows, each from a start of its own: errors do not add up, and neither
+is it differentiated.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quad_mpc_ros.analysis.identification.lag import LaggedCommands
+from quad_mpc_ros.analysis.identification.measurements import Measurements
+from quad_mpc_ros.control.lie import Array, so3
+
+# The parameters, in order: time constants [s] and gains of the body rates, time constant of the
+# throttle, delay [s], thrust scale, drag [1/s], lift [1/m], drag of the rotors [1/s],
+# horizontal acceleration [m/s^2], bias of the measured body rates [rad/s], and, where the voltage
+# is known, its power.
+RATE_TAU, RATE_GAIN = slice(0, 3), slice(3, 6)
+THRUST_TAU, DELAY, SCALE = 6, 7, 8
+DRAG, LIFT, ROTOR_DRAG = slice(9, 12), 12, slice(13, 16)
+ACCELERATION, RATE_BIAS, EXPONENT = slice(16, 18), slice(18, 21), 21
+MOST_PARAMETERS = 22
+LINEAR_IN_VELOCITY = slice(SCALE, ACCELERATION.stop)
+_ROTORS = slice(ROTOR_DRAG.start - SCALE, ROTOR_DRAG.stop - SCALE)  # of what is linear
+
+WINDOW = 0.5  # s
+_FEWEST_IN_WINDOW = 5
+_LONGEST_GAP = 3.0  # periods
+_DIFFERENCE = 1e-4  # s
+# The thrust's direction is that in the middle of a stretch [s].
+_LONGEST_STRETCH = 0.01
+_MOST_STRETCHES = 50  # in a gap, whose far side is in another window anyway
+
+
+class ResponseModel:
+    """Residuals of body rates (u, 3) and velocity (n, 3), with their derivatives.
+
+    u are the usable ones of n odometries; the velocity's are zero outside of windows. ``blocks``
+    is the window of each odometry, ``parameters`` how many of those there are, p.
+    """
+
+    def __init__(self, data: Measurements) -> None:
+        self._data = data
+        self.parameters = MOST_PARAMETERS if data.knows_voltage else EXPONENT
+        self.usable = np.flatnonzero(data.usable)
+        self.blocks, self.in_window = _windows(data)
+        self._interval = np.diff(data.time)
+        self._turn = so3.log(np.swapaxes(data.R_WB[:-1], -1, -2) @ data.R_WB[1:])
+        self._air = _air_columns(data)
+        mean_voltage = 0.5 * (data.voltage[:-1] + data.voltage[1:])
+        self._log_voltage = np.log(mean_voltage / data.reference_voltage)
+        self._grid = _divided(data.time)
+        # The last few are kept: a delay only shifts them.
+        self._lag = functools.lru_cache(maxsize=8)(self._response)
+
+    def rates(self, *, rate_tau: ArrayLike, delay: float) -> Array:
+        """Return the modelled body rates (u, 3) [rad/s] of loops without a gain.
+
+        ``rate_tau`` [s] is one time constant or three.
+        """
+        lag = self._lag("rate", _key(rate_tau))
+        return lag.at(self._data.time[self.usable] - delay)
+
+    def thrust_impulse(
+        self, *, rate_tau: ArrayLike, rate_gain: ArrayLike = 1.0, thrust_tau: float, delay: float
+    ) -> tuple[Array, Array]:
+        """Return what the modelled thrust adds to the velocity between odometries (n-1, 3).
+
+        Second is the mean speed of the rotors there (n-1,), over that of hover.
+        """
+        data, vehicle = self._data, self._data.vehicle
+        edges = data.command_time + delay
+        inside = edges[(edges > data.time[0]) & (edges < data.time[-1])]
+        breaks = np.sort(np.concatenate((self._grid, inside)))
+        start, duration = breaks[:-1], np.diff(breaks)
+        middle = start + 0.5 * duration
+        interval = np.clip(
+            np.searchsorted(data.time, middle, side="right") - 1, 0, len(self._interval) - 1
+        )
+        lag = self._lag("thrust", (thrust_tau,))
+        mean, mean_square = lag.means(start - delay, duration)
+        a, b, c = vehicle.thrust_curve
+        thrust = vehicle.motor_count * (a * mean_square + b * mean + c)[:, 0]
+        rates = _Rates(self._lag("rate", _key(rate_tau)), np.asarray(rate_gain))
+        axis = self._thrust_axis(rates, delay, start, duration, interval)
+        push = (duration * thrust / vehicle.mass)[:, None] * axis
+        speed = np.sqrt(np.maximum(thrust, 0.0) / (vehicle.mass * vehicle.gravity))
+        *impulse, turned = (
+            np.bincount(interval, weights, minlength=len(self._interval))
+            for weights in (*push.T, duration * speed)
+        )
+        return np.column_stack(impulse), turned / self._interval
+
+    def _thrust_axis(
+        self,
+        rates: _Rates,
+        delay: float,
+        start: Array,
+        duration: Array,
+        interval: NDArray[np.intp],
+    ) -> Array:
+        """Return the thrust's direction in the world in the middle of stretches (k, 3).
+
+        From each measured attitude it turns as the modelled rates do, and what is then missing to
+        the next measured one is spread evenly: commands change the rates within an interval.
+        """
+        half = 0.5 * duration
+        first = half[:, None] * rates.means(start - delay, half)
+        second = half[:, None] * rates.means(start + half - delay, half)
+        turned = np.concatenate((np.zeros((1, 3)), np.cumsum(first + second, axis=0)))
+        begins = np.searchsorted(interval, np.arange(len(self._interval) + 1))
+        whole = turned[begins[1:]] - turned[begins[:-1]]
+        share = (start + half - self._data.time[interval]) / self._interval[interval]
+        turn = turned[:-1] + first - turned[begins[interval]]
+        turn += share[:, None] * (self._turn - whole)[interval]
+        return np.asarray((self._data.R_WB[interval] @ so3.exp(turn))[..., 2])
+
+    def increments(
+        self,
+        *,
+        rate_tau: ArrayLike,
+        rate_gain: ArrayLike = 1.0,
+        thrust_tau: float,
+        delay: float,
+        scale: float = 1.0,
+        exponent: float | None = None,
+    ) -> Array:
+        """Return the derivatives (n-1, 3, 10) of the velocity gained between odometries.
+
+        They are by thrust scale, drag of the three axes, lift, drag of the rotors and the two
+        horizontal accelerations, in which it is linear; the rotors turn as for a thrust ``scale``.
+        Without an ``exponent`` commands have made up for all of the voltage.
+        """
+        columns = np.zeros((len(self._interval), 3, 10))
+        columns[:, :, 0], speed = self.thrust_impulse(
+            rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
+        )
+        if exponent is not None:
+            share = np.exp((exponent - self._data.made_up) * self._log_voltage)
+            columns[:, :, 0] *= share[:, None]
+            speed *= np.sqrt(share)
+        columns[:, :, 1:5] = self._air
+        columns[:, :, _ROTORS] = np.sqrt(scale) * speed[:, None, None] * self._air[:, :, :3]
+        columns[:, 0, 8] = columns[:, 1, 9] = self._interval
+        return columns
+
+    def velocity_columns(
+        self,
+        *,
+        rate_tau: ArrayLike,
+        rate_gain: ArrayLike = 1.0,
+        thrust_tau: float,
+        delay: float,
+    ) -> tuple[Array, Array]:
+        """Return what the velocity is without thrust, and its derivatives (n, 3, 10).
+
+        Both are relative to their windows; the derivatives are those of :meth:`increments`.
+        """
+        columns = self.increments(
+            rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
+        )
+        return self._relative_to_windows(columns)
+
+    def fitted_increments(self, theta: Array) -> Array:
+        """Return the derivatives of :meth:`increments` for parameters (p,)."""
+        return self.increments(
+            rate_tau=theta[RATE_TAU],
+            rate_gain=theta[RATE_GAIN],
+            thrust_tau=theta[THRUST_TAU],
+            delay=theta[DELAY],
+            scale=theta[SCALE],
+            exponent=theta[EXPONENT] if self._data.knows_voltage else None,
+        )
+
+    def _relative_to_windows(self, columns: Array) -> tuple[Array, Array]:
+        fall = np.zeros((len(self._interval), 3))
+        fall[:, 2] = self._data.vehicle.gravity * self._interval
+        left = self._data.v_WB_W + _summed(fall)
+        return self.relative(left), self.relative(_summed(columns))
+
+    def relative(self, values: Array) -> Array:
+        """Return values (n, ...) less the mean of their window, and zero outside of windows."""
+        flat = values.reshape(len(values), -1)
+        count = np.bincount(self.blocks, self.in_window, minlength=self.blocks[-1] + 1)
+        mean = (
+            np.column_stack(
+                [
+                    np.bincount(self.blocks, self.in_window * column, minlength=len(count))
+                    for column in flat.T
+                ]
+            )
+            / np.maximum(count, 1.0)[:, None]
+        )
+        inside = (flat - mean[self.blocks]) * self.in_window[:, None]
+        return np.asarray(inside.reshape(values.shape))
+
+    def residuals(self, theta: Array) -> tuple[Array, Array]:
+        """Return measured minus modelled body rates (u, 3) and velocities (n, 3)."""
+        modelled = self.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
+        rates = self._data.w_WB_B[self.usable] - theta[RATE_GAIN] * modelled - theta[RATE_BIAS]
+        left, columns = self._relative_to_windows(self.fitted_increments(theta))
+        return rates, left - columns @ theta[LINEAR_IN_VELOCITY]
+
+    def jacobians(self, theta: Array, *, difference: float = _DIFFERENCE) -> tuple[Array, Array]:
+        """Return the derivatives of both residuals, (u, 3, p) and (n, 3, p).
+
+        Those by times are central differences over ``difference`` [s] to both sides. Lags and
+        gains of the rates move the velocity only by how the thrust turns between two odometries,
+        whose attitudes are measured: that is left out.
+        """
+        rates = np.zeros((len(self.usable), 3, self.parameters))
+        velocity = np.zeros((len(self._data.time), 3, self.parameters))
+        increments = self.fitted_increments(theta)
+        _, columns = self._relative_to_windows(increments)
+        velocity[:, :, LINEAR_IN_VELOCITY] = -columns
+        by_speed = columns[:, :, _ROTORS] @ theta[ROTOR_DRAG]
+        velocity[:, :, SCALE] -= 0.5 / theta[SCALE] * by_speed
+        if self._data.knows_voltage:
+            by_power = theta[SCALE] * increments[:, :, 0]
+            by_power += 0.5 * increments[:, :, _ROTORS] @ theta[ROTOR_DRAG]
+            by_power *= self._log_voltage[:, None]
+            velocity[:, :, EXPONENT] = -self.relative(_summed(by_power))
+        modelled = self.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
+        above, below, span = _beside(theta, RATE_TAU, difference)
+        slower = self.rates(rate_tau=above[RATE_TAU], delay=theta[DELAY])
+        faster = self.rates(rate_tau=below[RATE_TAU], delay=theta[DELAY])
+        by_tau = theta[RATE_GAIN] * (slower - faster) / span
+        for axis in range(3):
+            rates[:, axis, RATE_BIAS.start + axis] = -1.0
+            rates[:, axis, RATE_GAIN.start + axis] = -modelled[:, axis]
+            rates[:, axis, RATE_TAU.start + axis] = -by_tau[:, axis]
+        # Over more than rounding: at edges of the commands the residuals have kinks.
+        for parameter in (THRUST_TAU, DELAY):
+            above, below, span = _beside(theta, parameter, difference)
+            high, low = self.residuals(above), self.residuals(below)
+            rates[:, :, parameter] = (high[0] - low[0]) / span
+            velocity[:, :, parameter] = (high[1] - low[1]) / span
+        return rates, velocity
+
+    def _response(self, channel: str, time_constant: tuple[float, ...]) -> LaggedCommands:
+        """Return how ``rate``, the body rates, or ``thrust``, the throttle, follows commands."""
+        data = self._data
+        command = data.w_command if channel == "rate" else data.throttle[:, None]
+        return LaggedCommands(data.command_time, command, time_constant=time_constant)
+
+
+class _Rates(NamedTuple):
+    """Body rates that follow their commands with a gain each."""
+
+    lag: LaggedCommands
+    gain: Array
+
+    def means(self, time: Array, duration: Array) -> Array:
+        """Return the means (n, 3) over stretches that no command divides."""
+        return np.asarray(self.gain * self.lag.means(time, duration)[0])
+
+
+def _key(time_constants: ArrayLike) -> tuple[float, ...]:
+    return tuple(np.ravel(time_constants).tolist())
+
+
+def _beside(
+    theta: Array, parameters: int | slice, difference: float
+) -> tuple[Array, Array, Array]:
+    """Return parameters with times a difference longer and shorter, and how far they are apart."""
+    above, below = theta.copy(), theta.copy()
+    above[parameters] += difference
+    below[parameters] = np.maximum(below[parameters] - difference, 0.0)
+    return above, below, np.asarray(above[parameters] - below[parameters])
+
+
+def _air_columns(data: Measurements) -> Array:
+    """Return what drag of one along each axis and lift of one add to the velocity (n-1, 3, 4)."""
+    v_WB_B = np.einsum("nji,nj->ni", data.R_WB, data.v_WB_W)
+    acceleration = np.zeros((len(data.time), 3, 4))
+    acceleration[:, :, :3] = -data.R_WB * v_WB_B[:, None, :]
+    across = np.sum(v_WB_B[:, :2] ** 2, axis=1)
+    acceleration[:, :, 3] = data.R_WB[:, :, 2] * across[:, None]
+    interval = np.diff(data.time)[:, None, None]
+    return np.asarray(0.5 * interval * (acceleration[:-1] + acceleration[1:]))
+
+
+def _divided(time: Array) -> Array:
+    """Return times with others between them, none further apart than the longest stretch.
+
+    But for gaps, which may be of any length where a clock was set.
+    """
+    parts = np.clip(np.ceil(np.diff(time) / _LONGEST_STRETCH), 1.0, _MOST_STRETCHES)
+    parts = parts.astype(np.intp)
+    first = np.repeat(np.arange(len(parts)), parts)
+    number = np.arange(len(first)) - np.repeat(np.cumsum(parts) - parts, parts)
+    inside = time[first] + number / parts[first] * np.diff(time)[first]
+    return np.append(inside, time[-1])
+
+
+def _summed(increments: Array) -> Array:
+    """Return sums (n, ...) of the increments (n-1, ...) up to each odometry."""
+    return np.concatenate((np.zeros((1, *increments.shape[1:])), np.cumsum(increments, axis=0)))
+
+
+def _windows(data: Measurements) -> tuple[NDArray[np.intp], Array]:
+    """Return the window of each odometry, and 1 for those in one that can be used, else 0."""
+    longest_gap = _LONGEST_GAP * data.period
+    block = np.zeros(len(data.time), dtype=np.intp)
+    current, start = 0, data.time[0]
+    for i in range(1, len(data.time)):
+        broken = (
+            data.usable[i] != data.usable[i - 1]
+            or data.time[i] - data.time[i - 1] > longest_gap
+            or data.time[i] - start >= WINDOW
+        )
+        if broken:
+            current, start = current + 1, data.time[i]
+        block[i] = current
+    enough = np.bincount(block) >= _FEWEST_IN_WINDOW
+    return block, (data.usable & enough[block]).astype(np.float64)

@@ -1,0 +1,309 @@
+"""An identification told: a table for people, a ROS parameter file for the controller."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import shlex
+import textwrap
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from quad_mpc_ros.analysis.identification import vehicle_file
+from quad_mpc_ros.analysis.identification.result import Estimate, Identification
+from quad_mpc_ros.configuration import UserError, per_axis
+from quad_mpc_ros.configuration.text_tables import text_table
+from quad_mpc_ros.control.config import MpcConfig
+
+_WIDTH = 80
+# Of what the body rates and the velocity vary: what the model may leave beyond noise.
+_MOST_MISFIT = {"body rates": 0.45, "velocity": 0.2}
+
+_TURNING = "the body rates were hardly commanded to change"
+_FAST = "the velocity hardly changed along it"
+# The flights that tell what one did not: about one place, and with several m/s.
+_SWEEPS = ("--reference excitation", "--duration 21")
+_WIDE_SWEEPS = (
+    *_SWEEPS,
+    "--set 'reference.excitation_reach=[6.0,6.0,2.0]'",
+    "--set reference.excitation_speed=8.0",
+    "--set reference.excitation_tilt=0.8",
+)
+_ROOM, _WIDE_ROOM = "4 m by 4 m by 2 m", "12 m by 12 m by 4 m"
+_TOLD_BY_SPEED = ("drag", "translational_lift")
+_UNSURE = (
+    "too uncertain to be used: the effect cannot be told from that of others, which a livelier "
+    "flight or more odometries a second help, or the vehicle is not as the model says (lags of "
+    "first order, one delay)"
+)
+_RATE_AXES, _BODY_AXES = ("roll", "pitch", "yaw"), ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A number of the vehicle: name, unit, value given, estimate, why it may not show or suit."""
+
+    label: str
+    unit: str
+    given: float
+    estimate: Estimate
+    unseen: str
+    unsure: str = _UNSURE
+
+
+def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
+    lags, gains = per_axis(given.rate_time_constant), per_axis(given.rate_gain)
+    drags = per_axis(given.drag)
+    return [
+        *(
+            _Row(f"rate_time_constant {axis}", "ms", before, estimate, _TURNING)
+            for axis, before, estimate in zip(
+                _RATE_AXES, lags, found.rate_time_constant, strict=True
+            )
+        ),
+        *(
+            _Row(f"rate_gain {axis}", "", before, estimate, _TURNING)
+            for axis, before, estimate in zip(_RATE_AXES, gains, found.rate_gain, strict=True)
+        ),
+        _Row(
+            "thrust_time_constant",
+            "ms",
+            given.thrust_time_constant,
+            found.thrust_time_constant,
+            "the throttle was hardly commanded to change",
+        ),
+        _Row(
+            "input_delay",
+            "ms",
+            given.input_delay,
+            found.input_delay,
+            "the commands hardly changed",
+        ),
+        _Row(
+            "thrust per mass",
+            "",
+            1.0,
+            found.thrust_scale,
+            "the thrust does not show: fly longer, off the ground",
+        ),
+        *(
+            _Row(f"drag {axis}", "1/s", before, estimate, _FAST)
+            for axis, before, estimate in zip(_BODY_AXES, drags, found.drag, strict=True)
+        ),
+        _Row(
+            "translational_lift",
+            "1/m",
+            given.translational_lift,
+            found.translational_lift,
+            "level flight was slow",
+        ),
+        *(
+            _Row(f"rotor_drag {axis}", "1/s", before, estimate, _FAST)
+            for axis, before, estimate in zip(
+                _BODY_AXES, per_axis(given.rotor_drag), found.rotor_drag, strict=True
+            )
+            if estimate.observable  # else it is part of the drag, and nothing is missing
+        ),
+    ]
+
+
+def _voltage_rows(found: Identification) -> list[_Row]:
+    """Return what is told only where the battery was recorded, and by no flight of its own."""
+    over = found.over_voltage
+    if over is None:
+        return []
+    return [
+        _Row(
+            f"thrust by (V/{over.reference:.2f} V)^n",
+            "",
+            over.made_up,
+            over.exponent,
+            "the voltage hardly changed",
+            unsure="too uncertain to be used: the voltage changed too little for this noise",
+        )
+    ]
+
+
+def identification_table(
+    found: Identification, given: MpcConfig, *, command_age: float, file: Path | None = None
+) -> str:
+    """Return what was found beside what was given as lines of text, at most 80 columns wide.
+
+    ``command_age`` [s] is that of :class:`Measurements`, NaN to be silent of it; ``file`` is the
+    parameter file that is to be written, for the next flight.
+    """
+    told = [*_rows(found, given), *_voltage_rows(found)]
+    values = [("", "given", "found", "+- 95 %"), *map(_cells, told)]
+    rows = [
+        *text_table(values, align="lrrr", widths=(27, 8, 12, 12), gap=""),
+        "",
+        f"flown under commands {found.flown:.1f} s; left over: body rates "
+        f"{found.rate_residual:.3g} rad/s, velocity {found.velocity_residual:.3g} m/s RMS",
+    ]
+    for note in _notes(found, given, command_age):
+        rows += textwrap.wrap(note, _WIDTH, subsequent_indent="  ")
+    return "\n".join((*rows, *proposal(found, given, file=file)))
+
+
+def proposal(found: Identification, given: MpcConfig, *, file: Path | None) -> list[str]:
+    """Return lines that name the flight which would tell what is missing; none if nothing is.
+
+    It is flown with the parameter ``file`` of this fit, if that is good for anything.
+    """
+    refused = refusal(found) is not None
+    missing = [row.label for row in _rows(found, given) if not row.estimate.observable]
+    if not missing and not refused:
+        return []
+    wide = not refused and any(label.startswith(_TOLD_BY_SPEED) for label in missing)
+    flight = [] if refused or file is None else [f"--config {shlex.quote(str(file))}"]
+    flight += _WIDE_SWEEPS if wide else _SWEEPS
+    room = _WIDE_ROOM if wide else _ROOM
+    return [
+        "",
+        f"This flight would tell more, in {room} (docs/references.md, excitation):",
+        " \\\n    ".join(("  quad_mpc fly", *flight)),
+    ]
+
+
+def warnings(found: Identification, given: MpcConfig) -> Iterator[str]:
+    """Yield what the flight does not show, and bad fits."""
+    untold: dict[str, list[str]] = {}
+    for row in (*_rows(found, given), *_voltage_rows(found)):
+        estimate, value = row.estimate, _number(row.estimate.value, row.unit)
+        if estimate.at_bound:
+            yield (
+                f"{row.label} came out as {f'{value} {row.unit}'.strip()}, the end of what is "
+                "searched: that is no vehicle, but something that the model does not have; kept "
+                "as given"
+            )
+        elif not estimate.seen:
+            untold.setdefault(f"cannot be told from this flight: {row.unseen}", []).append(
+                row.label
+            )
+        elif not estimate.observable:
+            untold.setdefault(row.unsure, []).append(row.label)
+    yield from (f"{', '.join(labels)} {reason}" for reason, labels in untold.items())
+    if (reason := refusal(found)) is not None:
+        yield reason
+
+
+def refusal(found: Identification) -> str | None:
+    """Return why nothing of a fit should be used, if so."""
+    for (name, most), misfit in zip(_MOST_MISFIT.items(), found.misfit, strict=True):
+        if misfit > most:
+            return (
+                f"{misfit:.0%} of the variation of the {name} is left over beyond noise, expected "
+                f"{most:.0%} or less: the odometry and the commands of one vehicle, the rates in "
+                "the frame of odometry.twist_frame, a rate loop that is nearly of first order and "
+                "not saturated"
+            )
+    return None
+
+
+def parameter_file(
+    found: Identification, given: MpcConfig, *, bag: Path, keep: vehicle_file.Kept
+) -> str:
+    """Return a ROS parameter file for controller and reference, safe to be used alone.
+
+    What the flight does not tell is written as given. With ``keep`` mass the thrust curve is
+    scaled, with curve the mass. Raises :class:`UserError` for a fit that explains too little, and
+    ``ConfigurationError`` when the controller would refuse the values.
+    """
+    if (reason := refusal(found)) is not None:
+        raise UserError(f"nothing is written: {reason}")
+    entries: vehicle_file.Entries = {}
+    for name in ("rate_time_constant", "rate_gain", "drag", "rotor_drag"):
+        told = [_told(estimate) for estimate in getattr(found, name)]
+        entries[name] = vehicle_file.axes_entry(told, getattr(given, name))
+    for name in ("thrust_time_constant", "input_delay", "translational_lift"):
+        estimate = _told(getattr(found, name))
+        entries[name] = (
+            (getattr(given, name), vehicle_file.UNTOLD)
+            if estimate is None
+            else vehicle_file.found_entry(estimate)
+        )
+    entries["gravity"] = (given.gravity, vehicle_file.KEPT)
+    if found.thrust_scale.observable:
+        entries |= vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
+    else:
+        kept = ("mass", "thrust_curve", "motor_count")
+        entries |= {name: (getattr(given, name), vehicle_file.UNTOLD) for name in kept}
+    remark = f"Identified from {bag}, {found.flown:.1f} s of flight under commands; +- is 95 %."
+    remarks = [remark, *_for_the_bridge(found)]
+    return vehicle_file.content(entries, given, remarks=remarks, shared=True)
+
+
+def _for_the_bridge(found: Identification) -> list[str]:
+    """Return the lines that a bridge needs of the thrust over the voltage, if it falls with it."""
+    over = found.over_voltage
+    if over is None or not over.falls:
+        return []
+    volt, power = vehicle_file.rounded(over.reference), vehicle_file.found_entry(over.exponent)
+    return [
+        f"The thrust is that at {volt} V. For the section of the bridge, which makes up for it:",
+        "  thrust_map:",
+        f"    battery_voltage: {volt}",
+        f"    battery_exponent: {power[0]}  # {power[1]}",
+    ]
+
+
+def _told(estimate: Estimate) -> Estimate | None:
+    """Return what is written of an estimate: none that is not told, and nothing below zero."""
+    if not estimate.observable:
+        return None
+    return dataclasses.replace(estimate, value=max(estimate.value, 0.0))
+
+
+def _cells(row: _Row) -> tuple[str, ...]:
+    estimate = row.estimate
+    label = f"{row.label} [{row.unit}]" if row.unit else row.label
+    before = _number(row.given, row.unit)
+    if not estimate.seen or estimate.at_bound:
+        return label, before, "not told", "-"
+    factor, digits = _scale(row.unit)
+    least = 10.0**-digits
+    width = max(math.ceil(factor * estimate.half_width / least) * least, least)
+    told = "" if estimate.observable else "? "
+    return label, before, f"{told}{_number(estimate.value, row.unit)}", f"{width:.{digits}f}"
+
+
+def _number(value: float, unit: str) -> str:
+    factor, digits = _scale(unit)
+    return f"{factor * value:.{digits}f}"
+
+
+def _scale(unit: str) -> tuple[float, int]:
+    """Return by what a value is multiplied to be shown, and how many decimals it has."""
+    return (1e3, 1) if unit == "ms" else (1.0, 4 if unit == "1/m" else 3)
+
+
+def _notes(found: Identification, given: MpcConfig, command_age: float) -> Iterator[str]:
+    if found.fitted != found.flown:
+        yield f"fitted to {found.fitted:.1f} s of that, spread evenly over the flight"
+    if found.thrust_scale.observable:
+        scale = found.thrust_scale.value
+        yield (
+            f"thrust per mass {scale:.3f}: the given curve lifting {given.mass / scale:.3f} kg, "
+            f"or {scale:.3f} of the given curve lifting the given {given.mass:.3f} kg"
+        )
+    yield from _voltage_notes(found)
+    east, north = (f"{push + 0.0:.2f}" for push in found.wind_acceleration_W)
+    yield f"wind and the like push by {east} m/s^2 east and {north} m/s^2 north"
+    if not math.isnan(command_age) and found.input_delay.observable:
+        yield (
+            "input_delay counts from the stamp of the odometry to the effect of the command; "
+            f"{1e3 * command_age:.1f} ms of it (median) pass until the command is published"
+        )
+    yield from (f"warning: {text}" for text in warnings(found, given))
+
+
+def _voltage_notes(found: Identification) -> Iterator[str]:
+    over = found.over_voltage
+    if over is None or not over.exponent.observable:
+        return
+    told = f"thrust over voltage: power {over.exponent.value:.2f} at {over.reference:.2f} V"
+    if over.falls:
+        yield f"{told}, battery_exponent and battery_voltage of the bridge's thrust_map"
+    else:
+        yield f"{told}, not apart from 0: leave thrust_map.battery_voltage of the bridge at 0"

@@ -1,0 +1,12 @@
+"""Recorded runs on one page: a self-contained HTML file, and their series as CSV.
+
+:func:`read_runs` reads bags, :func:`page` makes the HTML, :func:`csv_tables` the tables. Plotly,
+an extra of the package, is imported when a page is made.
+"""
+
+from quad_mpc_ros.analysis.report.page import page
+from quad_mpc_ros.analysis.report.plotting import PLOTLY_NEEDED
+from quad_mpc_ros.analysis.report.run import ReportedRun, read_runs
+from quad_mpc_ros.analysis.report.series import TABLE_NAMES, csv_tables
+
+__all__ = ["PLOTLY_NEEDED", "TABLE_NAMES", "ReportedRun", "csv_tables", "page", "read_runs"]

@@ -1,0 +1,155 @@
+"""What runs are and how well they went, as HTML tables with a column a run."""
+
+from __future__ import annotations
+
+import datetime
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
+from operator import getitem
+from typing import Any
+
+from quad_mpc_ros.analysis.report.markup import html_table
+from quad_mpc_ros.analysis.report.run import WITHOUT_MPC, ReportedRun, fallback_spans
+from quad_mpc_ros.configuration import files
+from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.recordings.parameters import recorded_parameters
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+_ABSENT = "–"
+_NOT_RECORDED = "not recorded"
+_SIMULATED_BEFORE = 946_684_800  # s, the year 2000: clocks of simulations begin at 0
+
+
+def verdict(run: ReportedRun) -> str:
+    """Return in a sentence or two whether the MPC flew, and who did where it did not."""
+    summary = run.summary
+    if not summary["commands"]:
+        return "No command was given."
+    sources = Counter(run.flight.stats["source"].tolist())
+    without = {source: sources[source] for source in WITHOUT_MPC if sources[source]}
+    if not sources:
+        return f"{summary['commands']} commands; who gave them was not recorded."
+    if not without:
+        return f"The MPC gave every one of the {summary['commands']} commands."
+    first = fallback_spans(run.flight)[0]
+    told = ", ".join(f"{count} {source}" for source, count in without.items())
+    return (
+        f"The MPC did not command at {sum(without.values())} of {sources.total()} ticks: {told}. "
+        f"First at {first.start:.2f} s: {first.reason}."
+    )
+
+
+def identity_table(runs: Sequence[ReportedRun]) -> str:
+    """Return what each run is."""
+    return _table(runs, {name: [text(run) for run in runs] for name, text in _IDENTITY.items()})
+
+
+def metrics_table(runs: Sequence[ReportedRun]) -> str:
+    """Return the figures of merit of each run."""
+    rows = {
+        name: [_number(reduce(getitem, path.split("."), run.summary), style) for run in runs]
+        for name, path, style in _METRICS
+    }
+    rows["error at waypoints [m]"] = [_waypoint_errors(run) for run in runs]
+    return _table(runs, rows)
+
+
+def parameter_table(runs: Sequence[ReportedRun], *, only_different: bool) -> str:
+    """Return the recorded parameters, or those in which runs differ; empty when there are none."""
+    values = [_flattened(run.flight.parameters) for run in runs]
+    rows = {
+        name: [shown(each[name]) if name in each else _ABSENT for each in values]
+        for name in dict.fromkeys(name for each in values for name in each)
+    }
+    if only_different:
+        rows = {name: cells for name, cells in rows.items() if len(set(cells)) > 1}
+    return _table(runs, rows) if rows else ""
+
+
+def _started(run: ReportedRun) -> str:
+    seconds = int(run.flight.stamp_ns[0]) // 1_000_000_000
+    if seconds < _SIMULATED_BEFORE:
+        return "simulated time"
+    moment = datetime.datetime.fromtimestamp(seconds, tz=datetime.UTC)
+    return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _reference(run: ReportedRun) -> str:
+    recorded = recorded_parameters(run.flight.parameters, ReferenceConfig)
+    return str(recorded.get("trajectory", _NOT_RECORDED))
+
+
+def _controller(run: ReportedRun) -> str:
+    if not any(name.rsplit("/", 1)[-1] == "mpc" for name in run.flight.parameters):
+        return _NOT_RECORDED
+    mpc = run.flight.mpc
+    return (
+        f"{mpc.formulation}, {mpc.horizon_steps} steps of {mpc.horizon_step:g} s "
+        f"at {mpc.control_rate:g} Hz"
+    )
+
+
+def _vehicle(run: ReportedRun) -> str:
+    recorded = recorded_parameters(run.flight.parameters, SimulatorConfig)
+    if not recorded:
+        return "no simulator recorded"
+    # Not built: the plant may be another package's that is not installed here.
+    simulated = {**SimulatorConfig().flattened(), **recorded}
+    return f"simulated, {simulated['plant']}, {simulated['dynamics']}"
+
+
+_IDENTITY: dict[str, Callable[[ReportedRun], str]] = {
+    "bag": lambda run: str(run.bag),
+    "start": _started,
+    "duration": lambda run: f"{run.summary['duration_s']:.2f} s",
+    "reference": _reference,
+    "controller": _controller,
+    "vehicle": _vehicle,
+}
+
+_METRICS = (
+    ("position error, RMSE [m]", "position_rmse_m", "{:.3g}"),
+    ("position error, max [m]", "position_max_m", "{:.3g}"),
+    ("attitude error, RMSE [rad]", "attitude_rmse_rad", "{:.3g}"),
+    ("commands", "commands", "{}"),
+    ("odometries", "odometries", "{}"),
+    ("odometries unanswered", "unanswered_odometries", "{}"),
+    ("commands of the failsafe", "fallbacks", "{}"),
+    ("solver failures", "solver_failures", "{}"),
+    ("deadline misses", "deadline_misses", "{}"),
+    ("commands with a rate at its bound", "rate_saturation_fraction", "{:.1%}"),
+    ("iterations, p50", "iterations.p50", "{}"),
+    ("iterations, p99", "iterations.p99", "{}"),
+    ("iterations, max", "iterations.max", "{}"),
+    ("solve time, p50 [µs]", "solve_time_us.p50", "{:.0f}"),
+    ("solve time, p99 [µs]", "solve_time_us.p99", "{:.0f}"),
+    ("solve time, max [µs]", "solve_time_us.max", "{:.0f}"),
+    ("control step, p50 [µs]", "step_time_us.p50", "{:.0f}"),
+    ("control step, p99 [µs]", "step_time_us.p99", "{:.0f}"),
+    ("control step, max [µs]", "step_time_us.max", "{:.0f}"),
+    ("odometry to command, p50 [ms]", "odom_to_command_ms.p50", "{:.3f}"),
+    ("odometry to command, p99 [ms]", "odom_to_command_ms.p99", "{:.3f}"),
+    ("odometry to command, max [ms]", "odom_to_command_ms.max", "{:.3f}"),
+)
+
+
+def _number(value: Any, style: str) -> str:
+    return _ABSENT if value is None else style.format(value)
+
+
+def _waypoint_errors(run: ReportedRun) -> str:
+    return ", ".join(f"{error:.3g}" for error in run.summary["waypoint_error_m"]) or _ABSENT
+
+
+def _flattened(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    return {
+        f"{node}.{name}": value
+        for node, values in sorted(parameters.items())
+        for name, value in files.flattened(values)
+    }
+
+
+def _table(runs: Sequence[ReportedRun], rows: Mapping[str, Sequence[str]]) -> str:
+    return html_table([run.name for run in runs], rows)

@@ -1,0 +1,92 @@
+"""The time series of a run as tables: every digit, for other programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from numpy.typing import NDArray
+
+from quad_mpc_ros.analysis.report.run import ReportedRun
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.recordings.evaluation.metrics import attitude_errors, position_errors
+
+TABLE_NAMES = ("odometry", "commands", "ticks")
+
+_BLOCK = 10_000  # rows; numbers of Python and a StringIO take several times their text
+
+Columns = dict[str, NDArray[Any]]
+
+
+def csv_tables(run: ReportedRun) -> dict[str, str]:
+    """Return the tables of :data:`TABLE_NAMES` as CSV with a header; units end the names.
+
+    ``odometry`` has a row an odometry, with the reference in force and the errors to it;
+    ``commands`` a row a command, by the stamp of the odometry it answers; ``ticks`` the figures of
+    ``mpc/stats``.
+    """
+    tables = (_odometry(run), _commands(run), _ticks(run))
+    return {name: _csv(columns) for name, columns in zip(TABLE_NAMES, tables, strict=True)}
+
+
+def _odometry(run: ReportedRun) -> Columns:
+    flight, reference = run.flight, run.flight.reference
+    columns: Columns = {
+        "time_s": flight.time,
+        "stamp_ns": flight.stamp_ns,
+        **_vector("p_WB", flight.p_WB, "m"),
+        **_vector("q_WB", flight.q_WB_xyzw),
+        **_vector("v_WB_B", flight.v_WB_B, "m_s"),
+        **_vector("w_WB_B", flight.w_WB_B, "rad_s"),
+    }
+    if reference is None:
+        return columns
+    return {
+        **columns,
+        **_vector("reference_p_WB", reference.p_WB, "m"),
+        **_vector("reference_q_WB", so3.quaternion_xyzw_from_rotation(reference.R_WB)),
+        **_vector("reference_v_WB_B", reference.v_WB_B, "m_s"),
+        **_vector("reference_w_WB_B", reference.w_WB_B, "rad_s"),
+        "reference_throttle": reference.throttle,
+        "position_error_m": position_errors(flight),
+        "attitude_error_rad": attitude_errors(flight),
+    }
+
+
+def _commands(run: ReportedRun) -> Columns:
+    commands = run.flight.commands
+    return {
+        "time_s": run.flight.time_of(commands.stamp_ns),
+        "stamp_ns": commands.stamp_ns,
+        "publish_time_ns": commands.publish_time_ns,
+        "throttle": commands.throttle,
+        **_vector("w_WB_B", commands.w_WB_B, "rad_s"),
+    }
+
+
+def _ticks(run: ReportedRun) -> Columns:
+    return {"time_s": run.flight.tick_time, **run.flight.stats}
+
+
+def _vector(name: str, values: Array, unit: str = "") -> Columns:
+    """Return the columns of vectors (n, 3) or quaternions (n, 4), x first."""
+    ending = f"_{unit}" if unit else ""
+    names = "xyzw"[: values.shape[1]]
+    return {f"{name}_{axis}{ending}": values[:, i] for i, axis in enumerate(names)}
+
+
+def _csv(columns: Mapping[str, NDArray[Any]]) -> str:
+    parts = [_lines([list(columns)])]
+    count = len(next(iter(columns.values())))
+    for begin in range(0, count, _BLOCK):
+        block = [values[begin : begin + _BLOCK].tolist() for values in columns.values()]
+        parts.append(_lines(zip(*block, strict=True)))
+    return "".join(parts)
+
+
+def _lines(rows: Iterable[Sequence[Any]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

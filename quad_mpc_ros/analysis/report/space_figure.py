@@ -1,0 +1,121 @@
+"""The flight in space as a Plotly figure, with what the controller expected at each time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.analysis.figures import space, style
+from quad_mpc_ros.analysis.report.plotting import lay_out, plotly, subplots
+from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, ReportedRun
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
+from quad_mpc_ros.recordings.flight import Flight
+
+MOST_POINTS = 5000  # of a line in space
+_HORIZON_COLOUR = "#CC79A7"
+_HEIGHT = 560  # pixels
+_HOVER = "t = %{customdata:.2f} s<br>x %{x:.3f}, y %{y:.3f}, z %{z:.3f} m"
+
+
+def space_figure(runs: Sequence[ReportedRun]) -> Any:
+    """Return path, reference, waypoints and predicted horizons of runs beside each other."""
+    scenes = [[{"type": "scene"}] * len(runs)]
+    figure = subplots(1, runs, titles="subplot_titles", specs=scenes, horizontal_spacing=0.01)
+    fastest = max(float(_speed(run).max()) for run in runs)
+    for column, run in enumerate(runs, start=1):
+        for trace in _traces(run, fastest=fastest, first=column == 1):
+            figure.add_trace(trace, row=1, col=column)
+    figure.update_scenes(**_room(runs))
+    lay_out(figure, height=_HEIGHT, margin={"l": 0, "r": 0, "b": 0})
+    return figure
+
+
+def drawn_horizons(flight: Flight) -> tuple[Array, Array]:
+    """Return positions (n, 3) and times (n,) of evenly chosen plans, apart by rows of NaN."""
+    step = -(-len(flight.plans) // MOST_HORIZONS) or 1
+    plans = flight.plans[::step]
+    if not plans:
+        return np.zeros((0, 3)), np.zeros(0)
+    gap = np.full((1, 3), np.nan)
+    stamps_ns = np.array([plan.stamp_ns for plan in plans], dtype=np.int64)
+    lengths = [len(plan.p_WB) + 1 for plan in plans]
+    positions = np.vstack([part for plan in plans for part in (plan.p_WB, gap)])
+    return positions, np.repeat(flight.time_of(stamps_ns), lengths)
+
+
+def _room(runs: Sequence[ReportedRun]) -> dict[str, Any]:
+    """Return the layout of a scene, the same for all runs, in which a metre is a metre."""
+    points = [run.flight.p_WB for run in runs]
+    points += [run.flight.reference.p_WB for run in runs if run.flight.reference is not None]
+    lower, upper = space.room(np.vstack(points))
+    sides = (upper - lower) / float(np.max(upper - lower))
+    axes = {
+        f"{name}axis": {"title": {"text": f"{name} [m]"}, "range": [low, high]}
+        for name, low, high in zip("xyz", lower.tolist(), upper.tolist(), strict=True)
+    }
+    return {
+        **axes,
+        "aspectmode": "manual",
+        "aspectratio": dict(zip("xyz", sides.tolist(), strict=True)),
+        "camera": {"eye": {"x": -1.15, "y": -1.4, "z": 0.85}, "center": {"z": -0.12}},
+    }
+
+
+def _traces(run: ReportedRun, *, fastest: float, first: bool) -> list[Any]:
+    flight = run.flight
+    horizons, horizon_time = drawn_horizons(flight)
+    traces = [
+        _line("predicted", horizons, horizon_time, colour=_HORIZON_COLOUR, width=2, legend=first)
+    ]
+    thinned = slice(None, None, -(-len(flight.p_WB) // MOST_POINTS))
+    time = flight.time[thinned]
+    if flight.reference is not None:
+        reference, places = flight.reference.p_WB[thinned], waypoint_positions(flight)
+        traces += [
+            _line("reference", reference, time, colour=style.REFERENCE, width=4, legend=first),
+            _marks("waypoint", places, colour=style.BOUND, symbol="diamond", legend=first),
+        ]
+    flown = _line("flown", flight.p_WB[thinned], time, colour=style.FLOWN, width=6, legend=first)
+    flown.line.update(
+        color=_speed(run)[thinned],
+        cmin=0.0,
+        cmax=fastest or 1.0,
+        colorscale="Viridis",
+        showscale=first,
+        colorbar={"title": {"text": "speed [m/s]"}, "len": 0.7, "thickness": 12},
+    )
+    start = _marks("start", flight.p_WB[:1], colour=style.INK, symbol="square", legend=first)
+    return [*traces, flown, start]
+
+
+def _line(name: str, p_WB: Array, time: Array, *, colour: str, width: int, legend: bool) -> Any:
+    return _scatter(
+        name,
+        p_WB.astype(np.float32),
+        legend=legend,
+        mode="lines",
+        line={"color": colour, "width": width},
+        customdata=time,
+        hovertemplate=_HOVER,
+    )
+
+
+def _marks(name: str, p_WB: Array, *, colour: str, symbol: str, legend: bool) -> Any:
+    marker = {"color": colour, "size": 5, "symbol": symbol}
+    in_legend = legend and len(p_WB) > 0
+    return _scatter(name, p_WB, legend=in_legend, mode="markers", marker=marker)
+
+
+def _scatter(name: str, p_WB: NDArray[Any], *, legend: bool, **options: Any) -> Any:
+    x, y, z = p_WB.T
+    return plotly("graph_objects").Scatter3d(
+        x=x, y=y, z=z, name=name, legendgroup=name, showlegend=legend, **options
+    )
+
+
+def _speed(run: ReportedRun) -> Array:
+    return np.asarray(np.linalg.norm(run.flight.v_WB_B, axis=1))

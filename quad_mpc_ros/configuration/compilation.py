@@ -1,0 +1,87 @@
+"""Compiling functions by Numba, with machine code that is kept on disk for the next start.
+
+A function's machine code contains what it calls, and the constants that it reads, of other files
+too. Numba's cache asks only whether the function's own file has changed, so it is kept in a folder
+that is named after a digest of all sources that compiled code is made of: stale code is in another
+folder and never used.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.metadata
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import ParamSpec, TypeVar, cast
+
+import numba
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+# The doors from which compiled code is made. What their files hold is in the digest.
+DOORS = ("configuration", "control", "simulation", "analysis")
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Compile a function when it is first called, and keep the machine code on disk.
+
+    Floating point is strict: a flight is the same, bit for bit, in every process of a machine.
+    """
+    folder = cache_folder()
+    with _cached_in(folder):
+        jit = numba.njit(cache=folder is not None, error_model="numpy")
+        return cast(Callable[_P, _T], jit(function))
+
+
+@functools.cache
+def cache_folder() -> Path | None:
+    """Return where machine code of these sources is kept, None where nothing can be written.
+
+    That is beside the package, else in the user's cache; ``NUMBA_CACHE_DIR`` names another place.
+    """
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    places = [Path(given)] if given else [_PACKAGE / "__pycache__", user / "quad_mpc_ros"]
+    for place in places:
+        folder = place / f"compiled-{digest_of_sources()}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return folder
+        except OSError:
+            continue
+    return None
+
+
+@functools.cache
+def digest_of_sources() -> str:
+    """Return a digest of what machine code is made of: the sources, Numba, NumPy."""
+    digest = hashlib.blake2b(digest_size=10)
+    for name in ("numba", "llvmlite", "numpy"):
+        digest.update(f"{name} {importlib.metadata.version(name)}\0".encode())
+    for file in sorted(_sources()):
+        digest.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()
+
+
+def _sources() -> Iterator[Path]:
+    for door in DOORS:
+        yield from (_PACKAGE / door).rglob("*.py")
+
+
+@contextmanager
+def _cached_in(folder: Path | None) -> Iterator[None]:
+    """Let Numba keep what is decorated meanwhile in a folder."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(folder or before)
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before

@@ -1,0 +1,358 @@
+"""Parameters of the MPC node."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from dataclasses import dataclass
+
+from quad_mpc_ros.configuration import (
+    Configuration,
+    ConfigurationError,
+    ManagedConfiguration,
+    parameter,
+    per_axis,
+)
+from quad_mpc_ros.control.model.vehicle import VehicleParameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdometryParameters(Configuration):
+    """How to read the odometry."""
+
+    owner = "mpc.odometry"
+
+    frame_id: str = parameter("odom", doc="World frame that the odometry's header must name.")
+    twist_frame: str = parameter(
+        "child",
+        doc="Frame of the odometry's twist: child (REP-103, body) or world.",
+        choices=("child", "world"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverParameters(Configuration):
+    """How hard OSQP works. Tolerances are on the scaled problem, whose variables are about 1."""
+
+    owner = "mpc.solver"
+
+    tolerance: float = parameter(
+        1e-3, doc="Absolute and relative tolerance of the scaled problem.", above=0.0, below=0.1
+    )
+    max_iterations: int = parameter(
+        1000, doc="Iterations until a solve counts as failed.", minimum=1
+    )
+
+
+_live = functools.partial(parameter, live=True)
+_FAR = 1e6  # m: a fence that stands nowhere
+_corner = functools.partial(_live, unit="m", length=3, minimum=-_FAR, maximum=_FAR)
+_ACTIONS = ("warn", "hover", "stop")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FenceParameters(Configuration):
+    """A box in the world that the vehicle is not to leave; by default it has no walls."""
+
+    owner = "mpc.fence"
+
+    minimum: tuple[float, ...] = _corner((-_FAR,) * 3, doc="Lowest position inside the fence.")
+    maximum: tuple[float, ...] = _corner((_FAR,) * 3, doc="Highest position inside the fence.")
+    action: str = _live(
+        "hover",
+        doc="Outside of it: warn and fly on; hover inside of it without the solver, as soon as "
+        "there is just room to stop; or stop publishing until the node is activated again.",
+        choices=_ACTIONS,
+    )
+
+    def check(self) -> None:
+        """Refuse a fence with no inside."""
+        if not all(low < high for low, high in zip(self.minimum, self.maximum, strict=True)):
+            raise ConfigurationError(
+                f"{self.owner}.minimum",
+                self.minimum,
+                f"3 numbers below fence.maximum {list(self.maximum)}",
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvelopeParameters(Configuration):
+    """How far the vehicle may tilt, and how fast turn and fly; by default as it likes."""
+
+    owner = "mpc.envelope"
+
+    tilt_max: float = _live(
+        math.pi,
+        doc="Largest angle between the thrust axis and up.",
+        unit="rad",
+        above=0.0,
+        maximum=math.pi,
+    )
+    rate_max: float = _live(100.0, doc="Largest body rate, its norm.", unit="rad/s", above=0.0)
+    speed_max: float = _live(100.0, doc="Largest speed.", unit="m/s", above=0.0)
+    action: str = _live("warn", doc="Beyond it: as for fence.action.", choices=_ACTIONS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwingingParameters(Configuration):
+    """What counts as a limit cycle: the thrust leans to one side and the other, time and again."""
+
+    owner = "mpc.swinging"
+
+    tilt: float = _live(
+        0.2,
+        doc="Angle to both sides of what the reference asks for, six changes of side within 3 s.",
+        unit="rad",
+        above=0.0,
+        maximum=math.pi,
+    )
+    action: str = _live("hover", doc="When it swings: as for fence.action.", choices=_ACTIONS)
+    hold_time: float = _live(
+        10.0,
+        doc="How long the action lasts; three times as long each time that it swings again after.",
+        unit="s",
+        above=0.0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlewParameters(Configuration):
+    """How fast a command may change; applied last, to every source, unknown to the plan."""
+
+    owner = "mpc.slew"
+
+    throttle_max: float = _live(
+        0.0, doc="Largest change of the throttle; 0 is any.", unit="1/s", minimum=0.0
+    )
+    rate_max: float = _live(
+        0.0, doc="Largest change of each body rate; 0 is any.", unit="rad/s^2", minimum=0.0
+    )
+
+
+_limit = functools.partial(_live, minimum=0.0, switch=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitParameters(Configuration):
+    """Soft limits inside the plan of ``manifold``; those at 0 are not in its problem at all.
+
+    They bound what the controller adds to the reference, which may ask for more by itself.
+    """
+
+    owner = "mpc.limits"
+
+    tilt_max: float = _limit(
+        0.61,
+        doc="manifold: largest angle between the thrust axis and up that is planned; 0 is any.",
+        unit="rad",
+        maximum=math.pi,
+    )
+    speed_max: float = _limit(0.0, doc="manifold: largest speed planned; 0 is any.", unit="m/s")
+    throttle_margin: float = _limit(
+        0.0,
+        doc="manifold: distance to throttle_min and throttle_max that is kept for control; 0 is "
+        "none.",
+        below=0.5,
+    )
+    rate_slew: float = _limit(
+        0.0,
+        doc="manifold: largest change planned of each body rate commanded; 0 is any.",
+        unit="rad/s^2",
+    )
+    pull_distance: float = _live(
+        1.5,
+        doc="manifold, with any of these limits: a reference further away than this, across or in "
+        "height, pulls as if it were here. Sets the speed of an approach.",
+        unit="m",
+        above=0.0,
+    )
+
+    @property
+    def in_use(self) -> list[str]:
+        """The names of the limits that are in the problem."""
+        names = ("tilt_max", "speed_max", "throttle_margin", "rate_slew")
+        return [name for name in names if getattr(self, name) > 0.0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealtimeParameters(Configuration):
+    """What to ask of the operating system and of Python, so that no tick is late."""
+
+    owner = "mpc.realtime"
+
+    scheduler_priority: int = parameter(
+        0, doc="Priority under SCHED_FIFO; 0 is the normal scheduler.", minimum=0, maximum=99
+    )
+    cpus: tuple[int, ...] = parameter(
+        (), doc="Processors to run on, by number; none given is any.", minimum=0
+    )
+    lock_memory: bool = parameter(False, doc="Keep all memory of the process from being swapped.")
+    keep_awake: bool = parameter(
+        False, doc="Keep processors from sleeping, from which they wake late; costs power."
+    )
+    garbage_collection: str = parameter(
+        "between_ticks",
+        doc="When Python collects garbage: between ticks, or automatic, at any moment.",
+        choices=("between_ticks", "automatic"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MpcConfig(ManagedConfiguration, VehicleParameters):
+    """Parameters of the MPC; those marked live may change in flight."""
+
+    owner = "mpc"
+
+    control_rate: float = parameter(
+        50.0, doc="Commands per second; odometry is decimated to it.", unit="Hz", above=0.0
+    )
+    formulation: str = parameter(
+        "manifold",
+        doc="Model in the horizon: manifold, or paper (its Eq. 4).",
+        choices=("manifold", "paper"),
+    )
+    horizon_steps: int = parameter(12, doc="Steps N of the horizon.", minimum=1, maximum=200)
+    horizon_step: float = parameter(
+        0.08, doc="Time between two stages of the horizon.", unit="s", above=0.0
+    )
+    Q: tuple[float, ...] = _live(
+        (10.0, 10.0, 10.0, 1.0, 1.0, 1.0, 0.15, 0.15, 0.15),
+        doc="Diagonal weight on the error of position, velocity, attitude.",
+        length=9,
+        minimum=0.0,
+    )
+    R: tuple[float, ...] = _live(
+        (0.4, 0.05, 0.05, 0.05),
+        doc="Diagonal weight on the error of throttle and body rates.",
+        length=4,
+        minimum=0.0,
+    )
+    terminal_weight: float = _live(10.0, doc="Factor on Q at the last stage.", minimum=0.0)
+    omega_max: tuple[float, ...] = _live(
+        (6.0 * math.pi, 6.0 * math.pi, 3.0 * math.pi),
+        doc="Bound on the body rates (roll, pitch, yaw).",
+        unit="rad/s",
+        length=3,
+        above=0.0,
+    )
+    throttle_min: float = _live(0.0, doc="Lower bound on the throttle.", minimum=0.0, maximum=1.0)
+    throttle_max: float = _live(1.0, doc="Upper bound on the throttle.", minimum=0.0, maximum=1.0)
+    rate_time_constant: float | tuple[float, ...] = parameter(
+        0.07,
+        doc="manifold: first-order lag of the body rates behind their command.",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    rate_gain: float | tuple[float, ...] = parameter(
+        1.0,
+        doc="manifold: body rates in the long run over those commanded.",
+        minimum=0.2,
+        maximum=3.0,
+    )
+    thrust_time_constant: float = parameter(
+        0.04,
+        doc="manifold: first-order lag of the throttle behind its command.",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    input_delay: float = parameter(
+        0.02,
+        doc="Time from the stamp of an odometry to when the command that answers it acts, the "
+        "odometry's own delay included; the state is predicted across it.",
+        unit="s",
+        minimum=0.0,
+        maximum=0.5,
+    )
+    estimate_disturbance: bool = parameter(
+        True,
+        doc="manifold: estimate an acceleration, the thrust's scale, the drag, the actuators' "
+        "time constants where they lag and the bias of the measured velocity, and allow for them.",
+    )
+    disturbance_max: float = _live(
+        5.0,
+        doc="manifold: largest acceleration along the ground that the estimate may find; raise it "
+        "where strong pushes are to be held.",
+        unit="m/s^2",
+        above=0.0,
+        maximum=50.0,
+    )
+    lockstep: bool = parameter(
+        False, doc="Answer each odometry with the reference of the same stamp, in simulated time."
+    )
+    odom_timeout: float = _live(
+        0.1, doc="Odometry older than this is unusable.", unit="s", above=0.0
+    )
+    odom_gap: float = _live(
+        0.4,
+        doc="How long after the last odometry the MPC plans on, from where its own commands "
+        "should have brought the vehicle; 0 is no longer than odom_timeout.",
+        unit="s",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    reference_timeout: float = _live(
+        0.5,
+        doc="A reference older than this is unusable, unless it still reaches over the horizon.",
+        unit="s",
+        above=0.0,
+    )
+    deadline: float = parameter(
+        0.8,
+        doc="Share of a control period within which a plan has to be ready, or it is dropped; "
+        "not in lockstep.",
+        above=0.0,
+        maximum=1.0,
+    )
+    plan_hold_time: float = _live(
+        0.2, doc="How long the last plan is flown on when no new one comes.", unit="s", minimum=0.0
+    )
+    blind_time: float = _live(
+        1.0,
+        doc="How long to level and descend without odometry before falling silent.",
+        unit="s",
+        minimum=0.0,
+    )
+    odometry: OdometryParameters = dataclasses.field(default_factory=OdometryParameters)
+    solver: SolverParameters = dataclasses.field(default_factory=SolverParameters)
+    fence: FenceParameters = dataclasses.field(default_factory=FenceParameters)
+    envelope: EnvelopeParameters = dataclasses.field(default_factory=EnvelopeParameters)
+    swinging: SwingingParameters = dataclasses.field(default_factory=SwingingParameters)
+    slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
+    limits: LimitParameters = dataclasses.field(default_factory=LimitParameters)
+    realtime: RealtimeParameters = dataclasses.field(default_factory=RealtimeParameters)
+
+    @property
+    def unmodelled_lags(self) -> list[str]:
+        """The names of the lags that are zero, as they are of no real vehicle."""
+        if self.formulation != "manifold":
+            return []
+        names = ("rate_time_constant", "thrust_time_constant", "input_delay")
+        return [name for name in names if min(per_axis(getattr(self, name))) == 0.0]
+
+    @property
+    def deadline_seconds(self) -> float:
+        """Time within which a plan has to be ready [s]; infinite where time waits for it."""
+        return math.inf if self.lockstep else self.deadline / self.control_rate
+
+    def check(self) -> None:
+        """Refuse bounds that leave no throttle, and bounds that forbid hovering."""
+        super().check()
+        hover = self.vehicle().hover_throttle
+        if not self.throttle_min < hover < self.throttle_max:
+            name = "throttle_min" if self.throttle_min >= hover else "throttle_max"
+            side = "below" if name == "throttle_min" else "above"
+            raise ConfigurationError(
+                f"{self.owner}.{name}",
+                getattr(self, name),
+                f"a number {side} the hover throttle {hover:.4f}",
+            )
+        room = min(hover - self.throttle_min, self.throttle_max - hover)
+        if not self.limits.throttle_margin < room:
+            raise ConfigurationError(
+                f"{self.limits.owner}.throttle_margin",
+                self.limits.throttle_margin,
+                f"a number below {room:.4f}, the distance of the hover throttle to its bounds",
+            )

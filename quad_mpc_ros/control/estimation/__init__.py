@@ -1,0 +1,1 @@
+"""What is estimated in flight: delay, disturbance, thrust, drag, lags, ground contact."""

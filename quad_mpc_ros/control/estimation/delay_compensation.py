@@ -1,0 +1,412 @@
+"""Delay compensation: from an odometry to the state in which the next command will act.
+
+A command sent now acts after the delay of the input. The state is rolled forward over that time
+through the commands already sent, by the model as the disturbance EKF believes it, which follows
+the vehicle from odometry to odometry on the way.
+
+All that is known of the vehicle is in one buffer, and a tick makes two calls into compiled code:
+one from the odometry before to this one, one from this to the state in which the command acts.
+What may be learned is decided before the first, what became of it is judged between the two.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.configuration import per_axis
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation import disturbance_ekf, rate_offsets, velocity_bias
+from quad_mpc_ros.control.estimation.command_history import CommandHistory, acting_between
+from quad_mpc_ros.control.estimation.contact import GroundContact
+from quad_mpc_ros.control.estimation.disturbance_ekf import DisturbanceEkf, EkfMemory, filters_in
+from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
+from quad_mpc_ros.control.estimation.velocity_filter import (
+    HELD,
+    LEARNED,
+    PAUSED,
+    REFUSED,
+    THROTTLE,
+    is_at_bounds,
+)
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_in, parameters_of
+from quad_mpc_ros.control.model.rollout import (
+    ACTUATORS,
+    P_WB,
+    R_WB,
+    ROW_SIZE,
+    V_WB_W,
+    read_odometry,
+    roll_forward,
+)
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.state import BODY_RATE, INPUT_SIZE, Input
+from quad_mpc_ros.control.ocp.problem import PREDICTION_SIZE, PredictedState, prediction_in
+
+# Longest stretch predicted at once; the error is of the third order in the turn of a stretch.
+_LONGEST = 0.005
+# Beyond it what the vehicle did between two odometries is not known well enough to learn from.
+_LONGEST_GAP_NS = 500_000_000
+# How long commands must have acted before they teach something, once they had not acted: the
+# actuators are on their way from wherever another had them.
+_SETTLING_NS = 300_000_000
+# How long it must have flown once it stood: at the lift-off throttle leaps as the ground lets go.
+_LIFTING_OFF_NS = 700_000_000
+# A landing is known only some time after the touchdown, and what was learned in between is of the
+# ground. So what is to be kept is from before: the oldest of so many states, one a second.
+_MEMORY_NS, _MEMORIES = 1_000_000_000, 5
+
+
+class Followed(NamedTuple):
+    """What is known of the vehicle: the parts of one buffer, see :func:`followed_in`.
+
+    Its states at an odometry and at the one before, rows (19,) of
+    :mod:`~.model.rollout` but for their throttle; what :mod:`.velocity_bias` knows;
+    and ``filters``, the buffer of :mod:`.disturbance_ekf`.
+    """
+
+    measured: Array
+    before: Array
+    bias: Array
+    filters: Array
+
+
+_BIAS = slice(2 * ROW_SIZE, 2 * ROW_SIZE + velocity_bias.SIZE)
+_BUFFER_SIZE = _BIAS.stop + disturbance_ekf.BUFFER_SIZE
+
+
+@compiled
+def followed_in(buffer: Array) -> Followed:
+    """Return the parts of a buffer, in which they are one after another."""
+    return Followed(
+        buffer[:ROW_SIZE], buffer[ROW_SIZE : 2 * ROW_SIZE], buffer[_BIAS], buffer[_BIAS.stop :]
+    )
+
+
+class EstimateStatus(NamedTuple):
+    """How the estimate fares: ``learning``, ``held``, ``at bounds``, ``jumped``, ``reset``.
+
+    ``resets`` is how often it was let go so far.
+    """
+
+    text: str = "held"
+    resets: int = 0
+
+
+class DelayCompensation:
+    """Follows the vehicle through the commands sent, and predicts across the input delay."""
+
+    def __init__(self, config: MpcConfig, *, ground: GroundContact | None = None) -> None:
+        """Without ``ground`` the vehicle counts as flying."""
+        vehicle = config.vehicle()
+        hover = Input(throttle=vehicle.hover_throttle, w_WB_B=np.zeros(3))
+        self._delay_ns = round(config.input_delay * 1e9)
+        self._rate_gain = np.array(per_axis(config.rate_gain))
+        self._history = CommandHistory(delay_ns=self._delay_ns, initial=hover.vector())
+        self._learns = config.estimate_disturbance
+        # Without a lag the throttle is the command: nothing of it is to be followed.
+        self._follows = self._learns or config.thrust_time_constant > 0.0
+        self._buffer = np.zeros(_BUFFER_SIZE)
+        self._followed = followed_in(self._buffer)
+        self._followed.bias[:] = velocity_bias.begun(asked=self._learns)
+        self._ekf = DisturbanceEkf(
+            parameters_of(
+                vehicle,
+                rate_time_constant=config.rate_time_constant,
+                thrust_time_constant=config.thrust_time_constant,
+            ),
+            throttle=hover.throttle,
+            delay=config.input_delay,
+            buffer=self._followed.filters,
+        )
+        self._ground = ground
+        self._health = EstimateHealth()
+        self.status = EstimateStatus()
+        self._memories: deque[tuple[int, EkfMemory]] = deque(maxlen=_MEMORIES)
+        self._sent = hover.vector()
+        self._sent_ns: int | None = None
+        self._engaged, self._was_idle = True, False
+        self._stood_ns: int | None = None
+        # Stamps of the last odometry, and of that from which on is known what acted.
+        self._seen_ns: int | None = None
+        self._previous_ns: int | None = None
+        self.reconfigure(config)
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed bounds."""
+        self._config = config
+        self._ekf.reconfigure(
+            throttle_min=config.throttle_min,
+            throttle_max=config.throttle_max,
+            disturbance_max=config.disturbance_max,
+        )
+
+    def renewed(self) -> DelayCompensation:
+        """Return one like this that knows the engagement and nothing else."""
+        fresh = DelayCompensation(self._config, ground=self._ground)
+        fresh.engage(self._engaged)
+        return fresh
+
+    def believed(self) -> ModelParameters:
+        """Return what is believed of the vehicle."""
+        return parameters_in(self._ekf.parameters())
+
+    def record(self, command: Input, *, stamp_ns: int) -> None:
+        """Remember a command by the stamp of the odometry that it answers."""
+        # What the rates follow, but for their offsets: the model has no gain of its own.
+        followed = command.vector()
+        followed[BODY_RATE] *= self._rate_gain
+        self._sent, self._sent_ns = followed, stamp_ns
+        self._history.record(followed, stamp_ns=stamp_ns)
+
+    def engage(self, engaged: bool) -> None:
+        """Tell whether commands act on the vehicle; they are supposed to.
+
+        While they do not, nothing is learned, and what was learned some seconds before the last of
+        them counts. What is sent in that time is remembered all the same: who tells may be late.
+        """
+        if engaged and not self._engaged:
+            self._history.forget()
+            self._previous_ns = None
+            self._was_idle = True
+        elif self._engaged and not engaged:
+            # Who disarms may have landed just before, and what came last was of the ground.
+            self._recall()
+        self._engaged = engaged
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Move what is remembered of odometries, and what was learned in the world."""
+        if self._seen_ns is not None and self._seen_ns < reset.stamp_ns:
+            velocity_bias.reset_estimate(self._followed.bias, reset)
+        self._ekf.turn(reset.vectors(np.eye(3)).T)
+        self._memories.clear()  # of the former directions
+        if self._previous_ns is not None and self._previous_ns < reset.stamp_ns:
+            row = self._followed.measured
+            row[P_WB] = reset.points(row[P_WB])
+            row[V_WB_W] = reset.vectors(row[V_WB_W])
+            row[R_WB] = reset.vectors(row[R_WB].reshape(3, 3).T).T.ravel()
+
+    def predict(self, odometry: OdometrySample) -> PredictedState:
+        """Return the state in which a command sent now will begin to act."""
+        stamp_ns, previous_ns = odometry.stamp_ns, self._previous_ns
+        # Not across a long silence, nor from a clock to one that was set.
+        if previous_ns is None or not 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
+            self._see(odometry)
+            self._ekf.start(self._followed.measured[V_WB_W])
+            self.status = EstimateStatus("held", self._health.resets)
+        elif self._follows:
+            self._go_on(odometry, previous_ns)
+        else:
+            self._see(odometry)
+        self._seen_ns = self._previous_ns = stamp_ns
+        return self._predicted(stamp_ns, begin_ns=stamp_ns)
+
+    def foresee(self, stamp_ns: int) -> PredictedState | None:
+        """Return the same of a time after the last odometry, None where none is known.
+
+        Nothing is learned.
+        """
+        if self._previous_ns is None or stamp_ns < self._previous_ns:
+            return None
+        return self._predicted(stamp_ns, begin_ns=self._previous_ns)
+
+    def _predicted(self, stamp_ns: int, *, begin_ns: int) -> PredictedState:
+        """Roll the measured state forward from its time until a command of a stamp acts."""
+        vector = np.empty(PREDICTION_SIZE)
+        since_sent = math.inf
+        if self._sent_ns is not None and stamp_ns >= self._sent_ns:
+            since_sent = (stamp_ns - self._sent_ns) * 1e-9
+        _ahead(
+            buffer=self._buffer,
+            acts_ns=self._history.acts_ns,
+            commands=self._history.commands,
+            begin_ns=begin_ns,
+            end_ns=stamp_ns + self._delay_ns,
+            sent=self._sent,
+            since_sent=since_sent,
+            vector=vector,
+        )
+        return PredictedState(stamp_ns + self._delay_ns, vector)
+
+    def _see(self, odometry: OdometrySample) -> None:
+        """Take an odometry, whatever was before."""
+        seen_ns = self._seen_ns
+        _read(
+            buffer=self._buffer,
+            p_WB=odometry.p_WB,
+            q_WB_xyzw=odometry.q_WB_xyzw,
+            v_WB_B=odometry.v_WB_B,
+            w_WB_B=odometry.w_WB_B,
+            duration=0.0 if seen_ns is None else (odometry.stamp_ns - seen_ns) * 1e-9,
+        )
+
+    def _go_on(self, odometry: OdometrySample, previous_ns: int) -> None:
+        """Take an odometry, and bring the EKF from the one before to it."""
+        stamp_ns = odometry.stamp_ns
+        outcome, at_bounds = _follow(
+            buffer=self._buffer,
+            p_WB=odometry.p_WB,
+            q_WB_xyzw=odometry.q_WB_xyzw,
+            v_WB_B=odometry.v_WB_B,
+            w_WB_B=odometry.w_WB_B,
+            v_variance=odometry.v_variance,
+            acts_ns=self._history.acts_ns,
+            commands=self._history.commands,
+            stamps_ns=(previous_ns, stamp_ns),
+            lesson=self._lesson(previous_ns),
+        )
+        self._judge(outcome, at_bounds, stamp_ns, duration=1e-9 * (stamp_ns - previous_ns))
+
+    def _judge(self, outcome: int, at_bounds: bool, stamp_ns: int, *, duration: float) -> None:
+        """Note what an odometry did to the estimate, which is let go if it fails for long."""
+        text = "held"
+        if outcome in (LEARNED, REFUSED):
+            refused = outcome == REFUSED
+            text = "jumped" if refused else "at bounds" if at_bounds else "learning"
+            if self._health.fails(
+                stamp_ns, duration=duration, refused=refused, at_bounds=at_bounds
+            ):
+                self._ekf.reset()
+                self._memories.clear()
+            if self._health.was_reset(stamp_ns):
+                text = "reset"
+        self.status = EstimateStatus(text, self._health.resets)
+
+    def _lesson(self, previous_ns: int) -> int:
+        """Return what may be learned of what happened since the odometry before."""
+        if not (self._learns and self._engaged):
+            return HELD
+        if self._ground is not None and self._ground.standing:
+            self._recall()
+        if self._ground is not None and not self._ground.flies:
+            self._stood_ns = previous_ns if self._ground.standing else self._stood_ns
+            return HELD
+        if self._stood_ns is not None and 0 <= previous_ns - self._stood_ns < _LIFTING_OFF_NS:
+            return HELD
+        # Before that what acted is not known, or has not acted for long enough.
+        known = self._history.knows(previous_ns - (_SETTLING_NS if self._was_idle else 0))
+        if not known:
+            return HELD
+        if self._ground is not None and self._ground.may_touch:
+            return PAUSED  # the ground might carry some of it
+        self._remember(previous_ns)
+        return LEARNED
+
+    def _remember(self, now_ns: int) -> None:
+        """Keep what is believed, once a second."""
+        if self._memories and 0 <= now_ns - self._memories[-1][0] < _MEMORY_NS:
+            return
+        self._memories.append((now_ns, self._ekf.memory()))
+
+    def _recall(self) -> None:
+        """Believe again what was believed in flight."""
+        if self._memories:
+            self._ekf.recall(self._memories[0][1])
+            self._memories.clear()
+
+
+@compiled
+def _read(
+    buffer: Array,
+    p_WB: Array,
+    q_WB_xyzw: Array,
+    v_WB_B: Array,
+    w_WB_B: Array,
+    duration: float,
+) -> None:
+    """Read an odometry that is ``duration`` [s] after the one before, 0 for the first."""
+    followed = followed_in(buffer)
+    followed.before[:] = followed.measured
+    measured = followed.measured
+    read_odometry(p_WB=p_WB, q_WB_xyzw=q_WB_xyzw, v_WB_B=v_WB_B, w_WB_B=w_WB_B, row=measured)
+    velocity_bias.correct(followed.bias, p_WB=p_WB, v_WB_W=measured[V_WB_W], duration=duration)
+
+
+@compiled
+def _follow(
+    buffer: Array,
+    p_WB: Array,
+    q_WB_xyzw: Array,
+    v_WB_B: Array,
+    w_WB_B: Array,
+    v_variance: float,
+    acts_ns: NDArray[np.int64],
+    commands: Array,
+    stamps_ns: tuple[int, int],
+    lesson: int,
+) -> tuple[int, bool]:
+    """Go on to an odometry from the one before, under what acted of a history between the two.
+
+    Returns:
+        What became of it, see :func:`.disturbance_ekf.update`, and whether the estimate is as far
+        as it may go.
+    """
+    start_ns, end_ns = stamps_ns
+    _read(
+        buffer=buffer,
+        p_WB=p_WB,
+        q_WB_xyzw=q_WB_xyzw,
+        v_WB_B=v_WB_B,
+        w_WB_B=w_WB_B,
+        duration=(end_ns - start_ns) * 1e-9,
+    )
+    followed = followed_in(buffer)
+    filters = filters_in(followed.filters)
+    acting = acting_between(acts_ns=acts_ns, commands=commands, start_ns=start_ns, end_ns=end_ns)
+    outcome = disturbance_ekf.update(
+        filters=filters,
+        before=followed.before,
+        after=followed.measured,
+        commands=acting.commands,
+        durations=acting.durations,
+        lesson=lesson,
+        told_variance=v_variance,
+    )
+    return outcome, is_at_bounds(filters.estimate, filters.bounds[-1])
+
+
+@compiled
+def _ahead(
+    buffer: Array,
+    acts_ns: NDArray[np.int64],
+    commands: Array,
+    begin_ns: int,
+    end_ns: int,
+    sent: Array,
+    since_sent: float,
+    vector: Array,
+) -> None:
+    """Write the prediction (53,) of the time ``end_ns`` from the state measured at ``begin_ns``.
+
+    ``sent`` (4,) is what was commanded last, ``since_sent`` [s] ago.
+    """
+    followed, prediction = followed_in(buffer), prediction_in(vector)
+    filters, row = filters_in(followed.filters), prediction.row
+    row[:] = followed.measured
+    row[ACTUATORS.start] = filters.estimate[THROTTLE]
+    disturbance_ekf.write_parameters(filters, prediction.parameters)
+    if end_ns > begin_ns:
+        acting = acting_between(
+            acts_ns=acts_ns, commands=commands, start_ns=begin_ns, end_ns=end_ns
+        )
+        rate_offsets.add(filters.rate_offsets, filters.nominal, acting.commands)
+        roll_forward(
+            parameters=prediction.parameters,
+            commands=acting.commands,
+            durations=acting.durations,
+            longest=_LONGEST,
+            start=row,
+            end=row,
+        )
+    prediction.sent[:] = sent
+    rate_offsets.add(
+        filters.rate_offsets, filters.nominal, prediction.sent.reshape((1, INPUT_SIZE))
+    )
+    vector[-1] = since_sent

@@ -1,0 +1,158 @@
+"""How a vehicle moves and what carries it, filtered: from this its contact is told.
+
+At the touchdown with less than a share of the thrust that has carried it in flight lately it has
+to fall. Something else carries it where it should have become faster downwards by so much, and has
+by less than a share of that.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample
+
+GRAVITY = 9.81
+"""[m/s^2]"""
+
+# One vector: position, velocity in the world, where it stood or was seen first; the part of the
+# thrust that lifts; thrust now and lately in flight; what it should be falling by since it is too
+# little, and how fast it climbed before that.
+_P, _V, _GROUND = slice(0, 3), slice(3, 6), slice(6, 9)
+_LIFT, _CARRYING, _CARRIED_BY, _FALL, _CLIMB, _SIZE = 9, 10, 11, 12, 13, 14
+
+_FILTER, _LIFT_FILTER, _FLIGHT_FILTER = 0.1, 0.3, 2.0  # s
+# Of the thrust, [m/s], and of that.
+_ENOUGH, _SHOULD_FALL, _FALLS = 0.8, 0.2, 0.3
+
+
+class Motion(NamedTuple):
+    """Speed along the ground and upwards [m/s], filtered.
+
+    And its way [m] from where it stood or was seen first, and that upwards; the share of its
+    weight that the thrust lifts; and whether something else seems to carry it.
+    """
+
+    aside: float = 0.0
+    climb: float = 0.0
+    way: float = 0.0
+    rise: float = 0.0
+    lift: float = 0.0
+    carried: bool = False
+
+    @property
+    def speed(self) -> float:
+        """Its speed [m/s]."""
+        return math.hypot(self.aside, self.climb)
+
+
+class FilteredMotion:
+    """Filters from odometry to odometry."""
+
+    def __init__(self) -> None:
+        self._state = np.zeros(_SIZE)
+        self._duration = 0.0
+        self.now = Motion()
+        """The motion at the last odometry."""
+
+    @property
+    def height(self) -> float:
+        """The height, filtered [m]."""
+        return float(self._state[_P][2])
+
+    def forget_thrust(self) -> None:
+        """Forget what carried it."""
+        self._state[_LIFT:] = 0.0
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Take an announced step of the estimate: nothing has moved."""
+        state = self._state
+        state[_P], state[_GROUND] = reset.points(state[_P]), reset.points(state[_GROUND])
+        state[_V] = reset.vectors(state[_V])
+
+    def draw_ground(self, time_constant: float) -> None:
+        """Let where it stood follow where it is."""
+        ground = self._state[_GROUND]
+        ground += (1.0 - math.exp(-self._duration / time_constant)) * (self._state[_P] - ground)
+
+    def lower_ground(self) -> None:
+        """Let where it stood be no higher than where it is."""
+        self._state[_GROUND.stop - 1] = min(
+            self._state[_GROUND.stop - 1], self._state[_P.stop - 1]
+        )
+
+    def follow(
+        self, odometry: OdometrySample, *, thrust: float, duration: float, anew: bool, flies: bool
+    ) -> None:
+        """Take an odometry that comes ``duration`` [s] after the one before, or begin ``anew``.
+
+        ``thrust`` is what the command in force makes by the model, as a share of the weight.
+        """
+        self._duration = 0.0 if anew else duration
+        self.now = Motion(
+            *_follow(
+                p_WB=odometry.p_WB,
+                q_WB_xyzw=odometry.q_WB_xyzw,
+                v_WB_B=odometry.v_WB_B,
+                thrust=thrust,
+                duration=self._duration,
+                anew=anew,
+                flies=flies,
+                state=self._state,
+            )
+        )
+
+
+@compiled
+def _follow(
+    p_WB: Array,
+    q_WB_xyzw: Array,
+    v_WB_B: Array,
+    thrust: float,
+    duration: float,
+    anew: bool,
+    flies: bool,
+    state: Array,
+) -> tuple[float, float, float, float, float, bool]:
+    x, y = q_WB_xyzw[0], q_WB_xyzw[1]
+    R_WB = kernels.rotation((x, y, q_WB_xyzw[2], q_WB_xyzw[3]))
+    v_WB_W = kernels.apply(R_WB, kernels.vector(v_WB_B))
+    p, v, ground = state[_P], state[_V], state[_GROUND]
+    share = 1.0 - math.exp(-duration / _FILTER)
+    for k in range(3):
+        if anew:
+            p[k], v[k], ground[k] = p_WB[k], v_WB_W[k], p_WB[k]
+        p[k] += share * (p_WB[k] - p[k])
+        v[k] += share * (v_WB_W[k] - v[k])
+    aside, rise = math.hypot(v[0], v[1]), p[2] - ground[2]
+    way = math.hypot(math.hypot(p[0] - ground[0], p[1] - ground[1]), rise)
+    up = 1.0 - 2.0 * (x * x + y * y)
+    lift_share = 1.0 - math.exp(-duration / _LIFT_FILTER)
+    state[_LIFT] += lift_share * (thrust * up - state[_LIFT])
+    carried = _is_carried(max(thrust, 0.0), v[2], share, duration, flies, state)
+    return aside, v[2], way, rise, state[_LIFT], carried
+
+
+@compiled
+def _is_carried(
+    thrust: float, climb: float, share: float, duration: float, flies: bool, state: Array
+) -> bool:
+    """Note with what thrust it flies; return whether it should be falling, and is not.
+
+    A curve of the thrust may be negative where nothing turns; here it is not.
+    """
+    state[_CARRYING] += share * (thrust - state[_CARRYING])
+    change = state[_CARRYING] - state[_CARRIED_BY]
+    if state[_CARRYING] < _ENOUGH * state[_CARRIED_BY]:
+        state[_FALL] -= GRAVITY * change / state[_CARRIED_BY] * duration
+    else:
+        state[_FALL], state[_CLIMB] = 0.0, climb
+    if flies and state[_FALL] < _SHOULD_FALL:
+        state[_CARRIED_BY] += (1.0 - math.exp(-duration / _FLIGHT_FILTER)) * change
+    falls = state[_CLIMB] - climb
+    return bool(state[_FALL] > _SHOULD_FALL and falls < _FALLS * state[_FALL])

@@ -1,0 +1,316 @@
+"""Vectors and rotations as plain numbers, for functions that Numba compiles.
+
+NumPy takes a microsecond for each operation on three numbers, and a horizon has thousands of them.
+What runs in every control step is therefore compiled: plain loops over tuples of floats, which
+live in registers.
+
+A vector is a tuple of three, a matrix one of nine, row by row. Conventions are those of
+:mod:`quad_mpc_ros.control.lie.so3`, which is the same on arrays.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array
+
+Vector = tuple[float, float, float]
+Matrix = tuple[float, float, float, float, float, float, float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+# All bits of a float but its sign.
+_MAGNITUDE = np.int64(0x7FFF_FFFF_FFFF_FFFF)
+
+# Below this angle the closed forms lose digits to cancellation and their Taylor series, cut after
+# the third term, is exact to rounding (the fourth is smaller than 1e-3**6 / 5040).
+SMALL_ANGLE = 1e-3
+# Where the differences of higher order lose as much: two digits per factor of ten.
+_SMALL_DEFICIT = 0.05
+# Up to this square of an angle six terms are exact to rounding (the seventh is below
+# 0.0625**6 / 15!), and take a third of the time of a sine. What turns in a substep is there.
+_SERIES_SQUARE = 0.0625
+
+
+@compiled
+def infinity_norm(values: Array) -> float:
+    """Return the largest magnitude in (n,); NaN when one is NaN."""
+    # Without their sign the bits of floats order as whole numbers do, NaN above infinity, and of
+    # those a processor compares several at a time.
+    found = np.zeros(1, dtype=np.int64)
+    most = found[0]
+    for bits in values.view(np.int64):
+        most = max(most, bits & _MAGNITUDE)
+    found[0] = most
+    return float(found.view(np.float64)[0])
+
+
+@compiled
+def clamp(value: float, lowest: float, highest: float) -> float:
+    """Return the number in [lowest, highest] that is nearest to a value."""
+    return min(max(value, lowest), highest)
+
+
+@compiled
+def vector(a: Array) -> Vector:
+    """Return the vector in an array (3,)."""
+    return a[0], a[1], a[2]
+
+
+@compiled
+def store_vector(v: Vector, out: Array) -> None:
+    """Write a vector into an array (3,)."""
+    out[0], out[1], out[2] = v
+
+
+@compiled
+def matrix(a: Array) -> Matrix:
+    """Return the matrix in an array (3, 3)."""
+    return (
+        a[0, 0],
+        a[0, 1],
+        a[0, 2],
+        a[1, 0],
+        a[1, 1],
+        a[1, 2],
+        a[2, 0],
+        a[2, 1],
+        a[2, 2],
+    )
+
+
+@compiled
+def store_matrix(m: Matrix, out: Array) -> None:
+    """Write a matrix into an array (3, 3)."""
+    out[0, 0], out[0, 1], out[0, 2] = m[0], m[1], m[2]
+    out[1, 0], out[1, 1], out[1, 2] = m[3], m[4], m[5]
+    out[2, 0], out[2, 1], out[2, 2] = m[6], m[7], m[8]
+
+
+@compiled
+def matrix_in_row(row: Array) -> Matrix:
+    """Return the matrix in an array (9,), row by row."""
+    return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8]
+
+
+@compiled
+def store_matrix_row(m: Matrix, row: Array) -> None:
+    """Write a matrix into an array (9,), row by row."""
+    for k in range(9):
+        row[k] = m[k]
+
+
+@compiled
+def dot(a: Vector, b: Vector) -> float:
+    """Return a' b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def scaled(factor: float, v: Vector) -> Vector:
+    """Return a multiple of a vector."""
+    return factor * v[0], factor * v[1], factor * v[2]
+
+
+@compiled
+def plus(a: Vector, b: Vector) -> Vector:
+    """Return a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@compiled
+def transposed(a: Matrix) -> Matrix:
+    """Return a'."""
+    return a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]
+
+
+@compiled
+def column(a: Matrix, index: int) -> Vector:
+    """Return a column of a matrix."""
+    if index == 0:
+        return a[0], a[3], a[6]
+    if index == 1:
+        return a[1], a[4], a[7]
+    return a[2], a[5], a[8]
+
+
+@compiled
+def apply(a: Matrix, v: Vector) -> Vector:
+    """Return a v."""
+    return (
+        a[0] * v[0] + a[1] * v[1] + a[2] * v[2],
+        a[3] * v[0] + a[4] * v[1] + a[5] * v[2],
+        a[6] * v[0] + a[7] * v[1] + a[8] * v[2],
+    )
+
+
+@compiled
+def apply_transposed(a: Matrix, v: Vector) -> Vector:
+    """Return a' v."""
+    return (
+        a[0] * v[0] + a[3] * v[1] + a[6] * v[2],
+        a[1] * v[0] + a[4] * v[1] + a[7] * v[2],
+        a[2] * v[0] + a[5] * v[1] + a[8] * v[2],
+    )
+
+
+@compiled
+def multiply(a: Matrix, b: Matrix) -> Matrix:
+    """Return a b."""
+    return (
+        a[0] * b[0] + a[1] * b[3] + a[2] * b[6],
+        a[0] * b[1] + a[1] * b[4] + a[2] * b[7],
+        a[0] * b[2] + a[1] * b[5] + a[2] * b[8],
+        a[3] * b[0] + a[4] * b[3] + a[5] * b[6],
+        a[3] * b[1] + a[4] * b[4] + a[5] * b[7],
+        a[3] * b[2] + a[4] * b[5] + a[5] * b[8],
+        a[6] * b[0] + a[7] * b[3] + a[8] * b[6],
+        a[6] * b[1] + a[7] * b[4] + a[8] * b[7],
+        a[6] * b[2] + a[7] * b[5] + a[8] * b[8],
+    )
+
+
+@compiled
+def _polynomial(phi: Vector, a: float, b: float) -> Matrix:
+    """Return I + a [phi] + b [phi]^2."""
+    x, y, z = phi
+    return (
+        1.0 - b * (y * y + z * z),
+        b * x * y - a * z,
+        b * x * z + a * y,
+        b * x * y + a * z,
+        1.0 - b * (x * x + z * z),
+        b * y * z - a * x,
+        b * x * z - a * y,
+        b * y * z + a * x,
+        1.0 - b * (x * x + y * y),
+    )
+
+
+@compiled
+def _turn_ratios(x: float) -> tuple[float, float, float]:
+    """Return sin t / t, (1 - cos t) / t^2 and (t - sin t) / t^3 for the square x of an angle t."""
+    if x < _SERIES_SQUARE:
+        versine = 1 / 3628800 - 1 / 479001600 * x
+        versine = 1 / 2 + x * (-1 / 24 + x * (1 / 720 + x * (-1 / 40320 + x * versine)))
+        deficit = 1 / 39916800 - 1 / 6227020800 * x
+        deficit = 1 / 6 + x * (-1 / 120 + x * (1 / 5040 + x * (-1 / 362880 + x * deficit)))
+        return 1.0 - x * deficit, versine, deficit
+    angle = math.sqrt(x)
+    sine, half_sine = math.sin(angle), math.sin(0.5 * angle)
+    return sine / angle, 2.0 * half_sine * half_sine / x, (angle - sine) / (x * angle)
+
+
+@compiled
+def exp(phi: Vector) -> Matrix:
+    """Return the rotation by a rotation vector (Rodrigues)."""
+    sine, versine, _ = _turn_ratios(dot(phi, phi))
+    return _polynomial(phi, sine, versine)
+
+
+@compiled
+def right_jacobian(phi: Vector) -> Matrix:
+    """Return J_r with exp(phi + d) ≈ exp(phi) exp(J_r d)."""
+    _, versine, deficit = _turn_ratios(dot(phi, phi))
+    return _polynomial(phi, -versine, deficit)
+
+
+@compiled
+def right_jacobian_inverse(phi: Vector) -> Matrix:
+    """Return the inverse of :func:`right_jacobian`, finite up to and at pi."""
+    square = dot(phi, phi)
+    angle = math.sqrt(square)
+    if angle < _SMALL_DEFICIT:
+        deficit = 1 / 12 + square / 720 + square**2 / 30240 + square**3 / 1209600
+    else:
+        deficit = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square
+    return _polynomial(phi, 0.5, deficit)
+
+
+@compiled
+def shortest_rotation(start: Vector, end: Vector) -> Matrix:
+    """Return the shortest rotation from the direction of one vector to that of another.
+
+    Rodrigues' formula without an angle, (1 - cos) / sin^2 = 1 / (1 + cos). Neither vector may be
+    zero, nor may they be opposite.
+    """
+    lengths = math.sqrt(dot(start, start) * dot(end, end))
+    cosine = dot(start, end) / lengths
+    x, y, z = scaled(1.0 / lengths, cross(start, end))
+    k = 1.0 / (1.0 + cosine)
+    return (
+        cosine + k * x * x,
+        k * x * y - z,
+        k * x * z + y,
+        k * x * y + z,
+        cosine + k * y * y,
+        k * y * z - x,
+        k * x * z - y,
+        k * y * z + x,
+        cosine + k * z * z,
+    )
+
+
+@compiled
+def rotation(q_xyzw: Quaternion) -> Matrix:
+    """Return the rotation of a quaternion (x, y, z, w), normalised first; it must not be zero."""
+    x, y, z, w = q_xyzw
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    x, y, z, w = x / norm, y / norm, z / norm, w / norm
+    return (
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - z * w),
+        2.0 * (x * z + y * w),
+        2.0 * (x * y + z * w),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - x * w),
+        2.0 * (x * z - y * w),
+        2.0 * (y * z + x * w),
+        1.0 - 2.0 * (x * x + y * y),
+    )
+
+
+@compiled
+def quaternion(r: Matrix) -> Quaternion:
+    """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation (Shepperd 1978).
+
+    Each of the four products 4 q_i q is linear in the matrix; the one with the largest q_i is the
+    best conditioned.
+    """
+    xx, yy, zz = r[0], r[4], r[8]
+    squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)
+    largest = max(squares)
+    if squares[0] == largest:
+        x, y, z, w = squares[0], r[3] + r[1], r[2] + r[6], r[7] - r[5]
+    elif squares[1] == largest:
+        x, y, z, w = r[3] + r[1], squares[1], r[7] + r[5], r[2] - r[6]
+    elif squares[2] == largest:
+        x, y, z, w = r[2] + r[6], r[7] + r[5], squares[2], r[3] - r[1]
+    else:
+        x, y, z, w = r[7] - r[5], r[2] - r[6], r[3] - r[1], squares[3]
+    norm = math.copysign(math.sqrt(x * x + y * y + z * z + w * w), w)
+    return x / norm, y / norm, z / norm, w / norm
+
+
+@compiled
+def log(r: Matrix) -> Vector:
+    """Return the rotation vector of a rotation, of length at most pi.
+
+    Through the unit quaternion, whose vector part is well conditioned near pi.
+    """
+    x, y, z, w = quaternion(r)
+    sine = math.sqrt(x * x + y * y + z * z)
+    if sine < SMALL_ANGLE:
+        t = sine / w
+        ratio = 2.0 * (1.0 - t**2 / 3.0 + t**4 / 5.0) / w  # 2 atan(t) / (w t)
+    else:
+        ratio = 2.0 * math.atan2(sine, w) / sine
+    return ratio * x, ratio * y, ratio * z

@@ -1,0 +1,1 @@
+"""The vehicle: state, parameters, samples, and the model that predicts it."""

@@ -1,0 +1,94 @@
+"""An announced step of the estimator's frame: the vehicle stays, its coordinates change."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EstimateReset:
+    """What was at p in the world frame until now is at Rz(turn) p + step_W from now on.
+
+    Args:
+        stamp_ns: Stamp of the first odometry in the new coordinates [ns].
+        turn: From east to north [rad].
+        step_W: Where the former origin lies (3,) [m].
+        frame_id: The world frame.
+    """
+
+    stamp_ns: int
+    turn: float
+    step_W: Array
+    frame_id: str = "odom"
+
+    @classmethod
+    def between(cls, before: OdometrySample, after: OdometrySample) -> EstimateReset:
+        """Return the step between two odometries, less how the vehicle moved meanwhile.
+
+        Heading and position step; what remains of tilt and velocity is the estimate's own.
+        """
+        duration = 1e-9 * (after.stamp_ns - before.stamp_ns)
+        R_WB = so3.rotation_from_quaternion_xyzw(before.q_WB_xyzw)
+        led = so3.quaternion_xyzw_from_rotation(R_WB @ so3.exp(duration * before.w_WB_B))
+        turn = math.remainder(_heading(after.q_WB_xyzw) - _heading(led), math.tau)
+        p = before.p_WB + duration * (R_WB @ before.v_WB_B)
+        step_W = after.p_WB - _rotation(turn) @ p
+        return cls(stamp_ns=after.stamp_ns, turn=turn, step_W=step_W, frame_id=after.frame_id)
+
+    def vectors(self, v_W: Array) -> Array:
+        """Return vectors of the world (..., 3) in the new coordinates."""
+        return np.asarray(v_W @ _rotation(self.turn).T)
+
+    def points(self, p_W: Array) -> Array:
+        """Return points (..., 3) [m] in the new coordinates."""
+        return self.vectors(p_W) + self.step_W
+
+    def attitudes(self, q_WB_xyzw: Array) -> Array:
+        """Return attitudes (..., 4), body to world, in the new coordinates."""
+        R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw)
+        return np.asarray(so3.quaternion_xyzw_from_rotation(_rotation(self.turn) @ R_WB))
+
+    def odometry(self, odometry: OdometrySample) -> OdometrySample:
+        """Return an odometry, with its twist in the body frame, in the new coordinates."""
+        return dataclasses.replace(
+            odometry,
+            p_WB=self.points(odometry.p_WB),
+            q_WB_xyzw=self.attitudes(odometry.q_WB_xyzw),
+        )
+
+    def window(self, window: ReferenceWindow) -> ReferenceWindow:
+        """Return a reference in the new coordinates."""
+        moved: dict[str, Any] = self.samples(window)
+        return dataclasses.replace(window, **moved)
+
+    def samples(self, samples: Any) -> dict[str, Array]:
+        """Return what a reference's samples have in the world, in the new coordinates, by name.
+
+        They have ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_W`` (n, 3) and ``q_WB_xyzw`` (n, 4).
+        """
+        moved = {name: self.vectors(getattr(samples, name)) for name in _VECTORS}
+        return {
+            "p_WB": self.points(samples.p_WB),
+            "q_WB_xyzw": self.attitudes(samples.q_WB_xyzw),
+            **moved,
+        }
+
+
+_VECTORS = ("v_WB_W", "a_WB_W", "w_WB_W")
+
+
+def _rotation(turn: float) -> Array:
+    return np.asarray(so3.exp([0.0, 0.0, turn]))
+
+
+def _heading(q_xyzw: Array) -> float:
+    """Return the turn about the world's z axis after the shortest tilt from level [rad]."""
+    return 2.0 * math.atan2(float(q_xyzw[2]), float(q_xyzw[3]))

@@ -1,0 +1,311 @@
+"""Exact Jacobians of the rollout, in compiled loops.
+
+x_{i+1} = f(x_i, u_i) over a stage of substeps; A_i = df/dx and B_i = df/du through ⊞, that is in
+the tangent spaces at x_i and x_{i+1}, with the right Jacobian of SO(3). They are those of the
+discretisation in :mod:`quad_mpc_ros.control.model.rollout`, not of the differential equations.
+
+Tangent order of the horizon: position, velocity, attitude, body rate, throttle.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.actuators import Actuators, actuators_in, followed
+from quad_mpc_ros.control.model.parameters import ModelParameters
+from quad_mpc_ros.control.model.rollout import (
+    Discretisation,
+    Midpoint,
+    body_in,
+    discretised,
+    rotor_speed,
+    store_body,
+    substep,
+    uneven_air,
+)
+
+POSITION = slice(0, 3)
+VELOCITY = slice(3, 6)
+ATTITUDE = slice(6, 9)
+RATE = slice(9, 12)
+THROTTLE = 12
+STATE_SIZE = 13
+
+# Columns of the sensitivities to what turns the body: attitude, rates, commanded rates; and to the
+# velocity, for which they are needed where the air is uneven.
+_FROM_RATE, _FROM_COMMAND, _TURNING, _COLUMNS = 3, 6, 9, 12
+
+
+class _Turning(NamedTuple):
+    """Sensitivities to what turns the body, (12, 3) each: of attitude, velocity and position."""
+
+    R: Array
+    v: Array
+    p: Array
+
+
+class _Air(NamedTuple):
+    """Derivatives of what uneven air does, by velocity half way, turn of the body and thrust.
+
+    ``by_push`` is that of the acceleration by the thrust over mass. ``kept`` is what the velocity
+    half way has of that before, ``half`` of an acceleration.
+    """
+
+    uneven: bool
+    by_v: kernels.Matrix
+    by_turn: kernels.Matrix
+    by_push: kernels.Vector
+    kept: float
+    half: float
+
+
+@compiled
+def jacobians(
+    model: ModelParameters,
+    step: float,
+    inputs: Array,
+    free: Array,
+    start: Array,
+    states: Array,
+    A: Array,
+    B: Array,
+) -> None:
+    """Roll out as :func:`roll_out` does, and write A (N, nx, nx) and B (N, nx, 4) on the way.
+
+    ``nx`` is 13, or 9 without what actuators that do not lag need not have. The input of a stage
+    moves the commands of all its substeps alike, but for those that are not ``free`` (N, M, 4):
+    one, or zero for a command that a bound holds.
+    """
+    steps, substeps = inputs.shape[:2]
+    lagging = A.shape[1] > _WITHOUT_ACTUATORS
+    d = discretised(model, step / substeps)
+    x = body_in(start)
+    store_body(x, states[0])
+    turning = _Turning(np.empty((_COLUMNS, 3)), np.empty((_COLUMNS, 3)), np.empty((_COLUMNS, 3)))
+    for i in range(steps):
+        _begin(turning)
+        kept, gained = (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.0)
+        by_throttle = by_command = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        own_v, own_p = 1.0, 0.0
+        for j in range(substeps):
+            command, let = actuators_in(inputs[i, j]), actuators_in(free[i, j])
+            x, midpoint = substep(model, d, command, x)
+            mean_kept = followed(d.share, kept, (0.0, 0.0, 0.0, 0.0))
+            mean_gained = followed(d.share, gained, let)
+            air = _air(model, d, midpoint)
+            _turn_on(d, midpoint, air, mean_kept, mean_gained, lagging, turning)
+            slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[0] + model.b)
+            push = kernels.scaled(slope, kernels.column(midpoint.R, 2))
+            slowed = kernels.scaled(slope, air.by_push)
+            by_throttle = _push_on(
+                d,
+                air,
+                kernels.scaled(mean_kept[0], push),
+                kernels.scaled(mean_kept[0], slowed),
+                by_throttle,
+            )
+            by_command = _push_on(
+                d,
+                air,
+                kernels.scaled(mean_gained[0], push),
+                kernels.scaled(mean_gained[0], slowed),
+                by_command,
+            )
+            kept = followed(d.decay, kept, (0.0, 0.0, 0.0, 0.0))
+            gained = followed(d.decay, gained, let)
+            own_p += d.phi1 * own_v
+            own_v *= d.velocity_decay
+        store_body(x, states[i + 1])
+        _fill(A[i], B[i], own_p, own_v, turning, by_command)
+        if d.uneven:
+            _fill_velocity(A[i], turning)
+        if lagging:
+            _fill_actuators(A[i], B[i], kept, gained, turning, by_throttle)
+
+
+@compiled
+def _begin(turning: _Turning) -> None:
+    """Write the sensitivities at the start of a stage."""
+    dR, dv, dp = turning
+    for n in range(_COLUMNS):
+        for k in range(3):
+            dR[n, k] = 1.0 if n == k else 0.0
+            dv[n, k] = 1.0 if n - _TURNING == k else 0.0
+            dp[n, k] = 0.0
+
+
+@compiled
+def _air(model: ModelParameters, d: Discretisation, midpoint: Midpoint) -> _Air:
+    """Return the derivatives of what uneven air does, zero for air that is not."""
+    none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if not d.uneven:
+        return _Air(False, none, none, (0.0, 0.0, 0.0), 0.0, 0.0)
+    u, drag, rotors, R = midpoint.v_B, model.uneven_drag, model.rotor_drag, midpoint.R
+    speed = rotor_speed(model, midpoint.push)
+    by_push = 0.5 * speed / midpoint.push if midpoint.push > 0.0 else 0.0
+    x, y, z = uneven_air(model, u, speed)
+    lift = 2.0 * model.translational_lift
+    by_x, by_y = -drag[0] - speed * rotors[0], -drag[1] - speed * rotors[1]
+    by_z = -drag[2] - speed * rotors[2]
+    slope = (by_x, 0.0, 0.0, 0.0, by_y, 0.0, lift * u[0], lift * u[1], by_z)
+    # Of R e(R' v) by a turn phi of the body: R (phi x e) + R e' (u x phi).
+    turned = kernels.multiply(slope, (0.0, -u[2], u[1], u[2], 0.0, -u[0], -u[1], u[0], 0.0))
+    by_turn = (
+        turned[0],
+        turned[1] + z,
+        turned[2] - y,
+        turned[3] - z,
+        turned[4],
+        turned[5] + x,
+        turned[6] + y,
+        turned[7] - x,
+        turned[8],
+    )
+    return _Air(
+        True,
+        kernels.multiply(kernels.multiply(R, slope), kernels.transposed(R)),
+        kernels.multiply(R, by_turn),
+        kernels.apply(
+            R, kernels.scaled(-by_push, (rotors[0] * u[0], rotors[1] * u[1], rotors[2] * u[2]))
+        ),
+        1.0 - 0.5 * d.dt * model.drag,
+        0.5 * d.dt,
+    )
+
+
+@compiled
+def _push_on(
+    d: Discretisation,
+    air: _Air,
+    acceleration: kernels.Vector,
+    direct: kernels.Vector,
+    moved: tuple[kernels.Vector, kernels.Vector],
+) -> tuple[kernels.Vector, kernels.Vector]:
+    """Return velocity and position after a substep with an acceleration.
+
+    ``direct`` is what the air does of it at once, by what moves, at the same velocity half way.
+    """
+    v, p = moved
+    if air.uneven:
+        v_mid = kernels.plus(kernels.scaled(air.kept, v), kernels.scaled(air.half, acceleration))
+        by_air = kernels.plus(kernels.apply(air.by_v, v_mid), direct)
+        acceleration = kernels.plus(acceleration, by_air)
+    return (
+        kernels.plus(kernels.scaled(d.velocity_decay, v), kernels.scaled(d.phi1, acceleration)),
+        kernels.plus(
+            p, kernels.plus(kernels.scaled(d.phi1, v), kernels.scaled(d.phi2, acceleration))
+        ),
+    )
+
+
+@compiled
+def _turn_on(
+    d: Discretisation,
+    midpoint: Midpoint,
+    air: _Air,
+    mean_kept: Actuators,
+    mean_gained: Actuators,
+    lagging: bool,
+    turning: _Turning,
+) -> None:
+    """Carry the sensitivities to what turns the body over a substep, and to the velocity.
+
+    Those to rates that do not lag are zero.
+    """
+    dR, dv, dp = turning
+    J = kernels.right_jacobian(midpoint.half_turn)
+    x_axis, y_axis = kernels.column(midpoint.R, 0), kernels.column(midpoint.R, 1)
+    for n in range(_TURNING):
+        if _FROM_RATE <= n < _FROM_COMMAND and not lagging:
+            continue
+        # By how much half of the turn moves.
+        half = (0.0, 0.0, 0.0)
+        if n >= _FROM_COMMAND:
+            half = kernels.scaled(
+                0.5 * d.dt * mean_gained[n - 5], kernels.column(J, n - _FROM_COMMAND)
+            )
+        elif n >= _FROM_RATE:
+            half = kernels.scaled(0.5 * d.dt * mean_kept[n - 2], kernels.column(J, n - _FROM_RATE))
+        turned = kernels.plus(kernels.apply_transposed(midpoint.half, kernels.vector(dR[n])), half)
+        # The thrust's direction moves by R (phi x e3).
+        acceleration = kernels.scaled(
+            midpoint.push,
+            kernels.plus(kernels.scaled(turned[1], x_axis), kernels.scaled(-turned[0], y_axis)),
+        )
+        moved = kernels.vector(dv[n]), kernels.vector(dp[n])
+        direct = kernels.apply(air.by_turn, turned) if air.uneven else (0.0, 0.0, 0.0)
+        v, p = _push_on(d, air, acceleration, direct, moved)
+        kernels.store_vector(v, dv[n])
+        kernels.store_vector(p, dp[n])
+        kernels.store_vector(
+            kernels.plus(kernels.apply_transposed(midpoint.half, turned), half), dR[n]
+        )
+    for n in range(_TURNING, _COLUMNS if air.uneven else _TURNING):
+        moved = kernels.vector(dv[n]), kernels.vector(dp[n])
+        v, p = _push_on(d, air, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), moved)
+        kernels.store_vector(v, dv[n])
+        kernels.store_vector(p, dp[n])
+
+
+# Entries of the attitude, and of the state without actuators.
+_ATTITUDE, _WITHOUT_ACTUATORS = 6, 9
+
+
+@compiled
+def _fill(
+    A: Array,
+    B: Array,
+    own_p: float,
+    own_v: float,
+    turning: _Turning,
+    by_command: tuple[kernels.Vector, kernels.Vector],
+) -> None:
+    """Write what can be other than zero of position, velocity and attitude."""
+    dR, dv, dp = turning
+    for k in range(3):
+        A[k, k] = 1.0
+        A[k, 3 + k] = own_p
+        A[3 + k, 3 + k] = own_v
+        B[3 + k, 0], B[k, 0] = by_command[0][k], by_command[1][k]
+        for n in range(3):
+            A[k, _ATTITUDE + n] = dp[n, k]
+            A[3 + k, _ATTITUDE + n] = dv[n, k]
+            A[_ATTITUDE + k, _ATTITUDE + n] = dR[n, k]
+            B[k, 1 + n] = dp[_FROM_COMMAND + n, k]
+            B[3 + k, 1 + n] = dv[_FROM_COMMAND + n, k]
+            B[_ATTITUDE + k, 1 + n] = dR[_FROM_COMMAND + n, k]
+
+
+@compiled
+def _fill_velocity(A: Array, turning: _Turning) -> None:
+    """Write what the velocity does in uneven air, where it moves on across itself."""
+    _, dv, dp = turning
+    for k in range(3):
+        for n in range(3):
+            A[k, 3 + n] = dp[_TURNING + n, k]
+            A[3 + k, 3 + n] = dv[_TURNING + n, k]
+
+
+@compiled
+def _fill_actuators(
+    A: Array,
+    B: Array,
+    kept: Actuators,
+    gained: Actuators,
+    turning: _Turning,
+    by_throttle: tuple[kernels.Vector, kernels.Vector],
+) -> None:
+    """Write the columns and rows of body rate and throttle."""
+    dR, dv, dp = turning
+    for k in range(3):
+        for n in range(3):
+            A[k, 9 + n] = dp[_FROM_RATE + n, k]
+            A[3 + k, 9 + n] = dv[_FROM_RATE + n, k]
+            A[_ATTITUDE + k, 9 + n] = dR[_FROM_RATE + n, k]
+        A[3 + k, 12], A[k, 12] = by_throttle[0][k], by_throttle[1][k]
+        A[9 + k, 9 + k], B[9 + k, 1 + k] = kept[1 + k], gained[1 + k]
+    A[12, 12], B[12, 0] = kept[0], gained[0]

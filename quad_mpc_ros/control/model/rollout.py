@@ -1,0 +1,241 @@
+"""The model of the future, rolled out in compiled loops.
+
+State: position and velocity in the world, attitude R_WB, and the actuators, throttle and body rate
+(4,), in the order of the inputs. They follow their commands with a first-order lag
+(:mod:`quad_mpc_ros.control.model.actuators`),
+
+    dp/dt = v,  dv/dt = g + k (T(s)/m) R_WB e3 - R D R' v + k_h (u_x^2 + u_y^2) R e3 + d,
+    dR/dt = R [w],  dw/dt = (w_c - w) / tau_w,  ds/dt = (s_c - s) / tau_s,
+
+with u = R' v; a drag D = diag(mu + nu sqrt(k T(s) / m g)), with three mu that the air has of the
+body and three nu that it has of the rotors and their speed (Svacha, Mohta, Kumar, "Improving
+quadrotor trajectory tracking by compensating for aerodynamic effects", ICUAS 2017); the thrust k_h
+gained by flying across the rotors (Faessler, Franchi, Scaramuzza, "Differential flatness of
+quadrotor dynamics subject to rotor drag", RA-L 2018); and a tau_w for each axis: yaw, which is
+turned by drag of the rotors alone, is often several times slower.
+
+The simulated plant (:mod:`quad_mpc_ros.simulation.dynamics`) has equations of its own on purpose:
+a mistake in one of them shows in flight.
+
+Over a substep, under one command, the turn is the exact integral of the lagging rate, and the
+thrust is that of the mean throttle along the attitude half way. The mean of the mu over the axes
+is exact; what differs from it, the drag of the rotors and the lift act as they do half way.
+
+Outside of compiled code a state is a row of 19 numbers, whose parts are named here.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.actuators import Actuators, actuators_in, first_order_lag, followed
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_in
+
+P_WB, V_WB_W, R_WB, ACTUATORS = slice(0, 3), slice(3, 6), slice(6, 15), slice(15, 19)
+BODY_RATES = slice(16, 19)
+"""Parts of a state's row: position, velocity, rotation row by row, throttle and body rates."""
+
+ROW_SIZE = 19
+SUBSTEPS = 4
+
+
+class Body(NamedTuple):
+    """A state as plain numbers, for compiled code."""
+
+    p: kernels.Vector
+    v: kernels.Vector
+    R: kernels.Matrix
+    actuators: Actuators
+
+
+@compiled
+def body_in(row: Array) -> Body:
+    """Return the state in a row (19,)."""
+    return Body(
+        (row[0], row[1], row[2]),
+        (row[3], row[4], row[5]),
+        (row[6], row[7], row[8], row[9], row[10], row[11], row[12], row[13], row[14]),
+        (row[15], row[16], row[17], row[18]),
+    )
+
+
+@compiled
+def store_body(body: Body, row: Array) -> None:
+    """Write a state into a row (19,)."""
+    for k in range(3):
+        row[k], row[3 + k] = body.p[k], body.v[k]
+    for k in range(9):
+        row[6 + k] = body.R[k]
+    for k in range(4):
+        row[15 + k] = body.actuators[k]
+
+
+@compiled
+def read_odometry(p_WB: Array, q_WB_xyzw: Array, v_WB_B: Array, w_WB_B: Array, row: Array) -> None:
+    """Write the state of an odometry whose twist is in the body, but for its throttle."""
+    R = kernels.rotation((q_WB_xyzw[0], q_WB_xyzw[1], q_WB_xyzw[2], q_WB_xyzw[3]))
+    kernels.store_vector(kernels.vector(p_WB), row[0:3])
+    kernels.store_vector(kernels.apply(R, kernels.vector(v_WB_B)), row[3:6])
+    kernels.store_matrix_row(R, row[6:15])
+    kernels.store_vector(kernels.vector(w_WB_B), row[16:19])
+
+
+class Discretisation(NamedTuple):
+    """What a substep of ``dt`` seconds does to what is linear.
+
+    After it an actuator keeps ``decay`` of its distance to the command, ``share`` on the average
+    over it; the velocity keeps ``velocity_decay`` and gains ``phi1`` times the acceleration, the
+    position ``phi1`` times the velocity and ``phi2`` times the acceleration. ``uneven`` tells
+    whether the air does anything beyond that.
+    """
+
+    dt: float
+    decay: tuple[float, float, float, float]
+    share: tuple[float, float, float, float]
+    velocity_decay: float
+    phi1: float
+    phi2: float
+    uneven: bool
+
+
+@compiled
+def discretised(model: ModelParameters, dt: float) -> Discretisation:
+    """Return what a substep of ``dt`` seconds does to what is linear."""
+    x = model.drag * dt
+    # Integrals of the velocity's response, by series, for drag may be nothing.
+    phi1 = dt * (1.0 - x / 2.0 + x * x / 6.0 - x**3 / 24.0 + x**4 / 120.0)
+    phi2 = dt * dt * (0.5 - x / 6.0 + x * x / 24.0 - x**3 / 120.0 + x**4 / 720.0)
+    s_decay, s_share = first_order_lag(model.thrust_time_constant, dt)
+    roll_decay, roll_share = first_order_lag(model.rate_time_constants[0], dt)
+    pitch_decay, pitch_share = first_order_lag(model.rate_time_constants[1], dt)
+    yaw_decay, yaw_share = first_order_lag(model.rate_time_constants[2], dt)
+    return Discretisation(
+        dt,
+        (s_decay, roll_decay, pitch_decay, yaw_decay),
+        (s_share, roll_share, pitch_share, yaw_share),
+        math.exp(-x),
+        phi1,
+        phi2,
+        is_uneven(model),
+    )
+
+
+@compiled
+def is_uneven(model: ModelParameters) -> bool:
+    """Whether the air does anything but the drag that is alike along all axes."""
+    none = (0.0, 0.0, 0.0)
+    rotors = model.rotor_drag != none
+    return model.uneven_drag != none or model.translational_lift != 0.0 or rotors
+
+
+@compiled
+def rotor_speed(model: ModelParameters, push: float) -> float:
+    """Return the speed of the rotors over that of hover, by the thrust over mass [m/s^2]."""
+    return math.sqrt(max(push, 0.0) / model.gravity)
+
+
+@compiled
+def uneven_air(model: ModelParameters, u: kernels.Vector, speed: float) -> kernels.Vector:
+    """Return what the air does at a velocity ``u``, both in the body, beyond the mean drag.
+
+    ``speed`` is that of the rotors over hover's.
+    """
+    even, rotors = model.uneven_drag, model.rotor_drag
+    d = even[0] + speed * rotors[0], even[1] + speed * rotors[1], even[2] + speed * rotors[2]
+    lift = model.translational_lift * (u[0] * u[0] + u[1] * u[1])
+    return -d[0] * u[0], -d[1] * u[1], lift - d[2] * u[2]
+
+
+class Midpoint(NamedTuple):
+    """A substep half way: mean of the actuators, the thrust's acceleration, half of the turn as a
+    vector and as a rotation, attitude; velocity in the body, where the air is uneven. The
+    Jacobians are made of it.
+    """
+
+    mean: Actuators
+    push: float
+    half_turn: kernels.Vector
+    half: kernels.Matrix
+    R: kernels.Matrix
+    v_B: kernels.Vector
+
+
+@compiled
+def substep(
+    model: ModelParameters, step: Discretisation, command: Actuators, x: Body
+) -> tuple[Body, Midpoint]:
+    """Return the state after a substep under a command, and half way."""
+    mean = followed(step.share, x.actuators, command)
+    half_turn = kernels.scaled(0.5 * step.dt, (mean[1], mean[2], mean[3]))
+    half = kernels.exp(half_turn)
+    R_mid = kernels.multiply(x.R, half)
+    push = model.thrust_scale * ((model.a * mean[0] + model.b) * mean[0] + model.c)
+    force = kernels.plus(kernels.scaled(push, kernels.column(R_mid, 2)), model.a_W)
+    a, v_B = (force[0], force[1], force[2] - model.gravity), (0.0, 0.0, 0.0)
+    if step.uneven:
+        slowed = kernels.plus(a, kernels.scaled(-model.drag, x.v))
+        v_B = kernels.apply_transposed(
+            R_mid, kernels.plus(x.v, kernels.scaled(0.5 * step.dt, slowed))
+        )
+        a = kernels.plus(a, kernels.apply(R_mid, uneven_air(model, v_B, rotor_speed(model, push))))
+    after = Body(
+        kernels.plus(
+            x.p, kernels.plus(kernels.scaled(step.phi1, x.v), kernels.scaled(step.phi2, a))
+        ),
+        kernels.plus(kernels.scaled(step.velocity_decay, x.v), kernels.scaled(step.phi1, a)),
+        kernels.multiply(R_mid, half),
+        followed(step.decay, x.actuators, command),
+    )
+    return after, Midpoint(mean, push, half_turn, half, R_mid, v_B)
+
+
+@compiled
+def propagated(
+    model: ModelParameters, command: Actuators, duration: float, longest: float, x: Body
+) -> Body:
+    """Return a state after a duration under a command, in substeps of ``longest`` [s] at most."""
+    count = max(1, math.ceil(duration / longest - 1e-9))
+    step = discretised(model, duration / count)
+    for _ in range(count):
+        x, _midpoint = substep(model, step, command, x)
+    return x
+
+
+@compiled
+def roll_forward(
+    parameters: Array,
+    commands: Array,
+    durations: Array,
+    longest: float,
+    start: Array,
+    end: Array,
+) -> None:
+    """Write the state (19,) after commands (n, 4), each held for a duration (n,) [s].
+
+    In substeps of ``longest`` [s] at most. ``start`` and ``end`` may be the same row.
+    """
+    model, x = parameters_in(parameters), body_in(start)
+    for k in range(len(durations)):
+        x = propagated(model, actuators_in(commands[k]), durations[k], longest, x)
+    store_body(x, end)
+
+
+@compiled
+def roll_out(
+    model: ModelParameters, step: float, inputs: Array, start: Array, states: Array
+) -> None:
+    """Write the states 0 to N (N + 1, 19) of stages of ``step`` seconds from ``start`` (19,) on.
+
+    ``inputs`` (N, M, 4) are held over a substep each.
+    """
+    steps, substeps = inputs.shape[:2]
+    discretisation = discretised(model, step / substeps)
+    x = body_in(start)
+    store_body(x, states[0])
+    for i in range(steps):
+        for j in range(substeps):
+            x, _midpoint = substep(model, discretisation, actuators_in(inputs[i, j]), x)
+        store_body(x, states[i + 1])

@@ -1,0 +1,260 @@
+"""What crosses the boundary of the controller: odometry in, reference in, command out.
+
+These are the values of the ROS messages without ROS. Everything that comes from outside, from a
+node, a bag or the simulator, passes through these types, so that a flight over DDS and a flight
+in one process compute the same numbers. Quaternions exist here and are turned into rotations on
+the way in. Stamps are integer nanoseconds: no time is ever rounded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quad_mpc_ros.control.lie import Array
+
+_LARGEST_VARIANCE = 25.0  # m^2/s^2 of a velocity; beyond it nothing is told
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OdometrySample:
+    """One ``nav_msgs/Odometry``: pose in ``frame_id`` (ENU), twist in ``child_frame_id`` (FLU).
+
+    Args:
+        stamp_ns: When it was measured [ns].
+        p_WB: Position in the world (3,) [m].
+        q_WB_xyzw: Attitude, body to world, a unit quaternion (4,).
+        v_WB_B: Velocity in body axes (3,) [m/s].
+        w_WB_B: Body rates, in body axes (3,) [rad/s].
+        frame_id: The world frame.
+        child_frame_id: The body frame.
+        v_variance: Variance of the velocity along each axis [m^2/s^2], 0 where it is not told.
+
+    Example:
+        >>> OdometrySample.at_rest([0.0, 0.0, 1.5], yaw=0.5).speed
+        0.0
+    """
+
+    stamp_ns: int
+    p_WB: Array
+    q_WB_xyzw: Array
+    v_WB_B: Array
+    w_WB_B: Array
+    frame_id: str = "odom"
+    child_frame_id: str = "base_link"
+    v_variance: float = 0.0
+
+    @classmethod
+    def at_rest(
+        cls, p_WB: ArrayLike, *, yaw: float = 0.0, stamp_ns: int = 0, frame_id: str = "odom"
+    ) -> OdometrySample:
+        """Return the odometry of a level vehicle that does not move.
+
+        Args:
+            p_WB: Position in the world (3,) [m].
+            yaw: Where the nose points, from east to north [rad].
+            stamp_ns: When it was measured [ns].
+            frame_id: The world frame.
+        """
+        return cls(
+            stamp_ns=stamp_ns,
+            p_WB=np.array(p_WB, dtype=np.float64),
+            q_WB_xyzw=_level(yaw),
+            v_WB_B=np.zeros(3),
+            w_WB_B=np.zeros(3),
+            frame_id=frame_id,
+        )
+
+    @property
+    def speed(self) -> float:
+        """Speed over ground [m/s]."""
+        return math.hypot(*self.v_WB_B.tolist())
+
+    @property
+    def up(self) -> float:
+        """Cosine of the tilt: how much of the body's z axis points up."""
+        x, y, _, _ = self.q_WB_xyzw.tolist()
+        return float(1.0 - 2.0 * (x * x + y * y))
+
+
+def told_variance(variances: Iterable[float]) -> float:
+    """Return the largest of the variances that a source tells of a velocity, 0 if it tells none.
+
+    Many leave them zero, and some write nonsense, or something huge for what is not known.
+    """
+    told = [float(variance) for variance in variances]
+    return max(told) if all(0.0 < variance <= _LARGEST_VARIANCE for variance in told) else 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CommandSample:
+    """One ``geometry_msgs/TwistStamped`` command: throttle and body rates, FLU.
+
+    Args:
+        stamp_ns: Stamp of the odometry that the command answers [ns].
+        throttle: Collective throttle in [0, 1].
+        w_WB_B: Body rates in body axes (3,) [rad/s].
+        frame_id: The body frame.
+    """
+
+    stamp_ns: int
+    throttle: float
+    w_WB_B: Array
+    frame_id: str = "base_link"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReferenceWindow:
+    """One ``trajectory_msgs/MultiDOFJointTrajectory``: n samples of the reference ahead.
+
+    Vectors are in the header frame (world). Two samples at the same time mark a jump; the later
+    one holds from that time on. Most windows are made by :meth:`hover` or :meth:`through`.
+
+    Args:
+        stamp_ns: The time that the offsets count from [ns].
+        offset_ns: Times of the samples after the stamp, non-decreasing (n,) [ns].
+        p_WB: Positions (n, 3) [m].
+        q_WB_xyzw: Attitudes, body to world, unit quaternions (n, 4).
+        v_WB_W: Velocities (n, 3) [m/s].
+        a_WB_W: Accelerations (n, 3) [m/s^2].
+        w_WB_W: Angular velocities (n, 3) [rad/s].
+        frame_id: The world frame.
+    """
+
+    stamp_ns: int
+    offset_ns: NDArray[np.int64]
+    p_WB: Array
+    q_WB_xyzw: Array
+    v_WB_W: Array
+    a_WB_W: Array
+    w_WB_W: Array
+    frame_id: str = "odom"
+
+    @classmethod
+    def hover(
+        cls,
+        p_WB: ArrayLike,
+        *,
+        yaw: float = 0.0,
+        stamp_ns: int = 0,
+        duration: float = 2.0,
+        frame_id: str = "odom",
+    ) -> ReferenceWindow:
+        """Return the reference that holds a place, level.
+
+        Args:
+            p_WB: Where to hover (3,) [m].
+            yaw: Where the nose points, from east to north [rad].
+            stamp_ns: From when on [ns].
+            duration: For how long [s]; at least the horizon of the MPC.
+            frame_id: The world frame.
+
+        Example:
+            >>> ReferenceWindow.hover([0.0, 0.0, 2.0]).p_WB
+            array([[0., 0., 2.],
+                   [0., 0., 2.]])
+        """
+        rest = np.zeros((2, 3))
+        return cls(
+            stamp_ns=stamp_ns,
+            offset_ns=np.array([0, round(duration * 1e9)]),
+            p_WB=np.tile(np.array(p_WB, dtype=np.float64), (2, 1)),
+            q_WB_xyzw=np.tile(_level(yaw), (2, 1)),
+            v_WB_W=rest,
+            a_WB_W=rest,
+            w_WB_W=rest,
+            frame_id=frame_id,
+        )
+
+    @classmethod
+    def through(
+        cls,
+        seconds: ArrayLike,
+        p_WB: ArrayLike,
+        *,
+        yaw: float = 0.0,
+        stamp_ns: int = 0,
+        gravity: float = 9.81,
+        frame_id: str = "odom",
+    ) -> ReferenceWindow:
+        """Return the reference that passes positions at times, smoothly as they are.
+
+        Velocities and accelerations are the finite differences of the positions. The thrust axis
+        is along the force that the acceleration needs, R_WB e3 ~ a + g e3, drag left out; the
+        angular velocities are those of the attitudes.
+
+        Args:
+            seconds: Times after the stamp, increasing (n,) [s]; n is 3 or more.
+            p_WB: Positions (n, 3) [m].
+            yaw: Where the nose points while level, from east to north [rad].
+            stamp_ns: The time that ``seconds`` count from [ns].
+            gravity: Acceleration of gravity [m/s^2].
+            frame_id: The world frame.
+
+        Raises:
+            ValueError: The shapes do not match, there are fewer than three samples, or the times
+                do not increase.
+        """
+        from quad_mpc_ros.control.lie import (
+            so3,  # which needs Numba, and most who use samples do not
+        )
+
+        t, p = np.array(seconds, dtype=np.float64), np.array(p_WB, dtype=np.float64)
+        if t.ndim != 1 or len(t) < 3 or p.shape != (len(t), 3) or not np.all(np.diff(t) > 0.0):
+            raise ValueError(
+                f"given times {t.shape} and positions {p.shape}, expected increasing times (n,) "
+                "and positions (n, 3) of 3 or more samples"
+            )
+        v = np.gradient(p, t, axis=0, edge_order=2)
+        a = np.gradient(v, t, axis=0, edge_order=2)
+        force = a + np.array([0.0, 0.0, gravity])
+        R_WB = so3.shortest_rotation(
+            np.tile([0.0, 0.0, 1.0], (len(t), 1)),
+            force / np.linalg.norm(force, axis=1, keepdims=True),
+        ) @ so3.exp([0.0, 0.0, yaw])
+        return cls(
+            stamp_ns=stamp_ns,
+            offset_ns=np.rint(t * 1e9).astype(np.int64),
+            p_WB=p,
+            q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+            v_WB_W=v,
+            a_WB_W=a,
+            w_WB_W=_slopes(t, R_WB, log=so3.log),
+            frame_id=frame_id,
+        )
+
+    def pose_at(self, stamp_ns: int) -> tuple[Array, Array]:
+        """Return about where the reference is at a time: position (3,) and quaternion (4,).
+
+        The position is on the line between two samples, the attitude that of the one before. What
+        the MPC follows is sampled better (``control/model/reference_window.py``).
+        """
+        after_ns = stamp_ns - self.stamp_ns
+        offsets_ns = self.offset_ns
+        if after_ns == int(offsets_ns[0]) != int(offsets_ns[min(1, len(offsets_ns) - 1)]):
+            return self.p_WB[0], self.q_WB_xyzw[0]  # as in lockstep
+        before = max(int(offsets_ns.searchsorted(after_ns, side="right")) - 1, 0)
+        p, q = self.p_WB[before], self.q_WB_xyzw[before]
+        past_ns = after_ns - int(offsets_ns[before])
+        if past_ns <= 0 or before + 1 == len(offsets_ns):
+            return p, q
+        fraction = past_ns / int(offsets_ns[before + 1] - offsets_ns[before])
+        return p + fraction * (self.p_WB[before + 1] - p), q
+
+
+def _level(yaw: float) -> Array:
+    """Return the quaternion (4,) of a level attitude."""
+    return np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
+
+
+def _slopes(t: Array, R_WB: Array, *, log: Callable[[Array], Array]) -> Array:
+    """Return the angular velocities of attitudes at times (n,) [s], in the world (n, 3)."""
+    places = np.arange(len(t))
+    before, after = np.maximum(places - 1, 0), np.minimum(places + 1, len(t) - 1)
+    turn_B = log(np.swapaxes(R_WB[before], 1, 2) @ R_WB[after])
+    turn_W = np.einsum("nij,nj->ni", R_WB[before], turn_B)
+    return np.asarray(turn_W / (t[after] - t[before])[:, None])

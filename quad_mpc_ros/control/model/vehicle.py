@@ -1,0 +1,199 @@
+"""The vehicle: mass, drag, the throttle curve of the paper (Eq. 2, Table 1), and its outline."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import (
+    Configuration,
+    ConfigurationError,
+    parameter,
+    per_axis,
+)
+from quad_mpc_ros.control.lie import Array
+
+ARM = 0.11
+"""From the centre to a rotor [m]: the paper's 220 mm diagonal."""
+
+_ROTOR_POINTS = 24
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VehicleParameters(Configuration):
+    """What a node must know of the vehicle; the defaults are the paper's quadrotor."""
+
+    mass: float = parameter(
+        0.396893, doc="Mass M, the paper's 14 oz with battery.", unit="kg", above=0.0
+    )
+    gravity: float = parameter(9.81, doc="Gravity g.", unit="m/s^2", above=0.0)
+    drag: float | tuple[float, ...] = parameter(
+        0.2, doc="Linear drag mu: acceleration per velocity.", unit="1/s", minimum=0.0
+    )
+    rotor_drag: float | tuple[float, ...] = parameter(
+        0.0,
+        doc="Drag that grows with the speed of the rotors: acceleration per velocity, as much at "
+        "the speed of hover.",
+        unit="1/s",
+        minimum=0.0,
+    )
+    translational_lift: float = parameter(
+        0.0,
+        doc="Thrust gained by flying across the rotors, k_h: acceleration along body z per square "
+        "of the velocity along body x and y.",
+        unit="1/m",
+        minimum=0.0,
+    )
+    motor_count: int = parameter(4, doc="Number of motors.", minimum=1)
+    thrust_curve: tuple[float, ...] = parameter(
+        (1.87953563, 2.79829004, -0.00514948),
+        doc="Thrust of one motor a s^2 + b s + c at throttle s (Eq. 2, Table 1).",
+        unit="N",
+        length=3,
+    )
+    torque_curve: tuple[float, ...] = parameter(
+        (0.0010008, 0.00533861, 0.00074126),
+        doc="Drag torque of one motor a s^2 + b s + c at throttle s (Table 1).",
+        unit="N m",
+        length=3,
+    )
+
+    def check(self) -> None:
+        """Refuse a thrust curve without an inverse, and a vehicle that cannot hover."""
+        a, b, _ = self.thrust_curve
+        if a < 0.0 or b < 0.0 or a + b <= 0.0:
+            raise ConfigurationError(
+                f"{self.owner}.thrust_curve",
+                self.thrust_curve,
+                "a >= 0 and b >= 0, not both 0: thrust rises with throttle",
+            )
+        self.check_hover("mass", self.mass, self.mass)
+
+    def check_hover(self, name: str, given: float, mass: float) -> None:
+        """Refuse a mass [kg], the doing of parameter ``name``, that the motors cannot carry."""
+        lowest, highest = self.thrust(0.0), self.thrust(1.0)
+        if not lowest < mass * self.gravity < highest:
+            raise ConfigurationError(
+                f"{self.owner}.{name}",
+                given,
+                f"a weight between the thrust at throttle 0 and at 1, "
+                f"{lowest:.4g} N to {highest:.4g} N",
+            )
+
+    def thrust(self, throttle: float) -> float:
+        """Return the total thrust [N] at a throttle (Eq. 2 times the number of motors)."""
+        a, b, c = self.thrust_curve
+        return self.motor_count * ((a * throttle + b) * throttle + c)
+
+    @property
+    def drags_alike(self) -> bool:
+        """Whether the air acts alike along all body axes: attitude does not change its force."""
+        alike = len(set(per_axis(self.drag))) == 1 and self.translational_lift == 0.0
+        return alike and not any(per_axis(self.rotor_drag))
+
+    def vehicle(self) -> Vehicle:
+        """Return the vehicle that these parameters describe."""
+        fields = dataclasses.fields(VehicleParameters)
+        return _vehicle(**{field.name: getattr(self, field.name) for field in fields})
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Vehicle(VehicleParameters):
+    """The inverse of the throttle curve; thrust is the sum over the motors, along body z."""
+
+    owner = "vehicle"
+
+    def specific_thrust(self, *, a_WB_W: Array, v_WB_W: Array, R_WB: Array) -> Array:
+        """Return the thrust over mass along body z (n,) [m/s^2] of motions through still air.
+
+        Of the specific force a + R D R' v + g e3 - k_h (v_x^2 + v_y^2) z_B what lies along body
+        z, where D grows with the root of that thrust. Shapes: ``a_WB_W`` and ``v_WB_W`` (n, 3),
+        ``R_WB`` (n, 3, 3).
+        """
+        along = np.einsum("ni,ni->n", R_WB[:, :, 2], a_WB_W) + self.gravity * R_WB[:, 2, 2]
+        v_WB_B = np.einsum("nji,nj->ni", R_WB, v_WB_W)
+        lift = self.translational_lift * np.sum(v_WB_B[:, :2] ** 2, axis=1)
+        still = np.asarray(along + per_axis(self.drag)[2] * v_WB_B[:, 2] - lift)
+        rotors = per_axis(self.rotor_drag)[2]
+        if rotors == 0.0:
+            return still
+        root = root_of_thrust(still, 0.5 * rotors * v_WB_B[:, 2] / math.sqrt(self.gravity))
+        return np.where(still > 0.0, root * root, still)
+
+    def thrust_slope(self, throttle: float) -> float:
+        """Return d thrust / d throttle [N]."""
+        a, b, _ = self.thrust_curve
+        return self.motor_count * (2.0 * a * throttle + b)
+
+    def throttle_for(self, thrust: float) -> float:
+        """Return the throttle that gives a total thrust [N] (paper, section 2.1).
+
+        Raises ``ValueError`` when no throttle in [0, 1] does.
+        """
+        lowest, highest = self.thrust(0.0), self.thrust(1.0)
+        if not lowest <= thrust <= highest:
+            raise ValueError(
+                f"thrust {thrust:.6g} N needs a throttle outside [0, 1], "
+                f"which gives {lowest:.6g} N to {highest:.6g} N"
+            )
+        a, b, c = self.thrust_curve
+        return inverse_throttle_curve(a, b, c, thrust / self.motor_count)
+
+    def nearest_throttle(self, thrust: float) -> float:
+        """Return the throttle in [0, 1] whose total thrust is nearest to one wanted [N]."""
+        return self.throttle_for(min(max(thrust, self.thrust(0.0)), self.thrust(1.0)))
+
+    @property
+    def hover_throttle(self) -> float:
+        """Throttle that carries the weight."""
+        return self.throttle_for(self.mass * self.gravity)
+
+    @property
+    def thrust_bound(self) -> float:
+        """Lower bound on the thrust for which the inverse is real [N]: n (c - b^2 / 4a).
+
+        The paper's bound, -b^2/a + 4c for its four motors; -inf for a linear curve.
+        """
+        a, b, c = self.thrust_curve
+        return self.motor_count * (c - b * b / (4.0 * a)) if a > 0.0 else -math.inf
+
+
+# All that fly together ask for the same one.
+@functools.lru_cache
+def _vehicle(**parameters: Any) -> Vehicle:
+    return Vehicle(**parameters)
+
+
+def inverse_throttle_curve(a: float, b: float, c: float, thrust: float) -> float:
+    """Return the throttle s in [0, 1] for which a s^2 + b s + c is nearest to a thrust.
+
+    The paper's root (section 2.1), multiplied out so that it neither cancels nor divides by a = 0.
+    Units are those of the curve. Compiled code has it from :mod:`.model.rollout`;
+    here it is plain, so that reading a configuration does not load Numba.
+    """
+    missing = c - thrust
+    if missing >= 0.0:  # no thrust wanted above that of throttle 0
+        return 0.0
+    root = math.sqrt(b * b - 4.0 * a * missing)
+    return min(-2.0 * missing / (b + root), 1.0)
+
+
+def root_of_thrust(still: Any, b: Any) -> Any:
+    """Return sqrt(T) for a thrust T = still + 2 b sqrt(T) [m/s^2], which drag of the rotors makes.
+
+    Numbers or arrays; compiled code has it from :mod:`quad_mpc_ros.control.model.parameters`.
+    """
+    return np.maximum(b + np.sqrt(np.maximum(b * b + still, 0.0)), 0.0)
+
+
+def outline(arm: float) -> tuple[Array, Array]:
+    """Return, for pictures, two beams (2, 2, 3) and four rotors (4, points, 3) in the body [m]."""
+    directions = np.radians([45.0, 135.0, 225.0, 315.0])
+    hubs = arm * np.column_stack((np.cos(directions), np.sin(directions), np.zeros(4)))
+    turn = np.linspace(0.0, 2.0 * np.pi, _ROTOR_POINTS, endpoint=False)
+    disc = 0.6 * arm * np.column_stack((np.cos(turn), np.sin(turn), np.zeros(_ROTOR_POINTS)))
+    return hubs[[[0, 2], [1, 3]]], hubs[:, None] + disc

@@ -1,0 +1,1 @@
+"""The optimal control problem: the two formulations, the sparse QP, and OSQP."""

@@ -1,0 +1,169 @@
+"""The paper's formulation, exactly: 9 errors, 4 inputs, A and B frozen over the horizon.
+
+    min   sum_{i=0..N} x̃[i]' Q x̃[i] + sum_{i=0..N-1} ũ[i]' R ũ[i]            (section 2.3)
+    s.t.  x̃[i+1] = x̃[i] + dt (A x̃[i] + B ũ[i]),   x̃ = x_r ⊟ x,   ũ = u_r - u
+
+with A and B of the error dynamics (Eq. 4), and the reference constant over the horizon.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from quad_mpc_ros.configuration import per_axis
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.reference_window import ReferencePoints, sample
+from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.control.model.state import (
+    ATTITUDE,
+    BODY_RATE,
+    INPUT_SIZE,
+    POSITION,
+    TANGENT_SIZE,
+    VELOCITY,
+    Input,
+    State,
+    boxminus,
+)
+from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.ocp.problem import PredictedState
+from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages
+
+# What a position, velocity, attitude, throttle and rate error of this vehicle typically is.
+_STATE_SIZE = np.repeat([1.0, 3.0, 0.5], 3)
+_INPUT_SIZE = np.array([0.3, 5.0, 5.0, 5.0])
+
+_EYE, _EYE_3 = np.eye(TANGENT_SIZE), np.eye(3)
+
+
+class PaperProblem:
+    """Error-state linear MPC as printed: one iteration of the SQP loop, and a full step."""
+
+    is_deviation = False
+
+    def __init__(self, config: MpcConfig) -> None:
+        self._vehicle = config.vehicle()
+        self._steps, self._step = config.horizon_steps, config.horizon_step
+        self._stages = HorizonStages.zeros(self._steps, TANGENT_SIZE, INPUT_SIZE)
+        self._errors = np.zeros((self._steps + 1, TANGENT_SIZE))
+        self.reconfigure(config)
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over weights and bounds."""
+        self._u_min = np.array([config.throttle_min, *(-w for w in config.omega_max)])
+        self._u_max = np.array([config.throttle_max, *config.omega_max])
+        self._stages.H[:] = np.diag(config.Q)
+        self._stages.H[-1] *= config.terminal_weight
+        self._stages.R[:] = config.R
+
+    def pattern(self) -> HorizonPattern:
+        """Return the sparsity of I + dt A, dt B and the weights."""
+        block = np.ones((3, 3), dtype=bool)
+        eye, none = np.eye(3, dtype=bool), np.zeros((3, 3), dtype=bool)
+        kept = eye.copy()
+        kept[2, :2] = self._vehicle.translational_lift > 0.0
+        # Thrust pushes along z, and slows down across it where the rotors drag.
+        pushed = np.zeros((6, 4), dtype=bool)
+        pushed[3:, 0] = [*(drag > 0.0 for drag in per_axis(self._vehicle.rotor_drag)[:2]), True]
+        return HorizonPattern(
+            steps=self._steps,
+            A=np.block([[eye, block, block], [none, kept, block], [none, none, eye]]),
+            B=np.vstack((pushed, np.eye(3, 4, 1, dtype=bool))),
+            H=np.eye(TANGENT_SIZE, dtype=bool),
+            state_size=_STATE_SIZE,
+            input_size=_INPUT_SIZE,
+        )
+
+    def begin(self, state: PredictedState, window: ReferenceWindow) -> None:
+        """Take the reference of now, held over the horizon: no warm start is needed."""
+        self._stamp_ns = state.stamp_ns
+        self._x, self._throttle = state.x, float(state.sent[0])
+        points = sample(window, state.stamp_ns)
+        self._x_reference = State(p_WB=points.p_WB, v_WB_B=points.v_WB_B, R_WB=points.R_WB)
+        self._u_reference = reference_input(points, self._vehicle).vector()
+
+    def linearise(self) -> HorizonStages:
+        """Return the paper's problem, with A and B at the present state and input."""
+        x, throttle, u_reference = self._x, self._throttle, self._u_reference
+        A, B = error_dynamics(
+            x, self._vehicle, throttle=throttle, throttle_error=u_reference[0] - throttle
+        )
+        dt, stages = self._step, self._stages
+        stages.x0[:] = boxminus(self._x_reference, x)
+        stages.A[:] = _EYE + dt * A
+        stages.B[:] = dt * B
+        # The bounds hold on u = u_r - ũ; the paper prints them on ũ, which cannot climb.
+        stages.lower[:] = u_reference - self._u_max
+        stages.upper[:] = u_reference - self._u_min
+        return stages
+
+    def line_search(self, inputs: Array, states: Array) -> bool:
+        """Take the full step: the paper solves once."""
+        self._input_errors = inputs
+        self._errors[0], self._errors[1:] = self._stages.x0, states
+        return True
+
+    def plan(self) -> Plan:
+        """Return the reference less the errors."""
+        reference, errors = self._x_reference, self._errors
+        inputs = self._u_reference - self._input_errors
+        return Plan(
+            stamp_ns=self._stamp_ns,
+            step=self._step,
+            input_step=self._step,
+            inputs=np.clip(inputs, self._u_min, self._u_max),
+            p_WB=reference.p_WB - errors[:, POSITION],
+            R_WB=reference.R_WB @ so3.exp(-errors[:, ATTITUDE]),
+        )
+
+
+def error_dynamics(
+    x: State, vehicle: Vehicle, *, throttle: float, throttle_error: float
+) -> tuple[Array, Array]:
+    """Return A (9, 9) and B (9, 4) of d x̃/dt = A x̃ + B ũ, x̃ = x_r ⊟ x (paper, after Eq. 4).
+
+    ``throttle`` is s, the throttle in force, and ``throttle_error`` is s̃ = s_r - s. The paper
+    drops second-order terms and also -[omega] q̃, which is of first order while the body turns.
+    """
+    A = np.zeros((TANGENT_SIZE, TANGENT_SIZE))
+    A[POSITION, VELOCITY] = x.R_WB
+    A[POSITION, ATTITUDE] = -x.R_WB @ so3.hat(x.v_WB_B)
+    drag, thrust = np.array(per_axis(vehicle.drag)), vehicle.thrust(throttle)
+    speed = math.sqrt(max(thrust, 0.0) / (vehicle.mass * vehicle.gravity))
+    rotors = np.array(per_axis(vehicle.rotor_drag))
+    A[VELOCITY, VELOCITY] = -np.diag(drag + speed * rotors)
+    A[VELOCITY.stop - 1, VELOCITY][:2] += 2.0 * vehicle.translational_lift * x.v_WB_B[:2]
+    A[VELOCITY, ATTITUDE] = so3.hat(-vehicle.gravity * x.R_WB[2])
+
+    a, b, _ = vehicle.thrust_curve
+    slope = vehicle.motor_count * (2.0 * a * throttle_error + 2.0 * a * throttle + b)
+    B = np.zeros((TANGENT_SIZE, INPUT_SIZE))
+    B[VELOCITY.stop - 1, 0] = slope / vehicle.mass
+    if thrust > 0.0:
+        B[VELOCITY, 0] -= 0.5 * speed / thrust * slope * rotors * x.v_WB_B
+    B[ATTITUDE, BODY_RATE] = _EYE_3
+    return A, B
+
+
+def reference_input(reference: ReferencePoints, vehicle: Vehicle) -> Input:
+    """Return the input that holds the reference (paper, u_r), from its acceleration and drag.
+
+    The throttle carries the part of m (a + R D R' v + g) along the reference's thrust axis, as far
+    as the motors can.
+    """
+    thrust = vehicle.mass * vehicle.specific_thrust(
+        a_WB_W=reference.a_WB_W[None], v_WB_W=reference.v_WB_W[None], R_WB=reference.R_WB[None]
+    )
+    return Input(throttle=vehicle.nearest_throttle(float(thrust[0])), w_WB_B=reference.w_WB_B)
+
+
+def reference_throttles(references: ReferencePoints, vehicle: Vehicle) -> Array:
+    """Return the throttles (n,) of :func:`reference_input` at n points."""
+    thrust = vehicle.mass * vehicle.specific_thrust(
+        a_WB_W=references.a_WB_W, v_WB_W=references.v_WB_W, R_WB=references.R_WB
+    )
+    return np.array([vehicle.nearest_throttle(each) for each in thrust.tolist()])

@@ -1,0 +1,40 @@
+"""Limits on commands: how fast they may change, and between which bounds they must be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quad_mpc_ros.control.config import MpcConfig, SlewParameters
+from quad_mpc_ros.control.model.state import Input
+
+
+def rate_limited(u: Input, before: Input, limits: SlewParameters, *, duration: float) -> Input:
+    """Return the input nearest to ``u`` that can be reached in ``duration`` [s] from another."""
+    if limits.throttle_max == limits.rate_max == 0.0:
+        return u
+    throttle, w_WB_B = u.throttle, u.w_WB_B
+    if limits.throttle_max > 0.0:
+        most = limits.throttle_max * duration
+        throttle = min(max(throttle, before.throttle - most), before.throttle + most)
+    if limits.rate_max > 0.0:
+        most = limits.rate_max * duration
+        w_WB_B = np.clip(w_WB_B, before.w_WB_B - most, before.w_WB_B + most)
+    return Input(throttle=throttle, w_WB_B=w_WB_B)
+
+
+def clamped(u: Input, config: MpcConfig) -> Input:
+    """Return the input inside the bounds of the configuration, itself if it is."""
+    x, y, z = u.w_WB_B.tolist()
+    x_max, y_max, z_max = config.omega_max
+    if (
+        config.throttle_min <= u.throttle <= config.throttle_max
+        and abs(x) <= x_max
+        and abs(y) <= y_max
+        and abs(z) <= z_max
+    ):
+        return u
+    limit = np.array(config.omega_max)
+    return Input(
+        throttle=min(max(u.throttle, config.throttle_min), config.throttle_max),
+        w_WB_B=np.clip(u.w_WB_B, -limit, limit),
+    )

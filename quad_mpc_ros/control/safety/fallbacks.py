@@ -1,0 +1,168 @@
+"""Controllers that need no solver: hover in place, and level and descend without odometry.
+
+The hover law is geometric attitude control (Lee, Leok, McClamroch 2010) with body rates as the
+input: a PID law on position asks for a specific force, the thrust axis is turned towards it, and
+yaw is left as it is. What the disturbance EKF had learned of thrust and wind goes on to count.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.state import Input, State
+from quad_mpc_ros.control.safety.command_limits import clamped
+
+# Horizontally and vertically. They hold vehicles whose rates and thrust lag by 20 to 80 ms behind
+# commands that are up to 80 ms late, thrust 0.7 to 1.3 times the modelled, in wind.
+_POSITION_GAIN = np.array([2.2, 2.2, 5.0])  # 1/s^2
+_VELOCITY_GAIN = np.array([3.2, 3.2, 4.5])  # 1/s
+_INTEGRAL_GAIN = np.array([0.6, 0.6, 3.0])  # 1/s^3
+_INTEGRAL_LIMIT = np.array([3.0, 3.0, 5.0])  # m/s^2
+_TILT_GAIN = 7.0  # 1/s
+# By dead reckoning, without feedback, no delay makes it swing.
+_BLIND_TILT_GAIN = 10.0  # 1/s
+_HORIZONTAL_LIMIT = 8.0  # m/s^2, keeps the asked tilt below 40 degrees
+_VERTICAL_LIMIT = 5.0  # m/s^2
+_BLIND_DESCENT = 0.1  # fraction of the hover throttle given up by the end of the blind time
+
+
+class Learned(NamedTuple):
+    """What the disturbance EKF has learned that a fallback can use as well.
+
+    ``thrust_scale`` is the true thrust over the modelled, ``a_W`` (3,) [m/s^2] the acceleration of
+    the disturbance. They belong together: in hover only what they do together is known.
+    """
+
+    thrust_scale: float = 1.0
+    a_W: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class HoverFallback:
+    """Brakes and holds a position."""
+
+    def __init__(self, config: MpcConfig) -> None:
+        self._config = config
+        self._vehicle = config.vehicle()
+        self._p_hold: Array | None = None
+        self._integral = np.zeros(3)
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed bounds; the held position stays."""
+        self._config = config
+
+    def release(self) -> None:
+        """Forget the held position; the next call holds where the vehicle is then."""
+        if self._p_hold is not None:  # most of the time nothing is held
+            self._p_hold, self._integral = None, np.zeros(3)
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Move the held position, and what holds it there, with the estimate."""
+        if self._p_hold is not None:
+            self._p_hold = reset.points(self._p_hold)
+        self._integral = reset.vectors(self._integral)
+
+    def command(
+        self,
+        x: State,
+        *,
+        p_hold: Array | None = None,
+        learned: Learned | None = None,
+        duration: float = 0.0,
+    ) -> Input:
+        """Return the command that brakes and holds the position where it was engaged.
+
+        Or ``p_hold`` (3,), as given with the first call after the release. It acts for
+        ``duration`` [s], over which the error is integrated.
+        """
+        if self._p_hold is None:
+            self._p_hold = (x.p_WB if p_hold is None else p_hold).copy()
+        error, (scale, a_W) = self._p_hold - x.p_WB, learned or Learned()
+        wanted = _POSITION_GAIN * error - _VELOCITY_GAIN * x.v_WB_W
+        self._integrate(error, wanted, duration)
+        wanted += self._integral
+        horizontal = math.hypot(wanted[0], wanted[1])
+        wanted[:2] *= min(1.0, _HORIZONTAL_LIMIT / max(horizontal, 1e-9))
+        wanted[2] = min(max(wanted[2], -_VERTICAL_LIMIT), _VERTICAL_LIMIT)
+        force = wanted - a_W
+        force[2] += self._vehicle.gravity
+
+        thrust = self._vehicle.mass * float(x.R_WB[:, 2] @ force) / scale
+        throttle = self._vehicle.nearest_throttle(thrust)
+        u = Input(throttle=throttle, w_WB_B=_TILT_GAIN * tilt_to(force, x.R_WB))
+        return clamped(u, self._config)
+
+    def _integrate(self, error: Array, wanted: Array, duration: float) -> None:
+        """Integrate the error where what is wanted of the axis is not too much already."""
+        free = np.abs(wanted) < [_HORIZONTAL_LIMIT, _HORIZONTAL_LIMIT, _VERTICAL_LIMIT]
+        grown = self._integral + duration * _INTEGRAL_GAIN * np.where(free, error, 0.0)
+        self._integral = np.clip(grown, -_INTEGRAL_LIMIT, _INTEGRAL_LIMIT)
+
+
+class BlindFallback:
+    """Levels the attitude that dead reckoning still knows, and lets the vehicle sink slowly."""
+
+    def __init__(self, config: MpcConfig) -> None:
+        self._config = config
+        self._vehicle = config.vehicle()
+        self._R_WB: Array | None = None
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed bounds; the attitude stays."""
+        self._config = config
+
+    def release(self) -> None:
+        """Forget the attitude by dead reckoning: there is odometry."""
+        self._R_WB = None
+
+    def dead_reckon(self, R_WB: Array, w_WB_B: Array, *, duration: float) -> None:
+        """Turn on at body rates (3,) [rad/s] for ``duration`` [s].
+
+        The first call after the release begins at ``R_WB`` (3, 3), the last attitude seen.
+        """
+        seen = R_WB if self._R_WB is None else self._R_WB
+        self._R_WB = dead_reckoned(seen, w_WB_B, duration=duration)
+
+    def command(self, R_WB: Array, *, elapsed: float, learned: Learned | None = None) -> Input:
+        """Return the command ``elapsed`` seconds after going blind.
+
+        ``R_WB`` (3, 3) is the last attitude seen, from which dead reckoning may have gone on.
+        """
+        if self._R_WB is not None:
+            R_WB = self._R_WB
+        share = min(elapsed / max(self._config.blind_time, 1e-9), 1.0)
+        scale, a_W = learned or Learned()
+        weight = self._vehicle.mass * (self._vehicle.gravity - a_W[2])
+        throttle = self._vehicle.nearest_throttle(weight / scale) * (1.0 - _BLIND_DESCENT * share)
+        turn = tilt_to(np.array([0.0, 0.0, 1.0]), R_WB)
+        u = Input(throttle=throttle, w_WB_B=_BLIND_TILT_GAIN * turn)
+        return clamped(u, self._config)
+
+
+def tilt_to(direction_W: Array, R_WB: Array) -> Array:
+    """Return the body rotation vector (3,) that turns the thrust axis to a world direction.
+
+    It is the shortest rotation between the two, so it has no yaw.
+    """
+    return so3.shortest_turn_of_z(R_WB.T @ direction_W)
+
+
+def idle(config: MpcConfig) -> Input:
+    """Return the command of a vehicle that is to stay on the ground."""
+    return Input(throttle=config.throttle_min, w_WB_B=np.zeros(3))
+
+
+def grounded(wanted: Input, config: MpcConfig, *, lifts: bool) -> Input:
+    """Return what a vehicle on the ground may do of a command: lift off if it is to, not turn."""
+    still = idle(config)
+    return Input(throttle=wanted.throttle, w_WB_B=still.w_WB_B) if lifts else still
+
+
+def dead_reckoned(R_WB: Array, w_WB_B: Array, *, duration: float) -> Array:
+    """Return the attitude after turning at ``w_WB_B`` for ``duration`` seconds."""
+    return np.asarray(R_WB @ so3.exp(duration * w_WB_B))

@@ -1,0 +1,177 @@
+"""The safety ladder: which source commands the vehicle, and why (see ``docs/safety.md``).
+
+A pure state machine: it takes what is known now and its state, and returns a decision and the new
+state. It reads no clock; all times are in nanoseconds of whatever one clock the caller uses.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+from quad_mpc_ros.control.config import MpcConfig
+
+_SECOND = 1_000_000_000
+_FORESEEN = "odometry is late: foreseen"
+
+
+class Source(enum.IntEnum):
+    """Who commands the vehicle. Higher is further from normal; the last two publish nothing."""
+
+    MPC = 0
+    PLAN = 1
+    HOVER = 2
+    IDLE = 3
+    BLIND = 4
+    SILENT = 5
+    WAITING = 6
+
+
+class Action(enum.IntEnum):
+    """What a breach of a limit asks for; higher is graver."""
+
+    WARN = 0
+    HOVER = 1
+    STOP = 2
+
+
+class Breach(NamedTuple):
+    """A limit of the flight that is broken (``control/safety/flight_limits.py``)."""
+
+    action: Action
+    reason: str
+
+
+class Decision(NamedTuple):
+    """The rung of the ladder and the reason for it; empty when all is well."""
+
+    source: Source
+    reason: str = ""
+
+
+class Timeouts(NamedTuple):
+    """How long what may last [ns]; ``gap`` is for odometry that is foreseen instead of seen."""
+
+    odometry: int
+    gap: int
+    reference: int
+    plan_hold: int
+    blind: int
+
+
+class Inputs(NamedTuple):
+    """What is known now.
+
+    ``odometry_ns`` and ``reference_ns`` are when the last usable ones arrived. ``plan_fault`` is
+    empty when a new plan is at hand, otherwise why there is none. ``foreseen`` says that the plan
+    begins where the vehicle should be by now, and not where it was seen. ``standing`` says that
+    the vehicle stands on the ground.
+    """
+
+    now_ns: int
+    odometry_ns: int | None
+    reference_ns: int | None
+    plan_fault: str = ""
+    breach: Breach | None = None
+    standing: bool = False
+    foreseen: bool = False
+
+
+class LadderState(NamedTuple):
+    """What the ladder keeps from decision to decision.
+
+    The time of the last plan of what was seen, since when nothing but dead reckoning flies, and
+    why it was stopped for good.
+    """
+
+    planned_ns: int | None = None
+    blind_since_ns: int | None = None
+    stopped: str = ""
+
+
+def timeouts_of(config: MpcConfig) -> Timeouts:
+    """Return the timeouts of a configuration."""
+    return Timeouts(
+        odometry=round(config.odom_timeout * _SECOND),
+        gap=round(max(config.odom_timeout, config.odom_gap) * _SECOND),
+        reference=round(config.reference_timeout * _SECOND),
+        plan_hold=round(config.plan_hold_time * _SECOND),
+        blind=round(config.blind_time * _SECOND),
+    )
+
+
+def decide(inputs: Inputs, state: LadderState, timeouts: Timeouts) -> tuple[Decision, LadderState]:
+    """Return who commands now, and the next state."""
+    sighted = _is_within(inputs.odometry_ns, inputs.now_ns, timeouts.odometry)
+    fault = _input_fault(inputs, timeouts) or inputs.plan_fault
+    # What was foreseen gives no more time to the fallbacks.
+    planned_ns = state.planned_ns if fault or inputs.foreseen else inputs.now_ns
+    if planned_ns is None:
+        return Decision(Source.WAITING, fault), state
+    holding = _is_within(planned_ns, inputs.now_ns, timeouts.plan_hold)
+    # Where the vehicle was when it was last seen says nothing of where it is.
+    breach = inputs.breach if sighted else None
+    state = LadderState(
+        planned_ns=planned_ns,
+        blind_since_ns=_blind_since(inputs.now_ns, state, seeing=sighted or holding or not fault),
+        stopped=state.stopped or _reason_to_stop(breach),
+    )
+    return _rung(inputs, state, timeouts, fault=fault, breach=breach, holding=holding), state
+
+
+def _rung(
+    inputs: Inputs,
+    state: LadderState,
+    timeouts: Timeouts,
+    *,
+    fault: str,
+    breach: Breach | None,
+    holding: bool,
+) -> Decision:
+    if state.stopped:
+        return Decision(Source.SILENT, state.stopped)
+    if breach is not None and breach.action is Action.HOVER:
+        return Decision(Source.IDLE if inputs.standing else Source.HOVER, breach.reason)
+    if not fault:
+        unseen = _FORESEEN if inputs.foreseen else ""
+        return Decision(Source.MPC, breach.reason if breach is not None else unseen)
+    if holding and not inputs.standing:  # a plan may take off later
+        return Decision(Source.PLAN, fault)
+    if state.blind_since_ns is None:
+        return Decision(Source.IDLE if inputs.standing else Source.HOVER, fault)
+    if _is_within(state.blind_since_ns, inputs.now_ns, timeouts.blind):
+        return Decision(Source.IDLE if inputs.standing else Source.BLIND, fault)
+    return Decision(Source.SILENT, fault)
+
+
+def _blind_since(now_ns: int, state: LadderState, *, seeing: bool) -> int | None:
+    """Return since when nothing but dead reckoning flies; the plan, as long as it holds, sees."""
+    if seeing:
+        return None
+    return now_ns if state.blind_since_ns is None else state.blind_since_ns
+
+
+def _reason_to_stop(breach: Breach | None) -> str:
+    return breach.reason if breach is not None and breach.action is Action.STOP else ""
+
+
+def _input_fault(inputs: Inputs, timeouts: Timeouts) -> str:
+    if inputs.odometry_ns is None:
+        return "no odometry yet"
+    longest_ns = timeouts.gap if inputs.foreseen else timeouts.odometry
+    if not _is_within(inputs.odometry_ns, inputs.now_ns, longest_ns):
+        return f"odometry is {_seconds(inputs.now_ns - inputs.odometry_ns)} old"
+    if inputs.reference_ns is None:
+        return "no reference yet"
+    if not _is_within(inputs.reference_ns, inputs.now_ns, timeouts.reference):
+        return f"reference is {_seconds(inputs.now_ns - inputs.reference_ns)} old"
+    return ""
+
+
+def _is_within(since_ns: int | None, now_ns: int, duration_ns: int) -> bool:
+    """Whether something is at most so old, and not of a time to come, by a clock set back."""
+    return since_ns is not None and abs(now_ns - since_ns) <= duration_ns
+
+
+def _seconds(duration_ns: int) -> str:
+    return f"{duration_ns / _SECOND:.2f} s"

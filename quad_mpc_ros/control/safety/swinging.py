@@ -1,0 +1,142 @@
+"""A vehicle that swings to and fro: a limit cycle, because it answers later than the model does.
+
+Where lags or delay are longer than those modelled, every correction comes too late and the next
+one has to undo it. Then the thrust leans to one side of what the reference asks for, and to the
+other, again and again. A controller whose gains bear that delay, the hover fallback, ends it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.safety.ladder import Action, Breach
+
+_SECOND = 1_000_000_000
+_WITHIN_NS = 3 * _SECOND
+_REVERSALS = 6  # within that, and since the reference jumped, after which it may well swing
+_JUMP = 0.5  # m from tick to tick
+_NEAR = 5.0  # m from the reference; farther away it is on its way there, and tilts for that
+_QUICKEST_NS = _SECOND // 10  # no vehicle leans to the other side faster; upside down sides blur
+_LONGER, _LONGEST_NS = 3, 300 * _SECOND
+_FORGOTTEN_NS = 30 * _SECOND  # after so long without it is for the first time again
+
+
+class Swinging:
+    """Watches the tilt, and remembers for a while that it swung."""
+
+    def __init__(self, config: MpcConfig) -> None:
+        self._reversals = (_Reversals(), _Reversals())
+        self._p_reference: list[float] | None = None
+        self._until_ns: int | None = None
+        self._hold_ns = 0
+        self._engaged = True
+        self.reconfigure(config)
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed parameters."""
+        self._config = config.swinging
+        self._action = Action[self._config.action.upper()]
+
+    def engage(self, engaged: bool) -> None:
+        """Tell whether commands act; a pilot may swing as he likes."""
+        if engaged is not self._engaged:
+            self._engaged, self._until_ns = engaged, None
+            self._forget()
+
+    def check(
+        self, odometry: OdometrySample, reference: tuple[Array, Array] | None, *, now_ns: int
+    ) -> Breach | None:
+        """Return the breach in force, if there is one.
+
+        ``reference`` is where the vehicle should be, position (3,) and quaternion (4,).
+        """
+        if not self._engaged:
+            return None
+        if self._until_ns is None or now_ns >= self._until_ns:
+            if reference is None:
+                return None
+            p_reference, q_reference_xyzw = reference
+            self._follow(odometry.p_WB, p_reference)
+            if not self._is_swinging(odometry, q_reference_xyzw, now_ns):
+                return None
+            self._begin(now_ns)
+        return Breach(self._action, "it swings: lags or delay may be longer than the model's")
+
+    def _follow(self, p_WB: Array, p_reference: Array) -> None:
+        """Forget what was before a jump of the reference, or far from it."""
+        position = p_reference.tolist()
+        jumped = math.dist(position, self._p_reference or position) > _JUMP
+        if jumped or math.dist(p_WB.tolist(), position) > _NEAR:
+            self._forget()
+        self._p_reference = position
+
+    def _is_swinging(self, odometry: OdometrySample, q_reference_xyzw: Array, now_ns: int) -> bool:
+        leans = _lean(odometry.q_WB_xyzw, q_reference_xyzw)
+        counts = [
+            reversals.count(lean, threshold=self._config.tilt, now_ns=now_ns)
+            for reversals, lean in zip(self._reversals, leans, strict=True)
+        ]
+        return max(counts) >= _REVERSALS
+
+    def _begin(self, now_ns: int) -> None:
+        """Hold, and longer where it did not help the last time."""
+        again = self._until_ns is not None and now_ns - self._until_ns < _FORGOTTEN_NS
+        first_ns = round(self._config.hold_time * _SECOND)
+        self._hold_ns = min(_LONGER * self._hold_ns, _LONGEST_NS) if again else first_ns
+        self._until_ns = now_ns + self._hold_ns
+        self._forget()
+
+    def _forget(self) -> None:
+        for reversals in self._reversals:
+            reversals.forget()
+
+
+class _Reversals:
+    """When a value has changed from beyond a threshold to beyond it on the other side."""
+
+    def __init__(self) -> None:
+        self._times_ns: deque[int] = deque(maxlen=_REVERSALS)
+        self._side, self._since_ns = 0.0, 0
+
+    def forget(self) -> None:
+        self._times_ns.clear()
+        self._side = 0.0
+
+    def count(self, value: float, *, threshold: float, now_ns: int) -> int:
+        """Take a value, and return how many changes there were lately."""
+        if abs(value) > threshold:
+            side = math.copysign(1.0, value)
+            if side == -self._side and now_ns - self._since_ns >= _QUICKEST_NS:
+                self._times_ns.append(now_ns)
+            if side != self._side:
+                self._side, self._since_ns = side, now_ns
+        while self._times_ns and not 0 <= now_ns - self._times_ns[0] <= _WITHIN_NS:
+            self._times_ns.popleft()
+        return len(self._times_ns)
+
+
+@compiled
+def _lean(q_WB_xyzw: Array, q_reference_xyzw: Array) -> tuple[float, float]:
+    """Return how far the thrust leans from the reference's, about world x and y [rad].
+
+    The horizontal part of the rotation vector between the two.
+    """
+    x, y, z = _thrust_axis(q_WB_xyzw)
+    asked_x, asked_y, asked_z = _thrust_axis(q_reference_xyzw)
+    about_x, about_y = asked_y * z - asked_z * y, asked_z * x - asked_x * z
+    sine = math.hypot(math.hypot(about_x, about_y), asked_x * y - asked_y * x)
+    angle = math.atan2(sine, asked_x * x + asked_y * y + asked_z * z)
+    share = angle / sine if sine > 0.0 else 1.0
+    return share * about_x, share * about_y
+
+
+@compiled
+def _thrust_axis(q_xyzw: Array) -> kernels.Vector:
+    """Return the body's z axis in the world."""
+    x, y, z, w = q_xyzw[0], q_xyzw[1], q_xyzw[2], q_xyzw[3]
+    return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)

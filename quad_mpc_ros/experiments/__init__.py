@@ -1,0 +1,4 @@
+"""Many flights on purpose: campaigns, tuning, faults, the bench, and pages about them.
+
+May import analysis, recordings and simulation; nothing here imports rclpy.
+"""

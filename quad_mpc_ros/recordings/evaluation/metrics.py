@@ -1,0 +1,149 @@
+"""The figures of merit of a flight: what ``summary.json`` holds."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.safety.ladder import Source
+from quad_mpc_ros.recordings.evaluation.waypoints import waypoints
+from quad_mpc_ros.recordings.flight import Flight
+
+FALLBACKS = [
+    source.name.lower() for source in (Source.PLAN, Source.HOVER, Source.IDLE, Source.BLIND)
+]
+NOT_FAILED = ["solved", "not run"]
+_SATURATED = 1e-3  # rad/s: this close to its bound a rate is at it, to the solver's accuracy
+_FORGIVEN = 0.4  # of a control period: as much as the controller itself forgives
+
+Summary = dict[str, Any]
+
+
+def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
+    """Return the figures of merit of a flight, those of ``summary.json``.
+
+    Among them ``position_rmse_m``, the root of the mean of |p_r - p|^2 over all odometries;
+    ``waypoint_error_m``, just before each switch of a reference that jumps; ``attitude_rmse_rad``,
+    of the angle |Log(R' R_r)|; ``step_time_us`` and ``iterations`` as percentiles; ``fallbacks``,
+    the commands that were not the MPC's.
+
+    Args:
+        flight: A recorded or simulated flight.
+        wall_seconds: How long it took by the clock on the wall [s], where that is known.
+
+    Returns:
+        Every value can be written as strict JSON: what there is no data for is None, never NaN.
+
+    Example:
+        >>> summarise(simulate(duration=1.0))["fallbacks"]
+        0
+    """
+    position_error = position_errors(flight)
+    ran = flight.stats["solver_status"] != "not run"
+    latency_ms = _latencies_ms(flight)
+    duration = float(flight.time[-1])
+    return {
+        "duration_s": duration,
+        "odometries": len(flight.stamp_ns),
+        "commands": len(flight.commands.stamp_ns),
+        "unanswered_odometries": _unanswered(flight),
+        "position_rmse_m": _rms(position_error),
+        "position_max_m": _number(position_error.max(initial=-math.inf)),
+        "waypoint_error_m": [
+            float(position_error[waypoint.last])
+            for waypoint in waypoints(flight)
+            if waypoint.complete
+        ],
+        "attitude_rmse_rad": _rms(attitude_errors(flight)),
+        "step_time_us": percentiles(flight.stats["step_time_us"][ran], 50, 90, 99),
+        "solve_time_us": percentiles(flight.stats["solve_time_us"][ran], 50, 90, 99),
+        "odom_to_command_ms": percentiles(latency_ms, 50, 90, 99),
+        "iterations": percentiles(flight.stats["iterations"][ran], 50, 99),
+        "solver_failures": int(np.sum(~np.isin(flight.stats["solver_status"], NOT_FAILED))),
+        "fallbacks": int(np.sum(np.isin(flight.stats["source"], FALLBACKS))),
+        "deadline_misses": int(np.sum(latency_ms > 1e3 / flight.mpc.control_rate)),
+        "rate_saturation_fraction": _saturation(flight),
+        "realtime_factor": duration / wall_seconds if wall_seconds else None,
+        "config": {node: _plain(values) for node, values in flight.parameters.items()},
+    }
+
+
+def position_errors(flight: Flight) -> Array:
+    """Return |p_r - p| at each odometry (n,) [m]; empty without a reference."""
+    if flight.reference is None:
+        return np.zeros(0)
+    return np.asarray(np.linalg.norm(flight.reference.p_WB - flight.p_WB, axis=1))
+
+
+def attitude_errors(flight: Flight) -> Array:
+    """Return the angle from attitude to reference at each odometry (n,) [rad]; see above."""
+    if flight.reference is None:
+        return np.zeros(0)
+    R_BW = np.swapaxes(so3.rotation_from_quaternion_xyzw(flight.q_WB_xyzw), -1, -2)
+    return np.asarray(np.linalg.norm(so3.log(R_BW @ flight.reference.R_WB), axis=1))
+
+
+def _latencies_ms(flight: Flight) -> Array:
+    """Return the time from each odometry to the command that answers it, by publish times."""
+    _, odometry, command = np.intersect1d(
+        flight.stamp_ns, flight.commands.stamp_ns, assume_unique=True, return_indices=True
+    )
+    sent_ns, received_ns = flight.commands.publish_time_ns, flight.publish_time_ns
+    return np.asarray((sent_ns[command] - received_ns[odometry]) * 1e-6)
+
+
+def _unanswered(flight: Flight) -> int:
+    """Count the odometries without a command although one was due, from the first command on.
+
+    Between two answers, or from the last one to the end, there is room for as many more as there
+    are further control periods, give or take half an odometry period, and odometries to answer.
+    """
+    answered = np.flatnonzero(np.isin(flight.stamp_ns, flight.commands.stamp_ns))
+    if len(answered) == 0:
+        return 0
+    rate = flight.mpc.control_rate
+    periods = flight.time * rate
+    slack = min(_FORGIVEN, 0.5 * flight.odometry_period * rate)
+    room = np.floor(np.diff(periods[answered]) + slack) - 1
+    room_at_end = np.floor(periods[-1] - periods[answered[-1]] + slack)
+    between = np.diff(answered) - 1
+    at_end = len(periods) - 1 - answered[-1]
+    return int(np.sum(np.clip(room, 0, between)) + min(room_at_end, at_end))
+
+
+def _saturation(flight: Flight) -> float | None:
+    """Return the fraction of the commands that have any rate at its bound."""
+    if len(flight.commands.w_WB_B) == 0:
+        return None
+    bound = np.array(flight.mpc.omega_max) - _SATURATED
+    return float(np.mean(np.any(np.abs(flight.commands.w_WB_B) >= bound, axis=1)))
+
+
+def _rms(values: Array) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else None
+
+
+def percentiles(values: NDArray[Any], *percents: int) -> dict[str, float | None]:
+    """Return percentiles and maximum of the finite values; each is one that was measured."""
+    ordered = np.sort(values[np.isfinite(values)])
+    # Rounded up in integers: 0.01 * 90 * n is not exactly 0.9 n.
+    ranks = {f"p{percent}": -(-percent * len(ordered) // 100) for percent in percents}
+    ranks["max"] = len(ordered)
+    return {name: ordered[rank - 1].item() if rank else None for name, rank in ranks.items()}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _plain(value: Any) -> Any:
+    """Return a recorded parameter as JSON knows it: an infinite or undefined number as None."""
+    if isinstance(value, dict):
+        return {str(name): _plain(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return _number(value) if isinstance(value, float) else value

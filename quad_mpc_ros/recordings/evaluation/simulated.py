@@ -1,0 +1,159 @@
+"""A simulated flight as arrays, as a recorded one is: the closed loop without ROS and files."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import NamedTuple, cast
+
+from quad_mpc_ros.configuration import files
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.recordings.config import RecorderConfig
+from quad_mpc_ros.recordings.flight import (
+    Flight,
+    ReferenceSampler,
+    command_track,
+    odometry_arrays,
+    tick_figures,
+)
+from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, StatsLog
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.path import Path
+from quad_mpc_ros.references.trajectory import Trajectory
+from quad_mpc_ros.simulation.closed_loop import ControlLaw, LoopStep, fly
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.plant import Plant
+
+
+class FlightConfig(NamedTuple):
+    """What a simulated flight is configured by, in the order in which :func:`simulate` asks."""
+
+    mpc: MpcConfig
+    simulator: SimulatorConfig
+    reference: ReferenceConfig
+
+
+def load_config(*sources: str, assignments: Sequence[str] = ()) -> FlightConfig:
+    """Return the parameters in ROS parameter files and shipped presets, later over earlier ones.
+
+    Args:
+        sources: Paths of files, or names of presets: ``default``, ``paper``,
+            ``paper_rigid_body``, ``agile``, ``rotorpy``, ``vehicles/racer`` and so on.
+        assignments: Single parameters, like ``mpc.horizon_steps=20``; they win.
+
+    Returns:
+        The parameters of MPC, simulator and reference: ``simulate(*load_config("paper"))``.
+
+    Raises:
+        UserError: A file cannot be read.
+        ConfigurationError: A value is not allowed; the error names it and what is.
+
+    Example:
+        >>> load_config("paper").mpc.formulation
+        'paper'
+    """
+    schema: files.Schema = {
+        kind.owner: kind for kind in (MpcConfig, SimulatorConfig, ReferenceConfig, RecorderConfig)
+    }
+    loaded = files.load(sources, assignments, schema=schema)
+    return FlightConfig(
+        mpc=cast(MpcConfig, loaded["mpc"]),
+        simulator=cast(SimulatorConfig, loaded["simulator"]),
+        reference=cast(ReferenceConfig, loaded["reference"]),
+    )
+
+
+def simulate(
+    mpc: MpcConfig | None = None,
+    simulator: SimulatorConfig | None = None,
+    reference: ReferenceConfig | None = None,
+    *,
+    duration: float = 10.0,
+    plant: Plant | None = None,
+    trajectory: Trajectory | Path | None = None,
+    controller: Controller | ControlLaw | None = None,
+    on_reference: bool = False,
+) -> Flight:
+    """Fly the closed loop in simulated time, as ``quad_mpc simulate`` does.
+
+    The commands are those of a lockstep flight over DDS with these parameters, bit for bit.
+
+    Args:
+        mpc: The MPC; the paper's vehicle unless told otherwise.
+        simulator: Plant and sensors; by default the true rigid body, at rest on the ground, and
+            odometry without errors.
+        reference: What to fly; by default the paper's square.
+        duration: How long [s]; ``simulator.duration`` wins where it is not 0.
+        plant: What flies in place of the simulator's own plant.
+        trajectory: What to fly in place of what ``reference`` names: a path (position and its
+            derivatives over time; attitude follows by flatness), or a trajectory.
+        controller: Who commands in place of the MPC.
+        on_reference: Begin in motion on the reference, not where ``simulator`` says.
+
+    Returns:
+        The flight as arrays; :func:`summarise` has its figures of merit.
+
+    Raises:
+        UserError: The vehicle cannot fly the reference, or what the plant needs is not there.
+        ValueError: With ``on_reference``, the vehicle has no throttle to begin with.
+
+    Example:
+        >>> flight = simulate(reference=ReferenceConfig(trajectory="hover"), duration=0.5)
+        >>> flight.p_WB.shape
+        (25, 3)
+    """
+    mpc = dataclasses.replace(mpc or MpcConfig(), lockstep=True)
+    simulator = simulator or SimulatorConfig()
+    if simulator.duration == 0.0:
+        simulator = dataclasses.replace(simulator, duration=duration)
+    reference = reference or ReferenceConfig()
+    log = FlightLog(mpc)
+    for step in fly(
+        mpc=mpc,
+        simulator=simulator,
+        reference=reference,
+        plant=plant,
+        trajectory=trajectory,
+        controller=controller,
+        on_reference=on_reference,
+    ):
+        log.take(step)
+    return log.flight(FlightConfig(mpc, simulator, reference))
+
+
+class FlightLog:
+    """Collects the steps of a closed loop and makes a flight of them."""
+
+    def __init__(self, mpc: MpcConfig) -> None:
+        self._vehicle = mpc.vehicle()
+        self._odometry, self._commands, self._stats = OdometryLog(), CommandLog(), StatsLog()
+        self._windows: list[ReferenceWindow] = []
+
+    def take(self, step: LoopStep) -> None:
+        """Take the next step."""
+        stamp_ns = step.odometry.stamp_ns
+        self._odometry.add(step.odometry, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)
+        self._windows.append(step.window)
+        if step.command is not None:
+            self._commands.add(step.command, log_time_ns=stamp_ns, publish_time_ns=stamp_ns)
+        if step.tick is not None:
+            self._stats.add(step.tick.stats)
+
+    def flight(self, config: FlightConfig) -> Flight:
+        """Return the flight of the steps taken, at least one, and of how it was configured."""
+        arrays = odometry_arrays(self._odometry)
+        end_ns = int(arrays["stamp_ns"][-1])
+        sampler = ReferenceSampler(arrays["stamp_ns"], self._vehicle)
+        for window in self._windows:
+            sampler.take(window)
+        return Flight(
+            **arrays,
+            reference=sampler.track(),
+            commands=command_track(self._commands, end_ns=end_ns),
+            stats=tick_figures(self._stats, end_ns=end_ns),
+            parameters={each.owner: each.flattened() for each in config},
+            mpc=config.mpc,
+            plans=(),
+        )

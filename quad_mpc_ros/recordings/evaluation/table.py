@@ -1,0 +1,70 @@
+"""The summary of a flight for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from quad_mpc_ros.configuration.text_tables import labelled, text_table
+
+_WIDTH = 80
+_LABEL = 20
+_COLUMNS = ("p50", "p90", "p99", "max")
+_ABSENT = "-"
+_SHOWN = 8  # errors at waypoints: a line of them
+
+
+def summary_table(summary: Mapping[str, Any]) -> str:
+    """Return the summary as lines of plain ASCII text, at most 80 columns wide."""
+    return "\n".join((*_flight_rows(summary), "", *_timing_rows(summary)))
+
+
+def _flight_rows(s: Mapping[str, Any]) -> list[str]:
+    rows = {
+        "flight": f"{s['duration_s']:.2f} s"
+        + _unless_absent(s["realtime_factor"], ", {:.1f} x real time", absent=""),
+        "commands": f"{s['commands']} for {s['odometries']} odometries, "
+        f"{s['unanswered_odometries']} unanswered",
+        "position error": _unless_absent(s["position_rmse_m"], "RMSE {:.3f} m")
+        + _unless_absent(s["position_max_m"], ", max {:.3f} m", absent=""),
+        "error at waypoints": _waypoint_errors(s["waypoint_error_m"]),
+        "attitude error": _unless_absent(s["attitude_rmse_rad"], "RMSE {:.3f} rad"),
+        "rates at bound": _unless_absent(s["rate_saturation_fraction"], "{:.1%} of the commands"),
+        "safety": f"{s['fallbacks']} fallbacks, {s['solver_failures']} solver failures, "
+        f"{s['deadline_misses']} deadline misses",
+    }
+    return [
+        line
+        for label, text in rows.items()
+        for line in labelled(label, text, indent=_LABEL, width=_WIDTH)
+    ]
+
+
+def _timing_rows(s: Mapping[str, Any]) -> list[str]:
+    rows = (
+        ("solver iterations", "", s["iterations"], "{:.0f}"),
+        ("solve time", "us", s["solve_time_us"], "{:.0f}"),
+        ("control step", "us", s["step_time_us"], "{:.0f}"),
+        ("odometry to command", "ms", s["odom_to_command_ms"], "{:.3f}"),
+    )
+    cells = [
+        (label, unit, *(_unless_absent(values.get(column), style) for column in _COLUMNS))
+        for label, unit, values, style in rows
+    ]
+    return text_table(
+        [("", "", *_COLUMNS), *cells], align="llrrrr", widths=(_LABEL, 4, 13, 13, 13, 13), gap=""
+    )
+
+
+def _waypoint_errors(errors: Sequence[float]) -> str:
+    if not errors:
+        return _ABSENT
+    shown = " ".join(f"{error:.3f}" for error in errors[-_SHOWN:])
+    if len(errors) <= _SHOWN:
+        return f"{shown} m"
+    return f"{shown} m, the last {_SHOWN} of {len(errors)}; worst {max(errors):.3f} m"
+
+
+def _unless_absent(value: float | None, style: str, *, absent: str = _ABSENT) -> str:
+    """Return a value in the format ``style``, or what stands for one that there is no data for."""
+    return absent if value is None else style.format(value)

@@ -1,0 +1,66 @@
+"""Waypoints in a reference: positions that are held for a while and left by a jump."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.recordings.flight import Flight
+
+# A smooth reference that is published without preview also moves in steps, but of one odometry
+# or a few; and one that starts from rest leaves by millimetres.
+_SHORTEST_HOLD = 0.2  # s
+_SMALLEST_JUMP = 0.01  # m
+_SAME_POSITION = 1e-6  # m
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Waypoint:
+    """A position ``p_WB`` (3,) [m] that the reference held up to the odometry ``last``.
+
+    ``complete`` tells that it was left by a jump, or that at the end of the flight it had been
+    held for as long as the longest of those that were.
+    """
+
+    p_WB: Array
+    last: int
+    complete: bool
+
+
+def waypoints(flight: Flight) -> list[Waypoint]:
+    """Return the waypoints of a flight in order; none when its reference keeps moving."""
+    if flight.reference is None:
+        return []
+    p_WB = flight.reference.p_WB
+    steps = np.linalg.norm(np.diff(p_WB, axis=0), axis=1)
+    holds = _holds(flight, steps)
+    left = [last for last, _ in holds if last < len(steps) and steps[last] > _SMALLEST_JUMP]
+    dwell = max((duration for last, duration in holds if last in left), default=np.inf)
+    # A jump is seen up to a period late: a hold may look longer by one and the last one shorter.
+    enough = dwell - 2.5 * flight.odometry_period
+    return [
+        Waypoint(
+            p_WB=p_WB[last],
+            last=last,
+            complete=last in left or (last == len(steps) and duration >= enough),
+        )
+        for last, duration in holds
+    ]
+
+
+def waypoint_positions(flight: Flight) -> Array:
+    """Return the positions (n, 3) [m] of the waypoints, each once."""
+    places = dict.fromkeys(tuple(waypoint.p_WB.tolist()) for waypoint in waypoints(flight))
+    return np.reshape(list(places), (-1, 3))
+
+
+def _holds(flight: Flight, steps: Array) -> list[tuple[int, float]]:
+    """Return the last odometry and the duration [s] of each hold, from the steps between."""
+    lasts = [*np.flatnonzero(steps > _SAME_POSITION).tolist(), len(steps)]
+    # The last odometry of a hold stands for the time up to the next one.
+    ends = np.append(flight.time[1:], flight.time[-1] + flight.odometry_period)[lasts]
+    durations = np.diff(ends, prepend=0.0).tolist()
+    pairs = zip(lasts, durations, strict=True)
+    return [(last, duration) for last, duration in pairs if duration > _SHORTEST_HOLD]

@@ -1,0 +1,1 @@
+"""Recordings once more: played in time, or solved again by another controller."""

@@ -1,0 +1,139 @@
+"""The threads of a playback: one reads ahead, one sleeps until something is due.
+
+Opening a chunk of a bag therefore does not delay what is due meanwhile.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Generic, TypeVar
+
+from quad_mpc_ros.recordings.replay.playback import Playback, Timeline
+
+T = TypeVar("T")
+
+_NS = 1e-9
+_PATIENCE_S = 0.1
+
+
+class PlaybackThread:
+    """Steps a playback when it is due; pause, resume and stop come from other threads.
+
+    ``at_end`` is called from the thread once: with None when the last message has been passed on,
+    or with what went wrong. It is not called when the thread is stopped.
+    """
+
+    def __init__(
+        self,
+        playback: Playback,
+        timeline: Timeline,
+        *,
+        at_end: Callable[[Exception | None], None],
+    ) -> None:
+        self._playback = playback
+        self._timeline = timeline
+        self._at_end = at_end
+        self._changed = threading.Condition()
+        self._stopped = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def set_paused(self, paused: bool) -> bool:
+        """Pause or go on; return whether that changed anything."""
+        with self._changed:
+            if self._timeline.paused == paused:
+                return False
+            self._timeline.set_paused(paused, time.monotonic_ns())
+            self._changed.notify()
+            return True
+
+    def recorded_ns(self) -> int:
+        """Return the recorded time now."""
+        with self._changed:
+            return self._timeline.recorded_ns(time.monotonic_ns())
+
+    def stop(self) -> None:
+        """End the thread and wait for it."""
+        # Before the lock, which a thread that is behind time hardly ever lets go.
+        self._stopped = True
+        with self._changed:
+            self._changed.notify()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        problem: Exception | None = None
+        try:
+            with self._changed:
+                self._step_until_end()
+                if self._stopped:
+                    return
+        except Exception as error:  # told by whoever runs the thread
+            problem = error
+        self._at_end(problem)
+
+    def _step_until_end(self) -> None:
+        while not self._stopped:
+            at_ns = self._playback.step(time.monotonic_ns())
+            if self._playback.finished:
+                return
+            wait_s = None if at_ns is None else max(0, at_ns - time.monotonic_ns()) * _NS
+            self._changed.wait(wait_s)
+
+
+class _End:
+    pass
+
+
+class ReadAhead(Generic[T]):
+    """An iterator over ``items`` that holds up to ``depth`` of them ready.
+
+    What their iteration raises is raised here in its turn.
+    """
+
+    def __init__(self, items: Iterator[T], *, depth: int) -> None:
+        self._ready: queue.Queue[T | BaseException | _End] = queue.Queue(depth)
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._read, args=(items,), daemon=True)
+        self._thread.start()
+
+    def __iter__(self) -> Iterator[T]:
+        return self
+
+    def __next__(self) -> T:
+        item = self._ready.get()
+        if isinstance(item, _End):
+            self._ready.put(item)
+            raise StopIteration
+        if isinstance(item, BaseException):
+            raise item
+        return item
+
+    def close(self) -> None:
+        """End the reading."""
+        self._closed.set()
+        self._thread.join()
+
+    def _read(self, items: Iterator[T]) -> None:
+        try:
+            for item in items:
+                if not self._put(item):
+                    return
+        except Exception as error:
+            self._put(error)
+        self._put(_End())
+
+    def _put(self, item: T | BaseException | _End) -> bool:
+        while not self._closed.is_set():
+            try:
+                self._ready.put(item, timeout=_PATIENCE_S)
+                return True
+            except queue.Full:
+                continue
+        return False

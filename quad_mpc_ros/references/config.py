@@ -1,0 +1,177 @@
+"""Every trajectory by its name, and the parameters of the reference node.
+
+A trajectory is entered here: its name in ``TRAJECTORIES``, and its parameters, if it has any of
+its own, as a base of :class:`ReferenceConfig`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from quad_mpc_ros.configuration import (
+    Configuration,
+    ConfigurationError,
+    ExtensibleConfiguration,
+    ManagedConfiguration,
+    parameter,
+    registered,
+)
+from quad_mpc_ros.control.model.vehicle import VehicleParameters
+from quad_mpc_ros.references.circle import Circle, CircleParameters
+from quad_mpc_ros.references.ellipse import Ellipse, EllipseParameters
+from quad_mpc_ros.references.excitation import ExcitationParameters, excitation
+from quad_mpc_ros.references.feasibility import LimitParameters
+from quad_mpc_ros.references.flip import FlipParameters, flip
+from quad_mpc_ros.references.lemniscate import Lemniscate, LemniscateParameters
+from quad_mpc_ros.references.path import Path
+from quad_mpc_ros.references.point_table import TableParameters, bag_path, csv_path
+from quad_mpc_ros.references.split_s import SplitSParameters, split_s
+from quad_mpc_ros.references.square import SquareParameters, smooth_square, square
+from quad_mpc_ros.references.trajectory import Trajectory
+from quad_mpc_ros.references.vertical_loop import VerticalLoop, VerticalLoopParameters
+from quad_mpc_ros.references.waypoints import (
+    Hover,
+    WaypointParameters,
+    from_waypoint_to_waypoint,
+    through_waypoints,
+    waypoints,
+)
+
+P_contra = TypeVar("P_contra", contravariant=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryEntry(Generic[P_contra]):
+    """How a trajectory is made of the parameters.
+
+    Other packages add theirs by an entry point of the group ``quad_mpc_ros.trajectories`` that
+    leads to one of these; ``parameters`` is then the class of those that it has of its own.
+
+    ``make`` returns a path, which is flown by differential flatness, or what is none. ``joined``
+    returns the same without jumps, where ``make`` returns one that jumps. ``scalable`` is false
+    for what slowed down would no longer be what it is: gravity does not slow down with it.
+    """
+
+    make: Callable[[P_contra], Path | Trajectory]
+    parameters: type[Configuration] | None = None
+    joined: Callable[[P_contra], Path] | None = None
+    scalable: bool = True
+
+
+TRAJECTORIES: dict[str, TrajectoryEntry[ReferenceConfig]] = {
+    "square": TrajectoryEntry(make=square, joined=smooth_square),
+    "hover": TrajectoryEntry(make=Hover),
+    "waypoints": TrajectoryEntry(make=waypoints, joined=from_waypoint_to_waypoint),
+    "circle": TrajectoryEntry(make=Circle),
+    "ellipse": TrajectoryEntry(make=Ellipse),
+    "lemniscate": TrajectoryEntry(make=Lemniscate),
+    "minimum_snap": TrajectoryEntry(make=through_waypoints),
+    "vertical_loop": TrajectoryEntry(make=VerticalLoop, scalable=False),
+    "flip": TrajectoryEntry(make=flip, scalable=False),
+    "split_s": TrajectoryEntry(make=split_s, scalable=False),
+    "excitation": TrajectoryEntry(make=excitation),
+    "csv": TrajectoryEntry(make=csv_path),
+    "bag": TrajectoryEntry(make=bag_path),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChoiceParameters(ExtensibleConfiguration, ManagedConfiguration, VehicleParameters):
+    """What is flown, and when."""
+
+    owner = "reference"
+    choice = "trajectory"
+    group = "quad_mpc_ros.trajectories"
+
+    trajectory: str = parameter("square", doc="Trajectory to fly.", choices=tuple(TRAJECTORIES))
+    mode: str = parameter(
+        "at_once",
+        doc="at_once: fly the trajectory from the first odometry on; on_request: stand on the "
+        "ground until the services of the node say what to fly.",
+        choices=("at_once", "on_request"),
+    )
+
+
+# The parameters are listed in the order of the bases, the last one first.
+@dataclass(frozen=True, kw_only=True)
+class ReferenceConfig(
+    TableParameters,
+    ExcitationParameters,
+    FlipParameters,
+    SplitSParameters,
+    VerticalLoopParameters,
+    LemniscateParameters,
+    EllipseParameters,
+    CircleParameters,
+    WaypointParameters,
+    SquareParameters,
+    LimitParameters,
+    ChoiceParameters,
+):
+    """Which trajectory to fly, within which limits, and how it is published.
+
+    Attitudes and body rates of smooth trajectories are those of the vehicle, which is the paper's
+    unless told otherwise; one that it cannot fly is refused.
+    """
+
+    takeoff_height: float = parameter(
+        1.5,
+        doc="Height above the ground to which the service takeoff climbs.",
+        unit="m",
+        above=0.0,
+        maximum=1e3,
+    )
+    touchdown_speed: float = parameter(
+        0.3,
+        doc="Speed of a landing from half a metre above the ground until it has been touched.",
+        unit="m/s",
+        above=0.0,
+        maximum=1.0,
+    )
+    reach: float = parameter(
+        100.0,
+        doc="How far from where the vehicle stood at first a goal or a trajectory received may "
+        "lead.",
+        unit="m",
+        above=0.0,
+        maximum=1e3,
+    )
+    publish_rate: float = parameter(
+        50.0,
+        doc="Windows per second at most: one goes out when something changes, and else each "
+        "twentieth of window_duration; in lockstep one per odometry.",
+        unit="Hz",
+        above=0.0,
+    )
+    window_duration: float = parameter(
+        2.0,
+        doc="How far a window reaches; at least the horizon of the MPC and a tenth more.",
+        unit="s",
+        above=0.0,
+    )
+    window_step: float = parameter(
+        0.05, doc="Time between the samples of a window.", unit="s", above=0.0
+    )
+    frame_id: str = parameter("odom", doc="World frame of the trajectory.")
+    lockstep: bool = parameter(
+        False, doc="Publish one window per odometry, with its stamp, in simulated time."
+    )
+
+    def check(self) -> None:
+        """Refuse windows of no or of too many samples."""
+        super().check()
+        if not self.window_step <= self.window_duration <= 1000 * self.window_step:
+            raise ConfigurationError(
+                f"{self.owner}.window_step",
+                self.window_step,
+                f"a number between {self.window_duration / 1000:g} and {self.window_duration:g} "
+                "(window_duration in 1 to 1000 steps)",
+            )
+
+    def entry(self) -> TrajectoryEntry[ReferenceConfig]:
+        """Return how the trajectory is made, this package's or another's."""
+        found = TRAJECTORIES.get(self.trajectory) or registered(self.group, self.trajectory)
+        assert isinstance(found, TrajectoryEntry)
+        return found

@@ -1,0 +1,182 @@
+"""From a configuration, or a message, to the trajectory that it asks for.
+
+A configured one is judged against the vehicle's limits.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.control.safety.validation import pose_fault
+from quad_mpc_ros.references import point_table
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.feasibility import Verdict, judged
+from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
+from quad_mpc_ros.references.flatness import yaw_of
+from quad_mpc_ros.references.minimum_snap import snap_spline
+from quad_mpc_ros.references.path import Path, Slowed, SplinePath, Turned
+from quad_mpc_ros.references.trajectory import Trajectory
+
+# Of the search for how much slower: the growth of the factor, the last one, and the precision.
+_GROWTH, _LARGEST_FACTOR, _PRECISION = 1.2, 50.0, 1.005
+# Of a message: the time to prepare its trajectory grows with both, and windows must go on.
+_MOST_POINTS, _LONGEST = 1000, 600.0  # s
+
+
+def configured_trajectory(
+    config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
+) -> Trajectory:
+    """Return the trajectory that a configuration asks for, slowed down if it says so.
+
+    Raises :class:`UserError` for input that gives no trajectory, and for a smooth one that the
+    vehicle cannot fly, with where and by how much. One that jumps is feasible for no vehicle and
+    not refused: it is there to test controllers.
+    """
+    return _approved(*judged_trajectory(config, read_bag=read_bag), config)
+
+
+def joined_trajectory(
+    config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
+) -> Trajectory:
+    """Return the same trajectory with legs of minimum snap in place of its jumps.
+
+    Raises as :func:`configured_trajectory`.
+    """
+    joined = config.entry().joined
+    if joined is None:
+        return configured_trajectory(config, read_bag=read_bag)
+    return _approved(*_judged(joined(config), config), config)
+
+
+def judged_trajectory(
+    config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
+) -> tuple[Trajectory, Verdict]:
+    """Return the configured trajectory with the verdict on it, also when it is not feasible."""
+    if config.trajectory == "bag":
+        return _judged(point_table.bag_path(config, read_bag), config)
+    return _judged(config.entry().make(config), config)
+
+
+def _judged(made: Path | Trajectory, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
+    if isinstance(made, Trajectory):
+        return made, judged(made, config)
+    if config.time_scaling == "auto" and config.entry().scalable:
+        return _quickest(made, config) or _flown(made, config)
+    return _flown(made, config)
+
+
+def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict] | None:
+    """Return the trajectory of the least slowed path that is feasible, or None.
+
+    The factor of time is searched for from 1 upwards, then by bisection.
+    """
+    factor, found = 1.0, _feasible(Slowed(path, 1.0), config)
+    while found is None:
+        factor *= _GROWTH
+        if factor > _LARGEST_FACTOR:
+            return None
+        found = _feasible(Slowed(path, factor), config)
+    slow, quick = factor, factor / _GROWTH
+    while factor > 1.0 and slow > _PRECISION * quick:
+        middle = math.sqrt(slow * quick)
+        better = _feasible(Slowed(path, middle), config)
+        if better is None:
+            quick = middle
+        else:
+            slow, found = middle, better
+    return found
+
+
+def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict] | None:
+    try:
+        trajectory, verdict = _flown(path, config)
+    except ConfigurationError:  # free fall
+        return None
+    return (trajectory, verdict) if verdict.feasible else None
+
+
+def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
+    try:
+        trajectory = FlatTrajectory(
+            path,
+            gravity=config.gravity,
+            drag=config.drag,
+            rotor_drag=config.rotor_drag,
+            yaw=config.yaw,
+        )
+    except ValueError as error:
+        raise _refusal(config, str(error)) from error
+    return trajectory, judged(trajectory, config)
+
+
+def _approved(trajectory: Trajectory, verdict: Verdict, config: ReferenceConfig) -> Trajectory:
+    if trajectory.smooth and not verdict.feasible:
+        raise _refusal(config, verdict.reason())
+    return trajectory
+
+
+def _refusal(config: ReferenceConfig, reason: str) -> ConfigurationError:
+    """Return the error of a trajectory that the vehicle cannot fly, with what to do."""
+    if not config.entry().scalable:
+        advice = f"change the parameters of {config.trajectory}"
+    elif config.time_scaling == "none":
+        advice = "slow it down, or set time_scaling to auto"
+    else:
+        advice = "however slow"
+    return ConfigurationError(
+        f"{config.owner}.trajectory",
+        config.trajectory,
+        f"one within the vehicle's limits: {reason}; {advice}",
+    )
+
+
+def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> FlatTrajectory:
+    """Return the trajectory through the points of a message, at their times, from rest to rest.
+
+    Positions and headings count; everything else follows from them by flatness. Few points are
+    flown through by the path of least snap, more are smoothed as a table is. Raises
+    :class:`UserError` or ``ValueError`` with the reason for what is no trajectory.
+    """
+    count = len(window.offset_ns)
+    if not 2 <= count <= _MOST_POINTS:
+        raise UserError(f"it has {count} points, expected 2 to {_MOST_POINTS}")
+    fault = pose_fault(
+        frame_id=window.frame_id,
+        expected_frame_id=config.frame_id,
+        p_WB=window.p_WB,
+        q_WB_xyzw=window.q_WB_xyzw,
+    )
+    if fault is not None:
+        raise UserError(fault)
+    seconds = 1e-9 * window.offset_ns
+    for index in np.flatnonzero(np.diff(window.offset_ns) <= 0)[:1]:
+        raise UserError(
+            f"the time of point {index + 1} (counted from 0), {seconds[index + 1]:g} s, is not "
+            f"after that of the point before, {seconds[index]:g} s"
+        )
+    if seconds[-1] - seconds[0] > _LONGEST:
+        raise UserError(f"it takes {seconds[-1] - seconds[0]:g} s, expected at most {_LONGEST:g}")
+    R_WB = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw)
+    yaw = np.unwrap([yaw_of(R) for R in R_WB])
+    path = _through(seconds - seconds[0], window.p_WB, yaw, config)
+    return FlatTrajectory(
+        path, gravity=config.gravity, drag=config.drag, rotor_drag=config.rotor_drag
+    )
+
+
+def _through(seconds: Array, p_WB: Array, yaw: Array, config: ReferenceConfig) -> Path:
+    if len(seconds) < point_table.LEAST_POINTS:
+        duration = float(seconds[-1])
+        turn = np.column_stack((yaw, np.zeros((len(yaw), 2))))
+        return Turned(
+            SplinePath(snap_spline(p_WB, seconds), duration=duration),
+            SplinePath(snap_spline(turn, seconds), duration=duration),
+        )
+    table = point_table.PointTable(source="the message", seconds=seconds, p_WB=p_WB, yaw=yaw)
+    return point_table.table_path(table, dataclasses.replace(config, origin=(0.0, 0.0)))

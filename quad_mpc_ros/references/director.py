@@ -1,0 +1,357 @@
+"""Who is to fly what, when: take-off, hold, the trajectory, a goal, landing.
+
+A state machine over a :class:`Timeline`, told the time and without ROS. Every request either is
+accepted, and then what it asks for is joined to the present reference without a jump, or is
+refused with the reason and changes nothing: a transition is judged against the vehicle's limits
+as a trajectory is. Only to come to rest and to land is never refused in the air: what exceeds a
+limit least is flown then, and what is upside down first flies on until it is not.
+
+On the ground the reference rests ``IDLE_DEPTH`` below it. That is more than a controller needs to
+give up all thrust, and so the motors idle; should the vehicle not stand there after all, it sinks
+by that depth and no further.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.feasibility import Verdict, judged
+from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
+from quad_mpc_ros.references.minimum_snap import End, Leg
+from quad_mpc_ros.references.path import Path, Rest, Straight
+from quad_mpc_ros.references.timeline import Phase, Timeline
+from quad_mpc_ros.references.trajectory import Trajectory
+from quad_mpc_ros.references.transition import FlatState, flat_state_of, transition
+
+GROUND, TAKEOFF, HOLD = "ground", "takeoff", "hold"
+GOING, TRACKING, LANDING = "going", "tracking", "landing"
+IDLE_DEPTH = 0.5  # m; with 0.3 m both formulations command no throttle
+_VERTICAL_SPEED = 1.0  # m/s, from and to the ground
+_FLARE = 0.5  # m above the ground: from here on down at the touchdown speed
+_YAW_SHARE = 0.5  # of the limit
+_GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)  # shares of the acceleration, for who has to come to rest
+_UPRIGHT_STEP_NS, _UPRIGHT_WITHIN_NS = 20_000_000, 10_000_000_000
+_LATER_NS, _LATER_TRIALS = 100_000_000, 6
+_UPSIDE_DOWN = 1e3  # worse than any excess
+_BEFORE_ALL = -(2**62)
+_RESTS = 0.05  # m/s: it need not come to rest
+_STOP_PEAK = 1.9  # greatest acceleration of a stop over the mean, and a little
+_SHORTEST_STOP = 0.5  # s
+
+_Wanted = tuple[str, FlatState, FlatState]
+"""The name of a leg, and the flat states that it leads from and to."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reply:
+    """Whether a request was accepted, and what is done or why not."""
+
+    accepted: bool
+    text: str
+
+
+TOO_LATE = Reply(accepted=False, text="planning took too long")
+
+
+class Director:
+    """Directs one vehicle over ground of the height ``ground`` [m]."""
+
+    def __init__(self, config: ReferenceConfig, first: Phase, *, ground: float) -> None:
+        self._config = config
+        self.ground = ground
+        """Its height [m]."""
+        self.too_late: Callable[[int], bool] = lambda start_ns: False
+        """Whether it is too late to follow what begins at a time, asked when it is planned."""
+        self.timeline = Timeline(first)
+
+    @classmethod
+    def standing(cls, config: ReferenceConfig, *, p_WB: Array, yaw: float) -> Director:
+        """Return the director of a vehicle that stands on the ground at ``p_WB`` (3,) [m]."""
+        rest = _at_rest(config, _below(p_WB), yaw)
+        first = Phase(start_ns=_BEFORE_ALL, name=GROUND, trajectory=rest)
+        return cls(config, first, ground=float(p_WB[2]))
+
+    @classmethod
+    def flying(cls, config: ReferenceConfig, trajectory: Trajectory, *, start_ns: int) -> Director:
+        """Return the director of a vehicle that flies a trajectory, over ground of height 0."""
+        first = Phase(start_ns=start_ns, name=TRACKING, trajectory=trajectory)
+        return cls(config, first, ground=0.0)
+
+    @classmethod
+    def stopping(
+        cls, config: ReferenceConfig, start: FlatState, *, start_ns: int, ground: float
+    ) -> Director:
+        """Return the director of a vehicle that flies in a state, and is to come to rest."""
+        assert start.end.p_WB is not None
+        here = _at_rest(config, start.end.p_WB, start.yaw)
+        director = cls(
+            config, Phase(start_ns=_BEFORE_ALL, name=HOLD, trajectory=here), ground=ground
+        )
+        speed = float(np.linalg.norm(start.end.v_WB_W))
+        if speed > _RESTS:  # at once and not as quickly as can be: asked for at every window
+            seconds = max(_STOP_PEAK * speed / config.max_acceleration, _SHORTEST_STOP)
+            path = Leg(start.end, End.at_rest(None), duration=seconds)
+            leg = _flat(config, path, start.yaw)
+            phase = Phase(start_ns=start_ns, name=GOING, trajectory=leg)
+            director._follow(start_ns, [phase], HOLD, None)
+        return director
+
+    def mode(self, now_ns: int) -> str:
+        """Return what is being flown."""
+        return self.timeline.phase(now_ns).name
+
+    def moved(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
+        """Tell where the vehicle stands that was carried over the ground."""
+        if self.mode(now_ns) == GROUND:
+            self.ground = float(p_WB[2])
+            rest = _at_rest(self._config, _below(p_WB), yaw)
+            self.timeline.follow([Phase(start_ns=now_ns, name=GROUND, trajectory=rest)])
+
+    def reset_estimate(self, now_ns: int, reset: EstimateReset) -> bool:
+        """Take an announced step of the estimate; return whether what is flown moves along.
+
+        What is held does, and take-off and landing: they are where the vehicle is. A trajectory
+        or a goal was given in the coordinates of the world, and stays there.
+        """
+        self.ground += float(reset.step_W[2])
+        moves = self.mode(now_ns) in (GROUND, TAKEOFF, HOLD, LANDING)
+        if moves:
+            self.timeline.reset_estimate(reset)
+        return moves
+
+    def take_off(self, now_ns: int, *, height: float) -> Reply:
+        """Climb to ``height`` [m] above the ground, and hold."""
+        if self.mode(now_ns) != GROUND:
+            return self._refused(now_ns, "take-off")
+        if not 0.0 < height < np.inf:
+            return Reply(accepted=False, text=f"take-off to {height} m, expected a number > 0")
+        start = flat_state_of(self.timeline, now_ns)
+        above = self.timeline.at([now_ns]).p_WB[0]
+        above[2] = self.ground + height
+        goal = FlatState.at_rest(above, yaw=start.yaw)
+        return self._go(now_ns, [(TAKEOFF, start, goal)], then=HOLD)
+
+    def fly(self, now_ns: int, trajectory: Trajectory) -> Reply:
+        """Go to the beginning of a trajectory, in the motion that it begins with, and fly it."""
+        if not self._airborne(now_ns):
+            return self._refused(now_ns, "start")
+        legs = [(GOING, flat_state_of(self.timeline, now_ns), flat_state_of(trajectory, 0))]
+        return self._go(now_ns, legs, then=TRACKING, trajectory=trajectory)
+
+    def hold(self, now_ns: int) -> Reply:
+        """Come to rest as soon as the limits let it, and stay there."""
+        if not self._airborne(now_ns):
+            return self._refused(now_ns, "hold")
+        stop = self._stop(now_ns, GOING)
+        return self._follow(now_ns, [stop], HOLD, None)
+
+    def go_to(self, now_ns: int, *, p_WB: Array, yaw: float) -> Reply:
+        """Go to a place (3,) [m] and heading [rad], and stay there."""
+        if not self._airborne(now_ns):
+            return self._refused(now_ns, "goal")
+        if not np.all(np.isfinite([*p_WB, yaw])):
+            return Reply(accepted=False, text=f"goal {[*p_WB, yaw]}, expected finite numbers")
+        legs = [(GOING, flat_state_of(self.timeline, now_ns), FlatState.at_rest(p_WB, yaw=yaw))]
+        return self._go(now_ns, legs, then=HOLD)
+
+    def land(self, now_ns: int) -> Reply:
+        """Come to rest, descend to the ground where that is, and sink until it is touched."""
+        if not self._airborne(now_ns):
+            return self._refused(now_ns, "landing")
+        stop = self._stop(now_ns, LANDING)
+        above = _end_of(stop.trajectory)
+        sinking = self._sinking(above)
+        leg = self._leg(LANDING, above, sinking)
+        planned = [
+            stop,
+            Phase(
+                start_ns=stop.start_ns + stop.trajectory.period_ns, name=LANDING, trajectory=leg
+            ),
+        ]
+        # A leg that is too low for a descent ends wherever it has the speed to sink.
+        lowest = planned[-1].trajectory.at([planned[-1].trajectory.period_ns - 1]).p_WB[0]
+        down = Straight(lowest, v_WB_W=sinking.end.v_WB_W)
+        reply = self._follow(now_ns, planned, LANDING, _flat(self._config, down, above.yaw))
+        if not reply.accepted:
+            return reply
+        still = max(float(lowest[2]) - self.ground, 0.0) / self._config.touchdown_speed
+        seconds = 1e-9 * (self.timeline.last.start_ns - now_ns) + still
+        return Reply(accepted=True, text=f"ground in about {seconds:.1f} s")
+
+    def touched(self, now_ns: int, *, p_WB: Array) -> Reply:
+        """Let a landing vehicle that stands on the ground at ``p_WB`` (3,) [m] idle there."""
+        if self.mode(now_ns) != LANDING:
+            return self._refused(now_ns, "touchdown")
+        self.ground = float(p_WB[2])
+        start = flat_state_of(self.timeline, now_ns)
+        below = FlatState.at_rest(_below(p_WB), yaw=start.yaw)
+        return self._go(now_ns, [(LANDING, start, below)], then=GROUND)
+
+    def is_sinking(self, now_ns: int) -> bool:
+        """Return whether a landing is under way that no touchdown has ended."""
+        return self.mode(now_ns) == LANDING == self.timeline.last.name
+
+    def resting_height(self, now_ns: int) -> float:
+        """Return the height [m] to keep: where it rests or will, else the present one."""
+        last = self.timeline.last
+        if self.mode(now_ns) == LANDING:
+            return self.ground + self._config.takeoff_height
+        time_ns = last.start_ns if last.name == HOLD else now_ns
+        return float(self.timeline.at([max(time_ns, now_ns)]).p_WB[0, 2])
+
+    def _sinking(self, above: FlatState) -> FlatState:
+        """Return the flat state in which a landing from a rest above goes on to sink."""
+        assert above.end.p_WB is not None
+        flare = np.array([*above.end.p_WB[:2], self.ground + _FLARE])
+        rest = End.at_rest(flare if above.end.p_WB[2] > flare[2] + _FLARE else None)
+        v_WB_W = np.array([0.0, 0.0, -self._config.touchdown_speed])
+        return FlatState(end=dataclasses.replace(rest, v_WB_W=v_WB_W), yaw=above.yaw)
+
+    def _go(
+        self, now_ns: int, legs: list[_Wanted], *, then: str, trajectory: Trajectory | None = None
+    ) -> Reply:
+        """Fly legs one after the other, then a trajectory, or stay where the last one ends."""
+        phases = self._planned(now_ns, legs)
+        if isinstance(phases, Reply):
+            return phases
+        return self._follow(now_ns, phases, then, trajectory)
+
+    def _follow(
+        self, now_ns: int, phases: list[Phase], then: str, trajectory: Trajectory | None
+    ) -> Reply:
+        """Follow phases, and then a trajectory under a name, or stay where the last one ends.
+
+        What took longer to plan than until it was to begin is not followed.
+        """
+        if self.too_late(now_ns):
+            return TOO_LATE
+        last = phases[-1]
+        if trajectory is None:
+            end = _end_of(last.trajectory)
+            assert end.end.p_WB is not None
+            trajectory = _at_rest(self._config, end.end.p_WB, end.yaw)
+        arrival_ns = last.start_ns + last.trajectory.period_ns
+        self.timeline.follow(
+            [*phases, Phase(start_ns=arrival_ns, name=then, trajectory=trajectory)]
+        )
+        return Reply(accepted=True, text=f"{then} in {1e-9 * (arrival_ns - now_ns):.1f} s")
+
+    def _planned(self, now_ns: int, legs: list[_Wanted]) -> list[Phase] | Reply:
+        """Return the phases of legs one after the other, or why they cannot be flown."""
+        phases, time_ns = [], now_ns
+        for name, start, goal in legs:
+            if start.inverted:
+                return Reply(accepted=False, text="not while upside down: ask again")
+            try:
+                leg = self._leg(name, start, goal)
+            except ValueError as error:
+                return Reply(accepted=False, text=f"no way there: {error}")
+            reason = self._objection(name, leg)
+            if reason:
+                return Reply(accepted=False, text=f"no way there: {reason}")
+            phases.append(Phase(start_ns=time_ns, name=name, trajectory=leg))
+            time_ns += leg.period_ns
+        return phases
+
+    def _stop(self, now_ns: int, name: str) -> Phase:
+        """Return the phase that leads to rest: what exceeds the limits least, and soon.
+
+        It begins when the reference is not upside down, and a little later if it would else turn
+        upside down again.
+        """
+        first_ns = self._upright_from(now_ns)
+        stops = [self._stop_from(first_ns, name)]
+        for k in range(1, _LATER_TRIALS):
+            if stops[-1][0] < _UPSIDE_DOWN:
+                break
+            stops.append(self._stop_from(first_ns + k * _LATER_NS, name))
+        return min(stops, key=lambda stop: stop[0])[1]
+
+    def _stop_from(self, begin_ns: int, name: str) -> tuple[float, Phase]:
+        """Return the best way to rest from a time on, and by how much it exceeds the limits."""
+        start = flat_state_of(self.timeline, begin_ns)
+        rest = FlatState.at_rest(None, yaw=start.yaw)
+        found: list[tuple[float, FlatTrajectory]] = []
+        for share in _GENTLER:
+            leg = self._leg(name, start, rest, share=share)
+            found.append((self._excess(name, leg), leg))
+            if found[-1][0] == 0.0:
+                break
+        excess, leg = min(found, key=lambda each: each[0])
+        return excess, Phase(start_ns=begin_ns, name=name, trajectory=leg)
+
+    def _upright_from(self, now_ns: int) -> int:
+        """Return the first time from now on at which the reference is not upside down."""
+        for time_ns in range(now_ns, now_ns + _UPRIGHT_WITHIN_NS, _UPRIGHT_STEP_NS):
+            if not flat_state_of(self.timeline, time_ns).inverted:
+                return time_ns
+        return now_ns
+
+    def _excess(self, name: str, leg: FlatTrajectory) -> float:
+        """Return by how much of a limit a leg exceeds the limits in all; 0 if it can be flown."""
+        needs = self._judged(name, leg).exceeded
+        share = sum(abs(need.margin) / max(abs(need.limit), 1.0) for need in needs)
+        return float(share) + (0.0 if leg.upright else _UPSIDE_DOWN)
+
+    def _objection(self, name: str, leg: FlatTrajectory) -> str:
+        """Return why a leg cannot be flown, or nothing."""
+        verdict = self._judged(name, leg)
+        if not verdict.feasible:
+            return verdict.reason()
+        return "" if leg.upright else "it would have to be flown upside down"
+
+    def _judged(self, name: str, leg: FlatTrajectory) -> Verdict:
+        ground = -np.inf if _is_vertical(name) else self.ground
+        return judged(leg, self._config, ground=ground)
+
+    def _leg(
+        self, name: str, start: FlatState, goal: FlatState, *, share: float = 1.0
+    ) -> FlatTrajectory:
+        """Return a leg with a ``share`` of the acceleration that a request may ask for."""
+        path = transition(
+            start,
+            goal,
+            max_speed=min(
+                self._config.max_speed, _VERTICAL_SPEED if _is_vertical(name) else np.inf
+            ),
+            max_acceleration=share * self._config.max_acceleration,
+            max_yaw_rate=_YAW_SHARE * self._config.omega_max[2],
+        )
+        return _flat(self._config, path, 0.0)
+
+    def _airborne(self, now_ns: int) -> bool:
+        return self.mode(now_ns) != GROUND
+
+    def _refused(self, now_ns: int, request: str) -> Reply:
+        return Reply(accepted=False, text=f"no {request} while in {self.mode(now_ns)}")
+
+
+def _is_vertical(name: str) -> bool:
+    """Return whether a leg leads from or to the ground, and slowly."""
+    return name in (TAKEOFF, LANDING)
+
+
+def _below(p_WB: Array) -> Array:
+    """Return where the reference rests while the vehicle stands on the ground."""
+    return np.asarray(p_WB - [0.0, 0.0, IDLE_DEPTH])
+
+
+def _at_rest(config: ReferenceConfig, p_WB: Array, yaw: float) -> FlatTrajectory:
+    return _flat(config, Rest(p_WB, duration=1.0), yaw)
+
+
+def _flat(config: ReferenceConfig, path: Path, yaw: float) -> FlatTrajectory:
+    return FlatTrajectory(
+        path, gravity=config.gravity, drag=config.drag, rotor_drag=config.rotor_drag, yaw=yaw
+    )
+
+
+def _end_of(trajectory: Trajectory) -> FlatState:
+    return flat_state_of(trajectory, trajectory.period_ns)

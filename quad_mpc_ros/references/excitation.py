@@ -1,0 +1,188 @@
+"""A flight that tells what a vehicle is like: sweeps along all axes at once about one place.
+
+Each of x, y, z and the turn about body z is an oscillation whose frequency sweeps between the
+lowest that its bounds let fill its reach and a highest one: slow and wide, where drag shows, to
+quick and small, where lags and delay do. x sweeps upwards, y downwards, z up and down, the turn
+down and up, so that no two go alike for long. The amplitude is what reach, speed and acceleration
+leave at each frequency; all begins and ends at rest. Positions are made first, and a spline
+through them has the derivatives.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.configuration import parameter, per_axis
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.references.minimum_snap import snap_spline
+from quad_mpc_ros.references.path import Path, SplinePath, Turned, with_lowest_point
+from quad_mpc_ros.references.smooth_turn import SmoothTurn
+from quad_mpc_ros.references.trajectory import TrajectoryParameters
+
+_PER_PERIOD, _FEWEST = 48, 100.0  # samples of the quickest oscillation, and in a second
+_RAMP, _LARGEST_RAMP = 2.0, 0.25  # s, share of the whole
+_CORNER = 8.0  # how sharply the least of the bounds is taken
+_YAW_SHARE = 0.3  # of the highest frequency: yaw is weak
+_SLOWLY = 3.0  # the larger, the longer x, y and z are slow
+_BEGIN = {"x": 0.0, "y": 0.0, "z": 0.5 * math.pi, "yaw": 0.0}  # phases
+_ROUNDS = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExcitationParameters(TrajectoryParameters):
+    """The sweeps' own."""
+
+    excitation_duration: float = parameter(
+        20.0, doc="excitation: how long it takes.", unit="s", minimum=5.0, maximum=120.0
+    )
+    excitation_reach: tuple[float, ...] = parameter(
+        (2.0, 2.0, 1.0),
+        doc="excitation: largest distance from its middle east, north and up.",
+        unit="m",
+        length=3,
+        above=0.0,
+        maximum=100.0,
+    )
+    excitation_speed: float = parameter(
+        4.0,
+        doc="excitation: highest speed east, north and up, each.",
+        unit="m/s",
+        above=0.0,
+        maximum=50.0,
+    )
+    excitation_tilt: float = parameter(
+        0.7, doc="excitation: largest tilt.", unit="rad", above=0.0, maximum=1.2
+    )
+    excitation_thrust: float = parameter(
+        0.3,
+        doc="excitation: largest acceleration up and down over gravity.",
+        above=0.0,
+        maximum=0.8,
+    )
+    excitation_yaw: float = parameter(
+        0.6,
+        doc="excitation: largest turn about body z to either side.",
+        unit="rad",
+        above=0.0,
+        maximum=3.0,
+    )
+    excitation_yaw_rate: float = parameter(
+        0.7,
+        doc="excitation: highest rate about body z.",
+        unit="rad/s",
+        above=0.0,
+        maximum=10.0,
+    )
+    excitation_frequency: float = parameter(
+        2.0,
+        doc="excitation: highest frequency of its oscillations, that of yaw 0.3 times as high.",
+        unit="Hz",
+        minimum=0.5,
+        maximum=5.0,
+    )
+
+
+def excitation(config: ExcitationParameters) -> Path:
+    """Return the sweeps of a configuration, their lowest point at the configured height."""
+    sweeps = _Sweeps(config)
+    middle = np.array([*config.origin, 0.0])
+    places = sweeps.positions()
+    yaw = np.zeros_like(places)
+    yaw[:, 0] = sweeps.yaw(places)
+    turned = Turned(sweeps.path(middle + places), sweeps.path(yaw))
+    return with_lowest_point(turned, config.height)
+
+
+class _Sweeps:
+    """The sweeps at times ``seconds`` (n,) [s], fine enough for a spline."""
+
+    def __init__(self, config: ExcitationParameters) -> None:
+        self._config = config
+        self.duration = config.excitation_duration
+        rate = max(_PER_PERIOD * config.excitation_frequency, _FEWEST)
+        count = math.ceil(rate * self.duration)
+        self.seconds = np.linspace(0.0, self.duration, count + 1)
+        ramp = SmoothTurn(1.0, duration=min(_RAMP, _LARGEST_RAMP * self.duration))
+        self._envelope = ramp.at(self.seconds)[0] * ramp.at(self.duration - self.seconds)[0]
+        share = self.seconds / self.duration
+        around = 0.5 * (1.0 - np.cos(math.tau * share))
+        slowly = {"x": share, "y": 1.0 - share, "z": around}
+        self._shares = {axis: each**_SLOWLY for axis, each in slowly.items()}
+        self._shares["yaw"] = 1.0 - around
+
+    def path(self, values: Array) -> SplinePath:
+        """Return the path through values (n, 3) that rests at both ends."""
+        return SplinePath(snap_spline(values, self.seconds), duration=self.duration)
+
+    def positions(self) -> Array:
+        """Return the places (n, 3) [m] about the middle, within reach, speed and tilt."""
+        config = self._config
+        up = self._bounded("z", config.excitation_reach[2], config.excitation_thrust)
+        steepest = math.tan(config.excitation_tilt)
+        # East and north share the tilt, and with it the acceleration that either may have.
+        acceleration = steepest
+        for _ in range(_ROUNDS):
+            level = [
+                self._bounded(axis, config.excitation_reach[place], acceleration)
+                for place, axis in enumerate(("x", "y"))
+            ]
+            places = np.column_stack((*level, up))
+            steepness = self._steepness(places)
+            acceleration *= steepest / steepness
+        places[:, :2] *= min(1.0, steepest / steepness)
+        return places
+
+    def yaw(self, places: Array) -> Array:
+        """Return the yaw (n,) [rad] at places (n, 3) [m] for a sweep about the body's z axis.
+
+        Of a body that tilts to and fro in turning directions the heading turns by itself, which
+        a vehicle with little torque about z could not prevent as quickly.
+        """
+        config = self._config
+        turns = self._within(
+            "yaw",
+            (config.excitation_yaw, config.excitation_yaw_rate, math.inf),
+            highest=_YAW_SHARE * config.excitation_frequency,
+        )
+        force = self._force(places)
+        x, y, z = (force / np.linalg.norm(force, axis=1, keepdims=True)).T
+        added = np.cumsum((x * np.gradient(y) - y * np.gradient(x)) / (1.0 + z))
+        # Slowly it turns back, so that it ends with the heading that it began with.
+        back = SmoothTurn(-float(added[-1]), duration=self.duration).at(self.seconds)[0]
+        return np.asarray(turns + added + back)
+
+    def _bounded(self, axis: str, reach: float, acceleration: float) -> Array:
+        """Return the sweep of an axis (n,) [m] within its reach [m] and acceleration over g."""
+        config = self._config
+        bounds = (reach, config.excitation_speed, acceleration * config.gravity)
+        return self._within(axis, bounds, highest=config.excitation_frequency)
+
+    def _within(self, axis: str, bounds: tuple[float, ...], *, highest: float) -> Array:
+        """Return a sweep (n,) whose value and first two derivatives stay within bounds."""
+        share, step = self._shares[axis], self.seconds[1]
+        reach, speed, acceleration = bounds
+        # Slower than this nothing but the reach would bound it.
+        slowest = min(speed / reach, math.sqrt(acceleration / reach))
+        quickest = max(math.tau * highest, slowest)
+        frequency = slowest * (quickest / slowest) ** share
+        phase = np.concatenate(([0.0], np.cumsum(0.5 * step * (frequency[1:] + frequency[:-1]))))
+        needed = sum((frequency**n / bound) ** _CORNER for n, bound in enumerate(bounds))
+        sweep = self._envelope * needed ** (-1.0 / _CORNER) * np.sin(phase + _BEGIN[axis])
+        changes = (sweep, np.gradient(sweep, step), np.gradient(np.gradient(sweep, step), step))
+        excess = max(np.abs(c).max() / bound for c, bound in zip(changes, bounds, strict=True))
+        return np.asarray(sweep / max(excess, 1.0))
+
+    def _steepness(self, places: Array) -> float:
+        """Return the largest tangent of the tilt."""
+        force = self._force(places)
+        return float((np.hypot(force[:, 0], force[:, 1]) / force[:, 2]).max())
+
+    def _force(self, places: Array) -> Array:
+        """Return the specific force (n, 3) [m/s^2], with the drag of a body that hovers."""
+        v = np.gradient(places, self.seconds[1], axis=0)
+        a = np.gradient(v, self.seconds[1], axis=0)
+        drag = np.add(per_axis(self._config.drag), per_axis(self._config.rotor_drag))
+        return np.asarray(a + drag * v + [0.0, 0.0, self._config.gravity])

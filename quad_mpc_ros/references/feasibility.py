@@ -1,0 +1,220 @@
+"""Whether a vehicle can fly a trajectory: what it needs along the whole way, against the limits.
+
+The throttle is that of the thrust along the body's z axis which Newton's law asks for, with drag;
+the body rates are the trajectory's own. Both are looked at every 2 ms, or a thousand times in all.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError, parameter
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.references.trajectory import (
+    Trajectory,
+    TrajectoryParameters,
+    TrajectorySamples,
+)
+
+_SECOND_NS = 1_000_000_000
+_STEP_NS = 2_000_000
+_LEAST_SAMPLES, _MOST_SAMPLES = 1000, 20_000
+_AXES = ("roll", "pitch", "yaw")
+# A smoothed recording of a flight from the ground may dip below it by this.
+_GROUND_TOLERANCE = 0.05  # m
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitParameters(TrajectoryParameters):
+    """What the vehicle may be asked for."""
+
+    time_scaling: str = parameter(
+        "none",
+        doc="auto: slow down a trajectory that the vehicle cannot fly until it can; none: refuse "
+        "it.",
+        choices=("none", "auto"),
+    )
+    throttle_min: float = parameter(
+        0.0, doc="Least throttle that a trajectory may need.", minimum=0.0, maximum=1.0
+    )
+    throttle_max: float = parameter(
+        1.0, doc="Most throttle that a trajectory may need.", minimum=0.0, maximum=1.0
+    )
+    omega_max: tuple[float, ...] = parameter(
+        (7.0 * math.pi, 7.0 * math.pi, 3.5 * math.pi),
+        doc="Most body rates that a trajectory may need (roll, pitch, yaw); a little above the "
+        "bound of the mpc, as a short peak beyond that is still flown.",
+        unit="rad/s",
+        length=3,
+        above=0.0,
+    )
+    limit_margin: float = parameter(
+        0.0,
+        doc="Share of the way from hovering to each limit that a trajectory must leave free.",
+        minimum=0.0,
+        below=1.0,
+    )
+
+    def check(self) -> None:
+        """Refuse limits that forbid hovering."""
+        super().check()
+        hover = self.vehicle().hover_throttle
+        for name, side, fits in (
+            ("throttle_min", "below", self.throttle_min < hover),
+            ("throttle_max", "above", self.throttle_max > hover),
+        ):
+            if not fits:
+                raise ConfigurationError(
+                    f"{self.owner}.{name}",
+                    getattr(self, name),
+                    f"a number {side} the hover throttle {hover:.4f}",
+                )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Needs:
+    """What a trajectory needs over time.
+
+    Shapes: ``seconds``, ``throttle``, ``height`` [m], ``speed`` [m/s], ``acceleration`` [m/s^2]
+    (n,); ``w_WB_B`` (n, 3) [rad/s]. A throttle beyond 0 to 1 is what the curve would give there.
+    """
+
+    seconds: Array
+    throttle: Array
+    w_WB_B: Array
+    height: Array
+    speed: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Need:
+    """The worst of one need: its value and time [s], and the limit it is held against.
+
+    ``margin`` is what is left to the limit, negative where it is exceeded.
+    """
+
+    name: str
+    unit: str
+    worst: float
+    time: float
+    limit: float
+    margin: float
+
+    def complaint(self) -> str:
+        """Return what is wrong and where: ``'highest throttle 1.08 at 2.31 s, 0.08 beyond …'``."""
+        return (
+            f"{self.name} {self.worst:.4g}{self.unit} at {self.time:.3f} s, "
+            f"{-self.margin:.3g}{self.unit} beyond the limit of {self.limit:.4g}{self.unit}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verdict:
+    """Every need of a trajectory at its worst, the needs over time, and the jumps in it [s]."""
+
+    needs: tuple[Need, ...]
+    over_time: Needs
+    limits: LimitParameters
+    jumps: tuple[float, ...]
+
+    @property
+    def feasible(self) -> bool:
+        """Whether nothing is beyond its limit, and nothing jumps."""
+        return not self.jumps and not self.exceeded
+
+    @property
+    def exceeded(self) -> tuple[Need, ...]:
+        """The needs beyond their limits, or not even finite."""
+        return tuple(need for need in self.needs if not need.margin >= 0.0)
+
+    def reason(self) -> str:
+        """Return why it is not feasible, or nothing."""
+        complaints = [need.complaint() for need in self.exceeded]
+        if self.jumps:
+            complaints.append(f"{len(self.jumps)} jumps, the first at {self.jumps[0]:.3f} s")
+        return "; ".join(complaints)
+
+
+def judged(trajectory: Trajectory, limits: LimitParameters, *, ground: float = 0.0) -> Verdict:
+    """Return the verdict on a trajectory, once through or once round; a second of a rest.
+
+    ``ground`` [m] is the height of the ground.
+    """
+    vehicle = limits.vehicle()
+    period = trajectory.period_ns or _SECOND_NS
+    step = min(_STEP_NS, period // _LEAST_SAMPLES)
+    step = max(step, -(-period // _MOST_SAMPLES), 1)
+    times = [*range(0, period, step), period]
+    needs = needs_of(trajectory.at(times), vehicle, seconds=1e-9 * np.array(times))
+    # A trajectory that begins in motion is begun in motion: see --start.
+    jumps = trajectory.jumps(0, period - 1)
+    return Verdict(
+        needs=_worst(needs, limits, hover=vehicle.hover_throttle, ground=ground),
+        over_time=needs,
+        limits=limits,
+        jumps=tuple(1e-9 * jump for jump in jumps),
+    )
+
+
+def needs_of(samples: TrajectorySamples, vehicle: Vehicle, *, seconds: Array) -> Needs:
+    """Return what samples at times (n,) [s] need."""
+    R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
+    thrust = vehicle.mass * vehicle.specific_thrust(
+        a_WB_W=samples.a_WB_W, v_WB_W=samples.v_WB_W, R_WB=R_WB
+    )
+    return Needs(
+        seconds=seconds,
+        throttle=_throttle(vehicle, thrust),
+        w_WB_B=np.einsum("nji,nj->ni", R_WB, samples.w_WB_W),
+        height=samples.p_WB[:, 2],
+        speed=np.linalg.norm(samples.v_WB_W, axis=1),
+        acceleration=np.linalg.norm(samples.a_WB_W, axis=1),
+    )
+
+
+def _throttle(vehicle: Vehicle, thrust: Array) -> Array:
+    """Return throttles (n,) for thrusts (n,) [N], also those that the vehicle does not have."""
+    a, b, c = vehicle.thrust_curve
+    wanted = thrust / vehicle.motor_count - c
+    # The root of Vehicle.throttle_for; below the curve's least thrust that of the curve mirrored
+    # there, for its slope may be zero.
+    size = np.abs(wanted)
+    root = np.sqrt(b * b + 4.0 * a * size)
+    return np.asarray(2.0 * wanted / np.maximum(b + root, np.finfo(float).tiny))
+
+
+def _worst(
+    needs: Needs, limits: LimitParameters, *, hover: float, ground: float
+) -> tuple[Need, ...]:
+    share = 1.0 - limits.limit_margin
+    highest = hover + share * (limits.throttle_max - hover)
+    lowest = hover + share * (limits.throttle_min - hover)
+    found = [
+        _need("highest throttle", "", needs.throttle, needs, highest),
+        _need("lowest throttle", "", needs.throttle, needs, lowest, least=True),
+    ]
+    for axis, rates, bound in zip(_AXES, needs.w_WB_B.T, limits.omega_max, strict=True):
+        found.append(_need(f"{axis} rate", " rad/s", np.abs(rates), needs, share * bound))
+    lowest = ground - _GROUND_TOLERANCE
+    found.append(_need("lowest height", " m", needs.height, needs, lowest, least=True))
+    return tuple(found)
+
+
+def _need(
+    name: str, unit: str, values: Array, needs: Needs, limit: float, *, least: bool = False
+) -> Need:
+    place = int(np.argmin(values) if least else np.argmax(values))
+    worst = float(values[place])
+    return Need(
+        name=name,
+        unit=unit,
+        worst=worst,
+        time=float(needs.seconds[place]),
+        limit=limit,
+        margin=worst - limit if least else limit - worst,
+    )

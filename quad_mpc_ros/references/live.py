@@ -1,0 +1,371 @@
+"""The reference of a live flight: requests and odometry in, windows out; without ROS.
+
+At once, it is the configured trajectory from the first odometry on, and nothing else until a
+request is accepted. On request, the vehicle stands on the ground until it is told to take off.
+
+Where somebody tells whether commands act on the vehicle, nothing is flown until they do: the
+reference waits where the vehicle is, on the ground below it, in the air coming to rest from how it
+moves. When they begin to act it goes on from just there: on request it stays, at once the
+trajectory begins, after a take-off from the ground. When they cease to, it waits again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.safety.validation import pose_fault
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import received_trajectory
+from quad_mpc_ros.references.director import GROUND, LANDING, Director, Reply
+from quad_mpc_ros.references.feasibility import judged
+from quad_mpc_ros.references.flatness import yaw_of
+from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.references.touchdown import Touchdown
+from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
+from quad_mpc_ros.references.transition import FlatState
+
+_CARRIED = 0.1  # m
+_MOST_DRAWN = 500  # poses: a path is drawn between two windows
+_STEP_NS = 50_000_000
+
+_LEFT = 0.3  # m of height from where it stood: it flies
+
+_NOT_YET = Reply(accepted=False, text="no usable odometry yet")
+_NOT_ENGAGED = Reply(
+    accepted=False, text="the vehicle does not act on commands: engage and arm it first"
+)
+WAITING = "waiting"
+
+
+class LiveReference:
+    """What one vehicle is to follow now and next.
+
+    ``trajectory`` is flown at once, ``joined`` returns the one that is flown on request, which
+    must not jump. Times are nanoseconds of the clock of the windows' stamps; between two calls
+    they do not run backwards.
+    """
+
+    def __init__(
+        self, config: ReferenceConfig, trajectory: Trajectory, *, joined: Callable[[], Trajectory]
+    ) -> None:
+        self._config = config
+        self._trajectory = trajectory
+        self._joined = joined
+        self._at_once = config.mode == "at_once"
+        self._server = ReferenceServer(config, trajectory)
+        self._director: Director | None = None
+        self._home = np.zeros(3)
+        self._newest: OdometrySample | None = None
+        self._engaged: bool | None = None
+        self._landed: bool | None = None
+        self._ground_height: float | None = None
+        self._left_ground = False
+        self.too_late: Callable[[int], bool] = lambda start_ns: False
+        """Whether it is too late to begin at a time: then a request is not accepted."""
+        self._touchdown = Touchdown(config.touchdown_speed)
+
+    @property
+    def started(self) -> bool:
+        """Whether an odometry has come to start from, and commands act as far as is known."""
+        return self._director is not None
+
+    @property
+    def waits(self) -> bool:
+        """Whether it waits at the vehicle, as commands are told not to act."""
+        return self._engaged is False
+
+    def engage(self, engaged: bool) -> Reply | None:
+        """Tell whether commands act on the vehicle; return what follows, if anything does."""
+        before, self._engaged = self._engaged, engaged
+        if not engaged:
+            self._director, self._at_once = None, self._config.mode == "at_once"
+            return None if before is False else Reply(accepted=True, text="waits at the vehicle")
+        if before is not False or self._newest is None:
+            return None
+        return self._take_over(self._newest)
+
+    def landed(self, landed: bool | None) -> None:
+        """Tell what the flight stack says of the ground, if it does: landed, or not."""
+        self._landed = landed
+
+    def reset_estimate(self, now_ns: int, reset: EstimateReset) -> Reply:
+        """Take an announced step of the estimate; return what follows for the reference."""
+        if self._newest is not None:
+            self._newest, self._home = reset.odometry(self._newest), reset.points(self._home)
+        if self._ground_height is not None:
+            self._ground_height += float(reset.step_W[2])
+        self._touchdown = Touchdown(self._config.touchdown_speed)
+        moves = self._director is None or self._director.reset_estimate(now_ns, reset)
+        stepped = f"the estimate steps by {np.linalg.norm(reset.step_W):.2f} m"
+        kept = f"{self.mode(now_ns)} stays where it is on the map"
+        return Reply(accepted=moves, text=f"{stepped}: {'moves along' if moves else kept}")
+
+    def mode(self, now_ns: int) -> str:
+        """Return what is being flown."""
+        return WAITING if self._director is None else self._director.mode(now_ns)
+
+    def needs_odometry(self, now_ns: int) -> bool:
+        """Whether the next odometry makes a difference: at the beginning and near the ground."""
+        return self.mode(now_ns) in (WAITING, GROUND, LANDING)
+
+    def observe(self, odometry: OdometrySample) -> Reply | None:
+        """Take an odometry; return what follows from it, if it is the first or a touchdown."""
+        now_ns = odometry.stamp_ns
+        if self._newest is None:
+            self._home = odometry.p_WB
+        self._newest = odometry
+        self._see_height(odometry)
+        if self._director is None:
+            if self._engaged is None:
+                return self._begin(odometry)
+            return self._take_over(odometry) if self._engaged else None
+        if self._director.is_sinking(now_ns):
+            height = float(self._director.timeline.at([now_ns]).p_WB[0, 2])
+            if self._touchdown.felt(odometry, reference_height=height):
+                self._stood(odometry)
+                return self._director.touched(now_ns, p_WB=odometry.p_WB)
+        return None
+
+    def window(self, stamp_ns: int) -> ReferenceWindow | None:
+        """Return the reference from ``stamp_ns`` on; None while there is nothing to start from."""
+        if self._director is None and self._engaged is not None:
+            if self._newest is None:
+                return None
+            return self._server_of(self._waiting_at(self._newest)).window(stamp_ns)
+        if self._director is None and not self._at_once:
+            return None
+        return self._server.window(stamp_ns)
+
+    def outlook(self) -> tuple[object, ...]:
+        """Return objects that are the same ones as long as an earlier window holds.
+
+        None of them where each window is another: waiting at a vehicle that moves.
+        """
+        if self._director is None:
+            return () if self._engaged is not None else (self._server,)
+        return self._server, self._director.timeline.last
+
+    def changes(self, after_ns: int, until_ns: int) -> bool:
+        """Whether the reference jumps between two times, where windows do not show it before."""
+        return self._server.changes(after_ns, until_ns)
+
+    def whole(self) -> TrajectorySamples:
+        """Return the trajectory that is configured, to be drawn."""
+        return ReferenceServer(self._config, self._trajectory).whole()
+
+    def course(self, now_ns: int) -> TrajectorySamples:
+        """Return all that is planned from now on, to be drawn: once round what is periodic."""
+        if self._director is None:
+            return self.whole()
+        last = self._director.timeline.last
+        end_ns = max(last.start_ns + last.trajectory.period_ns, now_ns + _STEP_NS)
+        step_ns = max(_STEP_NS, -(-(end_ns - now_ns) // _MOST_DRAWN))
+        return self._director.timeline.at([*range(now_ns, end_ns, step_ns), end_ns])
+
+    def take_off(self, now_ns: int) -> Reply:
+        """Climb to the configured height above the ground, and hold."""
+        if self._director is None:
+            return self._not_yet()
+        self._follow_over_the_ground(self._director, now_ns)
+        return self._done(self._director.take_off(now_ns, height=self._config.takeoff_height))
+
+    def start(self, now_ns: int) -> Reply:
+        """Go to the configured trajectory and fly it."""
+        if self._director is None:
+            return self._not_yet()
+        try:
+            trajectory = self._joined()
+        except UserError as error:
+            return Reply(accepted=False, text=str(error))
+        return self._done(self._director.fly(now_ns, trajectory))
+
+    def hold(self, now_ns: int) -> Reply:
+        """Come to rest and stay there."""
+        if self._director is None:
+            return self._not_yet()
+        return self._done(self._director.hold(now_ns))
+
+    def land(self, now_ns: int) -> Reply:
+        """Descend to the ground and idle there."""
+        if self._director is None:
+            return self._not_yet()
+        reply = self._done(self._director.land(now_ns))
+        if reply.accepted:
+            self._touchdown = Touchdown(self._config.touchdown_speed)
+        return reply
+
+    def go_to(self, now_ns: int, *, frame_id: str, p_WB: Array, q_WB_xyzw: Array) -> Reply:
+        """Go to a pose, position (3,) [m] and quaternion (4,), of which the heading counts.
+
+        A height of exactly zero, which is what a tool of two dimensions sends, keeps the height.
+        """
+        if self._director is None:
+            return self._not_yet()
+        fault = pose_fault(
+            frame_id=frame_id,
+            expected_frame_id=self._config.frame_id,
+            p_WB=p_WB[None],
+            q_WB_xyzw=q_WB_xyzw[None],
+        )
+        if fault is not None:
+            return Reply(accepted=False, text=fault)
+        if p_WB[2] == 0.0:
+            p_WB = np.array([*p_WB[:2], self._director.resting_height(now_ns)])
+        fault = self._out_of_reach(self._director, p_WB[None])
+        if fault is not None:
+            return Reply(accepted=False, text=fault)
+        yaw = yaw_of(so3.rotation_from_quaternion_xyzw(q_WB_xyzw))
+        return self._done(self._director.go_to(now_ns, p_WB=p_WB, yaw=yaw))
+
+    def follow(self, now_ns: int, message: ReferenceWindow) -> Reply:
+        """Go to the beginning of a received trajectory and fly it; its stamp is not asked for."""
+        if self._director is None:
+            return self._not_yet()
+        try:
+            trajectory = received_trajectory(message, self._config)
+        except (UserError, ValueError) as error:
+            return Reply(accepted=False, text=str(error))
+        verdict = judged(trajectory, self._config, ground=self._director.ground)
+        fault = verdict.reason() or self._out_of_reach(self._director, message.p_WB)
+        if fault:
+            return Reply(accepted=False, text=fault)
+        return self._done(self._director.fly(now_ns, trajectory))
+
+    def _not_yet(self) -> Reply:
+        return _NOT_ENGAGED if self._engaged is False else _NOT_YET
+
+    def _begin(self, odometry: OdometrySample) -> Reply | None:
+        """Begin at the first odometry, where nobody tells whether commands act."""
+        if self._at_once:
+            self._follow_as_it_is(odometry.stamp_ns)
+            return None
+        fault = pose_fault(
+            frame_id=odometry.frame_id,
+            expected_frame_id=self._config.frame_id,
+            p_WB=odometry.p_WB[None],
+            q_WB_xyzw=odometry.q_WB_xyzw[None],
+        )
+        if fault is not None:
+            return Reply(accepted=False, text=f"odometry is no start: {fault}")
+        self._direct(Director.standing(self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)))
+        return None
+
+    def _take_over(self, odometry: OdometrySample) -> Reply:
+        """Go on from where the vehicle is, because commands act from now on."""
+        director = self._waiting_at(odometry)
+        now_ns = odometry.stamp_ns
+        if self._at_once and not self._trajectory.smooth:  # it jumps anyway
+            self._follow_as_it_is(now_ns)
+            return Reply(accepted=True, text="begins the trajectory")
+        if self._at_once:
+            reply = self._begun(director, now_ns)
+            self._at_once = False
+        else:
+            reply = Reply(accepted=True, text=f"{director.mode(now_ns)} where the vehicle is")
+        self._touchdown = Touchdown(self._config.touchdown_speed)
+        self._direct(director)
+        return reply
+
+    def _begun(self, director: Director, now_ns: int) -> Reply:
+        """Let the configured trajectory begin, from the ground after a take-off."""
+        try:
+            trajectory = self._joined()
+        except UserError as error:
+            return Reply(accepted=False, text=str(error))
+        if director.mode(now_ns) == GROUND:
+            reply = director.take_off(now_ns, height=self._config.takeoff_height)
+            if not reply.accepted:
+                return reply
+            now_ns = director.timeline.last.start_ns
+        return director.fly(now_ns, trajectory)
+
+    def _waiting_at(self, odometry: OdometrySample) -> Director:
+        """Return the director that would go on from an odometry."""
+        yaw = _heading(odometry)
+        if self._stands:
+            return Director.standing(self._config, p_WB=odometry.p_WB, yaw=yaw)
+        ground = self._ground_height
+        rest = FlatState.at_rest(odometry.p_WB, yaw=yaw)
+        R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
+        end = dataclasses.replace(rest.end, v_WB_W=R_WB @ odometry.v_WB_B)
+        return Director.stopping(
+            self._config,
+            dataclasses.replace(rest, end=end),
+            start_ns=odometry.stamp_ns,
+            ground=min(0.0, float(odometry.p_WB[2])) if ground is None else ground,
+        )
+
+    @property
+    def _stands(self) -> bool:
+        """Whether the vehicle stands on the ground: as the stack tells, or as its height does."""
+        return not self._left_ground if self._landed is None else self._landed
+
+    def _see_height(self, odometry: OdometrySample) -> None:
+        """Note where the ground is, and that the vehicle has left it."""
+        if self._landed:
+            self._stood(odometry)
+        elif self._landed is None and self._ground_height is None:
+            self._stood(odometry)  # where it is seen first
+        elif self._ground_height is not None:
+            risen = abs(float(odometry.p_WB[2]) - self._ground_height)
+            self._left_ground = self._left_ground or risen > _LEFT
+
+    def _stood(self, odometry: OdometrySample) -> None:
+        self._ground_height, self._left_ground = float(odometry.p_WB[2]), False
+
+    def _done(self, reply: Reply) -> Reply:
+        if reply.accepted and self._at_once and self._director is not None:
+            self._at_once = False
+            self._direct(self._director)
+        return reply
+
+    def _follow_as_it_is(self, now_ns: int) -> None:
+        """Fly the configured trajectory from now on."""
+        server = ReferenceServer(self._config, self._trajectory)
+        server.start(now_ns)
+        self._server = server
+        self._adopt(Director.flying(self._config, self._trajectory, start_ns=now_ns))
+
+    def _direct(self, director: Director) -> None:
+        """Cut the windows out of the director's timeline from now on."""
+        self._server = self._server_of(director)
+        self._adopt(director)
+
+    def _adopt(self, director: Director) -> None:
+        director.too_late = self.too_late
+        self._director = director
+
+    def _server_of(self, director: Director) -> ReferenceServer:
+        server = ReferenceServer(self._config, director.timeline)
+        server.start(0)
+        return server
+
+    def _follow_over_the_ground(self, director: Director, now_ns: int) -> None:
+        """Let the reference stand where the vehicle was carried to since it landed."""
+        standing = self._newest
+        if director.mode(now_ns) != GROUND or standing is None:
+            return
+        there = director.timeline.at([now_ns]).p_WB[0]
+        if np.linalg.norm(standing.p_WB[:2] - there[:2]) > _CARRIED:
+            director.moved(now_ns, p_WB=standing.p_WB, yaw=_heading(standing))
+
+    def _out_of_reach(self, director: Director, p_WB: Array) -> str | None:
+        """Return which of some points (n, 3) [m] is too far away or below the ground."""
+        lowest = float(p_WB[:, 2].min())
+        if not lowest >= director.ground:
+            return f"it is {director.ground - lowest:.3g} m below the ground"
+        distance = float(np.linalg.norm(p_WB - self._home, axis=1).max())
+        if not distance <= self._config.reach:
+            return f"it is {distance:.4g} m away, more than reach, {self._config.reach:g} m"
+        return None
+
+
+def _heading(odometry: OdometrySample) -> float:
+    return yaw_of(so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw))

@@ -1,0 +1,187 @@
+"""What a path is: where the vehicle's centre goes over time, before anything is said of attitude.
+
+By differential flatness (``flatness.py``) position with its derivatives up to jerk, and
+yaw, determine everything else.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from quad_mpc_ros.control.lie import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+_LOOKED_AT, _MOST_LOOKS = 0.002, 20_000  # s
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathSamples:
+    """A path at n times, in the world.
+
+    Shapes: ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``j_WB_W`` (n, 3) in m, m/s, m/s^2, m/s^3; ``yaw``
+    [rad] and ``yaw_rate`` [rad/s] (n,) or one number, about the body's z axis.
+    """
+
+    p_WB: Array
+    v_WB_W: Array
+    a_WB_W: Array
+    j_WB_W: Array
+    yaw: ArrayLike = 0.0
+    yaw_rate: ArrayLike = 0.0
+
+
+class Path(Protocol):
+    """A path over time, three times continuously differentiable."""
+
+    @property
+    def duration(self) -> float:
+        """How long it takes, or with ``periodic`` once round [s]."""
+
+    @property
+    def periodic(self) -> bool:
+        """Whether it goes on for ever; otherwise it ends at rest."""
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s] from 0 to its duration, or without end."""
+
+
+class Chain:
+    """Paths one after the other, each beginning as the one before ends.
+
+    With ``periodic`` the first one also begins as the last one ends, and it goes round and round.
+    """
+
+    def __init__(self, links: Sequence[Path], *, periodic: bool = False) -> None:
+        self._links = list(links)
+        self.periodic = periodic
+        self._ends = np.cumsum([link.duration for link in links])
+        self.duration = float(self._ends[-1])
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s]."""
+        if self.periodic:
+            seconds = np.mod(seconds, self.duration)
+        owner = np.minimum(np.searchsorted(self._ends, seconds, side="right"), len(self._ends) - 1)
+        starts = np.append(0.0, self._ends[:-1])
+        p, v, a, j = (np.empty((len(seconds), 3)) for _ in range(4))
+        yaw, yaw_rate = np.zeros(len(seconds)), np.zeros(len(seconds))
+        for number in np.unique(owner).tolist():
+            mine = owner == number
+            found = self._links[number].at(seconds[mine] - starts[number])
+            p[mine], v[mine] = found.p_WB, found.v_WB_W
+            a[mine], j[mine] = found.a_WB_W, found.j_WB_W
+            yaw[mine], yaw_rate[mine] = found.yaw, found.yaw_rate
+        return PathSamples(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=j, yaw=yaw, yaw_rate=yaw_rate)
+
+
+class Straight:
+    """A path straight on at a constant velocity (3,) [m/s] from a place (3,) [m]."""
+
+    periodic = True
+
+    def __init__(self, p_WB: Array, *, v_WB_W: Array, duration: float = 1.0) -> None:
+        self._p_WB, self._v_WB_W = p_WB, v_WB_W
+        self.duration = duration
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s]."""
+        rest = np.zeros((len(seconds), 3))
+        return PathSamples(
+            p_WB=self._p_WB + seconds[:, None] * self._v_WB_W,
+            v_WB_W=rest + self._v_WB_W,
+            a_WB_W=rest,
+            j_WB_W=rest,
+        )
+
+
+class Rest(Straight):
+    """A path that stays at a place (3,) [m]."""
+
+    def __init__(self, p_WB: Array, *, duration: float) -> None:
+        super().__init__(p_WB, v_WB_W=np.zeros(3), duration=duration)
+
+
+class SplinePath:
+    """A spline of degree 5 or more from 0 to ``duration`` [s] with values (n, 3) [m]."""
+
+    periodic = False
+
+    def __init__(self, curve: BSpline, *, duration: float) -> None:
+        self.duration = duration
+        self._curves = [curve.derivative(order) if order else curve for order in range(4)]
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s] from 0 to its duration."""
+        seconds = np.clip(seconds, 0.0, self.duration)
+        p, v, a, j = (np.asarray(curve(seconds)) for curve in self._curves)
+        return PathSamples(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=j)
+
+
+class Moved:
+    """A path elsewhere: displaced by ``offset`` (3,) [m]."""
+
+    def __init__(self, path: Path, offset: Array) -> None:
+        self._path = path
+        self._offset = offset
+        self.duration = path.duration
+        self.periodic = path.periodic
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the displaced path at times (n,) [s]."""
+        found = self._path.at(seconds)
+        return dataclasses.replace(found, p_WB=found.p_WB + self._offset)
+
+
+class Slowed:
+    """A path that takes ``factor`` times as long: uniform time scaling."""
+
+    def __init__(self, path: Path, factor: float) -> None:
+        self._path = path
+        self._factor = factor
+        self.duration = factor * path.duration
+        self.periodic = path.periodic
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s]; the n-th derivative shrinks by factor^n."""
+        k, found = self._factor, self._path.at(seconds / self._factor)
+        return PathSamples(
+            p_WB=found.p_WB,
+            v_WB_W=found.v_WB_W / k,
+            a_WB_W=found.a_WB_W / k**2,
+            j_WB_W=found.j_WB_W / k**3,
+            yaw=found.yaw,
+            yaw_rate=np.asarray(found.yaw_rate) / k,
+        )
+
+
+class Turned:
+    """A path with another's first coordinate for its yaw [rad]."""
+
+    def __init__(self, path: Path, yaw: Path) -> None:
+        self._path = path
+        self._yaw = yaw
+        self.duration = path.duration
+        self.periodic = path.periodic
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s]."""
+        yaw = self._yaw.at(seconds)
+        return dataclasses.replace(
+            self._path.at(seconds), yaw=yaw.p_WB[:, 0], yaw_rate=yaw.v_WB_W[:, 0]
+        )
+
+
+def with_lowest_point(path: Path, height: float) -> Path:
+    """Return the path lifted until its lowest point is at ``height`` [m]."""
+    count = min(2 + round(path.duration / _LOOKED_AT), _MOST_LOOKS)
+    times = np.linspace(0.0, path.duration, count)
+    lowest = float(path.at(times).p_WB[:, 2].min())
+    return Moved(path, (height - lowest) * np.array([0.0, 0.0, 1.0]))

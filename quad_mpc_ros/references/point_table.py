@@ -1,0 +1,238 @@
+"""Positions over time, wherever they come from, made a path to fly.
+
+From a recorded run, from a message, or from a file of comma-separated values with the
+units in the header:
+
+    time [s], x [m], y [m], z [m], yaw [rad]
+    0.00, 0.0, 0.0, 1.0, 0.0
+    0.50, 0.1, 0.0, 1.0, 0.0
+
+Positions are in the world (ENU). ``yaw [rad]`` may be left out, and the columns may be in any
+order. Empty lines and lines that begin with ``#`` are passed over.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from quad_mpc_ros.configuration import ConfigurationError, UserError, parameter
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.references.minimum_snap import (
+    End,
+    Leg,
+    LegParameters,
+    leg_within,
+)
+from quad_mpc_ros.references.path import Chain, Path, SplinePath, Turned
+
+LEAST_POINTS = 6
+_SLOW = 0.5  # m/s
+_YAW_TOLERANCE = 0.01  # rad
+_UNITS = {"time": "s", "x": "m", "y": "m", "z": "m", "yaw": "rad"}
+_OPTIONAL = {"yaw"}
+_HEADER = ", ".join(f"{name} [{unit}]" for name, unit in _UNITS.items())
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableParameters(LegParameters):
+    """Where the points come from, and how near to them it is flown."""
+
+    file: str = parameter("", doc="csv: the table to fly. bag: the recorded run to fly again.")
+    path_tolerance: float = parameter(
+        0.005,
+        doc="csv, bag: how far the smooth curve may be from the points, root mean square.",
+        unit="m",
+        above=0.0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointTable:
+    """Positions over time, in the world.
+
+    Shapes: ``seconds`` (n,) [s], increasing; ``p_WB`` (n, 3) [m]; ``yaw`` (n,) [rad] or None.
+    ``source`` says where they come from, in errors.
+    """
+
+    source: str
+    seconds: Array
+    p_WB: Array
+    yaw: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Raise :class:`UserError` for too few points and for times that do not increase."""
+        if len(self.seconds) < LEAST_POINTS:
+            raise UserError(
+                f"{self.source}: {len(self.seconds)} points, expected at least {LEAST_POINTS}"
+            )
+        values = [self.seconds[:, None], self.p_WB, *([] if self.yaw is None else [self.yaw])]
+        for index in np.flatnonzero(~np.isfinite(np.column_stack(values)).all(axis=1))[:1]:
+            raise UserError(f"{self.source}: point {index} (counted from 0) is not finite")
+        for index in np.flatnonzero(np.diff(self.seconds) <= 0.0)[:1]:
+            raise UserError(
+                f"{self.source}: the time of point {index + 1} (counted from 0), "
+                f"{self.seconds[index + 1]:g} s, is not after that of the point before, "
+                f"{self.seconds[index]:g} s"
+            )
+
+
+BagReader = Callable[[FilePath], PointTable]
+"""Returns the odometry of a recorded run. Bags are read above this layer, so it is handed in."""
+
+
+def csv_path(config: TableParameters) -> Path:
+    """Return the path along the configured file."""
+    return table_path(read_csv(_file(config, "csv")), config)
+
+
+def bag_path(config: TableParameters, read_bag: BagReader | None = None) -> Path:
+    """Return the path along the configured run, read by ``read_bag``."""
+    file = _file(config, "bag")
+    if read_bag is None:
+        raise ConfigurationError(
+            f"{config.owner}.trajectory", "bag", "one that needs no bag, here"
+        )
+    return table_path(read_bag(file), config)
+
+
+def _file(config: TableParameters, kind: str) -> FilePath:
+    if not config.file:
+        raise ConfigurationError(f"{config.owner}.file", config.file, f"the {kind} to fly")
+    return FilePath(config.file).expanduser()
+
+
+def table_path(table: PointTable, config: TableParameters) -> Path:
+    """Return a smooth path along a table, from rest to rest.
+
+    The points are met within ``path_tolerance`` (root mean square) by the smoothest curve that
+    does, so that the noise of a measurement does not become an acceleration. A table that
+    begins or ends slowly is taken to begin or end at rest. To any other minimum-snap legs within
+    ``max_speed`` and ``max_acceleration`` are added, from rest to its first point, which is then
+    reached later than the table says, and from its last one to rest.
+    """
+    rests = _slow_ends(table)
+    points = table.p_WB + np.array([*config.origin, 0.0])
+    path = _smoothed(table, points, tolerance=config.path_tolerance, rests=rests)
+    turn = None
+    if table.yaw is not None:
+        yaw = np.zeros((len(table.yaw), 3))
+        yaw[:, 0] = np.unwrap(table.yaw)
+        turn = _smoothed(table, yaw, tolerance=_YAW_TOLERANCE, rests=rests)
+    limits = {"max_speed": config.max_speed, "max_acceleration": config.max_acceleration}
+    links: list[Path] = [_with_yaw(path, turn)]
+    (start, end), rest = _ends(path), End.at_rest(None)
+    if not rests[0]:
+        leg = leg_within(rest, start, **limits)
+        lead = turn and Leg(rest, _ends(turn)[0], duration=leg.duration)
+        links.insert(0, _with_yaw(leg, lead))
+    if not rests[1]:
+        leg = leg_within(end, rest, **limits)
+        lead = turn and Leg(_ends(turn)[1], rest, duration=leg.duration)
+        links.append(_with_yaw(leg, lead))
+    return Chain(links)
+
+
+def _slow_ends(table: PointTable) -> tuple[bool, bool]:
+    """Return whether the table begins and whether it ends slowly."""
+    steps = np.linalg.norm(np.diff(table.p_WB, axis=0), axis=1)
+    speeds = steps / np.diff(table.seconds)
+    return bool(speeds[0] < _SLOW), bool(speeds[-1] < _SLOW)
+
+
+def _with_yaw(path: Path, turn: Path | None) -> Path:
+    return path if turn is None else Turned(path, turn)
+
+
+def _ends(path: SplinePath) -> tuple[End, End]:
+    ends = path.at(np.array([0.0, path.duration]))
+    return End.of(ends, 0), End.of(ends, 1)
+
+
+def _smoothed(
+    table: PointTable, values: Array, *, tolerance: float, rests: tuple[bool, bool]
+) -> SplinePath:
+    """Return the smooth curve near values (n, 3) at the times of the table, from 0."""
+    from quad_mpc_ros.references.smoothing import smooth_curve  # SciPy's splines, for it alone
+
+    seconds = table.seconds - table.seconds[0]
+    try:
+        curve = smooth_curve(seconds, values, tolerance=tolerance, rests=rests)
+    except ValueError as error:
+        raise UserError(
+            f"{table.source}: {error} from its points, more than reference.path_tolerance, "
+            f"{tolerance:g}: set that higher"
+        ) from error
+    return SplinePath(curve, duration=float(seconds[-1]))
+
+
+def read_csv(path: FilePath) -> PointTable:
+    """Return what a table says; raises :class:`UserError` with the line and the reason."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot be read: {error}") from error
+    rows = [
+        (number, [cell.strip() for cell in next(csv.reader([line]))])
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not rows:
+        raise UserError(f"{path}: empty, expected a header {_HEADER} and points")
+    names = _column_names(path, *rows[0])
+    values: dict[str, list[float]] = {name: [] for name in names}
+    for number, cells in rows[1:]:
+        if len(cells) != len(names):
+            raise UserError(
+                f"{path}: line {number}: {len(cells)} values, expected {len(names)} "
+                f"({', '.join(names)})"
+            )
+        for name, cell in zip(names, cells, strict=True):
+            values[name].append(_number(path, number, name, cell))
+        if len(values["time"]) > 1 and not values["time"][-1] > values["time"][-2]:
+            raise UserError(
+                f"{path}: line {number}: time {values['time'][-1]:g} s is not after "
+                f"{values['time'][-2]:g} s, that of the point before"
+            )
+    return PointTable(
+        source=str(path),
+        seconds=np.array(values["time"]),
+        p_WB=np.column_stack([values[axis] for axis in "xyz"]),
+        yaw=np.array(values["yaw"]) if "yaw" in values else None,
+    )
+
+
+def _column_names(path: FilePath, number: int, cells: list[str]) -> list[str]:
+    names = []
+    for cell in cells:
+        name, _, unit = cell.partition("[")
+        name, unit = name.strip(), unit.strip().removesuffix("]").strip()
+        if name not in _UNITS or name in names:
+            kind = "twice" if name in names else "unknown"
+            raise UserError(f"{path}: line {number}: column {cell!r} {kind}, expected {_HEADER}")
+        if unit != _UNITS[name]:
+            raise UserError(
+                f"{path}: line {number}: column {cell!r}, expected '{name} [{_UNITS[name]}]'"
+            )
+        names.append(name)
+    missing = [name for name in _UNITS if name not in names and name not in _OPTIONAL]
+    if missing:
+        raise UserError(
+            f"{path}: line {number}: no column {', '.join(missing)}, expected {_HEADER}"
+        )
+    return names
+
+
+def _number(path: FilePath, number: int, name: str, cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise UserError(f"{path}: line {number}: {name} is {cell!r}, expected a finite number")
+    return value

@@ -1,0 +1,176 @@
+"""The reference server: from a trajectory to the windows that are published."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections import deque
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory
+from quad_mpc_ros.references.trajectory import (
+    Trajectory,
+    TrajectorySamples,
+    at_rest,
+    combined,
+)
+
+_BEFORE_START_NS = -1
+_MOST_DRAWN = 10_000
+_CUT_AT_ONCE = 256
+
+
+class ReferenceServer:
+    """Cuts windows out of a trajectory, the configured one unless another is given.
+
+    Until :meth:`start` the trajectory is held at its beginning, at rest. What is smooth is always
+    previewed.
+    """
+
+    def __init__(self, config: ReferenceConfig, trajectory: Trajectory | None = None) -> None:
+        self._config = config
+        self._trajectory = configured_trajectory(config) if trajectory is None else trajectory
+        self._preview = config.preview or self._trajectory.smooth
+        self._duration_ns = round(config.window_duration * 1e9)
+        self._step_ns = round(config.window_step * 1e9)
+        self._grid_ns = np.arange(0, self._duration_ns + 1, self._step_ns, dtype=np.int64)
+        self._started_ns: int | None = None
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the trajectory says that it never changes."""
+        return getattr(self._trajectory, "fixed", False) is True
+
+    @property
+    def started(self) -> bool:
+        """Whether the trajectory's time runs."""
+        return self._started_ns is not None
+
+    def start(self, stamp_ns: int) -> None:
+        """Let the trajectory begin at a stamp."""
+        self._started_ns = stamp_ns
+
+    def window(self, stamp_ns: int) -> ReferenceWindow:
+        """Return the reference from ``stamp_ns`` on."""
+        return self.windows([stamp_ns])[0]
+
+    def windows(self, stamps_ns: Sequence[int]) -> list[ReferenceWindow]:
+        """Return the reference from each stamp on: the windows that they have one by one.
+
+        The trajectory is asked once, which for many stamps takes little longer than for one.
+        """
+        previewed = self._preview and self.started
+        starts = [self._time_of(stamp_ns) for stamp_ns in stamps_ns]
+        cuts = [self._previewed(now_ns) if previewed else self._held(now_ns) for now_ns in starts]
+        asked = np.concatenate([cut.asked for cut in cuts])
+        times, places = np.unique(asked, return_inverse=True)  # windows overlap
+        once = self._trajectory.at(times.tolist())
+        samples = combined(lambda values: values[places], once)
+        if not previewed:  # nothing is known to move
+            samples = dataclasses.replace(at_rest(samples.p_WB), q_WB_xyzw=samples.q_WB_xyzw)
+        windows, end = [], 0
+        for stamp_ns, now_ns, cut in zip(stamps_ns, starts, cuts, strict=True):
+            part = slice(end, end := end + len(cut.asked))
+            windows.append(
+                ReferenceWindow(
+                    stamp_ns=stamp_ns,
+                    offset_ns=cut.shown - now_ns,
+                    p_WB=samples.p_WB[part],
+                    q_WB_xyzw=samples.q_WB_xyzw[part],
+                    v_WB_W=samples.v_WB_W[part],
+                    a_WB_W=samples.a_WB_W[part],
+                    w_WB_W=samples.w_WB_W[part],
+                    frame_id=self._config.frame_id,
+                )
+            )
+        return windows
+
+    def changes(self, after_ns: int, until_ns: int) -> bool:
+        """Whether what a window shows changes between two stamps, but for its reaching further.
+
+        That is so where nothing is previewed, and the trajectory jumps.
+        """
+        if self._started_ns is None or self._preview:
+            return False
+        start_ns = self._started_ns
+        return bool(self._trajectory.jumps(after_ns - start_ns, until_ns - start_ns))
+
+    def whole(self) -> TrajectorySamples:
+        """Return the whole trajectory once, to be drawn: every step and both sides of jumps.
+
+        A long one is drawn in longer steps.
+        """
+        period = self._trajectory.period_ns
+        grid = [*range(0, period, max(self._step_ns, period // _MOST_DRAWN)), period]
+        return self._trajectory.at(self._with_jumps(np.array(grid), end_ns=period).asked.tolist())
+
+    def _time_of(self, stamp_ns: int) -> int:
+        """Return the trajectory's time at a stamp."""
+        return _BEFORE_START_NS if self._started_ns is None else stamp_ns - self._started_ns
+
+    def _held(self, now_ns: int) -> _Times:
+        """Return the present twice: it is held over the window."""
+        return _Times(
+            shown=np.array((now_ns, now_ns + self._duration_ns)), asked=np.array((now_ns, now_ns))
+        )
+
+    def _previewed(self, now_ns: int) -> _Times:
+        """Return every step of the window, and both sides of the jumps in it."""
+        return self._with_jumps(now_ns + self._grid_ns, end_ns=now_ns + self._duration_ns)
+
+    def _with_jumps(self, grid: NDArray[np.int64], *, end_ns: int) -> _Times:
+        """Return times with each jump up to ``end_ns`` twice among them.
+
+        The two are both sides of the jump; a sample at its time comes after both.
+        """
+        jumps = self._trajectory.jumps(int(grid[0]), end_ns)
+        if not jumps:
+            return _Times(shown=grid, asked=grid)
+        at_jumps = np.repeat(jumps, 2)
+        shown = np.concatenate((at_jumps, grid))
+        asked = np.concatenate((at_jumps - np.tile((1, 0), len(jumps)), grid))
+        order = np.argsort(shown, kind="stable")
+        return _Times(shown=shown[order], asked=asked[order])
+
+
+class WindowsAhead:
+    """The windows of stamps that are known beforehand, many of them cut at a time.
+
+    Of a trajectory that may change meanwhile, each is cut when it is asked for.
+    """
+
+    def __init__(self, server: ReferenceServer, stamps_ns: Iterable[int]) -> None:
+        """Take the stamps in order; some of them may turn out to be nobody's."""
+        self._server = server
+        self._stamps_ns = iter(stamps_ns)
+        self._ahead: deque[ReferenceWindow] = deque()
+
+    def window(self, stamp_ns: int) -> ReferenceWindow:
+        """Return the window of a stamp, one of those to come; raises ``ValueError`` for another.
+
+        Those before it are let go.
+        """
+        if not self._server.fixed:
+            return self._server.window(stamp_ns)
+        while True:
+            if not self._ahead:
+                block = [*itertools.islice(self._stamps_ns, _CUT_AT_ONCE)]
+                if not block:
+                    raise ValueError(f"no stamp to come is {stamp_ns} ns")
+                self._ahead.extend(self._server.windows(block))
+            window = self._ahead.popleft()
+            if window.stamp_ns == stamp_ns:
+                return window
+
+
+class _Times(NamedTuple):
+    """The times of a window's samples (n,): what they are shown at, and what they are asked of."""
+
+    shown: NDArray[np.int64]
+    asked: NDArray[np.int64]

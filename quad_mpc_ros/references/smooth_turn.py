@@ -1,0 +1,43 @@
+"""A turn from rest to rest: an angle over time, as smooth as attitude and rates need it.
+
+The rate is proportional to (1 - u^4)^3 for u from -1 to 1: flat in the middle, where it is 1.52
+times the mean, and zero with its first two derivatives at both ends.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from quad_mpc_ros.control.lie import Array
+
+_BELL = Polynomial([1.0, 0.0, 0.0, 0.0, -1.0]) ** 3
+_SUM = _BELL.integ(lbnd=-1.0)
+# The share of the turn made at u, and its derivatives by u.
+_SHARES = [_SUM / _SUM(1.0), *((_BELL / _SUM(1.0)).deriv(order) for order in range(3))]
+
+PEAK = float(2.0 * _SHARES[1](0.0))
+"""The highest rate of a turn over its mean."""
+
+
+class SmoothTurn:
+    """A turn by ``angle`` [rad] in ``duration`` [s]."""
+
+    def __init__(self, angle: float, *, duration: float) -> None:
+        self._angle = angle
+        self.duration = duration
+
+    @staticmethod
+    def with_peak_rate(angle: float, *, rate: float) -> SmoothTurn:
+        """Return the turn whose rate is at most ``rate`` [rad/s]."""
+        return SmoothTurn(angle, duration=PEAK * abs(angle) / rate)
+
+    def at(self, seconds: Array) -> tuple[Array, Array, Array, Array]:
+        """Return the angle and its first three derivatives, (n,) each; held at both ends."""
+        u = np.clip(2.0 * seconds / self.duration - 1.0, -1.0, 1.0)
+        speed = 2.0 / self.duration
+        angle, rate, rate_1, rate_2 = (
+            self._angle * speed**order * np.asarray(share(u))
+            for order, share in enumerate(_SHARES)
+        )
+        return angle, rate, rate_1, rate_2

@@ -1,0 +1,93 @@
+"""A split-S: run up, roll upside down, pull through downwards, and fly back the way it came.
+
+Roll and pull are given by thrust (``references/thrust_path.py``): little while rolling, and as
+more in the pull; a minimum-snap leg takes what speed is left. The heading ends opposite to where
+it began, because the body turns with its thrust axis and never about it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.references.minimum_snap import End, leg_within
+from quad_mpc_ros.references.path import Chain, Path, with_lowest_point
+from quad_mpc_ros.references.smooth_turn import SmoothTurn
+from quad_mpc_ros.references.thrust_path import (
+    Thrust,
+    ThrustPath,
+    TurnParameters,
+    turning_over,
+)
+from quad_mpc_ros.references.vertical_loop import VerticalLoopParameters
+
+_UP = np.array([0.0, 0.0, 1.0])
+_RUN_UP_ACCELERATION = 0.5  # mean, over gravity
+_BRAKING = 1.0  # over gravity
+_PULL_SPEED = 1.6  # mean over that at the top
+_PULL = 3.0  # strongest, over gravity
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitSParameters(VerticalLoopParameters, TurnParameters):
+    """A split-S has none of its own."""
+
+
+def split_s(config: SplitSParameters) -> Path:
+    """Return the split-S of a configuration, its lowest point at the configured height."""
+    force = config.coasting_thrust * config.gravity
+    forward = np.array([math.cos(config.yaw), math.sin(config.yaw), 0.0])
+    # The speed at which gravity and this thrust bend the inverted path to the radius.
+    speed = math.sqrt(config.loop_radius * (config.gravity + force))
+    roll = SmoothTurn.with_peak_rate(math.pi, rate=config.flip_rate)
+    climb = 0.5 * config.gravity * roll.duration  # gone when the roll ends
+    run_up, rolling = turning_over(
+        roll,
+        speed * forward + climb * _UP,
+        config,
+        towards=np.cross(forward, _UP),
+        entry=speed / (_RUN_UP_ACCELERATION * config.gravity),
+    )
+    inverted = rolling.at(np.array([rolling.duration]))
+    turn = SmoothTurn(math.pi, duration=math.pi * config.loop_radius / (_PULL_SPEED * speed))
+    pull = ThrustPath(
+        _pulling(turn, force=force, hover=config.gravity, forward=forward),
+        config,
+        duration=turn.duration,
+        p_WB=inverted.p_WB[0],
+        v_WB_W=inverted.v_WB_W[0],
+    )
+    braking = leg_within(
+        End.of(pull.at(np.array([pull.duration])), 0),
+        End.at_rest(None),
+        max_speed=math.inf,
+        max_acceleration=_BRAKING * config.gravity,
+    )
+    return with_lowest_point(Chain([run_up, rolling, pull, braking]), config.height)
+
+
+def _pulling(turn: SmoothTurn, *, force: float, hover: float, forward: Array) -> Thrust:
+    """Return a thrust from ``force`` downwards to ``hover`` upwards by way of backwards.
+
+    It is strongest in the second half, where it must hold against gravity as well.
+    """
+    strength = _PULL * hover
+    peak = float(turn.at(np.array([0.5 * turn.duration]))[1][0])
+
+    def thrust(seconds: Array) -> tuple[Array, Array]:
+        angle, rate, rate_1, _ = turn.at(seconds)
+        share, share_rate = angle / math.pi, rate / math.pi
+        amount = force + (hover - force) * share + strength * share * rate / peak
+        change = (hover - force) * share_rate + strength * (
+            share_rate * rate / peak + share * rate_1 / peak
+        )
+        sine, cosine = np.sin(angle)[:, None], np.cos(angle)[:, None]
+        direction = -cosine * _UP - sine * forward
+        direction_rate = rate[:, None] * (sine * _UP - cosine * forward)
+        amount, change = amount[:, None], change[:, None]
+        return amount * direction, change * direction + amount * direction_rate
+
+    return thrust

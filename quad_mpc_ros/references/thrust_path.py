@@ -1,0 +1,155 @@
+"""A path given by its thrust: what the vehicle does when it is told where to push, not to be.
+
+Where a vehicle turns over with little thrust no curve in space is natural; it falls. The thrust
+over time is given instead, and the path is what the true dynamics, drag included, make of it. Of
+drag that differs between the body axes that is the mean across the thrust, and without lift: the
+path remains one that can be flown, only its thrust is not exactly the given one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.configuration import parameter, per_axis
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.references.minimum_snap import End, Leg
+from quad_mpc_ros.references.path import PathSamples
+from quad_mpc_ros.references.smooth_turn import SmoothTurn
+from quad_mpc_ros.references.trajectory import TrajectoryParameters
+
+Thrust = Callable[[Array], tuple[Array, Array]]
+"""Returns the thrust over mass (n, 3) [m/s^2] at times (n,) [s], and its time derivative."""
+
+_TOLERANCE = 1e-11
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnParameters(TrajectoryParameters):
+    """How the vehicle turns over while it falls."""
+
+    flip_rate: float = parameter(
+        12.0,
+        doc="flip, split_s: highest body rate of the turn.",
+        unit="rad/s",
+        minimum=1.0,
+        maximum=1000.0,
+    )
+    coasting_thrust: float = parameter(
+        0.3,
+        doc="flip, split_s: thrust over weight while turning over.",
+        minimum=0.01,
+        maximum=1.0,
+    )
+
+
+class ThrustPath:
+    """The motion under a thrust from a position and velocity, (3,) each.
+
+    dp/dt = v and dv/dt = f - g e_3 - mu v, integrated once by an order 8 method with dense output;
+    acceleration and jerk follow from the thrust, so that flatness gives back exactly that thrust.
+    """
+
+    periodic = False
+
+    def __init__(
+        self,
+        thrust: Thrust,
+        config: TurnParameters,
+        *,
+        duration: float,
+        p_WB: Array,
+        v_WB_W: Array,
+    ) -> None:
+        from scipy.integrate import solve_ivp
+
+        self.duration = duration
+        self._thrust, self._drag = thrust, _AlikeDrag.of(config)
+        self._weight = np.array([0.0, 0.0, config.gravity])
+
+        def rate(time: float, state: Array) -> Array:
+            force, force_rate = thrust(np.array([time]))
+            drag, _ = self._drag.under(force, force_rate)
+            return np.concatenate((state[3:], force[0] - self._weight - drag[0] * state[3:]))
+
+        solved = solve_ivp(
+            rate,
+            (0.0, duration),
+            np.concatenate((p_WB, v_WB_W)),
+            method="DOP853",
+            dense_output=True,
+            rtol=_TOLERANCE,
+            atol=_TOLERANCE,
+        )
+        if solved.sol is None:
+            raise ValueError(f"the motion under a thrust cannot be integrated: {solved.message}")
+        self._state = solved.sol
+
+    def at(self, seconds: Array) -> PathSamples:
+        """Return the path at times (n,) [s] from 0 to its duration."""
+        seconds = np.clip(seconds, 0.0, self.duration)
+        force, force_rate = self._thrust(seconds)
+        state = self._state(seconds).T
+        drag, drag_rate = self._drag.under(force, force_rate)
+        acceleration = force - self._weight - drag * state[:, 3:]
+        return PathSamples(
+            p_WB=state[:, :3],
+            v_WB_W=state[:, 3:],
+            a_WB_W=acceleration,
+            j_WB_W=force_rate - drag * acceleration - drag_rate * state[:, 3:],
+        )
+
+
+@dataclass(frozen=True)
+class _AlikeDrag:
+    """The mean drag across the thrust [1/s], of the air and of the rotors at hover's speed."""
+
+    air: float
+    rotors: float
+    gravity: float
+
+    @classmethod
+    def of(cls, config: TurnParameters) -> _AlikeDrag:
+        """Return that of a vehicle."""
+        (x, y, _), (rotors_x, rotors_y, _) = per_axis(config.drag), per_axis(config.rotor_drag)
+        mean = x if x == y else 0.5 * (x + y)
+        return cls(mean, 0.5 * (rotors_x + rotors_y), config.gravity)
+
+    def under(self, force: Array, force_rate: Array) -> tuple[Array, Array]:
+        """Return it, and its rate, (n, 1) each, under thrusts over mass (n, 3) and their rates."""
+        size = np.linalg.norm(force, axis=1, keepdims=True)
+        speed = np.sqrt(size / self.gravity)
+        size_rate = np.sum(force * force_rate, axis=1, keepdims=True) / size
+        speed_rate = 0.5 * size_rate / (self.gravity * speed)
+        return self.air + self.rotors * speed, self.rotors * speed_rate
+
+
+def turning_over(
+    turn: SmoothTurn, v_WB_W: Array, config: TurnParameters, *, towards: Array, entry: float
+) -> tuple[Leg, ThrustPath]:
+    """Return a leg of ``entry`` [s] from hovering to a velocity (3,) [m/s], and the turn there.
+
+    The leg ends as the turn begins: moving freely but for the coasting thrust, upwards. In the
+    turn that keeps its size and turns by way of a direction ``towards`` (3,).
+    """
+    gravity = config.gravity
+    force = config.coasting_thrust * gravity
+    (((drag,),), _) = _AlikeDrag.of(config).under(force * _UP[None], np.zeros((1, 3)))
+    acceleration = (force - gravity) * _UP - drag * v_WB_W
+    leg = Leg(
+        End.at_rest(np.array([*config.origin, config.height])),
+        End(p_WB=None, v_WB_W=v_WB_W, a_WB_W=acceleration, j_WB_W=-drag * acceleration),
+        duration=entry,
+    )
+
+    def thrust(seconds: Array) -> tuple[Array, Array]:
+        angle, rate, _, _ = turn.at(seconds)
+        sine, cosine = np.sin(angle)[:, None], np.cos(angle)[:, None]
+        direction = cosine * _UP + sine * towards
+        return force * direction, force * rate[:, None] * (cosine * towards - sine * _UP)
+
+    start = leg.at(np.array([entry])).p_WB[0]
+    return leg, ThrustPath(thrust, config, duration=turn.duration, p_WB=start, v_WB_W=v_WB_W)

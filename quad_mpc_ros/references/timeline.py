@@ -1,0 +1,148 @@
+"""Trajectories one after the other on a clock, and the time by which they are flown."""
+
+from __future__ import annotations
+
+import bisect
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples, combined
+
+_KEPT = 8  # phases that are over, for windows from a little while ago
+# Stamps that are further away from the clock are of another one, if they are alike for a while.
+_APART_NS, _ALIKE_NS, _WHILE_NS = 200_000_000, 100_000_000, 50_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase:
+    """A trajectory that begins at a time of the clock, and what it is called."""
+
+    start_ns: int
+    name: str
+    trajectory: Trajectory
+
+
+class Timeline:
+    """A trajectory over the time of a clock, made of phases; each lasts until the next begins."""
+
+    smooth = True
+    period_ns = 0
+
+    def __init__(self, first: Phase) -> None:
+        self._phases = [first]
+
+    def phase(self, time_ns: int) -> Phase:
+        """Return the phase of a time, the first one before all."""
+        phases = self._phases
+        return phases[_owner(phases, time_ns)]
+
+    @property
+    def last(self) -> Phase:
+        """The phase that nothing follows yet."""
+        return self._phases[-1]
+
+    def follow(self, phases: list[Phase]) -> None:
+        """Let phases, in order of time, take the place of all that was to begin with or after."""
+        start_ns = phases[0].start_ns
+        kept = [phase for phase in self._phases if phase.start_ns < start_ns]
+        self._phases = [*kept[-_KEPT:], *phases]
+
+    def reset_estimate(self, reset: EstimateReset) -> None:
+        """Let all of it move with the coordinates of the world."""
+        self._phases = [
+            dataclasses.replace(phase, trajectory=Moved(phase.trajectory, reset))
+            for phase in self._phases
+        ]
+
+    def at(self, times_ns: list[int]) -> TrajectorySamples:
+        """Return the samples at these times."""
+        phases = self._phases  # as it is now: another thread may follow something else meanwhile
+        owners = np.array([_owner(phases, time_ns) for time_ns in times_ns])
+        parts, places = [], []
+        for number in np.unique(owners).tolist():
+            phase, mine = phases[number], np.flatnonzero(owners == number).tolist()
+            parts.append(phase.trajectory.at([times_ns[i] - phase.start_ns for i in mine]))
+            places += mine
+        order = np.argsort(places)
+        return combined(lambda *arrays: np.concatenate(arrays)[order], *parts)
+
+    def jumps(self, start_ns: int, end_ns: int) -> list[int]:
+        """Return the jumps inside the phases in (start, end]; between phases there are none."""
+        found, phases = [], self._phases
+        ends = [*(phase.start_ns - 1 for phase in phases[1:]), end_ns]
+        for phase, last in zip(phases, ends, strict=True):
+            first, last = max(start_ns, phase.start_ns), min(last, end_ns)
+            if first < last:
+                inside = phase.trajectory.jumps(first - phase.start_ns, last - phase.start_ns)
+                found += [phase.start_ns + time_ns for time_ns in inside]
+        return found
+
+
+class Moved:
+    """A trajectory in the coordinates after a step of the estimate."""
+
+    def __init__(self, trajectory: Trajectory, reset: EstimateReset) -> None:
+        self._trajectory, self._reset = trajectory, reset
+        self.jumps, self.smooth = trajectory.jumps, trajectory.smooth
+        self.period_ns = trajectory.period_ns
+
+    def at(self, times_ns: list[int]) -> TrajectorySamples:
+        """Return the samples at these times."""
+        return TrajectorySamples(**self._reset.samples(self._trajectory.at(times_ns)))
+
+
+def _owner(phases: list[Phase], time_ns: int) -> int:
+    started = bisect.bisect_right(phases, time_ns, key=lambda phase: phase.start_ns)
+    return max(started - 1, 0)
+
+
+class FlightTime:
+    """The time by which a reference is flown: it stands still while nothing is published.
+
+    After a pause the flight goes on where it stopped, and does not jump ahead. All times
+    are nanoseconds of the clock of the stamps.
+    """
+
+    def __init__(self) -> None:
+        self._paused_ns = 0
+        self._since_ns: int | None = None
+
+    def pause(self, now_ns: int) -> None:
+        """Stand still from now on."""
+        self._since_ns = now_ns
+
+    def resume(self, now_ns: int) -> None:
+        """Go on, when it stood still; a clock that was set back meanwhile pauses nothing."""
+        if self._since_ns is not None:
+            self._paused_ns += max(0, now_ns - self._since_ns)
+            self._since_ns = None
+
+    def at(self, stamp_ns: int) -> int:
+        """Return the time of the flight at a stamp."""
+        return stamp_ns - self._paused_ns
+
+
+class StampClock:
+    """How far the clock of the odometry's stamps is ahead of the clock by which is flown.
+
+    Zero as long as they agree. Where the stamps are of another clock, or their clock is set, the
+    flight goes on by its own, and its windows are stamped by theirs.
+    """
+
+    def __init__(self) -> None:
+        self.ahead_ns = 0
+        self._odd: tuple[int, int] | None = None  # since when, and how far ahead then
+
+    def note(self, stamp_ns: int, *, now_ns: int) -> None:
+        """Take the stamp of an odometry that arrives now."""
+        ahead_ns = stamp_ns - now_ns
+        if abs(ahead_ns - self.ahead_ns) <= _APART_NS:
+            self._odd = None
+        elif self._odd is None or abs(ahead_ns - self._odd[1]) > _ALIKE_NS:
+            self._odd = now_ns, ahead_ns
+        elif now_ns - self._odd[0] >= _WHILE_NS:
+            self.ahead_ns = 0 if abs(ahead_ns) <= _APART_NS else ahead_ns
+            self._odd = None

@@ -1,0 +1,108 @@
+"""What a trajectory is, the reference as a function of time, and what each of them is told."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.vehicle import VehicleParameters
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrajectorySamples:
+    """A trajectory at n times; world frame, as the message carries it.
+
+    Shapes: ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_W`` (n, 3) in m, m/s, m/s^2, rad/s;
+    ``q_WB_xyzw`` (n, 4).
+    """
+
+    p_WB: Array
+    q_WB_xyzw: Array
+    v_WB_W: Array
+    a_WB_W: Array
+    w_WB_W: Array
+
+
+@runtime_checkable
+class Trajectory(Protocol):
+    """A reference to fly. Times are integer nanoseconds from its start, and may be any number.
+
+    A class whose trajectories never change once they are made may say ``fixed = True``: they are
+    asked for many times at once then, long before they are flown.
+    """
+
+    def at(self, times_ns: list[int]) -> TrajectorySamples:
+        """Return the samples at these times; at a jump, the values after it."""
+
+    def jumps(self, start_ns: int, end_ns: int) -> list[int]:
+        """Return the times in (start, end] at which the trajectory is not continuous."""
+
+    @property
+    def period_ns(self) -> int:
+        """Time after which the whole trajectory has been seen; 0 when it never moves."""
+
+    @property
+    def smooth(self) -> bool:
+        """Whether a vehicle can follow it: it is previewed, and flights begin on it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryParameters(VehicleParameters):
+    """What every trajectory is told: the vehicle, and where it is flown.
+
+    A trajectory with parameters of its own declares them in a class derived from this one, in its
+    own file. All of them together are the parameters of the reference node, so their names must
+    be unlike.
+    """
+
+    owner = "reference"
+
+    origin: tuple[float, ...] = parameter(
+        (0.0, 0.0),
+        doc="Where the origin of the trajectory lies, east and north.",
+        unit="m",
+        length=2,
+    )
+    height: float = parameter(
+        2.0,
+        doc="Height of the trajectory above the ground, of its lowest point where it is not "
+        "level; not for those that have heights of their own (waypoints, minimum_snap, csv, bag).",
+        unit="m",
+        minimum=0.0,
+    )
+    yaw: float = parameter(
+        0.0,
+        doc="Where the nose points while level, from east to north; vertical_loop, flip and "
+        "split_s are flown that way. Added to the yaw of a csv.",
+        unit="rad",
+        minimum=-math.tau,
+        maximum=math.tau,
+    )
+
+
+def at_rest(p_WB: Array, *, yaw: float = 0.0) -> TrajectorySamples:
+    """Return samples that rest at positions (n, 3), level and at ``yaw`` [rad] from east."""
+    rest = np.zeros_like(p_WB)
+    level = (0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))
+    return TrajectorySamples(
+        p_WB=p_WB,
+        q_WB_xyzw=np.tile(level, (len(p_WB), 1)),
+        v_WB_W=rest,
+        a_WB_W=rest,
+        w_WB_W=rest,
+    )
+
+
+def combined(function: Callable[..., Array], *parts: TrajectorySamples) -> TrajectorySamples:
+    """Return what a function makes of the positions of some samples, of their attitudes, …."""
+    names = [field.name for field in dataclasses.fields(TrajectorySamples)]
+    return TrajectorySamples(
+        **{name: function(*(getattr(part, name) for part in parts)) for name in names}
+    )

@@ -1,0 +1,95 @@
+"""From one flat state to another, without a jump in position, velocity, attitude or rates."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.references.flatness import yaw_of
+from quad_mpc_ros.references.minimum_snap import End, Leg, leg_within
+from quad_mpc_ros.references.path import Path, Turned
+from quad_mpc_ros.references.trajectory import Trajectory
+
+_STEP_NS = 1_000_000
+# Of a rest-to-rest polynomial of degree 7: its highest rate over the mean.
+_PEAK = 35.0 / 16.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FlatState:
+    """Flat outputs and their derivatives: ``end`` of a leg, yaw [rad] and its rate [rad/s].
+
+    Yaw is the turn about body z after the shortest tilt from level. ``inverted`` tells that the
+    thrust points below the horizon.
+    """
+
+    end: End
+    yaw: float
+    yaw_rate: float = 0.0
+    inverted: bool = False
+
+    @staticmethod
+    def at_rest(p_WB: Array | None, *, yaw: float) -> FlatState:
+        """Return rest at a position (3,) [m] or, with None, anywhere."""
+        return FlatState(end=End.at_rest(p_WB), yaw=yaw)
+
+
+def flat_state_of(trajectory: Trajectory, time_ns: int) -> FlatState:
+    """Return the flat state of a smooth trajectory at a time.
+
+    Jerk and yaw rate are differences forwards: at the beginning there is nothing before.
+    """
+    samples = trajectory.at([time_ns, time_ns + _STEP_NS, time_ns + 2 * _STEP_NS])
+    R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
+    yaw = np.unwrap([yaw_of(R) for R in R_WB])
+    return FlatState(
+        end=End(
+            p_WB=samples.p_WB[0],
+            v_WB_W=samples.v_WB_W[0],
+            a_WB_W=samples.a_WB_W[0],
+            j_WB_W=_slope(samples.a_WB_W),
+        ),
+        yaw=float(yaw[0]),
+        yaw_rate=float(_slope(yaw)),
+        inverted=bool(R_WB[0, 2, 2] < 0.0),
+    )
+
+
+def transition(
+    start: FlatState,
+    goal: FlatState,
+    *,
+    max_speed: float,
+    max_acceleration: float,
+    max_yaw_rate: float,
+) -> Path:
+    """Return the path of least snap from one flat state to another, turning the shorter way.
+
+    It is as quick as the limits [m/s, m/s^2, rad/s] let it be.
+    """
+    turned = math.remainder(goal.yaw - start.yaw, math.tau)
+    leg = leg_within(start.end, goal.end, max_speed=max_speed, max_acceleration=max_acceleration)
+    enough = _PEAK * abs(turned) / max_yaw_rate
+    if leg.duration < enough:
+        leg = Leg(start.end, goal.end, duration=enough)
+    turn = Leg(
+        _yaw_end(start.yaw, start.yaw_rate),
+        _yaw_end(start.yaw + turned, goal.yaw_rate),
+        duration=leg.duration,
+    )
+    return Turned(leg, turn)
+
+
+def _yaw_end(yaw: float, rate: float) -> End:
+    """Return a yaw as the first coordinate of an end."""
+    rest = End.at_rest(np.array([yaw, 0.0, 0.0]))
+    return dataclasses.replace(rest, v_WB_W=np.array([rate, 0.0, 0.0]))
+
+
+def _slope(values: Array) -> Array:
+    """Return the derivative at the first of three values, to second order."""
+    return np.asarray((-3.0 * values[0] + 4.0 * values[1] - values[2]) / (2e-9 * _STEP_NS))

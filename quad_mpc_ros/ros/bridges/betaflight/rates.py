@@ -1,0 +1,82 @@
+"""The curves from a stick to a body rate, and the pulse that asks for a rate.
+
+After the firmware's ``rc.c``. Numbers are those of its command line (``roll_rc_rate``,
+``roll_srate``, ``roll_expo``).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from quad_mpc_ros.control.lie import Array
+
+MIDDLE, SPAN = 1500, 500  # us
+
+_INCREMENTAL = 14.54  # deg/s over a hundredth of rc_rate beyond 2, of BETAFLIGHT
+_LEAST_DIVISOR = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """The curve of one axis: ``kind`` ACTUAL, BETAFLIGHT or QUICK; ``limit`` in deg/s."""
+
+    kind: str
+    rc_rate: int
+    super_rate: int
+    expo: int
+    limit: float = 1998.0
+
+    def rate(self, stick: Array) -> Array:
+        """Return the body rate [rad/s] of positions of the stick (n,) in [0, 1]."""
+        match self.kind:
+            case "ACTUAL":
+                degrees = self._actual(stick)
+            case "BETAFLIGHT":
+                degrees = self._betaflight(stick)
+            case "QUICK":
+                degrees = self._quick(stick)
+            case _:
+                raise ValueError(f"rates of type {self.kind}")
+        return np.radians(np.minimum(degrees, self.limit))
+
+    def _actual(self, stick: Array) -> Array:
+        expo = self.expo / 100.0
+        bent = stick * (stick**5 * expo + stick * (1.0 - expo))
+        centre = 10.0 * self.rc_rate
+        return stick * centre + max(10.0 * self.super_rate - centre, 0.0) * bent
+
+    def _betaflight(self, stick: Array) -> Array:
+        expo, rate = self.expo / 100.0, self.rc_rate / 100.0
+        if rate > 2.0:
+            rate += _INCREMENTAL * (rate - 2.0)
+        bent = stick * (stick**3 * expo + 1.0 - expo)
+        return 200.0 * rate * bent / np.maximum(1.0 - stick * self.super_rate / 100.0, 0.01)
+
+    def _quick(self, stick: Array) -> Array:
+        expo, rate = self.expo / 100.0, 2.0 * self.rc_rate
+        highest = max(10.0 * self.super_rate, rate)
+        bent = stick**3 * expo + stick * (1.0 - expo)
+        divisor = 1.0 - bent * (1.0 - rate / highest)
+        return stick * rate / np.maximum(divisor, _LEAST_DIVISOR)
+
+
+class Stick:
+    """The way back, for an axis: which pulse asks for a rate."""
+
+    def __init__(self, curve: Curve) -> None:
+        """Tabulate a curve at every microsecond."""
+        self._offsets = np.arange(SPAN + 1.0)
+        self._rates = curve.rate(self._offsets / SPAN)
+
+    @property
+    def fastest(self) -> float:
+        """Body rate at full stick [rad/s]."""
+        return float(self._rates[-1])
+
+    def pulse(self, rate: float) -> float:
+        """Return the pulse width [us] whose rate is nearest, the end of the way beyond it."""
+        offset = float(np.interp(abs(rate), self._rates, self._offsets))
+        return MIDDLE + math.copysign(offset, rate)

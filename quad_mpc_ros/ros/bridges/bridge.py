@@ -1,0 +1,440 @@
+"""The contract of every bridge: the rules and messages of a flight stack.
+
+A bridge turns the stack's state into odometry, and the MPC's command into the stack's messages.
+It needs neither ROS nor a clock: it is given the time and a function that makes empty messages,
+and it only reads and fills attributes. So the same object runs in a node, in a test and in a
+simulation. Its file holds both halves: the codec, functions with frame and unit in their names,
+and the rules, a subclass of :class:`Bridge`.
+
+Every bridge obeys these rules:
+
+- It sends only in answer to a fresh command. It has no timer: when the MPC falls silent the stack
+  hears nothing more, no heartbeat either, and its own failsafe acts. (Betaflight holds what it
+  heard last: its bridge has a ``line``, over which it goes on to send what brings it down.)
+- It refuses, with a reason, what is not finite or not in a known frame.
+- It passes on a reset of the estimator: same frame, next stamp, another position.
+- It arms and switches modes only when asked to, and sends nothing until it was asked to engage.
+- It refuses to engage and to arm where the vehicle would leap, and lets go for good when somebody
+  else takes over or commands have stopped (:mod:`.handover`).
+- It says whether the vehicle acts on commands: until then the reference waits at the vehicle, and
+  the MPC learns nothing. Where the stack knows it, it says whether the vehicle stands.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.state import with_body_twist
+from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.messages.conversions import NewMessage, odometry_from_message
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.handover import Ground, Handover, Stack, State, Surroundings
+from quad_mpc_ros.ros.bridges.odometry import OdometryStamps, PositionJumps
+from quad_mpc_ros.ros.bridges.thrust import ThrustMap
+
+_FASTEST_TURN = 100.0  # rad/s: more than the gyroscope of a vehicle can measure
+_ASKED_AGAIN_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subscription:
+    """A topic of the stack and the function that takes its messages.
+
+    ``receive`` gets a message and the time of its arrival [ns], and returns an odometry if there
+    is one to pass on.
+    """
+
+    topic: Topic
+    receive: Callable[[Any, int], OdometrySample | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutgoingMessage:
+    """A filled message and the stack's topic that it goes to."""
+
+    topic: Topic
+    message: Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutgoingBytes:
+    """What goes out over the line."""
+
+    data: bytes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """A serial line to the stack, in place of its topics."""
+
+    device: str
+    baud: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceCall:
+    """A filled request and the stack's service that it goes to.
+
+    ``type_name`` is like ``std_srvs/srv/SetBool``.
+    """
+
+    service: str
+    type_name: str
+    request: Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Response:
+    """The response to a request to arm or to engage, and what is to be sent for it.
+
+    A refusal gives its reason in ``text``.
+    """
+
+    accepted: bool
+    text: str
+    messages: Sequence[OutgoingMessage] = ()
+    calls: Sequence[ServiceCall] = ()
+
+
+Outgoing = OutgoingMessage | OutgoingBytes | ServiceCall
+
+
+class Bridge(ABC):
+    """Base of every bridge. Messages are sent in the order in which they are returned."""
+
+    name: ClassVar[str]
+    """The executable, which is also the node: ``px4_bridge``."""
+    speaks: ClassVar[str]
+    """The stack and its messages, in a few words."""
+    packages: ClassVar[tuple[str, ...]]
+    """The message packages that it needs."""
+    how_to_get: ClassVar[str]
+    """How to install them when they are missing."""
+    Config: ClassVar[type[BridgeConfig]]
+
+    warm_up: float = 0.0
+    """How long [s] setpoints must have run before the stack may be asked to act on them."""
+    streams: bool = False
+    """Whether setpoints are sent before the stack acts on them."""
+    patient: bool = False
+    """Whether it is a pilot who lets the stack act on setpoints, whenever he likes."""
+
+    line: Line | None = None
+    """Where the stack is, if it is at the end of a serial line."""
+
+    subscriptions: Sequence[Subscription]
+    """What the bridge listens to."""
+    publications: Sequence[Topic]
+    """What the bridge may publish."""
+    services: Sequence[tuple[str, str]] = ()
+    """The services that the bridge may call: name and type."""
+
+    @classmethod
+    def main(cls, args: list[str] | None = None) -> int:
+        """Run the node around this bridge and return its exit code: what the executable calls."""
+        from quad_mpc_ros.ros.bridges.node import run_bridge  # a bridge itself needs no ROS
+
+        return run_bridge(cls, args)
+
+    def __init__(self, config: Any, new: NewMessage, *, namespace: str = "") -> None:
+        """A bridge of one's own also sets ``subscriptions`` and ``publications``.
+
+        Args:
+            config: An instance of ``Config``.
+            new: Makes empty messages, and empty requests of services.
+            namespace: Of the stack's topics and services.
+        """
+        self.thrust = ThrustMap(config)
+        self.silence = "waiting for a command"
+        self.commands = self.passed = self.refused = 0
+        self._new = new
+        self._config = config
+        self._namespace = namespace
+        self._stamps = OdometryStamps(tolerance=config.clock_tolerance)
+        self._jumps = PositionJumps()
+        self._warnings: list[str] = []
+        self._handover = Handover(config.handover, patient=self.patient)
+        self._surroundings = Surroundings(config.handover)
+        self._ground = Ground()
+        self._asked_ns: int | None = None
+
+    @abstractmethod
+    def _stack(self, now_ns: int) -> Stack:
+        """Return what the stack says of itself now."""
+
+    def _switch(self) -> Sequence[Outgoing]:
+        """Return what asks the stack to act on setpoints."""
+        return ()
+
+    def _switch_back(self, now_ns: int) -> Response:
+        """Return what lets the stack fly by itself again."""
+        return Response(accepted=True, text="released")
+
+    def _arm(self, wanted: bool) -> Response:
+        """Return what arms or disarms, or that this bridge cannot."""
+        return Response(accepted=False, text="arm the vehicle by the means of its own stack")
+
+    @abstractmethod
+    def _messages(self, command: CommandSample, now_ns: int) -> Sequence[Outgoing]:
+        """Return what is to be sent to the stack for a fresh command."""
+
+    def exchange(self, received: bytes, *, now_ns: int) -> bytes:
+        """Take what came over the line, and return what goes out; called every few milliseconds.
+
+        Only a bridge with a ``line`` is asked.
+        """
+        return b""
+
+    def engage(self, wanted: bool, *, now_ns: int) -> Response:
+        """Hand the vehicle to the MPC, or take it away, because somebody asked for it.
+
+        Handing over takes as long as the stack needs; what it then says is in ``handover``.
+        """
+        if not wanted:
+            self._handover.release("released on request")
+            return self._switch_back(now_ns)
+        self._advance(now_ns)
+        if self._handover.state is not State.RELEASED:
+            text = f"asked for before: {self._handover.state.value}"
+            return Response(accepted=True, text=text)
+        obstacle = self._stack(now_ns).fault or self._obstacle(now_ns)
+        if obstacle:
+            return Response(accepted=False, text=obstacle)
+        self._handover.offer(now_ns=now_ns)
+        self._asked_ns = None
+        self._advance(now_ns)
+        return Response(accepted=True, text=f"{self._handover.state.value}: the MPC is to fly")
+
+    def arm(self, wanted: bool, *, now_ns: int) -> Response:
+        """Arm or disarm, because somebody asked for it.
+
+        Nothing is in the way of disarming; the motors of a flying vehicle stop.
+        """
+        self._advance(now_ns)
+        response = self._arm(wanted)
+        obstacle = self._obstacle_to_arming(now_ns) if wanted and response.accepted else ""
+        return Response(accepted=False, text=obstacle) if obstacle else response
+
+    def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
+        """Take what is to be flown, to see whether the vehicle may be handed over to it."""
+        self._surroundings.see_reference(window, now_ns=now_ns)
+
+    def receive_command(self, command: CommandSample, *, now_ns: int) -> list[Outgoing]:
+        """Return what is to be sent for a command that arrives now, which may be nothing.
+
+        Afterwards ``silence`` says why nothing was sent, or is empty.
+        """
+        self.commands += 1
+        fault = self._command_fault(command, now_ns)
+        if fault is None:
+            share = self.thrust.specific_thrust(command.throttle) / self._config.gravity
+            self._surroundings.see_command(command, share=share, now_ns=now_ns)
+            self._advance(now_ns)
+            self._handover.commanded(now_ns=now_ns)
+        if fault is None:
+            fault = self._handover.reason or self._stack(now_ns).fault
+        if fault:
+            self.silence = fault
+            return []
+        stack = self._stack(now_ns)
+        if not (stack.takes_setpoints or self.streams):
+            self.silence = "the stack is asked to act on setpoints"
+            return self._asked_to_switch(now_ns)
+        self.silence = ""
+        self.passed += 1
+        messages: list[Outgoing] = [*self._messages(command, now_ns)]
+        return messages if stack.takes_setpoints else messages + self._asked_to_switch(now_ns)
+
+    def engaged(self, *, now_ns: int) -> bool:
+        """Return whether the vehicle acts on commands: armed, in the mode that takes them."""
+        self._advance(now_ns)
+        return self._handover.state is State.ENGAGED
+
+    @property
+    def handover(self) -> tuple[str, str]:
+        """Who flies, in a word of :class:`.handover.State`, and why it is released, if it is."""
+        return self._handover.state.value, self._handover.reason
+
+    def landed(self, *, now_ns: int) -> bool | None:
+        """Return whether the vehicle stands on the ground, None where the stack does not tell."""
+        return self._ground.landed
+
+    @property
+    def jumps(self) -> int:
+        """How often the estimated position jumped."""
+        return self._jumps.count
+
+    @property
+    def announced_reset(self) -> EstimateReset | None:
+        """The step of the estimate that the stack announced with the newest odometry."""
+        return self._jumps.announced
+
+    def take_warnings(self) -> list[str]:
+        """Return the warnings since the last call."""
+        warnings, self._warnings = self._warnings, []
+        return warnings
+
+    def _advance(self, now_ns: int) -> None:
+        """Let the handover go on, or end, as the stack and what comes say."""
+        before = self._handover.state
+        if before is State.RELEASED:
+            return
+        waits = before in (State.OFFERED, State.STANDBY)
+        obstacle = self._obstacle(now_ns) if waits else ""
+        self._handover.advance(self._stack(now_ns), obstacle=obstacle, now_ns=now_ns)
+        if self._handover.state is State.RELEASED:
+            self._warnings.append(self._handover.reason)
+
+    def _obstacle(self, now_ns: int) -> str:
+        return self._surroundings.obstacle(landed=self.landed(now_ns=now_ns), now_ns=now_ns)
+
+    def _obstacle_to_arming(self, now_ns: int) -> str:
+        """Return why the vehicle must not be armed now, or nothing."""
+        stack = self._stack(now_ns)
+        match self._handover.state:
+            case State.RELEASED if stack.takes_setpoints:
+                return (
+                    "engage it first: it is left in the mode that takes setpoints, and would fly "
+                    "whatever comes"
+                )
+            case State.OFFERED:
+                return "it is being engaged: ask again"
+            case State.STANDBY:
+                return stack.fault or self._obstacle(now_ns)
+            case _:
+                return ""
+
+    def _asked_to_switch(self, now_ns: int) -> list[Outgoing]:
+        """Return what asks the stack to act on setpoints, once they have run for long enough."""
+        if self._handover.offered_for(now_ns=now_ns) < round(self.warm_up * 1e9):
+            return []
+        if self._asked_ns is not None and now_ns - self._asked_ns < _ASKED_AGAIN_NS:
+            return []
+        self._asked_ns = now_ns
+        return [*self._switch()]
+
+    def _topic(self, path: str, type_name: str, **quality: Any) -> Topic:
+        """Return a topic in the stack's namespace; ``quality`` is what else a topic takes."""
+        return Topic(name=f"{self._namespace}/{path}", type_name=type_name, **quality)
+
+    def _service(self, path: str, type_name: str) -> tuple[str, str]:
+        """Return name and type of a service in the stack's namespace."""
+        return f"{self._namespace}/{path}", type_name
+
+    def _call(self, service: tuple[str, str], **fields: object) -> ServiceCall:
+        """Return a call with these fields in its request."""
+        name, type_name = service
+        request = self._new(type_name)
+        for field, value in fields.items():
+            setattr(request, field, value)
+        return ServiceCall(service=name, type_name=type_name, request=request)
+
+    def _odometry_subscription(self, name: str, *, twist_frame: str) -> Subscription:
+        """Return a subscription to an estimator's ``nav_msgs/Odometry``, in ENU.
+
+        ``twist_frame`` is where its twist is told: ``child`` (body) or ``world``.
+        """
+
+        def receive(message: Any, now_ns: int) -> OdometrySample | None:
+            odometry: OdometrySample | None = odometry_from_message(message)
+            if twist_frame == "world":
+                odometry = self._converted(
+                    name, lambda: with_body_twist(odometry_from_message(message))
+                )
+            return self._passed_on(odometry, now_ns=now_ns)
+
+        return Subscription(
+            topic=Topic(name=name, type_name="nav_msgs/msg/Odometry"), receive=receive
+        )
+
+    def _converted(
+        self, source: str, convert: Callable[[], OdometrySample | None]
+    ) -> OdometrySample | None:
+        """Return an odometry, or note why there is none: the conversion raises ``ValueError``."""
+        try:
+            return convert()
+        except ValueError as error:
+            self._refuse(f"{source}: {error}")
+            return None
+
+    def _passed_on(
+        self, odometry: OdometrySample | None, *, now_ns: int, cause: str | None = None
+    ) -> OdometrySample | None:
+        """Return an odometry, if there is one, with the stamp and the frames that the MPC wants.
+
+        Returns None, and notes why, if it is not valid or not newer than the last.
+        """
+        if odometry is None:
+            return None
+        odometry = dataclasses.replace(
+            odometry,
+            frame_id=self._config.frame_id,
+            child_frame_id=self._config.child_frame_id,
+        )
+        # As the MPC judges it; the stamp comes after.
+        fault = odometry_fault(odometry, frame_id=odometry.frame_id)
+        if fault is not None:
+            self._refuse(f"the stack's state is not valid: {fault}")
+            return None
+        stamp_ns = self._stamps.stamp(odometry.stamp_ns, now_ns=now_ns)
+        if stamp_ns is None:
+            self.refused += 1
+            return None
+        odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
+        warning = self._jumps.check(odometry, cause=cause)
+        if warning is not None:
+            self._warnings.append(warning)
+        self._surroundings.see_odometry(odometry, now_ns=now_ns)
+        self._see_ground(odometry, now_ns)
+        return odometry
+
+    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+        """Find out whether the vehicle stands, of a stack that says whether it is armed."""
+        stack = self._stack(now_ns)
+        if not stack.fault:
+            self._ground.update(odometry.p_WB, armed=stack.armed)
+
+    def _refuse(self, reason: str) -> None:
+        self.refused += 1
+        self._warnings.append(reason)
+
+    def _battery_subscription(self, topic: Topic, *, field: str = "voltage") -> list[Subscription]:
+        """Return the subscription to the battery's voltage, if the thrust map uses it."""
+        if self._config.thrust_map.battery_voltage == 0.0:
+            return []
+
+        def receive(message: Any, now_ns: int) -> None:
+            self.thrust.receive_voltage(float(getattr(message, field)), now_ns=now_ns)
+
+        return [Subscription(topic=topic, receive=receive)]
+
+    def _command_fault(self, command: CommandSample, now_ns: int) -> str | None:
+        if not all(map(math.isfinite, (command.throttle, *command.w_WB_B.tolist()))):
+            return "the command is not finite"
+        if not 0.0 <= command.throttle <= 1.0:
+            return f"the command's throttle {command.throttle:.3g} is outside [0, 1]"
+        fastest = max(map(abs, command.w_WB_B.tolist()))
+        if fastest > _FASTEST_TURN:
+            return f"the command's body rate {fastest:.3g} rad/s is beyond {_FASTEST_TURN:g} rad/s"
+        age = (now_ns - command.stamp_ns) * 1e-9
+        if abs(age) > self._config.command_timeout:
+            return f"the command is {age:.3f} s old, by its stamp"
+        return None
+
+
+class SwitchedBridge(Bridge):
+    """A bridge to a stack without modes, which acts on whatever it hears, armed or not."""
+
+    def _stack(self, now_ns: int) -> Stack:
+        return Stack(takes_setpoints=True, armed=True)
+
+    def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
+        """Nothing is known of it."""

@@ -1,0 +1,135 @@
+"""Parameters that every bridge has."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from dataclasses import dataclass
+
+from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
+from quad_mpc_ros.control.model.vehicle import VehicleParameters
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrustParameters(Configuration):
+    """How the stack's throttle u in [0, 1] makes thrust, when not as the MPC's model says."""
+
+    owner = "thrust_map"
+
+    kind: str = parameter(
+        "model",
+        doc="Thrust at the stack's throttle u: as thrust_curve of the MPC's model says, linear "
+        "full_thrust u, quadratic per motor, or a table.",
+        choices=("model", "linear", "quadratic", "table"),
+    )
+    full_thrust: float = parameter(
+        20.0, doc="linear: thrust of all motors together at u = 1.", unit="N", above=0.0
+    )
+    motor_curve: tuple[float, ...] = parameter(
+        (1.87953563, 2.79829004, -0.00514948),
+        doc="quadratic: thrust of one motor a u^2 + b u + c.",
+        unit="N",
+        length=3,
+    )
+    table_throttle: tuple[float, ...] = parameter(
+        (0.0, 1.0), doc="table: throttles u, rising.", minimum=0.0, maximum=1.0
+    )
+    table_thrust: tuple[float, ...] = parameter(
+        (0.0, 20.0), doc="table: thrust of all motors together at each, rising.", unit="N"
+    )
+    battery_voltage: float = parameter(
+        0.0,
+        doc="Voltage at which the map was measured; thrust is scaled by the measured voltage "
+        "over it. 0 leaves the voltage out.",
+        unit="V",
+        minimum=0.0,
+    )
+    battery_exponent: float = parameter(
+        2.0,
+        doc="Power of the voltage that the thrust at one throttle goes with.",
+        minimum=0.0,
+        maximum=4.0,
+    )
+
+    def check(self) -> None:
+        """Refuse maps without an inverse."""
+        a, b, _ = self.motor_curve
+        if a < 0.0 or b < 0.0 or a + b <= 0.0:
+            raise ConfigurationError(
+                f"{self.owner}.motor_curve", self.motor_curve, "a >= 0 and b >= 0, not both 0"
+            )
+        throttles, thrusts = self.table_throttle, self.table_thrust
+        if len(throttles) < 2 or not _rises(throttles):
+            raise ConfigurationError(
+                f"{self.owner}.table_throttle", throttles, "two or more rising numbers"
+            )
+        if len(thrusts) != len(throttles) or not _rises(thrusts):
+            raise ConfigurationError(
+                f"{self.owner}.table_thrust", thrusts, f"{len(throttles)} rising numbers"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandoverParameters(Configuration):
+    """What must hold before the MPC may fly, and when that ends."""
+
+    owner = "handover"
+
+    tilt_max: float = parameter(
+        0.35, doc="Engaging and arming are refused with more tilt.", unit="rad", above=0.0
+    )
+    distance_max: float = parameter(
+        1.0,
+        doc="Engaging and arming are refused with a reference further away; on the ground it may "
+        "be any way below.",
+        unit="m",
+        above=0.0,
+    )
+    rate_max: float = parameter(
+        2.0,
+        doc="Engaging and arming are refused while the MPC commands faster turns.",
+        unit="rad/s",
+        above=0.0,
+    )
+    release_after: float = parameter(
+        0.5,
+        doc="Without a fresh command for so long the vehicle is released, until it is engaged "
+        "anew.",
+        unit="s",
+        minimum=0.1,
+        maximum=2.0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BridgeConfig(VehicleParameters):
+    """What every bridge must know; the vehicle is that of the MPC's model."""
+
+    owner = "bridge"
+
+    frame_id: str = parameter("odom", doc="World frame of the odometry that the MPC gets.")
+    child_frame_id: str = parameter("base_link", doc="Body frame of that odometry.")
+    mpc_command_topic: str = parameter(
+        "command",
+        doc="Topic of the MPC's commands; another one is to be remapped for the mpc node as well.",
+    )
+    command_timeout: float = parameter(
+        0.1,
+        doc="A command older than this, by its stamp, is not passed on.",
+        unit="s",
+        above=0.0,
+        maximum=0.1,
+    )
+    clock_tolerance: float = parameter(
+        0.1,
+        doc="A state whose stamp differs by more from this node's clock is of another clock, of "
+        "which the fastest arrival tells how it differs.",
+        unit="s",
+        above=0.0,
+    )
+    thrust_map: ThrustParameters = dataclasses.field(default_factory=ThrustParameters)
+    handover: HandoverParameters = dataclasses.field(default_factory=HandoverParameters)
+
+
+def _rises(values: tuple[float, ...]) -> bool:
+    return all(a < b for a, b in itertools.pairwise(values))

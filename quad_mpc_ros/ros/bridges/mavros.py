@@ -1,0 +1,125 @@
+"""MAVROS with PX4 or ArduPilot (mavros_msgs), ENU and FLU, which MAVROS converts.
+
+With PX4 the setpoints are the heartbeat: they must run before the switch to OFFBOARD, and PX4
+acts on them only in that mode, to which it returns by itself when they come back. ArduPilot needs
+no stream before the switch to GUIDED and is sent none outside of it.
+
+Fields and constants after https://github.com/mavlink/mavros (mavros_msgs/msg/AttitudeTarget).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.ros.bridges.autopilot import LatestStatus
+from quad_mpc_ros.ros.bridges.bridge import (
+    Bridge,
+    Outgoing,
+    OutgoingMessage,
+    Response,
+    Subscription,
+)
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.handover import Stack
+
+IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
+
+_STATE_TIMEOUT = 3.0  # s: MAVROS publishes it with each heartbeat of the autopilot, once a second
+_ENGAGED = {"px4": ("OFFBOARD",), "ardupilot": ("GUIDED", "GUIDED_NOGPS")}
+_RELEASED = {"px4": "AUTO.LOITER", "ardupilot": "LOITER"}
+
+
+def fill_attitude_target(
+    message: Any, command: CommandSample, *, throttle: float, now_ns: int
+) -> None:
+    """Write body rates [rad/s, FLU] and throttle [0, 1] into an ``AttitudeTarget``."""
+    conversions.fill_header(message.header, now_ns, command.frame_id)
+    message.type_mask = IGNORE_ATTITUDE
+    conversions.fill_vector(message.body_rate, command.w_WB_B.tolist())
+    message.thrust = throttle
+
+
+@dataclass(frozen=True, kw_only=True)
+class MavrosConfig(BridgeConfig):
+    """Parameters of the MAVROS bridge."""
+
+    owner = "mavros_bridge"
+
+    autopilot: str = parameter(
+        "px4", doc="What flies behind MAVROS.", choices=("px4", "ardupilot")
+    )
+    mavros: str = parameter("/mavros", doc="Namespace of MAVROS.")
+
+
+class MavrosBridge(Bridge):
+    """Attitude targets with body rates out, local odometry and state in."""
+
+    name = "mavros_bridge"
+    speaks = "MAVROS with PX4 or ArduPilot: AttitudeTarget"
+    packages = ("mavros_msgs",)
+    how_to_get = "sudo apt install ros-jazzy-mavros-msgs"
+    Config = MavrosConfig
+
+    def __init__(self, config: MavrosConfig, new: NewMessage) -> None:
+        super().__init__(config, new, namespace=config.mavros)
+        self._modes = _ENGAGED[config.autopilot]
+        self._state = LatestStatus(timeout=_STATE_TIMEOUT)
+        if config.autopilot == "px4":
+            self.warm_up, self.streams = 1.1, True
+        odometry = self._topic("local_position/odom", "nav_msgs/msg/Odometry")
+        state = self._topic("state", "mavros_msgs/msg/State", reliable=True, depth=10)
+        battery = self._topic("battery", "sensor_msgs/msg/BatteryState")
+        self.subscriptions = [
+            Subscription(topic=odometry, receive=self._on_odometry),
+            Subscription(topic=state, receive=self._state.receive),
+            *self._battery_subscription(battery),
+        ]
+        self._target = self._topic(
+            "setpoint_raw/attitude",
+            "mavros_msgs/msg/AttitudeTarget",
+            reliable=True,  # which matches whatever MAVROS asks for
+        )
+        self.publications = (self._target,)
+        self._set_mode = self._service("set_mode", "mavros_msgs/srv/SetMode")
+        self._arming = self._service("cmd/arming", "mavros_msgs/srv/CommandBool")
+        self.services = self._set_mode, self._arming
+
+    def _stack(self, now_ns: int) -> Stack:
+        state = self._state.value(now_ns=now_ns)
+        if state is None:
+            fault = f"no state within {_STATE_TIMEOUT:g} s on {self._config.mavros}/state"
+            return Stack(fault=fault)
+        if not state.connected:
+            return Stack(fault="MAVROS is not connected to the autopilot")
+        return Stack(takes_setpoints=state.mode in self._modes, armed=bool(state.armed))
+
+    def _arm(self, wanted: bool) -> Response:
+        what = "arming" if wanted else "disarming"
+        call = self._call(self._arming, value=wanted)
+        return Response(accepted=True, text=f"asked for {what}", calls=[call])
+
+    def _switch(self) -> list[Outgoing]:
+        return [self._call(self._set_mode, custom_mode=self._modes[0])]
+
+    def _switch_back(self, now_ns: int) -> Response:
+        mode = _RELEASED[self._config.autopilot]
+        call = self._call(self._set_mode, custom_mode=mode)
+        return Response(accepted=True, text=f"asked for mode {mode}", calls=[call])
+
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
+        message = self._new(self._target.type_name)
+        fill_attitude_target(
+            message,
+            command,
+            throttle=self.thrust.stack_throttle(command.throttle),
+            now_ns=now_ns,
+        )
+        return [OutgoingMessage(topic=self._target, message=message)]
+
+    def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
+        return self._passed_on(conversions.odometry_from_message(message), now_ns=now_ns)

@@ -1,0 +1,302 @@
+"""PX4 over uXRCE-DDS (px4_msgs), NED and FRD.
+
+The heartbeat ``offboard_control_mode`` must run for a second before PX4 switches to offboard. PX4
+does not fail safe when setpoints stop while the heartbeat runs on, so a heartbeat is sent only
+together with a fresh command. And PX4 keeps the intention to fly offboard through a failsafe and
+through disarming: a heartbeat that comes back is enough to be flown. So there is none unless
+somebody has asked to engage.
+
+Fields and constants after the definitions in https://github.com/PX4/px4_msgs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, told_variance
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.ros.bridges.autopilot import LatestStatus
+from quad_mpc_ros.ros.bridges.bridge import (
+    Bridge,
+    Outgoing,
+    OutgoingMessage,
+    Response,
+    Subscription,
+)
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.frames import (
+    enu_from_ned,
+    flu_from_frd,
+    q_enu_flu_xyzw_from_ned_frd_wxyz,
+)
+from quad_mpc_ros.ros.bridges.handover import Stack
+
+POSE_FRAME_NED, POSE_FRAME_FRD = 1, 2
+VELOCITY_FRAME_NED, VELOCITY_FRAME_FRD, VELOCITY_FRAME_BODY_FRD = 1, 2, 3
+NAVIGATION_STATE_OFFBOARD = 14
+ARMING_STATE_ARMED = 2
+
+VEHICLE_CMD_DO_SET_MODE = 176
+VEHICLE_CMD_COMPONENT_ARM_DISARM = 400
+_CUSTOM_MODE_ENABLED = 1.0
+_MAIN_MODE_AUTO, _MAIN_MODE_OFFBOARD = 4.0, 6.0
+_SUB_MODE_LOITER = 3.0
+
+_POSE_FRAMES = {POSE_FRAME_NED: "NED", POSE_FRAME_FRD: "FRD"}
+
+_STATUS_TIMEOUT = 1.5  # s: PX4 sends it twice a second, and at every change
+_MODE_TIMEOUT = 0.5  # s: 50 times a second
+_LAND_TIMEOUT = 2.5  # s: once a second, and at every change
+_FROM_MESSAGE = -1
+_ACCEPTED, _IN_PROGRESS = 0, 5
+
+
+def odometry_from_vehicle_odometry(message: Any) -> OdometrySample:
+    """Return the values of a ``VehicleOdometry``, stamped with its time of sampling.
+
+    Raises ``ValueError`` for a frame that is unknown, for a velocity in another world frame than
+    the pose, and for an attitude marked as invalid. Other invalid fields stay NaN.
+    """
+    pose_frame, velocity_frame = int(message.pose_frame), int(message.velocity_frame)
+    if pose_frame not in _POSE_FRAMES:
+        raise ValueError(f"pose_frame {pose_frame}, expected 1 (NED) or 2 (FRD)")
+    q_WB_xyzw = q_enu_flu_xyzw_from_ned_frd_wxyz(message.q)
+    if velocity_frame == VELOCITY_FRAME_BODY_FRD:
+        v_WB_B = flu_from_frd(message.velocity)
+    elif velocity_frame == pose_frame:
+        v_WB_B = so3.rotation_from_quaternion_xyzw(q_WB_xyzw).T @ enu_from_ned(message.velocity)
+    else:
+        raise ValueError(
+            f"velocity_frame {velocity_frame} with a pose in {_POSE_FRAMES[pose_frame]}, "
+            f"expected {pose_frame} or 3 (body FRD)"
+        )
+    return OdometrySample(
+        stamp_ns=1000 * int(message.timestamp_sample or message.timestamp),
+        p_WB=enu_from_ned(message.position),
+        q_WB_xyzw=q_WB_xyzw,
+        v_WB_B=v_WB_B,
+        w_WB_B=flu_from_frd(message.angular_velocity),
+        v_variance=told_variance(message.velocity_variance),
+    )
+
+
+def fill_offboard_control_mode(message: Any) -> None:
+    """Write the heartbeat of a controller that commands body rates.
+
+    The timestamp stays 0: PX4 puts its own.
+    """
+    message.timestamp = 0
+    for field in (
+        "position",
+        "velocity",
+        "acceleration",
+        "attitude",
+        "thrust_and_torque",
+        "direct_actuator",
+    ):
+        setattr(message, field, False)
+    message.body_rate = True
+
+
+def fill_vehicle_rates_setpoint(message: Any, command: CommandSample, *, throttle: float) -> None:
+    """Write body rates [rad/s] into a ``VehicleRatesSetpoint`` (FRD), throttle along -z."""
+    p, q, r = flu_from_frd(command.w_WB_B).tolist()
+    message.timestamp = 0
+    message.roll, message.pitch, message.yaw = p, q, r
+    message.thrust_body = np.array((0.0, 0.0, -throttle), dtype=np.float32)
+    message.reset_integral = False
+
+
+def fill_arming(message: Any, *, wanted: bool, target_system: int) -> None:
+    """Write a ``VehicleCommand`` that arms or disarms."""
+    _fill_command(
+        message, VEHICLE_CMD_COMPONENT_ARM_DISARM, (float(wanted), 0.0, 0.0), target_system
+    )
+
+
+def fill_offboard_mode(message: Any, *, target_system: int) -> None:
+    """Write a ``VehicleCommand`` that switches to offboard mode."""
+    parameters = (_CUSTOM_MODE_ENABLED, _MAIN_MODE_OFFBOARD, 0.0)
+    _fill_command(message, VEHICLE_CMD_DO_SET_MODE, parameters, target_system)
+
+
+def fill_hold_mode(message: Any, *, target_system: int) -> None:
+    """Write a ``VehicleCommand`` that switches to hold."""
+    parameters = (_CUSTOM_MODE_ENABLED, _MAIN_MODE_AUTO, _SUB_MODE_LOITER)
+    _fill_command(message, VEHICLE_CMD_DO_SET_MODE, parameters, target_system)
+
+
+def _fill_command(
+    message: Any, command: int, parameters: tuple[float, float, float], target_system: int
+) -> None:
+    message.timestamp = 0
+    message.command = command
+    message.param1, message.param2, message.param3 = parameters
+    message.target_system, message.target_component = target_system, 1
+    message.source_system, message.source_component = 1, 1
+    message.from_external = True
+
+
+def _version(kind: str) -> Any:
+    return parameter(_FROM_MESSAGE, doc=f"The same of {kind}.", minimum=_FROM_MESSAGE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Px4Config(BridgeConfig):
+    """Parameters of the PX4 bridge."""
+
+    owner = "px4_bridge"
+
+    fmu: str = parameter(
+        "/fmu", doc="Prefix of PX4's topics; /px4_1/fmu for the client key px4_1."
+    )
+    target_system: int = parameter(
+        1, doc="MAV_SYS_ID of the vehicle that is armed and switched.", minimum=1, maximum=255
+    )
+    odometry_version: int = parameter(
+        _FROM_MESSAGE,
+        doc="Version N of VehicleOdometry on the vehicle, whose topic then ends in _vN; 0 is no "
+        "suffix and -1 that of the installed px4_msgs.",
+        minimum=_FROM_MESSAGE,
+    )
+    status_version: int = _version("VehicleStatus")
+    rates_version: int = _version("VehicleRatesSetpoint")
+    mode_version: int = _version("VehicleControlMode")
+    land_version: int = _version("VehicleLandDetected")
+    command_version: int = _version("VehicleCommand")
+    ack_version: int = _version("VehicleCommandAck")
+    battery_version: int = _version("BatteryStatus")
+
+
+class Px4Bridge(Bridge):
+    """Heartbeat and rate setpoints out, vehicle odometry and status in."""
+
+    name = "px4_bridge"
+    speaks = "PX4 over uXRCE-DDS: VehicleRatesSetpoint"
+    packages = ("px4_msgs",)
+    how_to_get = (
+        "clone https://github.com/PX4/px4_msgs on the branch of the vehicle's PX4 release into "
+        "the workspace and build it with colcon"
+    )
+    Config = Px4Config
+    warm_up = 1.1  # for more than a second
+    streams = True
+
+    def __init__(self, config: Px4Config, new: NewMessage) -> None:
+        super().__init__(config, new, namespace=config.fmu)
+        self._target = config.target_system
+        self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
+        self._mode = LatestStatus(timeout=_MODE_TIMEOUT)
+        self._land = LatestStatus(timeout=_LAND_TIMEOUT)
+        self._resets: tuple[int, int] | None = None
+        odometry = self._versioned("out/vehicle_odometry", "VehicleOdometry", "odometry")
+        status = self._versioned("out/vehicle_status", "VehicleStatus", "status")
+        self._status_name = status.name
+        mode = self._versioned("out/vehicle_control_mode", "VehicleControlMode", "mode")
+        land = self._versioned("out/vehicle_land_detected", "VehicleLandDetected", "land")
+        ack = self._versioned("out/vehicle_command_ack", "VehicleCommandAck", "ack")
+        battery = self._versioned("out/battery_status", "BatteryStatus", "battery")
+        self.subscriptions = [
+            Subscription(topic=odometry, receive=self._on_odometry),
+            Subscription(topic=status, receive=self._status.receive),
+            Subscription(topic=mode, receive=self._mode.receive),
+            Subscription(topic=land, receive=self._land.receive),
+            Subscription(topic=ack, receive=self._on_ack),
+            *self._battery_subscription(battery, field="voltage_v"),
+        ]
+        self._heartbeat = self._versioned("in/offboard_control_mode", "OffboardControlMode")
+        self._rates = self._versioned("in/vehicle_rates_setpoint", "VehicleRatesSetpoint", "rates")
+        self._command = self._versioned("in/vehicle_command", "VehicleCommand", "command")
+        self.publications = self._heartbeat, self._rates, self._command
+
+    def landed(self, *, now_ns: int) -> bool | None:
+        """Return what PX4's land detector says, or what arming tells where it is not heard."""
+        land = self._land.value(now_ns=now_ns)
+        return super().landed(now_ns=now_ns) if land is None else bool(land.landed)
+
+    def _stack(self, now_ns: int) -> Stack:
+        status, mode = self._status.value(now_ns=now_ns), self._mode.value(now_ns=now_ns)
+        if mode is None and status is None:
+            fault = f"no vehicle_status within {_STATUS_TIMEOUT:g} s on {self._status_name}"
+            return Stack(fault=fault)
+        # Both where both are heard: either may be the first to tell of a change.
+        offboard, armed = [], []
+        if status is not None:
+            offboard.append(status.nav_state == NAVIGATION_STATE_OFFBOARD)
+            armed.append(status.arming_state == ARMING_STATE_ARMED)
+        if mode is not None:
+            offboard.append(bool(mode.flag_control_offboard_enabled))
+            armed.append(bool(mode.flag_armed))
+        return Stack(takes_setpoints=all(offboard), armed=all(armed))
+
+    def _arm(self, wanted: bool) -> Response:
+        message = self._new(self._command.type_name)
+        fill_arming(message, wanted=wanted, target_system=self._target)
+        return self._asked("arming" if wanted else "disarming", message)
+
+    def _switch(self) -> list[Outgoing]:
+        message = self._new(self._command.type_name)
+        fill_offboard_mode(message, target_system=self._target)
+        return [OutgoingMessage(topic=self._command, message=message)]
+
+    def _switch_back(self, now_ns: int) -> Response:
+        message = self._new(self._command.type_name)
+        fill_hold_mode(message, target_system=self._target)
+        return self._asked("hold mode", message)
+
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
+        heartbeat = self._new(self._heartbeat.type_name)
+        fill_offboard_control_mode(heartbeat)
+        messages = [OutgoingMessage(topic=self._heartbeat, message=heartbeat)]
+        if self._stack(now_ns).takes_setpoints:
+            rates = self._new(self._rates.type_name)
+            fill_vehicle_rates_setpoint(
+                rates, command, throttle=self.thrust.stack_throttle(command.throttle)
+            )
+            messages.append(OutgoingMessage(topic=self._rates, message=rates))
+        else:
+            self.silence = "heartbeat only: the vehicle is not in offboard mode"
+        return messages
+
+    def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
+        odometry = self._converted(
+            "vehicle_odometry", lambda: odometry_from_vehicle_odometry(message)
+        )
+        if odometry is None:
+            return None
+        resets = (int(message.reset_counter), int(message.pose_frame))
+        cause = None
+        if self._resets is not None and resets != self._resets:
+            cause = (
+                f"reset_counter {self._resets[0]} to {resets[0]}, "
+                f"pose_frame {self._resets[1]} to {resets[1]}"
+            )
+        self._resets = resets
+        return self._passed_on(odometry, now_ns=now_ns, cause=cause)
+
+    def _on_ack(self, message: Any, now_ns: int) -> None:
+        if message.result not in (_ACCEPTED, _IN_PROGRESS):
+            self._warnings.append(
+                f"PX4 answers command {message.command} with result {message.result}"
+            )
+
+    def _asked(self, what: str, message: Any) -> Response:
+        outgoing = OutgoingMessage(topic=self._command, message=message)
+        return Response(accepted=True, text=f"asked for {what}", messages=[outgoing])
+
+    def _versioned(self, path: str, kind: str, version_parameter: str | None = None) -> Topic:
+        type_name = f"px4_msgs/msg/{kind}"
+        version = 0
+        if version_parameter is not None:
+            version = getattr(self._config, f"{version_parameter}_version")
+        if version == _FROM_MESSAGE:
+            version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
+        suffix = f"_v{version}" if version > 0 else ""
+        # Never latched: an agent that starts later would be given what was asked for long ago.
+        return self._topic(f"{path}{suffix}", type_name)

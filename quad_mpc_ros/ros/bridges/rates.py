@@ -1,0 +1,116 @@
+"""Any stack that takes body rates and thrust in a ``TwistStamped``: frame, units by parameter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.topics import Topic
+from quad_mpc_ros.ros.bridges.bridge import OutgoingMessage, SwitchedBridge
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.frames import flu_from_frd
+
+
+def fill_rates(
+    message: Any,
+    command: CommandSample,
+    *,
+    thrust: float,
+    body_frame: str,
+    angle_unit: str,
+    frame_id: str,
+    now_ns: int,
+) -> None:
+    """Write the rates into ``twist.angular`` and the thrust along body z into ``twist.linear.z``.
+
+    ``thrust`` is what shall push the vehicle up, in the stack's unit: along z in ``flu``, against
+    it, and so negative, in ``frd``. ``angle_unit`` is ``rad`` or ``deg``.
+    """
+    frd = body_frame == "frd"
+    rates = flu_from_frd(command.w_WB_B) if frd else command.w_WB_B
+    scale = math.degrees(1.0) if angle_unit == "deg" else 1.0
+    conversions.fill_header(message.header, now_ns, frame_id)
+    conversions.fill_vector(message.twist.angular, (scale * rates).tolist())
+    message.twist.linear.z = -thrust if frd else thrust
+
+
+@dataclass(frozen=True, kw_only=True)
+class RatesConfig(BridgeConfig):
+    """Parameters of the bridge to everything else."""
+
+    owner = "rates_bridge"
+
+    thrust_unit: str = parameter(
+        "normalised",
+        doc="Unit of the thrust in twist.linear.z: newton, mps2 (thrust over mass), or "
+        "normalised, a throttle in [0, 1].",
+        choices=("newton", "mps2", "normalised"),
+    )
+    body_frame: str = parameter(
+        "flu",
+        doc="Axes of the body: flu, thrust positive upwards, or frd, thrust negative upwards.",
+        choices=("flu", "frd"),
+    )
+    angle_unit: str = parameter(
+        "rad", doc="Unit of the body rates, per second.", choices=("rad", "deg")
+    )
+    setpoint_topic: str = parameter("rates_setpoint", doc="Topic of the TwistStamped.")
+    setpoint_frame_id: str = parameter("base_link", doc="Frame that its header names.")
+    odometry_topic: str = parameter(
+        "stack_odom", doc="Topic of the stack's nav_msgs/Odometry, in ENU."
+    )
+    twist_frame: str = parameter(
+        "child", doc="Frame of its twist: child (body) or world.", choices=("child", "world")
+    )
+    battery_topic: str = parameter(
+        "battery", doc="Topic of a sensor_msgs/BatteryState, with thrust_map.battery_voltage."
+    )
+
+
+class RatesBridge(SwitchedBridge):
+    """A twist in the stack's units out, odometry in."""
+
+    name = "rates_bridge"
+    speaks = "anything that takes body rates and thrust: TwistStamped"
+    packages = ("geometry_msgs",)
+    how_to_get = "sudo apt install ros-jazzy-common-interfaces"
+    Config = RatesConfig
+
+    def __init__(self, config: RatesConfig, new: NewMessage) -> None:
+        super().__init__(config, new)
+        self._setpoint = Topic(
+            name=config.setpoint_topic, type_name="geometry_msgs/msg/TwistStamped", reliable=True
+        )
+        self.publications = (self._setpoint,)
+        battery = Topic(name=config.battery_topic, type_name="sensor_msgs/msg/BatteryState")
+        self.subscriptions = [
+            self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame),
+            *self._battery_subscription(battery),
+        ]
+
+    def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
+        message = self._new(self._setpoint.type_name)
+        fill_rates(
+            message,
+            command,
+            thrust=self._thrust(command.throttle),
+            body_frame=self._config.body_frame,
+            angle_unit=self._config.angle_unit,
+            frame_id=self._config.setpoint_frame_id,
+            now_ns=now_ns,
+        )
+        return [OutgoingMessage(topic=self._setpoint, message=message)]
+
+    def _thrust(self, throttle: float) -> float:
+        match self._config.thrust_unit:
+            case "newton":
+                return self.thrust.thrust_newton(throttle)
+            case "mps2":
+                return self.thrust.specific_thrust(throttle)
+            case _:
+                return self.thrust.stack_throttle(throttle)

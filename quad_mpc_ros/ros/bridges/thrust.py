@@ -1,0 +1,74 @@
+"""From the throttle of the MPC's model to the thrust, and to the throttle of the stack."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from quad_mpc_ros.control.model.voltage import SmoothedVoltage
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
+
+_SCALE_LIMITS = (0.5, 1.5)
+
+
+class ThrustMap:
+    """The vehicle's thrust by the MPC's throttle and by the stack's."""
+
+    def __init__(self, config: BridgeConfig) -> None:
+        self._model = config.vehicle()
+        self._parameters = config.thrust_map
+        curve = config.thrust_map.motor_curve
+        self._stack = (
+            dataclasses.replace(self._model, thrust_curve=curve, mass=_carried(curve, config))
+            if config.thrust_map.kind == "quadratic"
+            else self._model
+        )
+        self._voltage = SmoothedVoltage()
+
+    def thrust_newton(self, model_throttle: float) -> float:
+        """Return the collective thrust [N] that the MPC means by its throttle; never below 0."""
+        return max(self._model.thrust(model_throttle), 0.0)
+
+    def specific_thrust(self, model_throttle: float) -> float:
+        """Return that thrust over the mass [m/s^2]."""
+        return self.thrust_newton(model_throttle) / self._model.mass
+
+    def stack_throttle(self, model_throttle: float) -> float:
+        """Return the stack's throttle in [0, 1] that makes that thrust, as nearly as it can."""
+        if self._parameters.kind == "model" and self.battery_scale == 1.0:
+            return model_throttle
+        return self._inverse(self._model.thrust(model_throttle) / self.battery_scale)
+
+    def receive_voltage(self, voltage: float, *, now_ns: int) -> None:
+        """Take a battery voltage [V]; what no battery can have is ignored."""
+        if self._parameters.battery_voltage != 0.0:
+            self._voltage.receive(voltage, now_ns=now_ns)
+
+    @property
+    def battery_scale(self) -> float:
+        """Thrust at the present voltage over that of the map; 1 until a voltage is known."""
+        if self._voltage.value is None:
+            return 1.0
+        ratio = self._voltage.value / self._parameters.battery_voltage
+        low, high = _SCALE_LIMITS
+        return float(min(max(ratio**self._parameters.battery_exponent, low), high))
+
+    def _inverse(self, thrust: float) -> float:
+        if self._parameters.kind == "linear":
+            throttle = thrust / self._parameters.full_thrust
+        elif self._parameters.kind == "table":
+            throttle = float(
+                np.interp(thrust, self._parameters.table_thrust, self._parameters.table_throttle)
+            )
+        else:
+            throttle = self._stack.nearest_throttle(thrust)
+        return min(max(throttle, 0.0), 1.0)
+
+
+def _carried(curve: tuple[float, ...], config: BridgeConfig) -> float:
+    """Return a mass that the curve can carry: only its inverse is wanted, and hovering checked."""
+    a, b, c = curve
+    highest = config.motor_count * (a + b + c)
+    lowest = config.motor_count * c
+    return max(0.5 * (highest + max(lowest, 0.0)), 1e-6) / config.gravity

@@ -1,0 +1,1 @@
+"""The ROS nodes: wiring between topics and what lives behind the other doors."""

@@ -1,0 +1,254 @@
+"""The MPC node: odometry and reference in, throttle and body rates out."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections import deque
+from typing import Any
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.control.safety.ladder import Source
+from quad_mpc_ros.control.standby import Standby
+from quad_mpc_ros.control.tick import Tick
+from quad_mpc_ros.control.warm_up import warmed_up
+from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
+from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
+from quad_mpc_ros.ros import realtime
+from quad_mpc_ros.ros.clocks import SteadyTime
+from quad_mpc_ros.ros.health import Health
+from quad_mpc_ros.ros.lifecycle import ManagedNode
+from quad_mpc_ros.ros.messages import odometry_in, reference_in
+from quad_mpc_ros.ros.realtime import GarbageCollection
+from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.ros.telling import told
+
+_WARNING_PERIOD = 5.0
+_ESTIMATE_FAILS = {"at bounds": "is at its bounds", "reset": "was let go and begins anew"}
+# Of plans that are shown: in lockstep every one at 50 Hz; else what an eye can follow, for in real
+# time a plan takes as long to publish as to solve.
+_SHOWN_PERIOD_NS, _LOCKSTEP_PERIOD_NS = 95_000_000, 15_000_000
+
+# s: between looks at whether odometry is missing, for a live timeout may be shortened meanwhile.
+_LONGEST_PAUSE = 0.1
+
+
+class MpcNode(ManagedNode[MpcConfig]):
+    """Wires the controller to its topics: odometry triggers it, a timer is its watchdog.
+
+    While the node is inactive nothing reaches the controller: it would count on commands that are
+    not sent.
+    """
+
+    _controller: Controller
+    _standby: Standby
+
+    def __init__(self, *, hears_reference: bool = True) -> None:
+        """Make it; without ``hears_reference`` windows come by :meth:`take_reference` alone."""
+        super().__init__("mpc", MpcConfig)
+        self._hears_reference, self._in_lockstep = hears_reference, False
+        self._handed: deque[tuple[ReferenceWindow, int]] = deque(maxlen=1)
+        self._tick: Tick | None = None
+        self._time = SteadyTime(self.get_clock())
+        self.start()
+
+    def configure(self, config: MpcConfig) -> None:
+        """Make the controller and listen."""
+        for refusal in realtime.apply(config.realtime):
+            self.get_logger().warning(refusal)
+        if config.unmodelled_lags and not config.lockstep:
+            self.get_logger().warning(
+                f"{', '.join(config.unmodelled_lags)} = 0: no real vehicle answers at once, and "
+                "one that answers later than modelled swings; quad_mpc identify tells from a "
+                "flight, until then guess"
+            )
+        between_ticks = config.realtime.garbage_collection == "between_ticks"
+        self._garbage = GarbageCollection(between_ticks=between_ticks)
+        with told(self):
+            self._controller = warmed_up(config, deadline=config.deadline_seconds)
+        self._standby = Standby()
+        self._in_lockstep = config.lockstep
+        self._engaged: bool | None = None  # where no bridge says it, commands act
+        self._landed: bool | None = None
+        self._command = self.health.publisher(topics.COMMAND)
+        self._stats = self.health.publisher(topics.STATS)
+        self._predicted_path = self.health.publisher(topics.PREDICTED_PATH)
+        self._path_period_ns = _LOCKSTEP_PERIOD_NS if config.lockstep else _SHOWN_PERIOD_NS
+        self._path_shown_ns = -self._path_period_ns
+
+        # Bytes in and out: the objects that rclpy makes of them take longer than the control step.
+        self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
+        if self._hears_reference:
+            self.managed_subscription(topics.REFERENCE, self._on_reference, raw=True)
+        self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
+        self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
+        self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
+        if not config.lockstep:
+            self.managed_alarm(1.0 / config.control_rate, self._on_watch)
+
+    def obstacle(self) -> str | None:
+        """Return what is missing of odometry and reference."""
+        return self._standby.obstacle(self._controller.config, now_ns=self._time.now_ns())
+
+    def activate(self) -> None:
+        """Answer the odometry that came last."""
+        self._finish(self._standby.begin(self._controller))
+
+    def deactivate(self) -> None:
+        """Forget the flight: until the next activation somebody else commands."""
+        self._controller, self._tick = self._controller.renewed(), None
+        if self._engaged is not None:
+            self._controller.engage(self._engaged)
+        self._controller.landed(self._landed)
+
+    def cleanup(self) -> None:
+        """Release the controller."""
+        del self._controller, self._standby
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Apply live parameters between two ticks."""
+        self._controller.reconfigure(config)
+
+    def take_reference(self, window: ReferenceWindow) -> None:
+        """Take a window from another node of this process, in whichever thread.
+
+        It is looked at with the next odometry; in lockstep, where that waits for it, at once.
+        """
+        self._handed.append((window, self._time.now_ns()))
+        if self._in_lockstep and self.executor is not None:
+            self.executor.create_task(self._receive_handed)
+
+    def _receive_handed(self) -> None:
+        """Take the newest window that was handed over, if there is one."""
+        if self._handed and self._configured:
+            window, now_ns = self._handed.pop()
+            self._receive_reference(window, now_ns=now_ns)
+
+    def _on_odometry(self, data: bytes) -> None:
+        self._receive_handed()
+        now_ns = self._time.now_ns()
+        try:
+            odometry = odometry_in(data)
+        except ValueError as error:
+            self._warn(str(error))
+            return
+        self._standby.receive_odometry(odometry, now_ns=now_ns)
+        if self.active:
+            self._finish(self._controller.receive_odometry(odometry, now_ns=now_ns))
+        else:
+            self.activate_when_ready()
+
+    def _on_reference(self, data: bytes) -> None:
+        try:
+            window = reference_in(data)
+        except ValueError as error:
+            self._warn(str(error))
+            return
+        self._receive_reference(window, now_ns=self._time.now_ns())
+
+    def _receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
+        self._standby.receive_reference(window, now_ns=now_ns)
+        if self.active:
+            self._finish(self._controller.receive_reference(window, now_ns=now_ns))
+        else:
+            self.activate_when_ready()
+
+    def _on_engaged(self, message: Any) -> None:
+        """Tell the controller, and log when it is new, whether the vehicle acts on commands."""
+        engaged = bool(message.data)
+        self._controller.engage(engaged)
+        if engaged is not self._engaged:
+            self._engaged = engaged
+            self.get_logger().info(
+                "commands act" if engaged else "commands do not act: nothing is learned of them"
+            )
+
+    def _on_landed(self, message: Any) -> None:
+        self._landed = bool(message.data)
+        self._controller.landed(self._landed)
+
+    def _on_odometry_reset(self, message: Any) -> None:
+        try:
+            self._controller.reset_estimate(conversions.reset_from_message(message))
+        except ValueError as error:
+            self._warn(str(error))
+
+    def _on_watch(self) -> float:
+        """Act if there is no odometry, and return when to look again [s]."""
+        self._receive_handed()
+        now_ns = self._time.now_ns()
+        if self.active:
+            self._finish(self._controller.watch(now_ns=now_ns))
+        period = 1.0 / self._controller.config.control_rate
+        if self._time.is_simulated:  # it may run faster than the timer
+            return period
+        pause = min(self._controller.seconds_until_unseen(now_ns=now_ns), _LONGEST_PAUSE)
+        return max(pause, period)
+
+    def _finish(self, tick: Tick | None) -> None:
+        """Publish the command first, then what is only to be looked at."""
+        if tick is not None:
+            if tick.command is not None:
+                self._command.publish(cdr.written_command(tick.command))
+            self._log_change(tick)
+            self._publish_insight(tick)
+            self._tick = tick
+            self._garbage.after_tick()
+        for warning in self._controller.take_warnings():
+            self._warn(warning)
+
+    def _publish_insight(self, tick: Tick) -> None:
+        if self._stats.get_subscription_count() > 0:  # else nobody reads them
+            self._stats.publish(diagnostics.written_stats(tick.stats))
+        if tick.plan is not None and self._path_is_due(tick.plan.stamp_ns):
+            frame_id = self._controller.config.odometry.frame_id
+            self._predicted_path.publish(conversions.written_plan(tick.plan, frame_id=frame_id))
+
+    def _path_is_due(self, stamp_ns: int) -> bool:
+        """Tell whether somebody looks at the path and has not just seen one."""
+        if abs(stamp_ns - self._path_shown_ns) < self._path_period_ns:
+            return False
+        if self._predicted_path.get_subscription_count() == 0:
+            return False
+        self._path_shown_ns = stamp_ns
+        return True
+
+    def _log_change(self, tick: Tick) -> None:
+        """Tell once when another rung of the ladder takes over."""
+        before = self._tick.decision.source if self._tick is not None else Source.WAITING
+        now = tick.decision.source
+        if now is before:
+            return
+        if now is Source.MPC:
+            self.get_logger().info("the MPC flies")
+        else:
+            self.get_logger().warning(f"{now.name.lower()} takes over: {tick.decision.reason}")
+
+    def report(self) -> Health:
+        """Return who commands."""
+        tick = self._tick
+        if tick is None:
+            return Health(level=WARN, text="waiting for the first plan")
+        source = tick.decision.source
+        level = {Source.MPC: OK, Source.PLAN: WARN, Source.WAITING: WARN}.get(source, ERROR)
+        engaged = "not told" if self._engaged is None else str(self._engaged).lower()
+        text = tick.decision.reason or "flying"
+        if tick.stats.estimate in _ESTIMATE_FAILS:
+            level = max(level, WARN)
+            text += f", the estimate of thrust and wind {_ESTIMATE_FAILS[tick.stats.estimate]}"
+        return Health(
+            level=level,
+            text=text,
+            values=[*tick.stats.items(), ("engaged", engaged)],
+        )
+
+    def _warn(self, text: str) -> None:
+        self.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
+
+
+main = functools.partial(run, MpcNode)
+
+if __name__ == "__main__":
+    sys.exit(main())

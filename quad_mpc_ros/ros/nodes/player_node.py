@@ -1,0 +1,210 @@
+"""The player node: a recorded bag onto its topics again, in its own time."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from std_srvs.srv import Trigger
+
+from quad_mpc_ros.configuration import BagError, ConfigurationError
+from quad_mpc_ros.messages.conversions import fill_time
+from quad_mpc_ros.messages.diagnostics import OK
+from quad_mpc_ros.messages.topics import CLOCK
+from quad_mpc_ros.recordings.config import PlayerConfig
+from quad_mpc_ros.recordings.qos_profile import QosProfile, parse_qos_profiles
+from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage, TopicInfo
+from quad_mpc_ros.recordings.replay.playback import Playback, Section, Timeline, in_laps
+from quad_mpc_ros.recordings.replay.playback_threads import PlaybackThread, ReadAhead
+from quad_mpc_ros.ros.health import Health, ReportingNode
+from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
+from quad_mpc_ros.ros.nodes.bag_qos import offered_again
+from quad_mpc_ros.ros.nodes.played_topics import PlayedTopics, played_topics
+from quad_mpc_ros.ros.rclpy_internals import RCLError
+from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run, stop
+
+_READ_AHEAD = 1000
+_ACKNOWLEDGE_TIMEOUT = Duration(seconds=2)
+_PROGRESS_PERIOD = 0.5
+# Reading ahead must not keep the interpreter from a message that is due: Python's default of
+# 5 ms is a quarter of a period at 50 Hz.
+_SWITCH_INTERVAL_S = 0.0005
+_S = 1_000_000_000
+
+
+class PlayerNode(ReportingNode[PlayerConfig]):
+    """Publishes the serialized messages of a bag with the quality of service they had."""
+
+    def __init__(self) -> None:
+        self._thread: PlaybackThread | None = None
+        self._read_ahead: ReadAhead | None = None
+        super().__init__("player", PlayerConfig)
+        try:
+            self._prepare()
+        except BaseException:  # a signal as well: nobody else would end the threads
+            self._end_threads()
+            raise
+
+    def _prepare(self) -> None:
+        config = self.config
+        if not config.bag:
+            raise ConfigurationError("player.bag", config.bag, "a bag directory or .mcap file")
+        reader = BagReader(Path(config.bag))
+        topics = played_topics(reader, config)
+        self._section = _section(reader, config)
+        self._outputs = self._create_outputs(topics)
+        self._clock_output = self._clock_publisher()
+        self._clock_message = new_message(CLOCK.type_name)
+        self._read_ahead = ReadAhead(
+            in_laps(
+                lambda: reader.messages(topics.playable, from_ns=self._section.start_ns),
+                self._section,
+            ),
+            depth=_READ_AHEAD,
+        )
+        timeline = Timeline(
+            recorded_ns=self._section.start_ns,
+            steady_ns=time.monotonic_ns() + round(config.delay * _S),
+            rate=config.rate,
+            paused=config.paused,
+        )
+        self._playback = Playback(
+            self._read_ahead,
+            timeline=timeline,
+            publish=self._publish,
+            publish_clock=self._publish_clock,
+            clock_rate=config.clock_rate,
+        )
+        if self._playback.finished:
+            raise BagError(f"{config.bag}: no message after {config.start:g} s on these topics")
+        self._thread = PlaybackThread(self._playback, timeline, at_end=self._at_end)
+        for name, paused in (("pause", True), ("resume", False)):
+            serve = functools.partial(self._set_paused, paused)
+            self.create_service(Trigger, f"~/{name}", serve)
+        if config.progress:
+            self.create_timer(_PROGRESS_PERIOD, self._show_progress)
+        sys.setswitchinterval(_SWITCH_INTERVAL_S)
+        self.get_logger().info(f"playing {config.bag}: {len(self._outputs)} topics")
+        self._thread.start()
+
+    def destroy_node(self) -> None:
+        """End the playback, then the node."""
+        self._end_threads()
+        super().destroy_node()
+
+    def _end_threads(self) -> None:
+        if self._thread is not None:
+            self._thread.stop()
+        if self._read_ahead is not None:
+            self._read_ahead.close()
+
+    def _create_outputs(self, topics: PlayedTopics) -> dict[str, Publisher]:
+        for topic, why in topics.refused.items():
+            self.get_logger().warning(f"not played: {topic}: {why}")
+        return {
+            topic: self.create_publisher(
+                message_class(info.type_name), topic, offered_again(_recorded_qos(info))
+            )
+            for topic, info in topics.playable.items()
+        }
+
+    def _clock_publisher(self) -> Publisher | None:
+        if not self.config.clock_rate:
+            return None
+        return self.create_publisher(message_class(CLOCK.type_name), CLOCK.name, qos_of(CLOCK))
+
+    def _publish(self, message: RecordedMessage) -> None:
+        self._send(self._outputs[message.topic], message.data)
+
+    def _publish_clock(self, recorded_ns: int) -> None:
+        if self._clock_output is not None:
+            fill_time(self._clock_message.clock, self._section.log_time_ns(recorded_ns))
+            self._send(self._clock_output, self._clock_message)
+
+    def _send(self, publisher: Publisher, message: Any) -> None:
+        with self._unless_shut_down():
+            publisher.publish(message)
+
+    def _await_acknowledgement(self) -> None:
+        """Wait for slow subscribers: what they have not got would be lost with this process."""
+        for publisher in self._outputs.values():
+            with self._unless_shut_down():
+                publisher.wait_for_all_acked(_ACKNOWLEDGE_TIMEOUT)
+
+    @contextmanager
+    def _unless_shut_down(self) -> Iterator[None]:
+        """Let errors be when a signal has ended ROS meanwhile, and soon the thread."""
+        try:
+            yield
+        except RCLError:
+            if self.context.ok():
+                raise
+
+    def _at_end(self, problem: Exception | None) -> None:
+        if isinstance(problem, BagError):
+            self.get_logger().fatal(f"playing ended: {problem}")
+            self.exit_code = EXIT_BAD_INPUT
+        elif problem is not None:
+            self.get_logger().fatal(f"playing ended: {problem!r}")
+            self.exit_code = 1
+        else:
+            self._await_acknowledgement()
+            self.get_logger().info(f"played {self._playback.count} messages")
+        stop()
+
+    def _set_paused(self, paused: bool, _: Any, response: Any) -> Any:
+        assert self._thread is not None
+        response.success = self._thread.set_paused(paused)
+        response.message = "" if response.success else "already paused" if paused else "playing"
+        return response
+
+    def _position(self) -> float:
+        assert self._thread is not None
+        log_time_ns = self._section.log_time_ns(self._thread.recorded_ns())
+        return self.config.start + (log_time_ns - self._section.start_ns) / _S
+
+    def _show_progress(self) -> None:
+        end = self.config.start + (self._section.end_ns - self._section.start_ns) / _S
+        print(f"  {self._position():8.1f} s of {end:.1f} s", file=sys.stderr, flush=True)
+
+    def report(self) -> Health:
+        """Return how far the playback has come."""
+        return Health(
+            level=OK,
+            text="playing",
+            values=[
+                ("position", f"{self._position():.3f}"),
+                ("messages", str(self._playback.count)),
+            ],
+        )
+
+
+def _section(reader: BagReader, config: PlayerConfig) -> Section:
+    span = reader.span
+    assert span is not None  # there is a message to play
+    start_ns = span.start_ns + round(config.start * _S)
+    if start_ns > span.end_ns:
+        raise ConfigurationError(
+            "player.start", config.start, f"at most the {span.duration_ns / _S:.3f} s of the bag"
+        )
+    return Section(start_ns=start_ns, end_ns=span.end_ns, loop=config.loop)
+
+
+def _recorded_qos(info: TopicInfo) -> Sequence[QosProfile]:
+    try:
+        return parse_qos_profiles(info.qos_profiles)
+    except BagError:  # of another writer: the default profile serves
+        return ()
+
+
+main = functools.partial(run, PlayerNode)
+
+if __name__ == "__main__":
+    sys.exit(main())

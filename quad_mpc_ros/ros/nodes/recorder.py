@@ -1,0 +1,239 @@
+"""A recording in progress: a bag, the topics that go into it and the parameters of nodes."""
+
+from __future__ import annotations
+
+import datetime
+import itertools
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.recordings.config import RecorderConfig, TopicSelection
+from quad_mpc_ros.recordings.parameters import write_parameters
+from quad_mpc_ros.recordings.writer import BagExistsError, BagWriter, Split
+from quad_mpc_ros.ros.messages import message_class
+from quad_mpc_ros.ros.nodes.bag_qos import offered
+from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
+from quad_mpc_ros.ros.nodes.published_order import PublishedOrder
+from quad_mpc_ros.ros.nodes.topic_recorder import TopicRecorder
+
+
+class Recorder:
+    """One bag, which exists from the first :meth:`resume` on and ends with :meth:`close`.
+
+    Paused, it hears nothing, so that a latched message that came meanwhile is recorded when it
+    goes on. ``on_fault`` is called with the reason when the disk refuses.
+    """
+
+    def __init__(
+        self, node: Node, config: RecorderConfig, *, on_fault: Callable[[str], None]
+    ) -> None:
+        """Prepare it. Raises :class:`BagError` when the folder of the bag exists already."""
+        if config.directory and Path(config.directory).exists():
+            raise BagExistsError(Path(config.directory))
+        self._node = node
+        self._config = config
+        self._on_fault = on_fault
+        self._selection = TopicSelection(
+            names=tuple(node.resolve_topic_name(name) for name in config.topics),
+            pattern=config.topics_regex,
+            exclude=config.topics_exclude_regex,
+            everything=config.all,
+        )
+        self._writer: BagWriter | None = None
+        self._type_names: dict[str, str] = {}
+        self._recorded: dict[str, TopicRecorder] = {}
+        self._refused: set[str] = set()
+        self._early: list[Callable[[int], None]] = []
+        self._ordered = PublishedOrder()
+        self._asked = {name: ParameterQuery(node, name) for name in config.nodes}
+        self._asked.pop(node.get_name(), None)
+        self.message_count = 0
+        self._lost_before = 0  # the last pause
+        self.fault: str | None = None
+
+    @property
+    def missing(self) -> list[str]:
+        """The topics asked for by name that are not there yet."""
+        return [topic for topic in self._selection.names if topic not in self._recorded]
+
+    @property
+    def unanswered(self) -> list[str]:
+        """The nodes that have not told their parameters yet."""
+        return [name for name, query in self._asked.items() if not query.done]
+
+    @property
+    def publisher_counts(self) -> dict[str, int]:
+        """The number of publishers that are heard by topic."""
+        return {topic: recording.publisher_count for topic, recording in self._recorded.items()}
+
+    @property
+    def lost_count(self) -> int:
+        """How many messages were lost on their way."""
+        lost = sum(recording.lost_count for recording in self._recorded.values())
+        return self._lost_before + lost
+
+    def resume(self) -> Path:
+        """Record from now on, and return the folder of the bag.
+
+        Raises :class:`BagError` when it cannot be created.
+        """
+        if self._writer is None:
+            self._writer = new_bag(self._config)
+            write_parameters(self._writer, self._node.get_name(), self._config.flattened())
+        self.poll()
+        return self._writer.directory
+
+    def pause(self) -> None:
+        """Hear nothing from now on; what has been heard goes to the operating system."""
+        for recording in self._recorded.values():
+            recording.close()
+        self._lost_before = self.lost_count
+        self._recorded.clear()
+        self._refused.clear()
+        self._ordered.write_all()
+        self._guarded(lambda writer: writer.flush())
+
+    def close(self) -> None:
+        """End the bag, when one was begun."""
+        self.pause()
+        for query in self._asked.values():
+            query.close()
+        self._write_early(0)
+        self._guarded(lambda writer: writer.close())
+
+    def poll(self) -> bool:
+        """Flush when it is due; subscribe to what is wanted and has appeared; ask for parameters.
+
+        To be called several times a second while it records. Return whether there is more to
+        record now than before.
+        """
+        self._ordered.write_older()
+        self._guarded(lambda writer: writer.flush_if_due(time.monotonic()))
+        more = False
+        for topic in self._appeared():
+            more |= self._subscribe(topic)
+        for recording in self._recorded.values():
+            recording.follow_publishers(time.monotonic())
+        for query in self._asked.values():
+            more |= self._take_parameters(query)
+        return more
+
+    def _appeared(self) -> list[str]:
+        known = self._recorded.keys() | self._refused
+        if self._selection.by_name_only:
+            candidates = set(self._selection.names) - known
+        else:
+            candidates = {name for name, _ in self._node.get_topic_names_and_types()} - known
+        return sorted(topic for topic in candidates if self._selection.includes(topic))
+
+    def _subscribe(self, topic: str) -> bool:
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        if not publishers:
+            return False
+        type_names = sorted({info.topic_type for info in publishers})
+        profiles = [info.qos_profile for info in publishers]
+        try:
+            if len(type_names) > 1:
+                raise BagError("its publishers do not agree on the type")
+            message_class(type_names[0])  # raises when it is not installed
+            self._announce(topic, type_names[0], profiles)
+        except (ImportError, AttributeError, ValueError, BagError) as error:
+            self._refused.add(topic)
+            self._node.get_logger().error(
+                f"cannot record {topic} of type {', '.join(type_names)}: {error}"
+            )
+            return False
+        self._recorded[topic] = TopicRecorder(
+            self._node,
+            topic=topic,
+            type_name=type_names[0],
+            publishers=profiles,
+            receive=partial(self._on_message, topic),
+        )
+        return True
+
+    def _announce(self, topic: str, type_name: str, profiles: list[QoSProfile]) -> None:
+        """Tell the bag of a topic, unless it was recorded before a pause."""
+        before = self._type_names.get(topic)
+        if before is None and self._writer is not None:
+            self._writer.add_topic(
+                topic, type_name, qos_profiles=[offered(profile) for profile in profiles]
+            )
+            self._type_names[topic] = type_name
+        elif before != type_name:
+            raise BagError(f"it is recorded as {before}")
+
+    def _on_message(self, topic: str, data: bytes, info: dict[str, int]) -> None:
+        write = partial(self._write, topic, data, info["source_timestamp"])
+        self.message_count += 1
+        clock = self._node.get_clock()
+        if not clock.ros_time_is_active:
+            write(info["received_timestamp"])
+            return
+        now_ns = int(clock.now().nanoseconds)
+        if now_ns == 0:  # simulated time that has not begun
+            self._early.append(write)
+            return
+        self._write_early(now_ns)
+        self._ordered.add(info["source_timestamp"], now_ns, write)
+
+    def _write(self, topic: str, data: bytes, publish_time_ns: int, log_time_ns: int) -> None:
+        self._guarded(
+            lambda writer: writer.write(
+                topic, data, log_time_ns=log_time_ns, publish_time_ns=publish_time_ns
+            )
+        )
+
+    def _write_early(self, now_ns: int) -> None:
+        """Write what came before simulated time began, as if it came when it did."""
+        for write in self._early:
+            write(now_ns)
+        self._early.clear()
+
+    def _take_parameters(self, query: ParameterQuery) -> bool:
+        values = query.poll()
+        if values is None:
+            return False
+        self._guarded(lambda writer: write_parameters(writer, query.node_name, values))
+        return True
+
+    def _guarded(self, action: Callable[[BagWriter], None]) -> None:
+        """Do something with the bag; when the disk refuses, that was the last."""
+        if self._writer is None or self.fault is not None:
+            return
+        try:
+            action(self._writer)
+        except BagError as error:
+            self.fault = str(error)
+            self._on_fault(self.fault)
+
+
+def new_bag(config: RecorderConfig) -> BagWriter:
+    """Begin a bag where it is asked for, or else under a name that no other recorder has taken."""
+    if config.directory:
+        return _bag_in(Path(config.directory), config)
+    name = datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
+    names = itertools.chain([name], (f"{name}_{number}" for number in itertools.count(1)))
+    while True:
+        try:
+            return _bag_in(Path(next(names)), config)
+        except BagExistsError:
+            pass  # of a vehicle beside this one that began in the same second
+
+
+def _bag_in(directory: Path, config: RecorderConfig) -> BagWriter:
+    return BagWriter(
+        directory,
+        compression=config.compression,  # type: ignore[arg-type]
+        split=Split(
+            max_size=config.max_bag_size,
+            max_duration_ns=round(config.max_bag_duration * 1e9),
+        ),
+        durable=config.sync,
+    )

@@ -1,0 +1,100 @@
+"""The recorder node: topics into a rosbag2 directory, as raw serialized messages."""
+
+from __future__ import annotations
+
+import functools
+import sys
+
+from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
+from quad_mpc_ros.recordings.config import RecorderConfig
+from quad_mpc_ros.ros.health import PEERS_KEY, Health
+from quad_mpc_ros.ros.lifecycle import ManagedNode
+from quad_mpc_ros.ros.nodes.recorder import Recorder
+from quad_mpc_ros.ros.spin import run, stop
+
+_PERIOD = 0.1
+_LOST = "were lost on their way here: this machine is too busy for all that is recorded"
+
+
+class RecorderNode(ManagedNode[RecorderConfig]):
+    """Subscribes to what is asked for as it appears on the graph, and writes what comes.
+
+    Active it records; inactive it holds an open bag, to which it adds when it is activated again.
+    The bag ends with the cleanup. Nothing is on the disk before the first activation.
+    """
+
+    _recorder: Recorder
+
+    def __init__(self) -> None:
+        super().__init__("recorder", RecorderConfig)
+        self.start()
+
+    def configure(self, config: RecorderConfig) -> None:
+        """Prepare a new recording."""
+        self._recorder = Recorder(self, config, on_fault=self._on_fault)
+        self._lost_told = 0
+        # One timer for all: what wakes the node costs more than what it does then.
+        self.managed_timer(_PERIOD, self._on_timer, steady=True)
+
+    def activate(self) -> None:
+        """Record."""
+        directory = self._recorder.resume()
+        self.get_logger().info(f"recording to {directory}")
+
+    def deactivate(self) -> None:
+        """Pause; the bag stays open."""
+        self._recorder.pause()
+
+    def cleanup(self) -> None:
+        """End the bag."""
+        self._recorder.close()
+        self._tell_lost()
+        del self._recorder
+
+    def report(self) -> Health:
+        """Return how the recording goes."""
+        recorder = self._recorder
+        missing, lost = recorder.missing, recorder.lost_count
+        text = f"not there yet: {', '.join(missing)}" if missing else "recording"
+        if lost:
+            text = f"{lost} messages {_LOST}"
+        return Health(
+            level=ERROR if recorder.fault else WARN if missing or lost else OK,
+            text=recorder.fault or text,
+            values=[
+                *(
+                    (f"{PEERS_KEY}{topic}", str(count))
+                    for topic, count in recorder.publisher_counts.items()
+                ),
+                ("messages", str(recorder.message_count)),
+                ("lost", str(lost)),
+                ("parameters_missing", " ".join(recorder.unanswered)),
+            ],
+        )
+
+    def _on_timer(self) -> None:
+        if not self.active:
+            return
+        more = self._recorder.poll()
+        if self._tell_lost() or more:
+            self.health.report()
+
+    def _tell_lost(self) -> bool:
+        """Log what has been lost since this was asked last; return whether anything was."""
+        lost = self._recorder.lost_count - self._lost_told
+        self._lost_told += lost
+        if lost:
+            self.get_logger().warning(f"{lost} messages {_LOST}")
+        return lost > 0
+
+    def _on_fault(self, fault: str) -> None:
+        """End a recording that the disk refuses, and say why."""
+        self.exit_code = 1
+        self.get_logger().fatal(f"recording ended: {fault}")
+        stop()
+
+
+main = functools.partial(run, RecorderNode, message_info=True)
+
+if __name__ == "__main__":
+    sys.exit(main())

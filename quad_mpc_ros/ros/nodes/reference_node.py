@@ -1,0 +1,328 @@
+"""The reference node: publishes windows of what is to be flown, and takes requests."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from std_srvs.srv import Trigger
+
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.messages import cdr, conversions
+from quad_mpc_ros.messages.diagnostics import OK, WARN
+from quad_mpc_ros.messages.topics import (
+    ENGAGED,
+    GOAL_POSE,
+    LANDED,
+    ODOMETRY,
+    ODOMETRY_RESET,
+    REFERENCE,
+    REFERENCE_PATH,
+    TRAJECTORY,
+)
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
+from quad_mpc_ros.references.director import TOO_LATE, Reply
+from quad_mpc_ros.references.live import LiveReference
+from quad_mpc_ros.references.point_table import PointTable
+from quad_mpc_ros.references.timeline import FlightTime, StampClock
+from quad_mpc_ros.references.trajectory import TrajectorySamples
+from quad_mpc_ros.ros.clocks import SteadyTime
+from quad_mpc_ros.ros.health import Health
+from quad_mpc_ros.ros.lifecycle import ManagedNode
+from quad_mpc_ros.ros.messages import new_message, odometry_in, stamp_of
+from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.ros.telling import told
+
+_BODY_FRAME = "base_link"
+# What is asked for begins a little later, as it has to be planned first; what takes longer is
+# planned once more, to begin later by how long it took, and a half.
+_LEAD_NS = 100_000_000
+_LONGER = 1.5
+_TRIALS = 3
+_RENEWAL = 0.05  # of a window's length: so soon the next goes out, though it shows the same
+_INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
+
+
+class _Shown(NamedTuple):
+    """What the last window showed, stamped how far ahead, and when it went out."""
+
+    outlook: tuple[object, ...]
+    ahead_ns: int
+    at_ns: int
+
+
+class ReferenceNode(ManagedNode[ReferenceConfig]):
+    """Wires the reference of a live flight to its topics and services.
+
+    The trajectory begins with the first odometry; until then its first sample is held. In the mode
+    ``on_request`` nothing is published until then, and the vehicle stands. Where somebody tells
+    that commands do not act, it waits at the vehicle. While the node is inactive the time of the
+    flight stands still.
+
+    The flight goes by a clock that is never set, and windows come out of a thread of their own,
+    while the executor plans: one as soon as something is to be flown otherwise than the last one
+    showed, and else when a twentieth of that has passed.
+    """
+
+    _config: ReferenceConfig
+    _live: LiveReference
+
+    def __init__(self, *, hand_over: Callable[[ReferenceWindow], None] | None = None) -> None:
+        """Make it; windows are handed over to another node of the process as well."""
+        super().__init__("reference", ReferenceConfig)
+        self._hand_over = hand_over
+        self._newest_ns = 0
+        self._steady = SteadyTime(self.get_clock())
+        self._publishing = threading.Lock()
+        self.start()
+
+    def configure(self, config: ReferenceConfig) -> None:
+        """Prepare the trajectory and listen."""
+        self._config = config
+        # Compiled code is loaded when it is first called: now, not when the flight begins.
+        with told(self):
+            odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id=config.frame_id)
+            self._live = self._prepared()
+        self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
+        self._time, self._stamps = FlightTime(), StampClock()
+        self._request = ""
+        self._shown: _Shown | None = None
+        self._renewal_ns = round(_RENEWAL * config.window_duration * 1e9)
+        self._reference = self.health.publisher(REFERENCE)
+        self._path = self.health.publisher(REFERENCE_PATH)
+        self.managed_subscription(ODOMETRY, self._on_odometry, raw=True)
+        self.managed_subscription(ENGAGED, self._on_engaged, expected=False)
+        self.managed_subscription(LANDED, self._on_landed, expected=False)
+        self.managed_subscription(ODOMETRY_RESET, self._on_odometry_reset, expected=False)
+        self.managed_subscription(GOAL_POSE, self._on_goal)
+        self.managed_subscription(TRAJECTORY, self._on_trajectory)
+        for name, request in (
+            ("takeoff", self._live.take_off),
+            ("start", self._live.start),
+            ("hold", self._live.hold),
+            ("land", self._live.land),
+        ):
+            serve = functools.partial(self._serve, name, request)
+            self.managed_service(Trigger, f"~/{name}", serve)
+        if not config.lockstep:
+            self.managed_beat(1.0 / config.publish_rate, self._on_beat)
+
+    def activate(self) -> None:
+        """Begin, or go on where it stopped."""
+        self._time.resume(self._now_ns())
+        self._shown = None
+        self._publish_path(self._live.course(self._flight_ns()))
+
+    def deactivate(self) -> None:
+        """Stop the time of the flight."""
+        with self._publishing:  # what is being published now still belongs to it
+            self._time.pause(self._now_ns())
+
+    def cleanup(self) -> None:
+        """Release the trajectory."""
+        del self._live
+
+    def _prepared(self) -> LiveReference:
+        joined = functools.cache(
+            functools.partial(joined_trajectory, self._config, read_bag=_flown_points)
+        )
+        if self._config.mode == "on_request":
+            return LiveReference(self._config, joined(), joined=joined)
+        trajectory = configured_trajectory(self._config, read_bag=_flown_points)
+        return LiveReference(
+            self._config, trajectory, joined=(lambda: trajectory) if trajectory.smooth else joined
+        )
+
+    def _on_odometry(self, data: bytes) -> None:
+        if not self.active:
+            return
+        if not self._config.lockstep:
+            self._stamps.note(stamp_of(data), now_ns=self._now_ns())
+            if not self._live.needs_odometry(self._flight_ns()):
+                return  # not decoded: in real time most are not needed
+        try:
+            odometry = odometry_in(data)
+        except ValueError:
+            return  # the controller warns of it
+        if odometry_fault(odometry, frame_id=self._config.frame_id) is not None:
+            return  # the controller warns of it
+        starting = not self._live.started
+        now_ns = odometry.stamp_ns - self._stamps.ahead_ns
+        reply = self._live.observe(replace(odometry, stamp_ns=self._time.at(now_ns)))
+        if reply is not None:
+            self._tell_request("touchdown" if reply.accepted else "odometry", reply)
+        if starting or self._config.lockstep:
+            self._newest_ns = odometry.stamp_ns
+            with self._publishing:
+                self._publish(now_ns)
+
+    def _on_beat(self) -> None:
+        with self._publishing:
+            if self.active and self._is_due(self._now_ns()):
+                self._publish(self._now_ns())
+
+    def _is_due(self, now_ns: int) -> bool:
+        """Whether the last window says no more what is to come, or not for long enough."""
+        outlook, ahead_ns = self._live.outlook(), self._stamps.ahead_ns
+        shown, self._shown = self._shown, _Shown(outlook, ahead_ns, now_ns)
+        if (
+            shown is None
+            or not outlook
+            or [*map(id, outlook)] != [*map(id, shown.outlook)]
+            or ahead_ns != shown.ahead_ns
+            or abs(now_ns - shown.at_ns) >= self._renewal_ns
+            or self._live.changes(self._time.at(shown.at_ns), self._time.at(now_ns))
+        ):
+            return True
+        self._shown = shown
+        return False
+
+    def _on_engaged(self, message: Any) -> None:
+        reply = self._live.engage(bool(message.data))
+        if reply is not None:
+            self._tell_request("handover", reply)
+
+    def _on_landed(self, message: Any) -> None:
+        self._live.landed(bool(message.data))
+
+    def _on_odometry_reset(self, message: Any) -> None:
+        if not self.active:
+            return
+        try:
+            reset = conversions.reset_from_message(message)
+        except ValueError as error:
+            self.get_logger().warning(str(error))
+            return
+        with self._publishing:
+            reply = self._live.reset_estimate(self._flight_ns(), reset)
+            if not self._config.lockstep:
+                self._publish(self._now_ns())
+        self._tell_request("reset", reply)
+
+    def _serve(self, name: str, request: Callable[[int], Reply], _: Any, response: Any) -> Any:
+        reply = self._handle(name, request)
+        response.success, response.message = reply.accepted, reply.text
+        return response
+
+    def _on_goal(self, message: Any) -> None:
+        frame_id, p_WB, q_WB_xyzw = conversions.pose_from_message(message)
+        self._handle(
+            "goal",
+            lambda now_ns: self._live.go_to(
+                now_ns, frame_id=frame_id, p_WB=p_WB, q_WB_xyzw=q_WB_xyzw
+            ),
+        )
+
+    def _on_trajectory(self, message: Any) -> None:
+        try:
+            window = conversions.reference_from_message(message)
+        except ValueError as error:
+            self._tell_request("trajectory", Reply(accepted=False, text=str(error)))
+            return
+        self._handle("trajectory", lambda now_ns: self._live.follow(now_ns, window))
+
+    def _handle(self, name: str, request: Callable[[int], Reply]) -> Reply:
+        """Pass a request to the flight, tell its result, and show the new course."""
+        reply = self._planned(request) if self.active else _INACTIVE
+        self._tell_request(name, reply)
+        if reply.accepted:
+            self._publish_path(self._live.course(self._flight_ns()))
+        return reply
+
+    def _planned(self, request: Callable[[int], Reply]) -> Reply:
+        """Ask the flight for what shall begin so late that it is planned by then."""
+        if self._config.lockstep:  # time waits
+            return request(self._flight_ns())
+        lead_ns = _LEAD_NS
+        reply = TOO_LATE
+        for _ in range(_TRIALS):
+            begun_ns = time.monotonic_ns()
+            reply = request(self._flight_ns() + lead_ns)
+            if reply is not TOO_LATE:
+                break
+            lead_ns = _LEAD_NS + round(_LONGER * (time.monotonic_ns() - begun_ns))
+        return reply
+
+    def _tell_request(self, name: str, reply: Reply) -> None:
+        """Log and report the result of a request, but the same refusal only once."""
+        before = self._request
+        self._request = f"{name} {'accepted' if reply.accepted else 'refused'}: {reply.text}"
+        if reply.accepted:
+            self.get_logger().info(self._request)
+        elif self._request != before:
+            self.get_logger().warning(self._request)
+        else:
+            return
+        self.health.report()
+
+    def _publish(self, now_ns: int) -> None:
+        window = self._live.window(self._time.at(now_ns))
+        if window is None:
+            return
+        window = replace(window, stamp_ns=now_ns + self._stamps.ahead_ns)
+        if self._hand_over is not None:
+            self._hand_over(window)
+            if self._reference.get_subscription_count() == 0:
+                return
+        self._reference.publish(cdr.written_reference(window, child_frame_id=_BODY_FRAME))
+
+    def _publish_path(self, samples: TrajectorySamples) -> None:
+        stamp_ns = int(self.get_clock().now().nanoseconds)
+        message = new_message(REFERENCE_PATH.type_name)
+        conversions.fill_path(
+            message,
+            stamp_ns=stamp_ns,
+            frame_id=self._config.frame_id,
+            p_WB=samples.p_WB,
+            q_WB_xyzw=samples.q_WB_xyzw,
+            new=new_message,
+        )
+        self._path.publish(message)
+
+    def _flight_ns(self) -> int:
+        """Return the time of the flight."""
+        return self._time.at(self._now_ns())
+
+    def _now_ns(self) -> int:
+        """Return the time by which is flown: in lockstep the stamp of the newest odometry."""
+        return self._newest_ns if self._config.lockstep else self._steady.now_ns()
+
+    def report(self) -> Health:
+        """Return what is flown."""
+        if self._live.started:
+            text, level = "flying", OK
+        elif self._live.waits:
+            text, level = "waiting at the vehicle until commands act", OK
+        elif self._config.mode == "at_once":
+            text, level = "waiting for odometry, holding the start", OK
+        else:
+            text, level = "waiting for odometry", WARN
+        return Health(
+            level=level,
+            text=text,
+            values=[
+                ("trajectory", self._config.trajectory),
+                ("mode", self._live.mode(self._flight_ns())),
+                ("request", self._request),
+            ],
+        )
+
+
+def _flown_points(bag: Path) -> PointTable:
+    from quad_mpc_ros.recordings.recording import flown_points  # slow, and for bags only
+
+    return flown_points(bag)
+
+
+main = functools.partial(run, ReferenceNode)
+
+if __name__ == "__main__":
+    sys.exit(main())

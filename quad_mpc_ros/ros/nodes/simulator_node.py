@@ -1,0 +1,228 @@
+"""The simulator node: flies the plant on the wall clock, or in lockstep with the commands."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from std_srvs.srv import Trigger
+
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.messages import cdr, conversions
+from quad_mpc_ros.messages.diagnostics import ERROR, OK
+from quad_mpc_ros.messages.topics import BATTERY, CLOCK, COMMAND, ODOMETRY, REFERENCE
+from quad_mpc_ros.ros.clocks import create_steady_timer
+from quad_mpc_ros.ros.health import Health, ReportingNode
+from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.ros.spin import run, stop
+from quad_mpc_ros.ros.telling import told
+from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
+from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+from quad_mpc_ros.simulation.plant import Plant, Powered
+from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
+from quad_mpc_ros.simulation.warm_up import warm_up
+
+# s: in lockstep an odometry without a command is sent again; the command may only be late.
+_RESEND_PERIOD = 1.0
+# s: how long it waits for nodes that are there and do not publish yet; they may be compiling.
+_STARTING = 900.0
+_TOLD_PERIOD = 5.0
+_AWAITED = {"mpc": COMMAND, "reference": REFERENCE}
+# s: how often real time is polled when odometries are delayed and leave at irregular times
+_POLL_PERIOD = 1e-3
+
+
+class RealTime:
+    """The plant follows the wall clock, whatever the controller does."""
+
+    def __init__(self, node: SimulatorNode, plant: Plant) -> None:
+        self._node, self._plant = node, plant
+        self._started_ns = 0
+        self._stream: OdometryStream | None = None
+
+    def start(self) -> None:
+        """Start the wall clock of the flight; its stamps are those of the node's clock."""
+        config = self._node.config
+        start_stamp_ns = int(self._node.get_clock().now().nanoseconds)
+        self._started_ns = time.monotonic_ns()
+        self._stream = OdometryStream(self._plant, config, start_stamp_ns=start_stamp_ns)
+        regular = config.odom_delay == config.odom_jitter == 0.0
+        period = 1.0 / config.odom_rate
+        self._node.every(period if regular else min(period, _POLL_PERIOD), self._tick)
+        self._tick()
+
+    def receive_command(self, command: CommandSample) -> None:
+        """Fly up to now with the previous command, from now on with this one."""
+        self._fly_to(self._elapsed_ns())
+        self._plant.apply(command)
+
+    def _tick(self) -> None:
+        elapsed_ns = self._elapsed_ns()
+        self._fly_to(elapsed_ns)
+        if self._stream is not None and self._stream.ended(elapsed_ns):
+            self._node.finish()
+
+    def _fly_to(self, time_ns: int) -> None:
+        if self._stream is not None:
+            for sent in self._stream.advance_to(time_ns):
+                self._node.publish(sent)
+
+    def _elapsed_ns(self) -> int:
+        return time.monotonic_ns() - self._started_ns
+
+
+class Lockstep:
+    """Simulated time, which stands still until the command for the last odometry has come."""
+
+    def __init__(self, node: SimulatorNode, plant: Plant) -> None:
+        self._node, self._plant = node, plant
+        self._stream = OdometryStream(plant, node.config, start_stamp_ns=SIMULATION_START_NS)
+        self._clock = node.health.publisher(CLOCK)
+        self._awaited: SentOdometry | None = None
+        self._waiting_since = self._started = 0.0
+
+    def start(self) -> None:
+        """Send the first odometry."""
+        self._started = time.monotonic()
+        self._node.every(_RESEND_PERIOD, self._resend)
+        self._step()
+
+    def receive_command(self, command: CommandSample) -> None:
+        """Step if this is the awaited command; a second one for the same odometry is not."""
+        if self._awaited is not None and command.stamp_ns == self._awaited.odometry.stamp_ns:
+            self._plant.apply(command)
+            self._step()
+
+    def _step(self) -> None:
+        self._awaited = self._stream.step()
+        if self._awaited is None:
+            self._node.finish()
+            return
+        self._waiting_since = time.monotonic()
+        self._send(self._awaited)
+
+    def _resend(self) -> None:
+        """Send again what may have been lost, and give up loudly in the end."""
+        now = time.monotonic()
+        waited = now - self._waiting_since
+        if self._awaited is None or waited < _RESEND_PERIOD:
+            return
+        starting = self._node.starting()
+        if starting and now - self._started < _STARTING:
+            self._waiting_since = now  # its time begins when they can answer
+            self._node.get_logger().info(
+                f"waiting for {starting}, which is not ready yet: at the first start after an "
+                "installation it compiles",
+                throttle_duration_sec=_TOLD_PERIOD,
+            )
+        elif waited > self._node.config.lockstep_timeout:
+            self._node.fail(
+                f"no command for the odometry of {self._awaited.odometry.stamp_ns * 1e-9:.3f} s "
+                f"within {self._node.config.lockstep_timeout:g} s (lockstep_timeout): are mpc "
+                f"and reference running, both with lockstep: true?"
+            )
+            return
+        self._send(self._awaited)
+
+    def _send(self, sent: SentOdometry) -> None:
+        """Publish the time of sending, which is after the stamp by the delay, and the odometry.
+
+        A repetition is the same message: noise is drawn once.
+        """
+        clock = new_message(CLOCK.type_name)
+        conversions.fill_time(clock.clock, SIMULATION_START_NS + sent.time_ns)
+        self._clock.publish(clock)
+        self._node.publish(sent)
+
+
+class SimulatorNode(ReportingNode[SimulatorConfig]):
+    """Wires the plant to its topics, in real time or in lockstep."""
+
+    def __init__(self) -> None:
+        super().__init__("simulator", SimulatorConfig)
+        self._odometry = self.health.publisher(ODOMETRY)
+        self._odometries = self._commands = 0
+        self._fault: str | None = None
+        self._running = False
+
+        with told(self):
+            warm_up(self.config)
+        pacing = Lockstep if self.config.lockstep else RealTime
+        plant = make_plant(self.config)
+        powered = isinstance(plant, Powered) and plant.battery_voltage is not None
+        self._battery = self.health.publisher(BATTERY) if powered else None
+        self._pacing = pacing(self, plant)
+        self.health.subscription(COMMAND, self._on_command)
+        self.create_service(Trigger, "~/start", self._on_start)
+        if self.config.autostart:
+            self._start()
+
+    def publish(self, sent: SentOdometry) -> None:
+        """Publish an odometry, and the battery's voltage where that was measured with it."""
+        self._odometry.publish(cdr.written_odometry(sent.odometry))
+        self._odometries += 1
+        if sent.voltage is not None and self._battery is not None:
+            message = new_message(BATTERY.type_name)
+            stamp_ns = sent.odometry.stamp_ns
+            conversions.fill_battery(message, sent.voltage, stamp_ns=stamp_ns)
+            self._battery.publish(message)
+
+    def starting(self) -> str:
+        """Return which nodes of the vehicle are there and do not publish what is waited for."""
+        space = self.get_namespace()
+        there = {name for name, other in self.get_node_names_and_namespaces() if other == space}
+        return " and ".join(
+            name
+            for name, topic in _AWAITED.items()
+            if name in there and not self.count_publishers(topic.name)
+        )
+
+    def every(self, period: float, callback: Callable[[], None]) -> None:
+        """Call back periodically on the wall clock, never on the simulated one."""
+        create_steady_timer(self, period, callback)
+
+    def finish(self) -> None:
+        """End the flight as planned."""
+        self.get_logger().info(f"flight ended: {self._commands} commands received")
+        stop()
+
+    def fail(self, fault: str) -> None:
+        """End the flight with an error."""
+        self._fault, self.exit_code = fault, 1
+        self.get_logger().fatal(fault)
+        self.health.report()
+        stop()
+
+    def _start(self) -> None:
+        self._running = True
+        self._pacing.start()
+
+    def _on_start(self, _: Any, response: Any) -> Any:
+        response.success = not self._running
+        response.message = "already running" if self._running else "running"
+        if not self._running:
+            self._start()
+        return response
+
+    def _on_command(self, message: Any) -> None:
+        if self._running:
+            self._commands += 1
+            self._pacing.receive_command(conversions.command_from_message(message))
+
+    def report(self) -> Health:
+        """Return whether the flight runs, and what ended it."""
+        text = self._fault or ("running" if self._running else "waiting for ~/start")
+        return Health(
+            level=ERROR if self._fault else OK,
+            text=text,
+            values=[("odometries", str(self._odometries)), ("commands", str(self._commands))],
+        )
+
+
+main = functools.partial(run, SimulatorNode)
+
+if __name__ == "__main__":
+    sys.exit(main())

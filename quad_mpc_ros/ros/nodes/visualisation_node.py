@@ -1,0 +1,107 @@
+"""The visualisation node: vehicle, trail, plan and thrust as markers, the pose as a transform."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from typing import Any
+
+from rclpy.publisher import Publisher
+
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.messages import conversions, markers
+from quad_mpc_ros.messages.diagnostics import OK, WARN
+from quad_mpc_ros.messages.markers import Trail, VisualisationConfig
+from quad_mpc_ros.messages.topics import COMMAND, MARKERS, ODOMETRY, PREDICTED_PATH, TF
+from quad_mpc_ros.ros.clocks import create_steady_timer
+from quad_mpc_ros.ros.health import Health, ReportingNode
+from quad_mpc_ros.ros.messages import message_class, new_message
+from quad_mpc_ros.ros.spin import run
+
+
+class VisualisationNode(ReportingNode[VisualisationConfig]):
+    """Shows each time the newest of what it has heard since the last time."""
+
+    def __init__(self) -> None:
+        super().__init__("visualisation", VisualisationConfig)
+        period = 1.0 / self.config.publish_rate
+        self._vehicle = self.config.vehicle()
+        self._trail = Trail(duration=self.config.trail_duration, spacing=period)
+        self._odometry: OdometrySample | None = None
+        self._command: CommandSample | None = None
+        self._plan: Any = None
+        self._heard = False
+
+        self._markers = self.health.publisher(MARKERS)
+        self._transforms = self._transform_publisher()
+        self.health.subscription(ODOMETRY, self._on_odometry)
+        self.health.subscription(COMMAND, self._on_command)
+        self.health.subscription(PREDICTED_PATH, self._on_plan)
+        create_steady_timer(self, period, self._show)
+
+    def _transform_publisher(self) -> Publisher | None:
+        if not self.config.broadcast_tf:
+            return None
+        try:
+            message_class(TF.type_name)
+        except ImportError:
+            self.get_logger().info("tf2_msgs is not installed: no transform is broadcast")
+            return None
+        return self.health.publisher(TF)
+
+    def _on_odometry(self, message: Any) -> None:
+        odometry = conversions.odometry_from_message(message)
+        fault = odometry_fault(odometry, frame_id=odometry.frame_id)
+        if fault is not None:
+            return  # the controller warns of it
+        self._odometry, self._heard = odometry, True
+        self._trail.add(odometry.stamp_ns, odometry.p_WB)
+
+    def _on_command(self, message: Any) -> None:
+        self._command = conversions.command_from_message(message)
+
+    def _on_plan(self, message: Any) -> None:
+        self._plan = message
+
+    def _show(self) -> None:
+        if self._odometry is None or not self._heard:
+            return
+        self._heard = False
+        message = new_message(MARKERS.type_name)
+        message.markers = self._drawn(self._odometry)
+        self._markers.publish(message)
+        if self._transforms is not None:
+            transform = new_message(TF.type_name)
+            conversions.fill_transform(transform, self._odometry, new=new_message)
+            self._transforms.publish(transform)
+
+    def _drawn(self, odometry: OdometrySample) -> list[Any]:
+        config, new = self.config, new_message
+        drawn = [
+            markers.vehicle_marker(odometry, arm=config.arm, new=new),
+            markers.trail_marker(odometry, self._trail.p_WB, new=new),
+        ]
+        if self._command is not None:
+            throttle, length = self._command.throttle, config.thrust_length
+            drawn.append(
+                markers.thrust_marker(odometry, throttle, self._vehicle, length=length, new=new)
+            )
+        if self._plan is not None:
+            p_WB = conversions.positions_from_path(self._plan)
+            drawn.append(markers.predicted_marker(odometry, p_WB, new=new))
+        # Each is shown once: a viewer lets what is not renewed vanish.
+        self._command = self._plan = None
+        return drawn
+
+    def report(self) -> Health:
+        """Return whether there is something to show."""
+        if self._odometry is None:
+            return Health(level=WARN, text="waiting for odometry")
+        return Health(level=OK, text="showing")
+
+
+main = functools.partial(run, VisualisationNode)
+
+if __name__ == "__main__":
+    sys.exit(main())

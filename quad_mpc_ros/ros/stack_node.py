@@ -1,0 +1,63 @@
+"""The controller of a vehicle in one process: MPC and reference, and a bridge if there is one.
+
+    stack_node --ros-args --params-file vehicle.yaml                 # mpc and reference
+    stack_node --bridge px4 --ros-args --params-file vehicle.yaml
+
+They are the nodes that they are in processes of their own, with their names, parameters, topics
+and services. Windows of the reference go to the MPC without DDS, and by DDS to whoever else
+listens. Each node has its own thread: planning does not keep the MPC waiting. When one ends, all
+end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+
+from quad_mpc_ros.ros.bridges.node import BridgeNode
+from quad_mpc_ros.ros.bridges.registry import load_bridge
+from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
+from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
+from quad_mpc_ros.ros.spin import run_together
+
+_NONE = "none"
+
+
+class Stack:
+    """Makes the nodes of a vehicle."""
+
+    def __init__(self, bridge: str) -> None:
+        """``bridge`` is the name of one, or ``none``."""
+        self._bridge = bridge
+
+    def mpc(self) -> Node:
+        """Return the MPC, to be made first."""
+        self._mpc = MpcNode(hears_reference=False)
+        return self._mpc
+
+    def reference(self) -> Node:
+        """Return the reference, whose windows the MPC gets."""
+        return ReferenceNode(hand_over=self._mpc.take_reference)
+
+    def bridge(self) -> Node:
+        """Return the bridge. Raises :class:`UserError` for one that nobody has registered."""
+        return BridgeNode(load_bridge(self._bridge))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the nodes until one of them ends; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument(
+        "--bridge", default=_NONE, metavar="NAME", help="to a flight stack, as px4"
+    )
+    options = parser.parse_args(remove_ros_args(sys.argv if args is None else args)[1:])
+    stack = Stack(options.bridge)
+    nodes = [stack.mpc, stack.reference, *([stack.bridge] if options.bridge != _NONE else [])]
+    return run_together(nodes, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,254 @@
+"""Which command acts when, and the state in which the next one will."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from types import FrameType
+
+import numpy as np
+import pytest
+from fixtures.presets import agile
+
+from quad_mpc_ros.configuration.compilation import CompiledFunction
+from quad_mpc_ros.control.estimation.command_history import Acting, CommandHistory, acting_between
+from quad_mpc_ros.control.estimation.contact import Contact, GroundContact
+from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.control.model.vehicle import Vehicle
+
+MS = 1_000_000
+VEHICLE = Vehicle()
+
+
+def throttle(value: float) -> Input:
+    return Input(throttle=value, w_WB_B=np.zeros(3))
+
+
+def between(history: CommandHistory, start_ns: int, end_ns: int) -> Acting:
+    return acting_between(history.acts_ns, history.commands, start_ns=start_ns, end_ns=end_ns)
+
+
+def test_commands_act_after_the_delay_and_until_the_next() -> None:
+    history = CommandHistory(delay_ns=25 * MS, initial=throttle(0.3).vector())
+    history.record(throttle(0.5).vector(), stamp_ns=0)
+    history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
+    acting = between(history, 10 * MS, 60 * MS)
+    np.testing.assert_allclose(acting.durations, [0.015, 0.020, 0.015], atol=1e-12)
+    np.testing.assert_array_equal(acting.commands[:, 0], [0.3, 0.5, 0.7])
+
+
+def test_of_two_commands_for_the_same_odometry_the_later_one_acts() -> None:
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3).vector())
+    history.record(throttle(0.5).vector(), stamp_ns=20 * MS)
+    history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
+    np.testing.assert_array_equal(between(history, 20 * MS, 40 * MS).commands[:, 0], [0.7])
+    np.testing.assert_array_equal(between(history, 10 * MS, 40 * MS).commands[:, 0], [0.3, 0.7])
+
+
+def test_after_a_clock_was_set_back_the_new_commands_act() -> None:
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3).vector())
+    history.record(throttle(0.5).vector(), stamp_ns=1000 * MS)
+    history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
+    np.testing.assert_array_equal(between(history, 20 * MS, 40 * MS).commands[:, 0], [0.7])
+
+
+@pytest.mark.parametrize("period_ms", [20, 1], ids=["forgets", "grows"])
+def test_a_long_flight_remembers_the_last_two_seconds(period_ms: int) -> None:
+    history = CommandHistory(delay_ns=0, initial=throttle(0.3).vector())
+    stamps = np.arange(0, 20_000, period_ms)
+    for stamp in stamps:
+        history.record(throttle(stamp * 1e-5).vector(), stamp_ns=int(stamp) * MS)
+    last = int(stamps[-1]) * MS
+    acting = between(history, last - 1_900 * MS, last)
+    assert acting.durations.sum() == pytest.approx(1.9, abs=1e-9)
+    assert len(acting.commands) == 1_900 // period_ms
+    np.testing.assert_allclose(np.diff(acting.commands[:, 0]), period_ms * 1e-5)
+    assert history.knows(last - 1_900 * MS)
+
+
+def test_the_intervals_fill_the_time_whatever_was_sent() -> None:
+    rng = np.random.default_rng(0)
+    history = CommandHistory(delay_ns=13 * MS, initial=throttle(0.3).vector())
+    for stamp in np.cumsum(rng.integers(1, 40, 50)) * MS:
+        history.record(throttle(float(rng.random())).vector(), stamp_ns=int(stamp))
+    for start in range(0, 900, 37):
+        total = between(history, start * MS, (start + 31) * MS).durations.sum()
+        assert total == pytest.approx(0.031, abs=1e-12)
+
+
+def test_without_delay_the_state_is_the_odometry() -> None:
+    compensation = DelayCompensation(agile())
+    odometry = _odometry(stamp_ns=20 * MS)
+    state = compensation.predict(odometry)
+    assert state.stamp_ns == 20 * MS
+    np.testing.assert_array_equal(state.x.p_WB, odometry.p_WB)
+    np.testing.assert_allclose(state.x.v_WB_B, odometry.v_WB_B, atol=1e-15)
+
+
+def test_free_fall_across_the_delay() -> None:
+    """With the motors off for long enough, the state ahead is that of a stone."""
+    config = agile(input_delay=0.033, drag=0.0, thrust_curve=(1.88, 2.8, 0.0))
+    compensation = DelayCompensation(config)
+    compensation.record(throttle(0.0), stamp_ns=-100 * MS)
+    state = compensation.predict(_odometry(stamp_ns=0, v_WB_B=np.array([1.0, 0.0, 0.0])))
+    assert state.stamp_ns == 33 * MS
+    np.testing.assert_allclose(state.x.p_WB, [0.033, 0.0, 5.0 - 0.5 * 9.81 * 0.033**2], atol=1e-9)
+    np.testing.assert_allclose(state.x.v_WB_W, [1.0, 0.0, -9.81 * 0.033], atol=1e-9)
+
+
+def test_rates_in_flight_turn_the_state_ahead() -> None:
+    compensation = DelayCompensation(agile(input_delay=0.03))
+    compensation.record(Input(throttle=0.3, w_WB_B=np.array([0.0, 0.0, 2.0])), stamp_ns=-10 * MS)
+    state = compensation.predict(_odometry(stamp_ns=0))
+    # Sent 10 ms ago with a delay of 30 ms: it acts for the last 10 ms of the 30 ahead.
+    np.testing.assert_allclose(so3.log(state.x.R_WB), [0.0, 0.0, 2.0 * 0.010], atol=1e-12)
+
+
+def test_what_did_not_act_is_forgotten_when_commands_begin_to() -> None:
+    compensation = DelayCompensation(agile(input_delay=0.03))
+    spin = Input(throttle=0.9, w_WB_B=np.array([0.0, 0.0, 5.0]))
+    compensation.engage(False)
+    for stamp_ns in range(-100 * MS, 0, 20 * MS):
+        compensation.record(spin, stamp_ns=stamp_ns)
+    compensation.engage(True)
+    ahead = compensation.predict(_odometry(stamp_ns=0)).x
+    np.testing.assert_allclose(ahead.R_WB, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(ahead.v_WB_W, 0.0, atol=1e-9)  # at hover, where another flew it
+
+
+@pytest.mark.parametrize(
+    ("engagements", "first", "last"),
+    [
+        ({}, 1, 99),
+        ({0: False, 20: True}, 20 + 16, 99),  # 0.3 s after the first of them acts
+        ({20: False}, 1, 20),  # when it ends, what was believed before counts
+        ({0: False}, None, None),
+    ],
+)
+def test_only_commands_that_act_teach(
+    engagements: dict[int, bool], first: int | None, last: int | None
+) -> None:
+    """A vehicle that drifts at a steady speed, whatever is asked of it."""
+    compensation = DelayCompensation(agile())
+    learned = []
+    for k in range(100):
+        if k in engagements:
+            compensation.engage(engagements[k])
+        odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=np.array([1.0, 0.0, 0.0]))
+        learned.append(float(compensation.predict(odometry).model.a_W[0]))
+        compensation.record(throttle(0.3), stamp_ns=20 * MS * k)
+    changes = np.flatnonzero(np.diff(learned)) + 1
+    assert (min(changes, default=None), max(changes, default=None)) == (first, last)
+
+
+def test_when_commands_act_no_more_what_was_believed_seconds_before_counts() -> None:
+    """Who disarms at the touchdown leaves no time to see that the vehicle stands."""
+    compensation = DelayCompensation(agile())
+    learned = []
+    for k in range(600):
+        if k == 550:
+            compensation.engage(False)
+        pushed = np.array([0.02 * k if k < 100 else 2.0, 0.0, 0.04 * max(k - 500, 0)])
+        odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=pushed)
+        learned.append(np.array(compensation.predict(odometry).model.a_W))
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+    assert learned[549][2] > 0.5
+    assert abs(learned[550][2]) < 0.1
+    np.testing.assert_array_equal(learned[550], learned[-1])
+
+
+def test_an_odometry_that_jumps_all_the_time_is_noticed() -> None:
+    compensation = DelayCompensation(agile())
+    told = []
+    for k in range(200):
+        turned = 1.0 if k % 2 and k > 100 else 0.0  # half a turn to and fro
+        odometry = dataclasses.replace(
+            _odometry(stamp_ns=20 * MS * k),
+            q_WB_xyzw=np.array([0.0, 0.0, turned, 1.0 - turned]),
+        )
+        compensation.predict(odometry)
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+        told.append(compensation.status)
+    assert {status.text for status in told[2:100]} == {"learning"}
+    assert told[102].text == "jumped"
+    assert told[-1] == ("reset", 2)
+
+
+def test_a_lift_off_teaches_only_once_it_is_over() -> None:
+    ground = GroundContact()
+    compensation = DelayCompensation(agile(), ground=ground)
+    told = []
+    for k in range(150):
+        ground.contact = Contact.STANDING if k < 50 else Contact.FLYING
+        compensation.predict(_odometry(stamp_ns=20 * MS * k))
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+        told.append(compensation.status.text)
+    assert 0.6 < 0.02 * (told.index("learning") - 50) < 0.8
+    assert set(told[told.index("learning") :]) == {"learning"}
+
+
+def test_a_landing_brings_back_what_was_believed_before_it() -> None:
+    """The last seconds before it is known were of the ground."""
+    ground = GroundContact()
+    compensation = DelayCompensation(agile(), ground=ground)
+    learned, p_WB = [], np.array([0.0, 0.0, 5.0])
+    for k in range(600):
+        ground.contact = Contact.FLYING if k < 500 else Contact.STANDING
+        pushed = np.array([0.02 * k if k < 100 else 2.0, 0.0, 0.0])  # 1 m/s^2 at first
+        carried = np.array([0.0, 0.0, 0.04 * max(k - 450, 0)])  # 2 m/s^2 at last
+        p_WB = p_WB + 0.02 * (pushed + carried)
+        odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=pushed + carried)
+        odometry = dataclasses.replace(odometry, p_WB=p_WB)
+        learned.append(np.array(compensation.predict(odometry).model.a_W))
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+    assert learned[499][2] > 1.0
+    times = range(500 - 250, 500 - 200)
+    assert any(np.array_equal(learned[-1], learned[k]) for k in times)
+    np.testing.assert_array_equal(learned[500], learned[-1])
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.02, 0.07])
+def test_a_tick_makes_two_calls_into_compiled_code(lag: float) -> None:
+    """A call takes longer than most of what is done in it."""
+    config = agile(input_delay=0.02, rate_time_constant=lag, thrust_time_constant=lag)
+    compensation, calls = DelayCompensation(config), []
+
+    def note(frame: FrameType, event: str, _: object) -> None:
+        called = frame.f_locals.get("self")
+        if event == "call" and isinstance(called, CompiledFunction):
+            calls.append(called.label)
+
+    for k in range(10):
+        odometry = _odometry(stamp_ns=20 * MS * k)
+        calls.clear()
+        sys.setprofile(note)
+        try:
+            compensation.predict(odometry)
+        finally:
+            sys.setprofile(None)
+        compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
+    assert compensation.status.text == "learning"
+    assert len(calls) == 2
+
+
+def test_a_clock_that_is_set_back_is_no_end_of_knowing() -> None:
+    history = CommandHistory(delay_ns=10 * MS, initial=throttle(0.3).vector())
+    for stamp in range(10**12, 10**12 + 500 * MS, 20 * MS):
+        history.record(throttle(0.5).vector(), stamp_ns=stamp)
+    history.record(throttle(0.7).vector(), stamp_ns=20 * MS)
+    assert history.knows(30 * MS)
+    ((command,),) = (between(history, 30 * MS, 50 * MS).commands,)
+    assert command[0] == 0.7
+
+
+def _odometry(*, stamp_ns: int, v_WB_B: np.ndarray | None = None) -> OdometrySample:
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        p_WB=np.array([0.0, 0.0, 5.0]),
+        q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        v_WB_B=np.zeros(3) if v_WB_B is None else v_WB_B,
+        w_WB_B=np.zeros(3),
+    )

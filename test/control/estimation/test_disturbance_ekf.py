@@ -1,0 +1,457 @@
+"""What the filter learns from exact motions, and what it must not learn."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from fixtures.plant_motion import integrate
+
+from quad_mpc_ros.control.estimation.command_history import Acting
+from quad_mpc_ros.control.estimation.disturbance_ekf import (
+    BUFFER_SIZE,
+    DisturbanceEkf,
+    filters_in,
+    update,
+)
+from quad_mpc_ros.control.estimation.process_model import Prediction, Throttle, predict
+from quad_mpc_ros.control.estimation.velocity_filter import (
+    HELD,
+    LEARNED,
+    PAUSED,
+    REFUSED,
+    THROTTLE,
+    is_at_bounds,
+)
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_in, parameters_of
+from quad_mpc_ros.control.model.rollout import ACTUATORS, R_WB, ROW_SIZE, V_WB_W, Body, propagated
+from quad_mpc_ros.control.model.state import Input, State
+from quad_mpc_ros.control.model.vehicle import Vehicle
+
+VEHICLE = Vehicle()
+PERIOD, FINE = 0.02, 20
+HOVER = VEHICLE.hover_throttle
+
+
+def parameters(*, rate: float = 0.0, thrust: float = 0.0) -> Array:
+    return parameters_of(VEHICLE, rate_time_constant=rate, thrust_time_constant=thrust)
+
+
+class Ekf(DisturbanceEkf):
+    """The filter, and what it goes on with."""
+
+    def __init__(self, nominal: Array, *, throttle: float, delay: float = 0.0) -> None:
+        buffer = np.zeros(BUFFER_SIZE)
+        self.filters = filters_in(buffer)
+        super().__init__(nominal, throttle=throttle, delay=delay, buffer=buffer)
+
+    def update(
+        self,
+        *,
+        before: Array,
+        after: Array,
+        acting: Acting,
+        lesson: int = LEARNED,
+        told_variance: float = 0.0,
+    ) -> int:
+        return update(
+            self.filters,
+            before=before,
+            after=after,
+            commands=acting.commands,
+            durations=acting.durations,
+            lesson=lesson,
+            told_variance=told_variance,
+        )
+
+
+def believed(ekf: DisturbanceEkf) -> ModelParameters:
+    return parameters_in(ekf.parameters())
+
+
+def measured(
+    *, rotation: Array | None = None, w_WB_B: Array | None = None, v_WB_W: Array | None = None
+) -> Array:
+    """Return the state of an odometry, at rest and level but for what is given."""
+    row = np.zeros(ROW_SIZE)
+    row[R_WB] = (np.eye(3) if rotation is None else rotation).ravel()
+    row[ACTUATORS][1:] = 0.0 if w_WB_B is None else w_WB_B
+    row[V_WB_W] = 0.0 if v_WB_W is None else v_WB_W
+    return row
+
+
+def command(seconds: float) -> Input:
+    """Return a command of a vehicle that swings about hover."""
+    return Input(
+        throttle=0.29 + 0.12 * np.sin(7.0 * seconds) + 0.1 * np.sin(3.1 * seconds),
+        w_WB_B=np.array(
+            [
+                2.0 * np.cos(4.0 * seconds),
+                1.5 * np.cos(2.6 * seconds) + np.sin(9.0 * seconds),
+                np.sin(5.0 * seconds),
+            ]
+        ),
+    )
+
+
+def under(u: Input) -> Acting:
+    """Return what acts under one command over a period."""
+    return Acting(durations=np.array([PERIOD]), commands=u.vector()[None])
+
+
+def flown(
+    ekf: Ekf,
+    *,
+    rate: float = 0.0,
+    thrust: float = 0.0,
+    slower_yaw: float = 1.0,
+    scale: float = 1.0,
+    a_W: Array | None = None,
+    frozen: bool = False,
+    noise: float = 0.0,
+    drag: float = VEHICLE.drag,
+) -> Ekf:
+    """Let the filter follow a flight, integrated in fine steps by the true rigid body."""
+    rng = np.random.default_rng(3)
+    x = State(p_WB=np.zeros(3), v_WB_B=np.zeros(3), R_WB=np.eye(3))
+    acting = np.concatenate(([0.29], np.zeros(3)))
+    lags = np.array([thrust, rate, rate, slower_yaw * rate])
+    ekf.start(x.v_WB_W)
+    for k in range(500):
+        u, before, w_before = command(k * PERIOD), x, acting[1:].copy()
+        for _ in range(FINE):
+            dt = PERIOD / FINE
+            decay = np.exp(-dt / np.maximum(lags, 1e-12))
+            half = np.sqrt(decay)
+            acting, middle = (
+                u.vector() + decay * (acting - u.vector()),
+                u.vector() + half * (acting - u.vector()),
+            )
+            # A stronger thrust is one more of the motors' curve.
+            s = middle[0]
+            force = scale * VEHICLE.thrust(s)
+            held = Input(throttle=VEHICLE.throttle_for(force), w_WB_B=middle[1:])
+            x = integrate(x, held, dataclasses.replace(VEHICLE, drag=drag), duration=dt)
+            if a_W is not None:
+                pushed = x.v_WB_W + dt * a_W
+                x = State(p_WB=x.p_WB, v_WB_B=x.R_WB.T @ pushed, R_WB=x.R_WB)
+        ekf.update(
+            before=measured(rotation=before.R_WB, w_WB_B=w_before),
+            after=measured(
+                rotation=x.R_WB,
+                w_WB_B=acting[1:] + noise * rng.normal(size=3),
+                v_WB_W=x.v_WB_W + noise * rng.normal(size=3),
+            ),
+            acting=under(u),
+            lesson=HELD if frozen else LEARNED,
+        )
+    return ekf
+
+
+@pytest.mark.parametrize("scale", [0.8, 1.0, 1.1])
+def test_wind_and_thrust_scale_are_told_apart(scale: float) -> None:
+    wind = np.array([0.6, -0.4, 0.2])
+    ekf = Ekf(parameters(), throttle=0.29)
+    estimate = believed(flown(ekf, scale=scale, a_W=wind))
+    np.testing.assert_allclose(estimate.a_W[:2], wind[:2], atol=0.1)
+    # It sinks all the while: an updraught is like more drag.
+    np.testing.assert_allclose(estimate.a_W[2], wind[2], atol=0.2)
+    assert estimate.thrust_scale == pytest.approx(scale, abs=0.01)
+
+
+@pytest.mark.parametrize(("rate", "thrust"), [(0.03, 0.03), (0.045, 0.045), (0.02, 0.055)])
+def test_time_constants_are_found(rate: float, thrust: float) -> None:
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    learned = believed(flown(ekf, rate=rate, thrust=thrust, scale=0.9))
+    assert learned.rate_time_constants[0] == pytest.approx(rate, rel=0.02)
+    assert learned.thrust_time_constant == pytest.approx(thrust, rel=0.1)
+    assert believed(ekf).thrust_scale == pytest.approx(0.9, abs=0.02)
+    assert ekf.filters.estimate[THROTTLE] == pytest.approx(_lagging(thrust), abs=0.01)
+
+
+@pytest.mark.parametrize("slower", [1.0, 2.5, 4.0])
+def test_a_slow_yaw_does_not_pull_roll_and_pitch(slower: float) -> None:
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    learned = believed(flown(ekf, rate=0.04, thrust=0.03, slower_yaw=slower))
+    assert learned.rate_time_constants[0] == pytest.approx(0.04, rel=0.02)
+    assert learned.rate_time_constants[2] == pytest.approx(slower * 0.04, rel=0.05)
+
+
+def test_noise_costs_accuracy_only() -> None:
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    learned = believed(flown(ekf, rate=0.045, thrust=0.045, noise=0.03))
+    assert learned.rate_time_constants[0] == pytest.approx(0.045, rel=0.1)
+    assert learned.thrust_time_constant == pytest.approx(0.045, rel=0.3)
+
+
+def test_without_lags_in_the_model_none_are_learned() -> None:
+    ekf = Ekf(parameters(), throttle=0.29)
+    learned = believed(flown(ekf, rate=0.02, thrust=0.02))
+    assert (*learned.rate_time_constants, learned.thrust_time_constant) == (0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.45, 0.7])
+def test_drag_is_told_from_wind(drag: float) -> None:
+    wind = np.array([0.6, -0.4, 0.2])
+    learned = believed(flown(Ekf(parameters(), throttle=0.29), drag=drag, a_W=wind, scale=0.9))
+    assert learned.drag == pytest.approx(drag, abs=0.05)
+    np.testing.assert_allclose(learned.learned_drag, learned.drag - VEHICLE.drag, atol=1e-12)
+    np.testing.assert_allclose(learned.a_W[:2], wind[:2], atol=0.25)
+
+
+def test_drag_keeps_its_proportions() -> None:
+    modelled = Vehicle(drag=(0.1, 0.3, 0.5))
+    ekf = Ekf(
+        parameters_of(modelled, rate_time_constant=0.0, thrust_time_constant=0.0), throttle=0.29
+    )
+    # The same air along all axes is as much as this on average, as far as its motion tells.
+    learned = believed(flown(ekf, drag=0.6))
+    along = np.add(learned.drag, learned.uneven_drag)
+    np.testing.assert_allclose(along / learned.drag, [1.0 / 3.0, 1.0, 5.0 / 3.0])
+    np.testing.assert_allclose(along - learned.learned_drag, modelled.drag)
+
+
+def test_of_drag_nothing_is_learned_at_rest() -> None:
+    ekf = Ekf(parameters(), throttle=0.29)
+    rng = np.random.default_rng(5)
+    level = under(Input(throttle=HOVER, w_WB_B=np.zeros(3)))
+    noisy = 0.1 * rng.normal(size=(500, 3))
+    for before, after in itertools.pairwise(noisy):
+        ekf.update(before=measured(v_WB_W=before), after=measured(v_WB_W=after), acting=level)
+    assert believed(ekf).drag == VEHICLE.drag
+
+
+@pytest.mark.parametrize("drag", [0.3, (0.1, 0.3, 0.5)])
+def test_the_derivative_by_drag_is_that_of_the_prediction(drag: float | tuple[float, ...]) -> None:
+    vehicle = Vehicle(drag=drag)
+    modelled = parameters_in(
+        parameters_of(vehicle, rate_time_constant=0.03, thrust_time_constant=0.03)
+    )
+    start = Body(
+        (0.0, 0.0, 0.0),
+        (3.0, -2.0, 1.0),
+        tuple(so3.exp([0.3, -0.5, 0.2]).ravel()),
+        (0.3, 1.0, -2.0, 0.5),
+    )
+    acting = Acting(durations=np.array([0.004, 0.016]), commands=np.array([[0.4, 1, 2, 0.5]] * 2))
+
+    def predicted(mean: float) -> Prediction:
+        uneven = tuple(mean / modelled.drag * off for off in modelled.uneven_drag)
+        model = modelled._replace(drag=mean, uneven_drag=uneven)
+        throttle = Throttle(0.3, 0.0)
+        # The attitude after it, as measured.
+        after = propagated(model, (0.4, 1.0, 2.0, 0.5), 0.02, 0.0025, start)
+        return predict(model, acting.commands, acting.durations, throttle, start, after.R)
+
+    step = 1e-4
+    slopes = np.subtract(
+        predicted(modelled.drag + step).body.v, predicted(modelled.drag - step).body.v
+    ) / (2.0 * step)
+    off = np.linalg.norm(predicted(modelled.drag).v_by_drag - slopes)
+    assert off < 0.01 * np.linalg.norm(slopes)
+
+
+@pytest.mark.parametrize(
+    ("lag", "delay", "closer"), [(0.06, 0.02, 1), (0.02, 0.01, 4), (0.02, 0, 1)]
+)
+def test_a_vehicle_that_answers_soon_is_followed_closely(
+    lag: float, delay: float, closer: float
+) -> None:
+    level, push = under(Input(throttle=HOVER, w_WB_B=np.zeros(3))), 2.0
+    ekf = Ekf(parameters(rate=lag, thrust=lag), throttle=HOVER, delay=delay)
+    speed, drag = 0.0, VEHICLE.drag
+    for k in range(115):
+        before, pushed = speed, push if k >= 100 else 0.0
+        speed += PERIOD * (pushed - drag * speed)
+        ekf.update(
+            before=measured(v_WB_W=np.array([before, 0.0, 0.0])),
+            after=measured(v_WB_W=np.array([speed, 0.0, 0.0])),
+            acting=level,
+        )
+    found = believed(ekf).a_W[0] / push
+    assert 0.85 < found < 1.15 if closer > 1 else found < 0.8
+
+
+def test_frozen_it_learns_nothing() -> None:
+    modelled = parameters(rate=0.03, thrust=0.03)
+    ekf = Ekf(modelled, throttle=0.29)
+    flown(ekf, rate=0.05, thrust=0.05, scale=0.8, frozen=True)
+    np.testing.assert_array_equal(ekf.parameters(), modelled)
+
+
+def test_recalled_it_believes_what_it_believed_and_the_velocity_of_now() -> None:
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
+    before, kept = ekf.parameters(), ekf.memory()
+    idle = Input(throttle=0.1, w_WB_B=np.zeros(3))
+    for _ in range(50):  # what carries it is not the thrust
+        ekf.update(before=measured(), after=measured(), acting=under(idle), lesson=LEARNED)
+    assert np.abs(believed(ekf).a_W).max() > 2.0
+    ekf.recall(kept)
+    np.testing.assert_array_equal(ekf.parameters(), before)
+    flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
+    np.testing.assert_allclose(believed(ekf).a_W, [0.6, -0.4, 0.2], atol=0.1)
+
+
+def test_more_thrust_than_modelled_is_learned_from_a_hover() -> None:
+    scale, hover = 1.5, VEHICLE.thrust(VEHICLE.hover_throttle)
+    ekf = Ekf(parameters(), throttle=0.29)
+    ekf.start(np.zeros(3))
+    velocity = 0.0
+    # Thrust as modelled over the weight: taken over in the air, and brought to hover.
+    for modelled in (1.0, 0.55, 0.55, *(1.0 / scale for _ in range(200))):
+        velocity += PERIOD * VEHICLE.gravity * (scale * modelled - 1.0)
+        throttle = VEHICLE.throttle_for(modelled * hover)
+        ekf.update(
+            before=measured(),
+            after=measured(v_WB_W=np.array([0.0, 0.0, velocity])),
+            acting=under(Input(throttle=throttle, w_WB_B=np.zeros(3))),
+            lesson=LEARNED,
+        )
+    d = believed(ekf)
+    assert d.thrust_scale / scale * VEHICLE.gravity + d.a_W[2] == pytest.approx(
+        VEHICLE.gravity, rel=0.01
+    )
+
+
+def hovering(ekf: Ekf, *, scale: float, seconds: float) -> list[ModelParameters]:
+    """Return what is believed of a vehicle that a controller holds in place with what it is told.
+
+    The thrust is ``scale`` times the modelled; the velocity goes with what is left of the error.
+    """
+    ekf.start(np.zeros(3))
+    velocity, found = 0.0, []
+    for _ in range(round(seconds / PERIOD)):
+        learned = believed(ekf)
+        wanted = VEHICLE.gravity - learned.a_W[2] - 2.0 * velocity
+        throttle = VEHICLE.throttle_for(VEHICLE.mass * wanted / learned.thrust_scale)
+        force = scale * wanted / learned.thrust_scale - VEHICLE.gravity
+        before = measured(v_WB_W=np.array([0.0, 0.0, velocity]))
+        velocity += PERIOD * (force - VEHICLE.drag * velocity)
+        ekf.update(
+            before=before,
+            after=measured(v_WB_W=np.array([0.0, 0.0, velocity])),
+            acting=under(Input(throttle=throttle, w_WB_B=np.zeros(3))),
+            lesson=LEARNED,
+        )
+        found.append(believed(ekf))
+    return found
+
+
+@pytest.mark.parametrize("scale", [0.7, 1.3])
+def test_what_lasts_in_a_hover_is_taken_for_thrust(scale: float) -> None:
+    found = hovering(Ekf(parameters(), throttle=0.29), scale=scale, seconds=40.0)
+    for learned in found[50:]:  # together they carry it all the while
+        together = learned.thrust_scale / scale * VEHICLE.gravity + learned.a_W[2]
+        assert together == pytest.approx(VEHICLE.gravity, abs=0.1)
+    assert found[-1].thrust_scale == pytest.approx(scale, abs=0.005)
+    assert found[-1].a_W[2] == pytest.approx(0.0, abs=0.05)
+
+
+def test_let_go_it_carries_the_vehicle_on() -> None:
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    found = hovering(ekf, scale=0.8, seconds=0.6)[-1]
+    assert abs(found.a_W[2]) > 0.05
+    ekf.reset()
+    after = believed(ekf)
+    carried = found.thrust_scale * VEHICLE.gravity / (VEHICLE.gravity - found.a_W[2])
+    assert after.thrust_scale == pytest.approx(carried, rel=1e-12)
+    np.testing.assert_array_equal(after.a_W, 0.0)
+    assert after.rate_time_constants == (0.03, 0.03, 0.03)
+    assert after.thrust_time_constant == 0.03
+
+
+@pytest.mark.parametrize(
+    "jump",
+    [
+        {"v_WB_W": np.array([1.0, 0.0, 0.0])},
+        {"v_WB_W": np.array([0.0, 0.0, -0.6])},
+        {"rotation": so3.exp(np.array([0.0, 0.0, 0.5]))},
+    ],
+)
+def test_a_jump_is_not_learned(jump: dict[str, Array]) -> None:
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    hovering(ekf, scale=1.0, seconds=2.0)
+    before, level = ekf.parameters(), under(Input(throttle=HOVER, w_WB_B=np.zeros(3)))
+    stepped = measured(**jump)
+    assert ekf.update(before=measured(), after=stepped, acting=level) == REFUSED
+    np.testing.assert_array_equal(ekf.parameters(), before)
+    # From there on it is a velocity and an attitude like any other.
+    assert ekf.update(before=stepped, after=stepped, acting=level) == LEARNED
+
+
+def test_while_commands_are_saturated_the_velocity_alone_is_followed() -> None:
+    ekf = Ekf(parameters(), throttle=0.29)
+    hovering(ekf, scale=1.0, seconds=1.0)
+    ekf.reconfigure(throttle_min=0.0, throttle_max=HOVER, disturbance_max=5.0)
+    before, velocity = ekf.parameters(), 0.0
+    for _ in range(10):
+        velocity += 0.02
+        outcome = ekf.update(
+            before=measured(),
+            after=measured(v_WB_W=np.array([0.0, 0.0, velocity])),
+            acting=under(Input(throttle=HOVER, w_WB_B=np.zeros(3))),
+        )
+        assert outcome == PAUSED
+        np.testing.assert_array_equal(ekf.parameters(), before)
+
+
+@pytest.mark.parametrize("farthest", [2.0, 5.0, 15.0])
+def test_estimates_are_bounded(farthest: float) -> None:
+    """However absurd the velocities, and the rates."""
+    ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
+    ekf.reconfigure(throttle_min=0.0, throttle_max=1.0, disturbance_max=farthest)
+    rng = np.random.default_rng(0)
+    for k in range(500):
+        ekf.update(
+            before=measured(
+                rotation=so3.exp(rng.normal(size=3)), w_WB_B=20.0 * rng.normal(size=3)
+            ),
+            after=measured(
+                rotation=so3.exp(rng.normal(size=3)),
+                w_WB_B=20.0 * rng.normal(size=3),
+                v_WB_W=np.full(3, 1.0 * k),
+            ),
+            acting=under(command(0.1 * k)),
+            lesson=LEARNED,
+        )
+        learned = believed(ekf)
+        assert np.abs(learned.a_W).max() <= farthest
+        assert abs(learned.a_W[2]) <= 3.0
+        assert 0.5 <= learned.thrust_scale <= 1.5
+        assert 0.015 <= learned.rate_time_constants[0] <= 0.06
+        assert 0.015 <= learned.thrust_time_constant <= 0.06
+        assert 0.02 <= learned.drag <= 1.0
+
+
+@pytest.mark.parametrize("farthest", [5.0, 15.0])
+def test_a_strong_push_is_found_as_far_as_the_bound_allows(farthest: float) -> None:
+    ekf = Ekf(parameters(), throttle=0.29)
+    ekf.reconfigure(throttle_min=0.0, throttle_max=1.0, disturbance_max=farthest)
+    level, push = under(Input(throttle=HOVER, w_WB_B=np.zeros(3))), 12.0
+    speed, drag = 0.0, Vehicle().drag
+    for _ in range(75):
+        before, speed = speed, speed + 0.02 * (push - drag * speed)
+        ekf.update(
+            before=measured(v_WB_W=np.array([before, 0.0, 0.0])),
+            after=measured(v_WB_W=np.array([speed, 0.0, 0.0])),
+            acting=level,
+        )
+    learned = believed(ekf)
+    # Along a straight line a push is hardly told from air that slows less.
+    explained = learned.a_W[0] - (learned.drag - drag) * speed
+    assert (explained if push < farthest else learned.a_W[0]) == pytest.approx(
+        min(push, farthest), rel=0.03
+    )
+    assert is_at_bounds(ekf.filters.estimate, farthest) == (push > farthest)
+
+
+def _lagging(time_constant: float) -> float:
+    """Return the throttle at the end of the flight behind a lag."""
+    decay, s = np.exp(-PERIOD / time_constant), 0.29
+    for k in range(500):
+        s = command(k * PERIOD).throttle + decay * (s - command(k * PERIOD).throttle)
+    return float(s)

@@ -1,0 +1,219 @@
+"""What is compiled by Numba, kept on disk, and taken from there again."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numba
+import pytest
+
+import quad_mpc_ros
+from quad_mpc_ros.configuration import compilation
+from quad_mpc_ros.control.lie import kernels
+
+PACKAGE = Path(quad_mpc_ros.__file__).parent
+COMPILER = (
+    "configuration/compilation.py",
+    "configuration/machine_code.py",
+    "configuration/atomic_file.py",
+)
+
+
+def test_nowhere_to_write_is_no_reason_to_fail(tmp_path: Path) -> None:
+    """As in a container whose file system is read-only and whose user has no home."""
+    package = tmp_path / "quad_mpc_ros"
+    package.mkdir()
+    for name in ("__init__.py", *COMPILER):
+        shutil.copy(PACKAGE / name, package)
+    shutil.copytree(PACKAGE / "lie", package / "lie", ignore=shutil.ignore_patterns("__pycache__"))
+    # A file where numba would make its folder, for root may write everywhere.
+    (package / "lie" / "__pycache__").touch()
+    (tmp_path / "home").touch()
+    found = subprocess.run(
+        [
+            sys.executable,
+            "-B",
+            "-c",
+            "from quad_mpc_ros.control.lie import kernels; print(kernels.exp((0.0, 0.0, 0.0))[0])",
+        ],
+        env={
+            **{k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "XDG_"))},
+            "PYTHONPATH": str(tmp_path),
+            "HOME": str(tmp_path / "home"),
+        },
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.split() == ["1.0"]
+
+
+def test_machine_code_of_an_earlier_version_is_no_reason_to_fail(tmp_path: Path) -> None:
+    """Whose types had other names."""
+    module = tmp_path / "versions.py"
+    module.write_text(_VERSION.format(name="_Before", sign="+"))
+    assert _run(module) == "3.0"
+    module.write_text(_VERSION.format(name="Renamed", sign="-"))
+    assert _run(module) == "-1.0"
+
+
+def test_machine_code_follows_what_it_calls_in_another_file(tmp_path: Path) -> None:
+    """Also when size and time of change stay the same, as after an installation."""
+    module = tmp_path / "caller.py"
+    module.write_text(_CALLER)
+    for constant in ("3.0", "4.0"):
+        (tmp_path / "called.py").write_text(_CALLED.format(constant))
+        os.utime(tmp_path / "called.py", (1e9, 1e9))
+        assert _run(module) == constant
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "_cache._cache_file._source_stamp",
+        "_cache.load_overload",
+        "_cache.flush",
+        "_cache._impl.reduce",
+        "_cache._impl.rebuild",
+    ],
+)
+def test_numba_has_what_is_mended(name: str) -> None:
+    held = kernels.exp.dispatcher
+    for step in name.split("."):
+        assert hasattr(held, step), (
+            f"Numba {numba.__version__} has no {name} of a dispatcher any more, which "
+            "quad_mpc_ros/configuration/compilation.py uses"
+        )
+        held = getattr(held, step)
+
+
+def test_machine_code_is_made_of_files_that_its_digest_covers() -> None:
+    """Whatever compiled code takes from elsewhere in the package is of its folder or of a room."""
+    taken = {
+        (path.parent, folder_of(module))
+        for path in PACKAGE.rglob("*.py")
+        for module in taken_by_compiled_code(ast.parse(path.read_text()))
+    }
+    assert (PACKAGE / "model", PACKAGE / "lie") in taken
+    rooms = {PACKAGE / room for room in compilation.ROOMS}
+    for user, folder in taken:
+        assert folder in rooms | {user}, (
+            f"compiled code of {user} takes something from {folder}: add its room to "
+            "quad_mpc_ros.configuration.compilation.ROOMS"
+        )
+
+
+def folder_of(module: str) -> Path:
+    """Return the folder that a module of the package, or a package in it, is in."""
+    path = PACKAGE.joinpath(*module.split(".")[1:])
+    return path if path.is_dir() else path.parent
+
+
+def taken_by_compiled_code(module: ast.Module) -> Iterator[str]:
+    """Yield the modules of the package from which a file's compiled functions take a name."""
+    used = {
+        node.id
+        for function in ast.walk(module)
+        if is_compiled(function)
+        for node in ast.walk(function)
+        if isinstance(node, ast.Name)
+    }
+    for node in ast.walk(module):
+        if (
+            isinstance(node, ast.ImportFrom)
+            and (node.module or "").startswith("quad_mpc_ros.")
+            and node.module != compilation.__name__
+            and used & {alias.asname or alias.name for alias in node.names}
+        ):
+            yield str(node.module)
+
+
+def is_compiled(node: ast.AST) -> bool:
+    """Whether it is ``@compiled def …`` or ``compiled(…)``."""
+    if isinstance(node, ast.FunctionDef):
+        return any(ast.unparse(decorator) == "compiled" for decorator in node.decorator_list)
+    return isinstance(node, ast.Call) and ast.unparse(node.func) == "compiled"
+
+
+def test_how_code_is_compiled_is_part_of_its_digest(tmp_path: Path) -> None:
+    """With other options of Numba the machine code is another, though no function has changed."""
+    package = tmp_path / "quad_mpc_ros"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    for name in COMPILER:
+        shutil.copy(PACKAGE / name, package)
+    (tmp_path / "divided.py").write_text(_DIVIDED)
+    source = (PACKAGE / "configuration/compilation.py").read_text()
+    assert source.count('error_model="numpy"') == 2
+    outcomes = []
+    for model in ("numpy", "python"):
+        (package / "configuration/compilation.py").write_text(
+            source.replace('="numpy"', f'="{model}"')
+        )
+        outcomes.append(_run(tmp_path / "divided.py", package=package))
+    assert outcomes == ["inf", "ZeroDivisionError"]
+
+
+_DIVIDED = """
+from quad_mpc_ros.configuration.compilation import compiled
+@compiled
+def divided(x):
+    return 1.0 / x
+try:
+    print(divided(0.0))
+except ZeroDivisionError as error:
+    print(type(error).__name__)
+"""
+
+_CALLED = """
+from quad_mpc_ros.configuration.compilation import compiled
+@compiled
+def called(x):
+    return {} * x
+"""
+_CALLER = """
+from called import called
+from quad_mpc_ros.configuration.compilation import compiled
+@compiled
+def caller(x):
+    return called(x)
+print(caller(1.0))
+"""
+
+
+_VERSION = """
+from typing import NamedTuple
+from quad_mpc_ros.configuration.compilation import compiled
+class {name}(NamedTuple):
+    a: float
+    b: float
+@compiled
+def inner(x):
+    return x.a {sign} x.b
+@compiled
+def outer(a, b):
+    return inner({name}(a, b))
+if __name__ != "__main__":
+    print(outer(1.0, 2.0))
+"""
+
+
+def _run(module: Path, *, package: Path = PACKAGE) -> str:
+    """Return what a module prints when it is imported in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-c", f"import {module.stem}"],
+        env={**os.environ, "PYTHONPATH": f"{module.parent}:{package.parent}"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    ).stdout.strip()

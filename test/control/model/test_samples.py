@@ -1,0 +1,93 @@
+"""Samples made from the little that a person knows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+
+GRAVITY = 9.81
+
+
+def test_at_rest_points_the_nose_north_after_a_quarter_turn() -> None:
+    odometry = OdometrySample.at_rest([1, 2, 3], yaw=np.pi / 2, stamp_ns=7)
+    assert odometry.stamp_ns == 7 and odometry.speed == 0.0 and odometry.up == 1.0
+    assert_allclose(Rotation.from_quat(odometry.q_WB_xyzw).apply([1, 0, 0]), [0, 1, 0], atol=1e-15)
+    assert_allclose(odometry.p_WB, [1.0, 2.0, 3.0])
+
+
+def test_hover_holds_its_place_for_its_duration() -> None:
+    window = ReferenceWindow.hover([1.0, 0.0, 2.0], yaw=np.pi / 2, stamp_ns=5, duration=1.5)
+    assert window.stamp_ns == 5 and window.offset_ns.tolist() == [0, 1_500_000_000]
+    assert_allclose(window.p_WB, [[1.0, 0.0, 2.0]] * 2)
+    assert_allclose(
+        Rotation.from_quat(window.q_WB_xyzw).apply([1, 0, 0]), [[0, 1, 0]] * 2, atol=1e-15
+    )
+    assert not (window.v_WB_W.any() or window.a_WB_W.any() or window.w_WB_W.any())
+
+
+def test_through_a_circle_has_its_motion_and_leans_into_it() -> None:
+    t = np.linspace(0.0, 2.0, 401)
+    radius, speed = 2.0, 3.0
+    angle = speed / radius * t
+    p = np.stack((radius * np.cos(angle), radius * np.sin(angle), np.full_like(t, 1.5)), axis=1)
+    window = ReferenceWindow.through(t, p)
+    inner = slice(3, -3)
+    outwards = p * [1.0, 1.0, 0.0] / radius
+    assert_allclose(np.linalg.norm(window.v_WB_W, axis=1)[inner], speed, rtol=1e-4)
+    assert_allclose(
+        window.a_WB_W[inner], -(speed**2) / radius * outwards[inner], atol=1e-3 * speed**2
+    )
+    # Thrust and weight together are what turns the vehicle round the centre.
+    R_WB = Rotation.from_quat(window.q_WB_xyzw)
+    tilt = np.arctan2(speed**2 / radius, GRAVITY)
+    up = R_WB.apply([0.0, 0.0, 1.0])
+    assert_allclose(up[inner, 2], np.cos(tilt), rtol=1e-4)
+    assert np.all(np.sum(up * outwards, axis=1)[inner] < 0.0)
+    # Its rates carry each attitude into the next one.
+    step = t[1] - t[0]
+    predicted = Rotation.from_rotvec(step * window.w_WB_W[inner]) * R_WB[inner]
+    turned = (predicted.inv() * R_WB[4:-2]).magnitude()
+    assert np.all(turned < 0.02 * step * np.linalg.norm(window.w_WB_W[inner], axis=1))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "positions"),
+    [
+        ([0.0, 1.0], [[0.0] * 3] * 2),
+        ([0.0, 1.0, 1.0], [[0.0] * 3] * 3),
+        ([0, 1, 2], [[0.0] * 2] * 3),
+    ],
+)
+def test_through_refuses_what_has_no_motion(
+    seconds: list[float], positions: list[list[float]]
+) -> None:
+    with pytest.raises(ValueError, match="expected increasing times"):
+        ReferenceWindow.through(seconds, positions)
+
+
+def test_pose_at_is_on_the_line_between_samples() -> None:
+    window = ReferenceWindow(
+        stamp_ns=100,
+        offset_ns=np.array([0, 10, 10, 30]),
+        p_WB=np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [5.0, 0.0, 1.0], [5.0, 2.0, 1.0]]),
+        q_WB_xyzw=np.eye(4),
+        v_WB_W=np.zeros((4, 3)),
+        a_WB_W=np.zeros((4, 3)),
+        w_WB_W=np.zeros((4, 3)),
+    )
+    for stamp_ns, p_WB, sample in (
+        (0, [0.0, 0.0, 1.0], 0),
+        (100, [0.0, 0.0, 1.0], 0),
+        (105, [0.5, 0.0, 1.0], 0),
+        (110, [5.0, 0.0, 1.0], 2),
+        (120, [5.0, 1.0, 1.0], 2),
+        (130, [5.0, 2.0, 1.0], 3),
+        (999, [5.0, 2.0, 1.0], 3),
+    ):
+        p, q = window.pose_at(stamp_ns)
+        assert p.tolist() == p_WB
+        assert q.tolist() == np.eye(4)[sample].tolist()

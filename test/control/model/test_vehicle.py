@@ -1,0 +1,117 @@
+"""The throttle curve against the paper's numbers and against itself."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.control.model.vehicle import Vehicle, VehicleParameters
+
+OUNCE = 0.028349523125
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return Vehicle()
+
+
+def test_the_default_is_the_papers_quadrotor(vehicle: Vehicle) -> None:
+    assert vehicle.mass == pytest.approx(14.0 * OUNCE, abs=5e-7)
+    assert vehicle.drag == 0.2
+    assert vehicle.thrust_curve == (1.87953563, 2.79829004, -0.00514948)
+    assert vehicle.torque_curve == (0.0010008, 0.00533861, 0.00074126)
+
+
+def test_hover_throttle_of_the_paper(vehicle: Vehicle) -> None:
+    assert vehicle.hover_throttle == pytest.approx(0.2923008, abs=1e-7)
+
+
+def test_hover_thrust_equals_weight(vehicle: Vehicle) -> None:
+    assert vehicle.thrust(vehicle.hover_throttle) == pytest.approx(0.396893 * 9.81, rel=1e-14)
+
+
+def test_lower_bound_on_thrust_of_the_paper(vehicle: Vehicle) -> None:
+    assert vehicle.thrust_bound == pytest.approx(-4.186748, abs=5e-7)
+
+
+def test_full_throttle_is_four_motors(vehicle: Vehicle) -> None:
+    assert vehicle.thrust(1.0) == pytest.approx(4 * (1.87953563 + 2.79829004 - 0.00514948))
+    assert vehicle.thrust(0.0) == pytest.approx(4 * -0.00514948)
+
+
+@pytest.mark.parametrize("throttle", [0.0, 0.3, 1.0])
+def test_slope_is_the_derivative(vehicle: Vehicle, throttle: float) -> None:
+    step = 1e-3  # a parabola: the central difference is exact
+    difference = (vehicle.thrust(throttle + step) - vehicle.thrust(throttle - step)) / (2 * step)
+    assert vehicle.thrust_slope(throttle) == pytest.approx(difference, rel=1e-12)
+
+
+curves = st.tuples(
+    st.one_of(st.just(0.0), st.floats(1e-12, 50.0)),
+    st.one_of(st.just(0.0), st.floats(1e-3, 50.0)),
+    st.floats(-0.01, 0.01),
+).filter(lambda curve: curve[0] + curve[1] > 1.0)
+
+
+@settings(deadline=None)
+@given(curves, st.integers(1, 8), st.floats(0.0, 1.0))
+def test_throttle_inverts_thrust(
+    curve: tuple[float, float, float], motor_count: int, throttle: float
+) -> None:
+    vehicle = Vehicle(thrust_curve=curve, motor_count=motor_count, mass=0.05)
+    thrust = vehicle.thrust(throttle)
+    found = vehicle.throttle_for(thrust)
+    assert 0.0 <= found <= 1.0
+    assert vehicle.thrust(found) == pytest.approx(thrust, abs=1e-12)
+    if curve[1] > 0.0:
+        assert found == pytest.approx(throttle, abs=1e-11)
+
+
+@pytest.mark.parametrize("curve", [(1.87953563, 2.79829004, -0.00514948), (0.0, 5.0, -0.1)])
+def test_both_ends_of_the_curve_are_reachable(curve: tuple[float, float, float]) -> None:
+    vehicle = Vehicle(thrust_curve=curve)
+    assert vehicle.throttle_for(vehicle.thrust(0.0)) == pytest.approx(0.0, abs=1e-15)
+    assert vehicle.throttle_for(vehicle.thrust(1.0)) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_a_curve_that_starts_flat_reaches_its_beginning() -> None:
+    vehicle = Vehicle(thrust_curve=(4.0, 0.0, 0.0))
+    assert vehicle.throttle_for(0.0) == 0.0
+
+
+def test_a_linear_curve_has_no_bound_and_divides_by_nothing() -> None:
+    vehicle = Vehicle(thrust_curve=(0.0, 4.0, 0.0), motor_count=2)
+    assert vehicle.throttle_for(2.0) == pytest.approx(0.25, rel=1e-15)
+    assert vehicle.thrust_bound == -math.inf
+
+
+@pytest.mark.parametrize("thrust", [-0.03, 18.7, -5.0, 1e9, math.nan, math.inf])
+def test_thrust_that_no_throttle_gives_is_refused(vehicle: Vehicle, thrust: float) -> None:
+    with pytest.raises(ValueError, match=r"outside \[0, 1\].* -0\.0205979 N to 18\.6907 N"):
+        vehicle.throttle_for(thrust)
+
+
+def test_a_vehicle_too_heavy_for_its_motors_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"mass: given 2\.0, expected .* 18\.69 N"):
+        Vehicle(mass=2.0)
+
+
+def test_a_vehicle_that_idles_into_the_air_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="mass"):
+        Vehicle(thrust_curve=(1.0, 1.0, 5.0))
+
+
+@pytest.mark.parametrize("curve", [(-1.0, 3.0, 0.0), (1.0, -0.1, 0.0), (0.0, 0.0, 1.0)])
+def test_a_curve_that_does_not_rise_is_refused(curve: tuple[float, float, float]) -> None:
+    with pytest.raises(ConfigurationError, match=r"thrust_curve.*thrust rises with throttle"):
+        VehicleParameters(thrust_curve=curve)
+
+
+def test_parameters_and_vehicle_agree() -> None:
+    parameters = VehicleParameters(mass=0.5, gravity=9.8, drag=0.1, motor_count=6)
+    vehicle = parameters.vehicle()
+    assert vehicle.flattened() == parameters.flattened()

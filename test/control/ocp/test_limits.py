@@ -1,0 +1,426 @@
+"""Soft limits: their rows by finite differences, their QP by another solver, and their prices."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import piqp
+import pytest
+from fixtures.presets import agile
+from fixtures.stages import changed
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quad_mpc_ros.control.config import MpcConfig, SolverParameters
+from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.rollout import (
+    R_WB,
+    ROW_SIZE,
+    SUBSTEPS,
+    V_WB_W,
+    roll_forward,
+    roll_out,
+)
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.control.mpc import Mpc
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
+from quad_mpc_ros.control.ocp.limits import penalty
+from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
+from quad_mpc_ros.control.ocp.problem import PredictedState
+from quad_mpc_ros.control.ocp.qp_solver import QpSolution, QpSolver
+from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages, LimitPattern
+
+EXACT = SolverParameters(tolerance=1e-10, max_iterations=50000)
+LIMITS = {
+    "limits.tilt_max": 0.6,
+    "limits.speed_max": 4.0,
+    "limits.throttle_margin": 0.1,
+    "limits.rate_slew": 60.0,
+}
+LAGS = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
+PERIOD_NS = 20_000_000
+
+
+def unit(rng: np.random.Generator) -> Array:
+    v = rng.normal(size=3)
+    return v / np.linalg.norm(v)
+
+
+def odometry(
+    rotation: Array, *, p_WB: Array, v_WB_W: Array, stamp_ns: int = 10**9
+) -> OdometrySample:
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        p_WB=p_WB,
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(rotation),
+        v_WB_B=rotation.T @ v_WB_W,
+        w_WB_B=np.zeros(3),
+    )
+
+
+def begun(
+    config: MpcConfig, seen: OdometrySample, goal: Array
+) -> tuple[ManifoldProblem, DelayCompensation]:
+    """Return a problem that has begun, and what predicts its states."""
+    problem, compensation = ManifoldProblem(config), DelayCompensation(config)
+    compensation.record(Input(throttle=0.4, w_WB_B=np.ones(3)), stamp_ns=seen.stamp_ns - PERIOD_NS)
+    window = ReferenceWindow.hover(goal, stamp_ns=seen.stamp_ns)
+    problem.begin(compensation.predict(seen), window)
+    return problem, compensation
+
+
+def held(state: PredictedState) -> Array:
+    """Return the states 1 to N (N, 19) where the reference's inputs lead: the first iterate."""
+    inputs, states = np.zeros((10, SUBSTEPS, 4)), np.zeros((11, ROW_SIZE))
+    inputs[:, :, 0] = agile().vehicle().hover_throttle
+    roll_out(state.model, 0.05, inputs=inputs, start=state.row, states=states)
+    return states[1:]
+
+
+# --- the rows
+
+
+def tilt(rotation: Array) -> float:
+    return math.acos(max(-1.0, min(1.0, rotation[2, 2])))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_rows_are_the_derivatives_of_tilt_and_speed(seed: int) -> None:
+    """One side of the square touches the disc where the rollout is, and turns with it."""
+    rng = np.random.default_rng(seed)
+    R0 = so3.exp(rng.uniform(0.3, 2.5) * unit(rng))
+    seen = odometry(R0, p_WB=np.zeros(3), v_WB_W=rng.uniform(2.0, 8.0) * unit(rng))
+    problem, compensation = begun(agile().updated(LIMITS), seen, np.array([1.0, 2.0, 0.5]))
+    stages = problem.linearise()
+    for i, row in enumerate(held(compensation.predict(seen))):
+        R, v = row[R_WB].reshape(3, 3), row[V_WB_W]
+        h = 1e-6
+        turned = [
+            (tilt(R @ so3.exp(h * e)) - tilt(R @ so3.exp(-h * e))) / (2 * h) for e in np.eye(3)
+        ]
+        normals, offsets = stages.normals[i], stages.offsets[i]
+        assert_allclose(normals[0, 8 + 6 : 8 + 9], turned, atol=1e-5)
+        assert_allclose(normals[1], -normals[0])
+        assert_allclose(offsets[0], 0.6 - tilt(R), atol=1e-9)
+        assert_allclose(offsets[1], 0.6 + tilt(R), atol=1e-9)
+        # Across it the tilt does not change, and a turn moves the thrust's axis as far.
+        assert_allclose(normals[2] @ normals[0], 0.0, atol=1e-12)
+        assert_allclose(np.linalg.norm(normals[2]), 1.0)
+        assert_allclose(normals[3], -normals[2])
+        assert_allclose(offsets[2:4], 0.6)
+        assert_allclose(normals[4, 8 + 3 : 8 + 6], v / np.linalg.norm(v), atol=1e-12)
+        assert_allclose(offsets[4], 4.0 - np.linalg.norm(v), atol=1e-9)
+
+
+def test_level_the_square_faces_where_the_cost_falls() -> None:
+    """To go east the thrust turns east: about the body's y axis."""
+    level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
+    problem, _ = begun(agile().updated(LIMITS), level, np.array([5.0, 0.0, 0.0]))
+    stages = problem.linearise()
+    assert_allclose(stages.normals[0, 0, 8 + 6 : 8 + 9], [0.0, 1.0, 0.0], atol=1e-9)
+    assert_allclose(stages.offsets[0, :4], 0.6, atol=1e-9)
+    assert_allclose(stages.normals[0, 4, 8 + 3 : 8 + 6] @ [1.0, 0.0, 0.0], 1.0, atol=1e-6)
+
+
+def test_rows_on_inputs_count_from_what_was_sent() -> None:
+    level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
+    config = agile().updated(LIMITS)
+    problem, _ = begun(config, level, np.zeros(3))
+    stages, hover = problem.linearise(), config.vehicle().hover_throttle
+    assert_allclose(stages.offsets[:, 5], 0.9 - hover, atol=1e-9)
+    assert_allclose(stages.offsets[:, 6], hover - 0.1, atol=1e-9)
+    # Rates of 1 rad/s were sent 0.02 s ago, and of the plan they are zero.
+    assert_allclose(stages.offsets[0, 7::2], 1.0 + 60.0 * 0.02, atol=1e-9)
+    assert_allclose(stages.offsets[0, 8::2], -1.0 + 60.0 * 0.02, atol=1e-9)
+    assert_allclose(stages.offsets[1:, 7:], 60.0 * 0.05, atol=1e-9)
+
+
+def test_nothing_was_sent_yet() -> None:
+    level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
+    config = agile().updated(LIMITS)
+    problem = ManifoldProblem(config)
+    window = ReferenceWindow.hover(np.zeros(3), stamp_ns=level.stamp_ns)
+    problem.begin(DelayCompensation(config).predict(level), window)
+    assert problem.linearise().offsets[0, 7:].min() > 1e6
+
+
+def test_a_reference_that_asks_for_more_may_have_it() -> None:
+    """Inverted, at 9 m/s: what is flown is not forbidden, and a little more neither."""
+    rest = np.zeros((2, 3))
+    window = ReferenceWindow(
+        stamp_ns=10**9,
+        offset_ns=np.array([0, 2 * 10**9]),
+        p_WB=rest,
+        q_WB_xyzw=np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
+        v_WB_W=np.tile([9.0, 0.0, 0.0], (2, 1)),
+        a_WB_W=rest,
+        w_WB_W=rest,
+    )
+    config = agile().updated(LIMITS)
+    seen = odometry(
+        so3.exp(np.array([np.pi, 0.0, 0.0])), p_WB=np.zeros(3), v_WB_W=np.array([9.0, 0.0, 0.0])
+    )
+    problem = ManifoldProblem(config)
+    problem.begin(DelayCompensation(config).predict(seen), window)
+    stages = problem.linearise()
+    assert stages.offsets[:, 0].min() > 1e6
+    assert stages.offsets[0, 4] > 0.5
+
+
+def test_limits_that_are_off_are_not_in_the_problem() -> None:
+    plain = HorizonQP(ManifoldProblem(agile()).pattern())
+    far_off = agile().updated({"limits.pull_distance": 0.1})
+    other = HorizonQP(ManifoldProblem(far_off).pattern())
+    assert plain.A.shape == other.A.shape == (10 * 13, 10 * 13)
+    for name in LIMITS:
+        config = agile().updated({name: LIMITS[name]})
+        assert HorizonQP(ManifoldProblem(config).pattern()).A.shape[1] == 10 * 14
+
+
+def test_limits_change_in_flight_and_stay_in_the_pattern() -> None:
+    level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
+    config = agile().updated(LIMITS)
+    problem, compensation = begun(config, level, np.zeros(3))
+    qp = HorizonQP(problem.pattern())
+    qp.update(problem.linearise())
+    before = [array.copy() for array in (qp.A.indices, qp.A.indptr, qp.P.indices, qp.P.indptr)]
+    problem.reconfigure(config.updated({"limits.tilt_max": 0.3, "limits.speed_max": 9.0}))
+    window = ReferenceWindow.hover(np.zeros(3), stamp_ns=level.stamp_ns)
+    problem.begin(compensation.predict(level), window)
+    stages = problem.linearise()
+    assert_allclose(stages.offsets[:, 0], 0.3, atol=1e-9)
+    assert_allclose(stages.offsets[:, 4], 9.0, atol=1e-9)
+    qp.update(stages)
+    for now, then in zip(
+        (qp.A.indices, qp.A.indptr, qp.P.indices, qp.P.indptr), before, strict=True
+    ):
+        assert_array_equal(now, then)
+
+
+# --- the QP
+
+
+def a_soft_horizon(
+    seed: int, *, price: float, room: float
+) -> tuple[HorizonPattern, HorizonStages]:
+    """Return a horizon in which every number is its own, with six soft rows and two slacks."""
+    rng = np.random.default_rng(seed)
+    n, nx, nu, nr, ns = 5, 4, 2, 6, 2
+    pattern = HorizonPattern(
+        steps=n,
+        A=np.ones((nx, nx), dtype=bool),
+        B=np.ones((nx, nu), dtype=bool),
+        H=np.ones((nx, nx), dtype=bool),
+        state_size=np.linspace(0.5, 3.0, nx),
+        input_size=np.linspace(0.3, 2.0, nu),
+        limits=LimitPattern(
+            mask=np.ones((nr, 2 * nu + nx), dtype=bool),
+            slack_of=np.array([0, 0, 0, 0, 1, 1]),
+            slack_size=np.array([0.5, 2.0]),
+        ),
+    )
+    stages = HorizonStages.zeros(n, nx, nu, rows=nr, slacks=ns)
+    factors = rng.normal(size=(n, nx, nx))
+    stages.x0[:] = 0.3 * rng.normal(size=nx)
+    stages.A[:], stages.B[:] = 0.4 * rng.normal(size=(n, nx, nx)), rng.normal(size=(n, nx, nu))
+    stages.H[:] = factors @ factors.transpose(0, 2, 1) + np.eye(nx)
+    stages.g[:], stages.r[:] = rng.normal(size=(n, nx)), rng.normal(size=(n, nu))
+    stages.R[:] = rng.uniform(0.1, 1.0, size=(n, nu))
+    stages.lower[:], stages.upper[:] = -1.0, 1.0
+    stages.normals[:] = rng.normal(size=(n, nr, 2 * nu + nx))
+    stages.offsets[:] = room
+    stages.slack_cost[:] = price, 0.1 * price
+    return pattern, stages
+
+
+def exactly_solved(
+    pattern: HorizonPattern, stages: HorizonStages, *, eased: bool = True
+) -> tuple[Array, Array, Array]:
+    """Return inputs, states and slacks by PIQP, in physical units; or with no slack allowed."""
+    n, nx, nu = stages.B.shape
+    nr, ns = stages.shape[3:]
+    soft = pattern.soft
+    U, X, S = 0, n * nu, n * (nu + nx)
+    size = S + n * ns
+    P, c = np.zeros((size, size)), np.zeros(size)
+    A, b = np.zeros((n * nx, size)), np.zeros(n * nx)
+    G, h = np.zeros((n * nr, size)), stages.offsets.ravel().copy()
+    least, most = np.full(size, -np.inf), np.full(size, np.inf)
+    for i in range(n):
+        u, x, s = U + i * nu, X + i * nx, S + i * ns
+        P[u : u + nu, u : u + nu], c[u : u + nu] = np.diag(stages.R[i]), stages.r[i]
+        P[x : x + nx, x : x + nx], c[x : x + nx] = stages.H[i], stages.g[i]
+        P[s : s + ns, s : s + ns] = np.diag(stages.slack_cost[i, :, 1])
+        c[s : s + ns] = stages.slack_cost[i, :, 0]
+        rows = slice(i * nx, (i + 1) * nx)
+        A[rows, x : x + nx], A[rows, u : u + nu] = np.eye(nx), -stages.B[i]
+        b[rows] = stages.c[i]
+        if i == 0:
+            b[rows] += stages.A[0] @ stages.x0
+        else:
+            A[rows, x - nx : x] = -stages.A[i]
+        limits, normals = slice(i * nr, (i + 1) * nr), stages.normals[i]
+        if i > 0:
+            G[limits, u - nu : u] = normals[:, :nu]
+        G[limits, u : u + nu] = normals[:, nu : 2 * nu]
+        G[limits, x : x + nx] = normals[:, 2 * nu :]
+        if eased:
+            G[limits, s : s + ns] = -np.eye(ns)[soft.slack_of]
+        least[u : u + nu], most[u : u + nu] = stages.lower[i], stages.upper[i]
+        least[s : s + ns] = 0.0
+    solver = piqp.DenseSolver()
+    solver.settings.eps_abs = solver.settings.eps_rel = 1e-10
+    solver.setup(
+        P=np.asfortranarray(P),
+        c=c,
+        A=np.asfortranarray(A),
+        b=b,
+        G=np.asfortranarray(G),
+        h_u=h,
+        x_l=least,
+        x_u=most,
+    )
+    assert solver.solve() == piqp.PIQP_SOLVED
+    z = np.array(solver.result.x)
+    return z[:X].reshape(n, nu), z[X:S].reshape(n, nx), z[S:].reshape(n, ns)
+
+
+def solved(qp: HorizonQP, parameters: SolverParameters = EXACT) -> QpSolution:
+    solution = QpSolver(qp, parameters).solve()
+    assert solution.solved
+    return solution
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("price", [0.3, 30.0])
+def test_the_sparse_problem_has_the_solution_of_another_solver(seed: int, price: float) -> None:
+    pattern, stages = a_soft_horizon(seed, price=price, room=0.3)
+    qp = HorizonQP(pattern)
+    qp.update(stages)
+    solution = solved(qp)
+    inputs, states, slacks = exactly_solved(pattern, stages)
+    assert_allclose(solution.inputs, inputs, atol=1e-5)
+    assert_allclose(solution.states, states, atol=1e-5)
+    assert_allclose(qp.slacks(solution.z), slacks, atol=1e-5)
+    assert slacks.max() > 0.01 or price > 1.0, "what is cheap is bought"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_limits_that_can_be_kept_are_kept_exactly(seed: int) -> None:
+    """An exact penalty: dear enough, it gives the solution of hard limits, with no slack."""
+    pattern, stages = a_soft_horizon(seed, price=1e3, room=1.0)
+    qp = HorizonQP(pattern)
+    qp.update(stages)
+    solution = solved(qp)
+    hard, _, _ = exactly_solved(pattern, stages, eased=False)
+    free = changed(stages)
+    free.offsets[:] = 1e6
+    unlimited, _, _ = exactly_solved(pattern, free)
+    assert np.abs(hard - unlimited).max() > 1e-3, "a limit holds"
+    assert qp.slacks(solution.z).max() < 1e-7
+    assert_allclose(solution.inputs, hard, atol=1e-5)
+
+
+def test_soft_rows_of_other_shapes_are_refused() -> None:
+    pattern, stages = a_soft_horizon(0, price=1.0, room=1.0)
+    qp = HorizonQP(dataclasses.replace(pattern, limits=None))
+    with pytest.raises(ValueError, match=r"stages: \(5, 4, 2, 6, 2\), expected \(5, 4, 2, 0, 0\)"):
+        qp.update(stages)
+
+
+# --- the merit of the line search
+
+
+def test_the_penalty_is_that_of_the_true_excess() -> None:
+    allowed = np.array([[0.5, 4.0, 0.1, 0.9, -1.0, -1.0, -1.0, 1.0, 1.0, 1.0]])
+    prices = np.array([10.0, 20.0, 30.0, 40.0])
+
+    def cost(angle: float, speed: float, throttle: float, rate: float) -> float:
+        states = np.zeros((2, 19))
+        states[:, R_WB] = so3.exp(np.array([0.6 * angle, -0.8 * angle, 0.0])).ravel()
+        states[:, V_WB_W] = 0.0, speed, 0.0
+        return penalty(states, np.array([[throttle, 0.2, rate, 0.1]]), allowed, prices)
+
+    assert cost(0.5, 4.0, 0.9, 1.0) == pytest.approx(0.0, abs=1e-12)
+    # Twice the price, as the cost is twice that of the QP, and with an excess a little more.
+    for beyond, price in (
+        (lambda d: cost(0.5 + d, 3.0, 0.5, 0.0), 10.0),
+        (lambda d: cost(0.2, 4.0 + d, 0.5, 0.0), 20.0),
+        (lambda d: cost(0.2, 3.0, 0.9 + d, 0.0), 30.0),
+        (lambda d: cost(0.2, 3.0, 0.1 - d, 0.0), 30.0),
+        (lambda d: cost(0.2, 3.0, 0.5, 1.0 + d), 40.0),
+        (lambda d: cost(0.2, 3.0, 0.5, -1.0 - d), 40.0),
+    ):
+        assert beyond(1e-6) == pytest.approx(2e-6 * price, rel=1e-3)
+        assert 2.0 * 0.1 * price < beyond(0.1) < 3.0 * 0.1 * price
+
+
+# --- any state, any limits
+
+
+def a_random_case(seed: int) -> list[QpSolution]:
+    """Return the solves of three ticks from any attitude, up to 10 m/s and 40 m, as it moves."""
+    rng = np.random.default_rng(seed)
+    limits: dict[str, object] = {
+        "limits.tilt_max": rng.uniform(0.2, 1.2),
+        "limits.speed_max": rng.uniform(1.0, 10.0),
+        "limits.throttle_margin": rng.uniform(0.02, 0.2),
+        "limits.rate_slew": rng.uniform(20.0, 300.0),
+    }
+    shares = (0.8, 0.7, 0.4, 0.4)
+    chosen = {
+        name: limits[name]
+        for name, share in zip(limits, shares, strict=True)
+        if rng.random() < share
+    }
+    weights = agile() if rng.random() < 0.5 else MpcConfig()
+    if rng.random() < 0.7:
+        chosen |= LAGS
+    R = so3.exp(rng.uniform(0.0, np.pi) * unit(rng))
+    goal = np.array([0.0, 0.0, 50.0])
+    p_WB = goal + rng.choice([0.5, 5.0, 40.0]) * rng.random() * unit(rng)
+    v_WB_W = rng.uniform(0.0, 10.0) * unit(rng)
+    mpc, stamp_ns, solutions = Mpc(weights.updated(chosen)), 10**9, []
+    u = Input(throttle=rng.uniform(0.0, 1.0), w_WB_B=rng.uniform(-5.0, 5.0, size=3))
+    mpc.sent(u, stamp_ns=stamp_ns - PERIOD_NS)
+    for _ in range(3):
+        seen = odometry(R, p_WB=p_WB, v_WB_W=v_WB_W, stamp_ns=stamp_ns)
+        step = mpc.step(seen, ReferenceWindow.hover(goal, stamp_ns=stamp_ns))
+        solutions.append(step.solution)
+        assert step.plan is not None, (seed, step.solution.status)
+        u = step.plan.command_over(0.0, 0.02)
+        mpc.sent(u, stamp_ns=stamp_ns)
+        row = step.state.row.copy()
+        roll_forward(
+            parameters=step.state.parameters,
+            commands=u.vector()[None],
+            durations=np.array([0.02]),
+            longest=0.005,
+            start=row,
+            end=row,
+        )
+        p_WB, v_WB_W, R = row[:3].copy(), row[V_WB_W].copy(), row[R_WB].reshape(3, 3)
+        stamp_ns += PERIOD_NS
+    return solutions
+
+
+def test_every_problem_of_random_states_and_limits_is_solved_soon(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    iterations: list[int] = []
+    original = QpSolver.solve
+
+    def solve(solver: QpSolver, *, from_zero: bool = False) -> QpSolution:
+        solution = original(solver, from_zero=from_zero)
+        iterations.append(solution.iterations)
+        return solution
+
+    monkeypatch.setattr(QpSolver, "solve", solve)
+    for seed in range(500):
+        a_random_case(seed)
+    assert len(iterations) > 1500
+    assert np.percentile(iterations, 99) <= 100
+    assert max(iterations) <= 300

@@ -1,0 +1,360 @@
+"""The safety ladder as stories: what is known at which time, and who has to command then.
+
+Each test takes the module as a fixture, so that ``test_ladder_mutations.py`` can tell the same
+stories to a module in which a condition has been changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from types import ModuleType
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quad_mpc_ros.control.safety import ladder as real_ladder
+
+MS = 1_000_000
+START = 5_000_000_000
+MPC, PLAN, HOVER, IDLE, BLIND, SILENT, WAITING = (
+    "MPC",
+    "PLAN",
+    "HOVER",
+    "IDLE",
+    "BLIND",
+    "SILENT",
+    "WAITING",
+)
+FAILED = "solver: failed"
+
+
+@pytest.fixture
+def ladder() -> ModuleType:
+    return real_ladder
+
+
+class Flight:
+    """A ladder with a timeout of 100 ms for odometry, 500 ms for the reference, and so on.
+
+    Odometry may be foreseen for 400 ms.
+    """
+
+    def __init__(self, ladder: ModuleType, *, plan_hold: int = 200, blind: int = 1000) -> None:
+        self._ladder = ladder
+        self._state = ladder.LadderState()
+        self._timeouts = ladder.Timeouts(
+            odometry=100 * MS,
+            gap=400 * MS,
+            reference=500 * MS,
+            plan_hold=plan_hold * MS,
+            blind=blind * MS,
+        )
+
+    def decide(
+        self,
+        at: float,
+        *,
+        odometry: float | None = None,
+        reference: float | None = None,
+        fault: str = "",
+        breach: tuple[str, str] | None = None,
+        standing: bool = False,
+        foreseen: bool = False,
+        never: str = "",
+    ) -> tuple[str, str]:
+        """Decide at a time [ms] with inputs that last came at the given times, or just now.
+
+        ``never`` names the inputs that have never come. Returns the rung and the reason.
+        """
+
+        def stamp(time: float | None) -> int:
+            return START + round((at if time is None else time) * MS)
+
+        broken = None
+        if breach is not None:
+            broken = self._ladder.Breach(self._ladder.Action[breach[0]], breach[1])
+        decision, self._state = self._ladder.decide(
+            self._ladder.Inputs(
+                now_ns=stamp(None),
+                odometry_ns=None if "odometry" in never else stamp(odometry),
+                reference_ns=None if "reference" in never else stamp(reference),
+                plan_fault=fault,
+                breach=broken,
+                standing=standing,
+                foreseen=foreseen,
+            ),
+            self._state,
+            self._timeouts,
+        )
+        return decision.source.name, decision.reason
+
+    def follow(self, expected: Iterable[tuple[float, str]], **known: Any) -> None:
+        """Decide at each time and compare the rung."""
+        for at, rung in expected:
+            assert (at, self.decide(at, **known)[0]) == (at, rung)
+
+
+def test_all_well_is_the_mpc_and_gives_no_reason(ladder: ModuleType) -> None:
+    assert Flight(ladder).decide(0) == (MPC, "")
+
+
+def test_before_the_first_plan_it_waits(ladder: ModuleType) -> None:
+    for known, reason in (
+        ({"never": "odometry"}, "no odometry yet"),
+        ({"never": "reference"}, "no reference yet"),
+        ({"never": "odometry reference"}, "no odometry yet"),
+        ({"fault": FAILED}, FAILED),
+        ({"odometry": 0, "fault": FAILED}, FAILED),
+        ({"never": "reference", "fault": FAILED}, "no reference yet"),
+        ({"fault": FAILED, "breach": ("STOP", "out")}, FAILED),
+        ({"fault": FAILED, "breach": ("HOVER", "out"), "standing": True}, FAILED),
+    ):
+        flight = Flight(ladder)
+        for at in (0, 50, 90):
+            assert flight.decide(at, **known) == (WAITING, reason)  # type: ignore[arg-type]
+        # What broke a limit before it flew does not stop it for good.
+        assert flight.decide(100) == (MPC, "")
+
+
+def test_a_failing_solver_means_the_plan_then_hover(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.decide(0)
+    for at, rung in ((20, PLAN), (200, PLAN), (200.000001, HOVER), (60_000, HOVER)):
+        assert flight.decide(at, fault=FAILED) == (rung, FAILED)
+    assert flight.decide(60_020) == (MPC, "")
+    flight.follow([(60_220, PLAN), (60_221, HOVER)], fault=FAILED)
+
+
+def test_a_silent_reference_means_the_plan_then_hover(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.follow([(500, MPC), (500.000001, PLAN), (700, PLAN), (700.1, HOVER)], reference=0)
+    assert flight.decide(800, reference=0) == (HOVER, "reference is 0.80 s old")
+    assert flight.decide(5000) == (MPC, "")
+
+
+def test_lost_odometry_goes_down_every_rung_and_comes_back(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    for begin in (0, 60_000):
+        assert flight.decide(begin) == (MPC, "")
+        expected = (
+            (100, PLAN, FAILED),  # still young enough, so it is not what fails
+            (100.000001, PLAN, "odometry is 0.10 s old"),
+            (200, PLAN, "odometry is 0.20 s old"),
+            (220, BLIND, "odometry is 0.22 s old"),
+            (1220, BLIND, "odometry is 1.22 s old"),
+            (1220.000001, SILENT, "odometry is 1.22 s old"),
+            (50_000, SILENT, "odometry is 50.00 s old"),
+        )
+        for at, rung, reason in expected:
+            decision = flight.decide(begin + at, odometry=begin, fault=FAILED)
+            assert (at, *decision) == (at, rung, reason)
+
+
+def test_a_new_plan_while_the_odometry_is_old_is_none(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.decide(0)
+    flight.follow([(101, PLAN), (201, BLIND)], odometry=0)
+
+
+def test_what_is_foreseen_is_flown_for_a_while_and_gives_the_plan_no_more_time(
+    ladder: ModuleType,
+) -> None:
+    flight = Flight(ladder)
+    flight.decide(0)
+    assert flight.decide(120, odometry=0, foreseen=True) == (
+        MPC,
+        "odometry is late: foreseen",
+    )
+    flight.follow([(200, MPC), (400, MPC)], odometry=0, foreseen=True)
+    assert flight.decide(401, odometry=0, foreseen=True) == (BLIND, "odometry is 0.40 s old")
+    flight.follow([(1401, BLIND), (1402, SILENT)], odometry=0, fault=FAILED)
+    assert flight.decide(1500) == (MPC, "")
+
+
+def test_what_cannot_be_foreseen_any_more_is_the_plan_as_long_as_it_holds(
+    ladder: ModuleType,
+) -> None:
+    flight = Flight(ladder)
+    flight.decide(0)
+    flight.follow([(120, MPC)], odometry=0, foreseen=True)
+    flight.follow([(140, PLAN), (200, PLAN), (220, BLIND)], odometry=0, fault=FAILED)
+    flight = Flight(ladder, plan_hold=450)
+    flight.decide(0)
+    flight.follow([(400, MPC), (440, PLAN), (460, BLIND)], odometry=0, foreseen=True)
+    flight = Flight(ladder)
+    flight.decide(0)
+    assert flight.decide(110, odometry=0, fault=FAILED, foreseen=True) == (PLAN, FAILED)
+
+
+def test_odometry_that_returns_without_a_solver_is_enough_to_hover(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.decide(0)
+    flight.decide(900, odometry=0, fault=FAILED)
+    assert flight.decide(1000, fault=FAILED) == (HOVER, FAILED)
+    # Blindness is counted afresh.
+    flight.follow([(1900, BLIND), (2900, BLIND), (2901, SILENT)], odometry=1000, fault=FAILED)
+
+
+def test_hover_goes_blind_when_odometry_stops_too(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.decide(0)
+    assert flight.decide(400, fault=FAILED) == (HOVER, FAILED)
+    flight.follow([(500, HOVER), (501, BLIND)], odometry=400, fault=FAILED)
+
+
+def test_the_first_reason_is_the_one_told(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.decide(0)
+    known: dict[str, Any] = {"odometry": 0, "reference": 0, "fault": FAILED}
+    assert flight.decide(50, **known) == (PLAN, FAILED)
+    assert flight.decide(150, **known) == (PLAN, "odometry is 0.15 s old")
+    assert flight.decide(600, reference=0, fault=FAILED) == (HOVER, "reference is 0.60 s old")
+
+
+def test_a_rung_of_no_time_is_skipped(ladder: ModuleType) -> None:
+    flight = Flight(ladder, plan_hold=0)
+    flight.follow([(0, MPC)])
+    flight.follow([(1, HOVER)], fault=FAILED)
+    flight = Flight(ladder, blind=0)
+    flight.follow([(0, MPC)])
+    flight.follow([(300, BLIND), (300.000001, SILENT)], odometry=0)
+
+
+def test_a_clock_set_back_makes_nothing_fresh(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.decide(10_000)
+    assert flight.decide(9_950, odometry=10_000) == (MPC, "")  # jitter
+    flight.decide(10_000)
+    assert flight.decide(5_000, odometry=10_000) == (BLIND, "odometry is -5.00 s old")
+    assert flight.decide(5_020, fault=FAILED) == (HOVER, FAILED)
+    assert flight.decide(5_040) == (MPC, "")
+
+
+def test_on_the_ground_it_idles_where_it_would_hover(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    assert flight.decide(0, standing=True) == (MPC, "")
+    # At once, for the plan may take off later.
+    flight.follow([(20, IDLE), (201, IDLE), (90_000, IDLE)], fault=FAILED, standing=True)
+    assert flight.decide(90_020, fault=FAILED) == (HOVER, FAILED)
+    assert flight.decide(90_040, breach=("HOVER", "out"), standing=True) == (IDLE, "out")
+
+
+def test_on_the_ground_without_odometry_it_idles_then_falls_silent(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.decide(0, standing=True)
+    expected = [(101, IDLE), (201, IDLE), (1201, IDLE), (1202, SILENT)]
+    flight.follow(expected, odometry=0, standing=True)
+
+
+def test_a_warning_does_not_change_who_commands(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    warning = ("WARN", "high")
+    assert flight.decide(0, breach=warning) == (MPC, "high")
+    assert flight.decide(20, breach=warning, fault=FAILED) == (PLAN, FAILED)
+    assert flight.decide(300, breach=warning, fault=FAILED) == (HOVER, FAILED)
+    assert flight.decide(320) == (MPC, "")
+
+
+def test_outside_a_limit_it_hovers_until_inside(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    out = ("HOVER", "out")
+    assert flight.decide(0, breach=out) == (HOVER, "out")
+    assert flight.decide(20, breach=out, fault=FAILED) == (HOVER, "out")  # not the plan
+    assert flight.decide(40) == (MPC, "")
+    # What was broken when it was last seen says nothing once it is not seen.
+    assert flight.decide(141, breach=out, odometry=40)[0] == PLAN
+    assert flight.decide(241, breach=out, odometry=40)[0] == BLIND
+
+
+def test_stopped_is_stopped_for_good(ladder: ModuleType) -> None:
+    flight = Flight(ladder)
+    flight.decide(0)
+    assert flight.decide(20, breach=("STOP", "far out")) == (SILENT, "far out")
+    assert flight.decide(40) == (SILENT, "far out")
+    assert flight.decide(60, breach=("STOP", "farther")) == (SILENT, "far out")
+    assert flight.decide(80, breach=("HOVER", "out"), fault=FAILED) == (SILENT, "far out")
+    assert flight.decide(100_000, odometry=100, standing=True) == (SILENT, "far out")
+    assert flight.decide(200_000) == (SILENT, "far out")
+
+
+def test_the_plan_is_held_from_when_it_was_last_good(ladder: ModuleType) -> None:
+    """Also when a limit kept it from being flown."""
+    flight = Flight(ladder)
+    flight.decide(0)
+    flight.decide(150, breach=("HOVER", "out"))
+    flight.follow([(340, PLAN), (351, HOVER)], fault=FAILED)
+
+
+def test_rungs_and_actions_are_ordered_by_their_distance_from_normal(ladder: ModuleType) -> None:
+    assert [source.name for source in sorted(ladder.Source)] == [
+        MPC,
+        PLAN,
+        HOVER,
+        IDLE,
+        BLIND,
+        SILENT,
+        WAITING,
+    ]
+    assert [action.name for action in sorted(ladder.Action)] == ["WARN", "HOVER", "STOP"]
+
+
+def test_timeouts_are_those_of_the_configuration(ladder: ModuleType) -> None:
+    from quad_mpc_ros.control.config import MpcConfig
+
+    config = MpcConfig(
+        odom_timeout=0.125,
+        odom_gap=0.375,
+        reference_timeout=0.25,
+        plan_hold_time=0.5,
+        blind_time=2.0,
+    )
+    assert ladder.timeouts_of(config) == (125 * MS, 375 * MS, 250 * MS, 500 * MS, 2000 * MS)
+    off = MpcConfig(odom_timeout=0.125, odom_gap=0.0)
+    assert ladder.timeouts_of(off).gap == 125 * MS
+
+
+_MOMENT = st.fixed_dictionaries(
+    {
+        "wait": st.integers(0, 400),
+        "odometry_age": st.one_of(st.integers(0, 150), st.integers(350, 450)),
+        "foreseen": st.booleans(),
+        "reference_age": st.integers(0, 600),
+        "fault": st.sampled_from(["", FAILED]),
+        "breach": st.sampled_from([None, ("WARN", "high"), ("HOVER", "out"), ("STOP", "far")]),
+        "standing": st.booleans(),
+    }
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(moments=st.lists(_MOMENT, min_size=1, max_size=20))
+def test_in_any_story(moments: list[dict[str, Any]]) -> None:
+    """What holds at every moment, whatever came before."""
+    flight, at, stopped, flown = Flight(real_ladder), 0, False, False
+    for moment in moments:
+        at += moment["wait"]
+        foreseen = moment["foreseen"] and flown
+        rung, reason = flight.decide(
+            at,
+            odometry=at - moment["odometry_age"],
+            reference=at - moment["reference_age"],
+            fault=moment["fault"],
+            breach=moment["breach"],
+            standing=moment["standing"],
+            foreseen=foreseen,
+        )
+        sighted = moment["odometry_age"] <= 100
+        known = sighted or (foreseen and moment["odometry_age"] <= 400)
+        well = known and moment["reference_age"] <= 500 and not moment["fault"]
+        flown = flown or well
+        action = moment["breach"][0] if moment["breach"] and sighted and flown else ""
+        stopped = stopped or action == "STOP"
+        assert (rung == WAITING) == (not flown)
+        assert not (stopped and rung != SILENT)
+        assert (rung == MPC) == (well and not stopped and action != "HOVER")
+        assert rung not in (HOVER, MPC) or sighted or (rung == MPC and known)
+        assert rung != BLIND or not sighted
+        assert rung != IDLE or moment["standing"]
+        assert reason or (rung == MPC and action != "WARN")

@@ -1,0 +1,223 @@
+"""Fence, envelope, slew limits, ground and deadline in the closed loop of controller and plant."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from fixtures.presets import agile, ideal
+
+from quad_mpc_ros.control.config import (
+    EnvelopeParameters,
+    FenceParameters,
+    MpcConfig,
+    SlewParameters,
+)
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.tick import Tick
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.simulation.config import make_plant
+
+PERIOD = 20_000_000
+START = 1_000_000_000
+AIR = (0.0, 0.0, 2.0)
+
+
+class Loop:
+    """Controller, plant and a hover reference, which can be moved or taken away."""
+
+    def __init__(self, mpc: MpcConfig, *, start: tuple[float, ...] = AIR) -> None:
+        self.controller = Controller(mpc)
+        self._plant = make_plant(ideal(initial_position=start))
+        self._servers: dict[tuple[float, ...], ReferenceServer] = {}
+        self.now = START
+
+    def fly(
+        self, seconds: float, *, to: tuple[float, ...] | None = AIR
+    ) -> Iterator[tuple[OdometrySample, Tick]]:
+        for _ in range(round(seconds * 50)):
+            self._plant.advance_to(self.now - START)
+            odometry = self._plant.odometry(self.now)
+            if to is not None:
+                window = self._window(to)
+                self.controller.receive_reference(window, now_ns=self.now)
+            tick = self.controller.receive_odometry(odometry, now_ns=self.now)
+            assert tick is not None
+            if tick.command is not None:
+                self._plant.apply(tick.command)
+            self.now += PERIOD
+            yield odometry, tick
+
+    def last(self, seconds: float, *, to: tuple[float, ...] | None = AIR) -> tuple[str, float]:
+        """Fly and return the last source and the last x."""
+        *_, (odometry, tick) = self.fly(seconds, to=to)
+        return tick.stats.source, float(odometry.p_WB[0])
+
+    def _window(self, to: tuple[float, ...]) -> ReferenceWindow:
+        if to not in self._servers:
+            self._servers[to] = ReferenceServer(ReferenceConfig(trajectory="hover"))
+            self._servers[to].start(START)
+        window = self._servers[to].window(self.now)
+        return dataclasses.replace(window, p_WB=np.tile(to, (len(window.p_WB), 1)))
+
+
+def fence(action: str) -> MpcConfig:
+    return agile(
+        fence=FenceParameters(minimum=(-2.0, -2.0, -1.0), maximum=(2.0, 2.0, 5.0), action=action)
+    )
+
+
+@pytest.mark.parametrize("distance", [3.0, 6.0, 20.0])
+def test_a_reference_beyond_the_fence_is_not_followed_beyond_it(distance: float) -> None:
+    loop = Loop(fence("hover"))
+    beyond = (distance, 0.0, 2.0)
+    flown = list(loop.fly(8.0, to=beyond))
+    assert max(abs(odometry.p_WB[0]) for odometry, _ in flown) < 2.0
+    assert max(odometry.speed for odometry, _ in flown) > 2.0
+    source, x = loop.last(0.02, to=beyond)
+    assert source == "hover"
+    assert abs(x) < 1.6
+    assert loop.last(0.9)[0] == "hover"
+    source, x = loop.last(4.0)
+    assert source == "mpc"
+    assert x == pytest.approx(0.0, abs=0.02)
+
+
+def test_with_the_action_stop_it_falls_silent_and_stays_so() -> None:
+    loop = Loop(fence("stop"))
+    ticks = [tick for _, tick in loop.fly(4.0, to=(6.0, 0.0, 2.0))]
+    sources = [tick.stats.source for tick in ticks]
+    silent = sources.index("silent")
+    assert set(sources[:silent]) == {"mpc"}
+    assert set(sources[silent:]) == {"silent"}
+    assert all(tick.command is None for tick in ticks[silent:])
+    assert "outside the fence: x is 2." in ticks[-1].stats.reason
+
+
+def test_with_the_action_warn_it_flies_on_and_tells() -> None:
+    loop = Loop(fence("warn"))
+    *_, (odometry, tick) = loop.fly(4.0, to=(6.0, 0.0, 2.0))
+    assert tick.stats.source == "mpc"
+    assert "outside the fence" in tick.stats.reason
+    assert odometry.p_WB[0] == pytest.approx(6.0, abs=0.05)
+
+
+def test_beyond_the_envelope_it_hovers_and_flies_on_after_a_second_of_calm() -> None:
+    config = agile(envelope=EnvelopeParameters(speed_max=3.0, action="hover"))
+    loop = Loop(config)
+    flown = list(loop.fly(6.0, to=(6.0, 0.0, 2.0)))
+    sources = [tick.stats.source for _, tick in flown]
+    first = sources.index("hover")
+    speeds = [odometry.speed for odometry, _ in flown]
+    assert speeds[first] > 3.0
+    assert max(speeds[:first]) <= 3.0
+    again = sources.index("mpc", first)
+    assert set(sources[first:again]) == {"hover"}
+    calm = next(k for k in range(first, len(speeds)) if speeds[k] < 2.7)
+    assert again - calm == pytest.approx(50, abs=1)
+
+
+def test_commands_change_no_faster_than_they_may_and_it_still_settles() -> None:
+    limits = SlewParameters(throttle_max=10.0, rate_max=400.0)
+    loop = Loop(MpcConfig(slew=limits))
+    commands = [
+        tick.command
+        for _, tick in (*loop.fly(1.0), *loop.fly(4.0, to=(1.0, 0.0, 2.0)))
+        if tick.command is not None
+    ]
+    throttle = np.array([command.throttle for command in commands])
+    rates = np.array([command.w_WB_B for command in commands])
+    assert np.abs(np.diff(throttle)).max() == pytest.approx(10.0 * 0.02, rel=1e-6)
+    assert np.abs(np.diff(rates, axis=0)).max() == pytest.approx(400.0 * 0.02, rel=1e-6)
+    source, x = loop.last(1.0, to=(1.0, 0.0, 2.0))
+    assert source == "mpc"
+    assert x == pytest.approx(1.0, abs=0.05)
+
+
+def test_on_the_ground_it_idles_when_the_reference_is_lost_and_in_the_air_it_hovers() -> None:
+    below = (0.0, 0.0, -1.0)  # as after a touchdown
+    loop = Loop(MpcConfig(), start=(0.0, 0.0, 0.0))
+    list(loop.fly(1.0, to=below))
+    ticks = [tick for _, tick in loop.fly(3.5, to=None)]
+    assert [tick.stats.source for tick in ticks[-60:]] == ["idle"] * 60
+    command = ticks[-1].command
+    assert command is not None
+    assert command.throttle == 0.0
+    assert not command.w_WB_B.any()
+    # The reference comes back, it takes off, and now losing it means to hover.
+    assert loop.last(4.0) == ("mpc", pytest.approx(0.0, abs=0.01))
+    *_, (odometry, tick) = loop.fly(4.5, to=None)
+    assert tick.stats.source == "hover"
+    assert odometry.p_WB[2] == pytest.approx(2.0, abs=0.05)
+
+
+def test_a_late_plan_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    config = MpcConfig()
+    loop = Loop(config)
+    loop.controller = Controller(config, deadline=0.5 / 50.0)
+    original, late = Mpc.step, [False]
+
+    def step(mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
+        outcome = original(mpc, odometry, window)
+        return outcome._replace(step_time=0.0101 if late[0] else 0.0099)
+
+    monkeypatch.setattr(Mpc, "step", step)
+    assert loop.last(1.0)[0] == "mpc"
+    late[0] = True
+    ticks = [tick for _, tick in loop.fly(0.1)]
+    assert [tick.stats.source for tick in ticks] == ["plan"] * 5
+    assert [tick.stats.deadline_misses for tick in ticks] == [1, 2, 3, 4, 5]
+    assert {tick.stats.reason for tick in ticks} == {"late: the plan took 10.1 ms"}
+    assert all(tick.plan is None for tick in ticks)
+    late[0] = False
+    assert loop.last(0.02)[0] == "mpc"
+
+
+def test_the_solver_stops_by_itself_and_goes_on_from_there() -> None:
+    """With no time at all no plan is ever ready; the first tick waits."""
+    loop = Loop(MpcConfig())
+    loop.controller = Controller(MpcConfig(), deadline=1e-9)
+    ticks = [tick for _, tick in loop.fly(0.2)]
+    assert {tick.stats.source for tick in ticks} == {"waiting"}
+    assert "run time limit reached" in {tick.stats.solver_status for tick in ticks}
+    assert all("time limit" in t.stats.reason or "late" in t.stats.reason for t in ticks)
+    assert all(tick.command is None for tick in ticks)
+
+
+def test_an_error_in_the_control_step_is_a_failed_solve(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop = Loop(MpcConfig())
+    assert loop.last(1.0)[0] == "mpc"
+    with monkeypatch.context() as patch:
+        patch.setattr(Mpc, "step", lambda *_: 1 / 0)
+        *_, (_, tick) = loop.fly(0.1)
+        assert tick.stats.source == "plan"
+        assert "error in the control step: ZeroDivisionError" in tick.stats.reason
+        assert loop.last(0.5)[0] == "hover"
+    assert loop.last(1.0) == ("mpc", pytest.approx(0.0, abs=0.02))
+
+
+def test_bounds_that_change_in_flight_hold_for_the_plan_that_is_held(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    config = MpcConfig()
+    loop = Loop(config)
+    list(loop.fly(0.5))
+    *_, (_, tick) = loop.fly(0.1, to=(4.0, 0.0, 4.0))
+    assert tick.command is not None
+    assert max(abs(tick.command.w_WB_B)) > 1.0 or tick.command.throttle > 0.4
+    tight = dataclasses.replace(config, omega_max=(0.5, 0.5, 0.5), throttle_max=0.35)
+    loop.controller.reconfigure(tight)
+    with monkeypatch.context() as patch:
+        patch.setattr(Mpc, "step", lambda *_: 1 / 0)
+        for _, tick in loop.fly(0.2, to=(4.0, 0.0, 4.0)):
+            assert tick.stats.source == "plan"
+            assert tick.command is not None
+            assert tick.command.throttle <= 0.35
+            assert max(abs(tick.command.w_WB_B)) <= 0.5
+    assert math.isfinite(loop.last(0.1)[1])

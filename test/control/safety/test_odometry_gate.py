@@ -1,0 +1,172 @@
+"""Which odometry is believed: stamps against arrivals, and an estimator that has frozen."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
+
+MakeOdometry = Callable[..., OdometrySample]
+
+MS = 1_000_000
+START = 1_700_000_000_000 * MS
+MOVING = {"v_WB_B": np.array([1.0, 0.0, 0.0])}
+
+
+class Source:
+    """An odometry source on a clock that is an hour off; times in ms from the start."""
+
+    OFFSET = -3_600_000
+
+    def __init__(self, config: MpcConfig, make_odometry: MakeOdometry) -> None:
+        self._gate = OdometryGate(config)
+        self._make_odometry = make_odometry
+        self._count = 0
+
+    def send(self, at: float, *, stamped: float | None = None, **changes: Any) -> str | None:
+        """Let one arrive, by default stamped when it arrives and different from the one before."""
+        self._count += 1
+        changes.setdefault("p_WB", np.array([0.01 * self._count, 0.0, 2.0]))
+        stamp = self.OFFSET + (at if stamped is None else stamped)
+        odometry = self._make_odometry(START + round(stamp * MS), **changes)
+        return self._gate.refusal(odometry, now_ns=START + round(at * MS))
+
+    def send_all(
+        self, times: Sequence[float], *, later: float = 0.0, **changes: Any
+    ) -> list[bool]:
+        """Let some arrive, stamped ``later`` than they arrive; return which are taken."""
+        return [self.send(at, stamped=at + later, **changes) is None for at in times]
+
+
+@pytest.fixture
+def source(make_odometry: MakeOdometry) -> Source:
+    return Source(MpcConfig(odom_timeout=0.1), make_odometry)
+
+
+def regularly(begin: int, end: int) -> range:
+    return range(begin, end, 20)
+
+
+def test_a_steady_source_on_any_clock_is_taken(source: Source) -> None:
+    assert all(source.send_all(regularly(0, 10_000)))
+
+
+@pytest.mark.parametrize("drift", [-0.01, -0.5e-3, 0.5e-3, 0.01])
+def test_clocks_may_drift_apart(source: Source, drift: float) -> None:
+    """Half a second in a thousand, which is far more than quartz does."""
+    assert all(source.send(at, stamped=at * (1.0 + drift)) is None for at in range(0, 10**6, 500))
+
+
+def test_late_by_less_than_the_timeout_is_taken_and_by_more_is_not(source: Source) -> None:
+    source.send_all(regularly(0, 1000))
+    assert source.send(1090, stamped=1000) is None
+    reason = source.send(1200, stamped=1020)
+    assert reason is not None
+    assert reason.startswith("odometry stamp is 0.18 s behind")
+    assert source.send(1201, stamped=1200) is None
+
+
+@pytest.mark.parametrize("waited", [90, 270, 2000, 60_000])
+def test_after_a_first_one_that_waited_long_the_punctual_ones_are_taken(
+    source: Source, waited: int
+) -> None:
+    assert source.send(0, stamped=-waited) is None
+    assert all(source.send_all(regularly(20, 1000)))
+    # How long they take is known now, and what is late is refused.
+    assert "behind its arrival" in str(source.send(1120, stamped=990))
+
+
+def test_one_from_the_future_is_refused_and_spoils_nothing(source: Source) -> None:
+    source.send_all(regularly(0, 1000))
+    assert "60.00 s ahead of" in str(source.send(1000, stamped=61_000))
+    assert all(source.send_all(regularly(1020, 2000)))
+
+
+def test_one_from_the_past_is_refused_and_spoils_nothing(source: Source) -> None:
+    source.send_all(regularly(0, 1000))
+    for stamped in (990, 979, 0, -60_000):
+        assert source.send(1000, stamped=stamped) in (None, "odometry stamp runs backwards")
+        assert stamped == 990 or source.send(1000, stamped=stamped) is not None
+    assert all(source.send_all(regularly(1020, 2000)))
+
+
+def test_what_was_queued_while_this_process_stood_still_is_refused(source: Source) -> None:
+    source.send_all(regularly(0, 1000))
+    queued = [source.send(2000 + 0.001 * k, stamped=1000 + 20 * k) is None for k in range(50)]
+    # The last four are younger than the timeout.
+    assert queued == [False] * 46 + [True] * 4
+    assert all(source.send_all(regularly(2020, 3000)))
+
+
+@pytest.mark.parametrize("jump", [-3_600_000, -150, 150, 3_600_000])
+def test_a_clock_that_was_set_is_believed_after_the_timeout(source: Source, jump: int) -> None:
+    source.send_all(regularly(0, 1000))
+    taken = source.send_all(regularly(1000, 2000), later=jump)
+    assert taken == [False] * 6 + [True] * 44
+    # And so it is when it is set right.
+    assert source.send_all(regularly(2000, 3000)) == [False] * 6 + [True] * 44
+
+
+def test_stamps_without_order_are_never_believed(source: Source) -> None:
+    source.send_all(regularly(0, 1000))
+    rng = np.random.default_rng(1)
+    for at in regularly(1000, 3000):
+        assert source.send(at, stamped=at + float(rng.uniform(-1e6, -1e3))) is not None
+
+
+def test_the_same_stamp_again_brings_nothing_new(source: Source) -> None:
+    source.send_all(regularly(0, 1000))
+    for at in regularly(1000, 3000):
+        assert source.send(at, stamped=980) == "odometry repeats its stamp"
+    assert source.send(3000) is None
+
+
+@pytest.mark.parametrize("moving", [MOVING, {"w_WB_B": np.array([0.0, 0.01, 0.0])}])
+def test_an_estimator_that_froze_in_motion_is_refused_after_the_timeout(
+    source: Source, moving: dict[str, Any]
+) -> None:
+    source.send_all(regularly(0, 1000))
+    frozen = source.send_all(regularly(1000, 2000), p_WB=np.ones(3), **moving)
+    assert frozen == [True] * 6 + [False] * 44
+    assert source.send(2000, **moving) is None
+
+
+def test_republished_faster_than_it_is_estimated_is_no_freeze(source: Source) -> None:
+    for at in range(0, 2000, 5):
+        assert source.send(at, p_WB=np.array([at // 50, 0.0, 2.0]), **MOVING) is None
+
+
+def test_at_rest_nothing_needs_to_change(source: Source) -> None:
+    assert all(source.send_all(regularly(0, 2000), p_WB=np.ones(3)))
+
+
+def test_in_lockstep_the_same_may_come_again_and_time_begin_anew(
+    make_odometry: MakeOdometry,
+) -> None:
+    gate = OdometryGate(MpcConfig(odom_timeout=0.1, lockstep=True))
+
+    def taken(ms: int) -> bool:
+        return gate.refusal(make_odometry(START + ms * MS), now_ns=START + ms * MS) is None
+
+    assert taken(1000)
+    assert taken(1000)
+    assert not taken(980)
+    assert taken(1020)
+    assert taken(0)
+    assert taken(5000)
+
+
+def test_a_longer_timeout_in_flight_is_taken_over(make_odometry: MakeOdometry) -> None:
+    config = MpcConfig(odom_timeout=0.1)
+    gate = OdometryGate(config)
+    gate.reconfigure(dataclasses.replace(config, odom_timeout=1.0))
+    assert gate.refusal(make_odometry(START), now_ns=START) is None
+    late = make_odometry(START + 20 * MS)
+    assert gate.refusal(late, now_ns=START + 900 * MS) is None

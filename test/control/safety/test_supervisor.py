@@ -1,0 +1,231 @@
+"""The supervisor without a solver: what it lets in, who commands, and what goes out."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from quad_mpc_ros.control.config import FenceParameters, MpcConfig, SlewParameters
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.ocp.problem import PREDICTION_SIZE, PredictedState
+from quad_mpc_ros.control.safety.ladder import Source
+from quad_mpc_ros.control.safety.supervisor import Supervisor
+
+MakeOdometry = Callable[..., OdometrySample]
+MakeWindow = Callable[..., ReferenceWindow]
+
+MS = 1_000_000
+PERIOD = 20 * MS
+START = 1_700_000_000_000 * MS
+
+
+def planned(throttle: float, *rates: float) -> Plan:
+    """Return a plan of one command."""
+    return Plan(
+        stamp_ns=START,
+        step=0.05,
+        input_step=0.05,
+        inputs=np.array([[throttle, *(rates or (0.0, 0.0, 0.0))]]),
+        p_WB=np.zeros((2, 3)),
+        R_WB=np.tile(np.eye(3), (2, 1, 1)),
+    )
+
+
+class Flight:
+    """A supervisor that is given the same odometry and reference every period."""
+
+    def __init__(
+        self, config: MpcConfig, make_odometry: MakeOdometry, make_window: MakeWindow
+    ) -> None:
+        self.supervisor = Supervisor(config, deadline=0.01)
+        self.now = START
+        self._make_odometry, self._make_window = make_odometry, make_window
+
+    def tick(
+        self, plan: Plan | None = None, *, fault: str = "", **odometry: Array
+    ) -> tuple[str, Input | None]:
+        """Return who commands, and the command; then a period passes."""
+        supervisor, now = self.supervisor, self.now
+        assert supervisor.accept_reference(self._make_window(now), now_ns=now)
+        accepted = supervisor.accept_odometry(self._make_odometry(now, **odometry), now_ns=now)
+        assert accepted is not None
+        decision = supervisor.decide(accepted, plan=plan, plan_fault=fault, now_ns=now)
+        return self._commanded(decision.source)
+
+    def watch(self) -> tuple[str, Input | None]:
+        assert self.supervisor.is_unseen(now_ns=self.now)
+        decision = self.supervisor.decide_unseen(now_ns=self.now)
+        return self._commanded(decision.source)
+
+    def _commanded(self, source: Source) -> tuple[str, Input | None]:
+        u = self.supervisor.command(source, duration=0.02, now_ns=self.now)
+        self.now += PERIOD
+        return source.name, u
+
+
+@pytest.fixture
+def make_flight(
+    make_odometry: MakeOdometry, make_window: MakeWindow
+) -> Callable[[MpcConfig], Flight]:
+    return lambda config: Flight(config, make_odometry, make_window)
+
+
+MakeFlight = Callable[[MpcConfig], Flight]
+
+
+def test_nothing_is_sent_before_the_first_plan(make_flight: MakeFlight) -> None:
+    flight = make_flight(MpcConfig())
+    assert not flight.supervisor.is_unseen(now_ns=START)
+    assert flight.tick(fault="solver: none yet") == ("WAITING", None)
+    assert not flight.supervisor.is_unseen(now_ns=START + 5000 * MS)
+    assert flight.supervisor.counts.commands == 0
+
+
+def test_a_command_is_rate_limited_from_the_one_in_force_then_clamped(
+    make_flight: MakeFlight,
+) -> None:
+    config = MpcConfig(throttle_max=0.6, slew=SlewParameters(throttle_max=10.0, rate_max=50.0))
+    flight = make_flight(config)
+    source, first = flight.tick(planned(0.3, 1.0, 0.0, 0.0))
+    assert (source, first is not None and first.throttle) == ("MPC", 0.3)
+    _, second = flight.tick(planned(0.9, 9.0, 0.0, 0.0))
+    assert second is not None
+    assert second.throttle == pytest.approx(0.5)
+    assert_allclose(second.w_WB_B, [2.0, 0.0, 0.0])
+    _, third = flight.tick(planned(0.9))
+    assert third is not None
+    assert third.throttle == 0.6
+
+
+def test_a_command_that_was_replaced_is_not_what_the_next_one_changes_from(
+    make_flight: MakeFlight,
+) -> None:
+    flight = make_flight(MpcConfig(slew=SlewParameters(throttle_max=10.0)))
+    flight.tick(planned(0.3))
+    sent = Input(throttle=0.7, w_WB_B=np.zeros(3))
+    flight.supervisor.note_sent(sent, now_ns=flight.now - PERIOD)
+    _, command = flight.tick(planned(0.9))
+    assert command is not None
+    assert command.throttle == pytest.approx(0.9)
+
+
+def test_without_a_plan_it_is_held_then_the_place_where_hover_was_engaged(
+    make_flight: MakeFlight,
+) -> None:
+    config = MpcConfig(plan_hold_time=0.1)
+    flight = make_flight(config)
+    flight.tick(planned(0.4))
+    here = np.array([0.0, 0.0, 2.0])
+    ticks = [flight.tick(fault="solver: no", p_WB=here) for _ in range(10)]
+    assert [source for source, _ in ticks] == ["PLAN"] * 5 + ["HOVER"] * 5
+    assert all(u is not None and u.throttle == 0.4 for _, u in ticks[:5])
+    _, aside = flight.tick(fault="solver: no", p_WB=here + np.array([0.5, 0.0, 0.0]))
+    assert aside is not None
+    assert aside.w_WB_B[1] < -0.3
+    assert flight.supervisor.counts.fallbacks == 11
+
+
+def test_blind_it_levels_what_the_last_command_turned(make_flight: MakeFlight) -> None:
+    flight = make_flight(MpcConfig(odom_timeout=0.04, plan_hold_time=0.04))
+    flight.tick(planned(0.3, 1.0, 0.0, 0.0))
+    flight.now += 2 * PERIOD
+    turned = 0.06
+    for _ in range(20):
+        source, u = flight.watch()
+        assert source == "BLIND"
+        assert u is not None
+        assert u.w_WB_B[0] == pytest.approx(-10.0 * turned)
+        turned += 0.02 * u.w_WB_B[0]
+    # An odometry says how it is: level.
+    assert flight.tick(fault="solver: no")[0] == "HOVER"
+    flight.now += 2 * PERIOD
+    _, u = flight.watch()
+    assert u is not None
+    assert u.w_WB_B[0] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("age", [0 * MS, 7 * MS, 39 * MS, 40 * MS, 41 * MS, 900 * MS])
+def test_nobody_needs_to_look_before_it_is_blind(make_flight: MakeFlight, age: int) -> None:
+    flight = make_flight(MpcConfig(odom_timeout=0.04))
+    assert flight.supervisor.seconds_until_unseen(now_ns=START) > 0.0
+    seen = flight.now
+    flight.tick(planned(0.3))
+    pause = round(flight.supervisor.seconds_until_unseen(now_ns=seen + age) * 1e9)
+    assert pause == max(40 * MS + 1 - age, 0)
+    if pause:
+        assert not flight.supervisor.is_unseen(now_ns=seen + age + pause - 1)
+    assert flight.supervisor.is_unseen(now_ns=seen + age + pause)
+
+
+@pytest.mark.parametrize(
+    ("plan", "step_time", "fault", "counter"),
+    [
+        (planned(0.3), 0.009, "", ""),
+        (None, 0.009, "solver: as it says", "solver_failures"),
+        (planned(math.nan), 0.009, "the plan is not finite", "solver_failures"),
+        (planned(0.3), 0.011, "late: the plan took 11.0 ms", "deadline_misses"),
+    ],
+)
+def test_a_plan_must_be_there_and_finite_and_in_time(
+    plan: Plan | None, step_time: float, fault: str, counter: str
+) -> None:
+    supervisor = Supervisor(MpcConfig(), deadline=0.01)
+    assert supervisor.plan_fault(plan, status="as it says", step_time=step_time) == fault
+    counted = {name for name, count in supervisor.counts._asdict().items() if count}
+    assert counted == ({counter} if counter else set())
+
+
+def test_what_is_refused_is_counted_told_once_and_not_kept(
+    make_flight: MakeFlight, make_odometry: MakeOdometry, make_window: MakeWindow
+) -> None:
+    flight = make_flight(MpcConfig())
+    flight.tick(planned(0.3))
+    supervisor, kept = flight.supervisor, flight.supervisor.inputs.odometry
+    bad = dataclasses.replace(make_odometry(flight.now), p_WB=np.full(3, math.nan))
+    assert supervisor.accept_odometry(bad, now_ns=flight.now) is None
+    assert not supervisor.accept_reference(
+        make_window(flight.now, frame_id="map"), now_ns=flight.now
+    )
+    assert supervisor.counts.rejected_inputs == 2
+    assert len(supervisor.take_warnings()) == 2
+    assert supervisor.take_warnings() == []
+    assert supervisor.inputs.odometry is kept
+
+
+def test_a_reference_is_followed_while_it_is_fresh_or_reaches_over_the_horizon(
+    make_flight: MakeFlight,
+) -> None:
+    config = MpcConfig(reference_timeout=0.5, horizon_steps=10, horizon_step=0.05)
+    flight = make_flight(config)
+    inputs = flight.supervisor.inputs
+    assert inputs.reference_at(START, now_ns=START) == (None, "no usable reference")
+    flight.tick(planned(0.3))
+    assert inputs.reference_at(START, now_ns=START + 500 * MS)[1] == ""
+    # The window is of 2 s, the horizon of 0.5 s.
+    for elapsed, taken in ((501, True), (1500, True), (1501, False)):
+        now = START + elapsed * MS
+        assert (inputs.reference_at(now, now_ns=now)[0] is not None) is taken
+    window, fault = inputs.reference_at(START - 600 * MS, now_ns=START)
+    assert window is None
+    assert fault == "reference begins 0.60 s after the odometry's stamp"
+
+
+@pytest.mark.parametrize(("action", "told"), [("warn", False), ("hover", True), ("stop", True)])
+def test_what_is_foreseen_ends_before_a_limit_that_would_act(action: str, told: bool) -> None:
+    fence = FenceParameters(maximum=(2.0, 9.0, 9.0), action=action)
+    supervisor = Supervisor(MpcConfig(fence=fence))
+
+    def state(x: float) -> PredictedState:
+        row = np.concatenate(([x, 0.0, 1.0, 0.5, 0.0, 0.0], np.eye(3).ravel()))
+        return PredictedState(0, np.pad(row, (0, PREDICTION_SIZE - len(row))))
+
+    assert supervisor.foreseen_fault(state(0.0)) == ""
+    assert ("outside the fence" in supervisor.foreseen_fault(state(2.1))) == told

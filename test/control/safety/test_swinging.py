@@ -1,0 +1,131 @@
+"""A limit cycle is noticed and ended by a rung that bears the delay; other flights are none."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from fixtures.presets import agile, ideal
+from scipy.spatial.transform import Rotation
+
+from quad_mpc_ros.control.config import SwingingParameters
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.safety.ladder import Action
+from quad_mpc_ros.control.safety.swinging import Swinging
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
+
+PERIOD_NS = 20_000_000
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+# All of that unknown to the controller.
+LATE = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03, "command_delay": 0.02}
+
+
+def odometry(attitude: Rotation, *, now_ns: int) -> OdometrySample:
+    return OdometrySample(
+        stamp_ns=now_ns,
+        p_WB=np.zeros(3),
+        q_WB_xyzw=attitude.as_quat(),
+        v_WB_B=np.zeros(3),
+        w_WB_B=np.zeros(3),
+    )
+
+
+def breaches(
+    swinging: Swinging,
+    *,
+    amplitude: float,
+    frequency: float,
+    seconds: float,
+    about: Rotation | None = None,
+) -> list[int]:
+    """Return the ticks with a breach while the vehicle swings about the reference's attitude."""
+    asked = about or Rotation.identity()
+    found = []
+    for tick in range(round(seconds * 50)):
+        now_ns = tick * PERIOD_NS
+        lean = amplitude * math.sin(2.0 * math.pi * frequency * 1e-9 * now_ns)
+        attitude = Rotation.from_rotvec([lean, 0.0, 0.0]) * asked
+        reference = np.zeros(3), asked.as_quat()
+        breach = swinging.check(odometry(attitude, now_ns=now_ns), reference, now_ns=now_ns)
+        if breach is not None:
+            assert breach.action is Action.HOVER
+            found.append(tick)
+    return found
+
+
+@pytest.mark.parametrize("about", [Rotation.identity(), Rotation.from_euler("yz", [0.7, 2.0])])
+def test_swings_are_found_within_three_seconds_and_held(about: Rotation) -> None:
+    found = breaches(Swinging(agile()), amplitude=0.3, frequency=1.5, seconds=5.0, about=about)
+    assert 50 < found[0] < 150
+    assert found == [*range(found[0], 250)]
+
+
+@pytest.mark.parametrize(("amplitude", "frequency"), [(0.15, 2.0), (0.6, 0.5), (0.0, 1.0)])
+def test_small_or_slow_swings_are_none(amplitude: float, frequency: float) -> None:
+    assert not breaches(Swinging(agile()), amplitude=amplitude, frequency=frequency, seconds=20.0)
+
+
+def test_what_comes_again_is_held_three_times_as_long() -> None:
+    config = agile(swinging=SwingingParameters(hold_time=1.0))
+    found = np.array(breaches(Swinging(config), amplitude=0.3, frequency=2.0, seconds=30.0))
+    ends = np.flatnonzero(np.diff(found) > 1)
+    begins = found[np.insert(ends + 1, 0, 0)]
+    held = found[ends] - begins[:-1] + 1
+    assert np.array_equal(held, 50 * 3 ** np.arange(len(held)))
+    assert len(held) == 3
+
+
+def test_a_pilot_may_swing_as_he_likes() -> None:
+    swinging = Swinging(agile())
+    assert breaches(swinging, amplitude=0.3, frequency=1.5, seconds=5.0)
+    swinging.engage(False)
+    assert not breaches(swinging, amplitude=0.6, frequency=1.5, seconds=5.0)
+    swinging.engage(True)
+    assert not breaches(swinging, amplitude=0.0, frequency=1.0, seconds=5.0), "nothing is held"
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [
+        {"trajectory": "square"},
+        {"trajectory": "lemniscate", "angular_frequency": 2.6},
+        {"trajectory": "flip"},
+        {"trajectory": "vertical_loop"},
+    ],
+    ids=lambda reference: reference["trajectory"],
+)
+def test_agile_flight_is_not_taken_for_it(reference: dict[str, Any]) -> None:
+    lags = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
+    steps = fly(
+        mpc=agile(**lags, input_delay=0.02),
+        simulator=ideal(**lags, command_delay=0.02, duration=12.0),
+        reference=ReferenceConfig(**reference),
+        on_reference=True,
+    )
+    assert {step.tick.stats.source for step in steps if step.tick is not None} == {"mpc"}
+
+
+def flown_late(action: str) -> list[LoopStep]:
+    start = {"initial_position": (0.4, -0.3, 2.2), "initial_throttle": 0.3}
+    return [
+        *fly(
+            mpc=agile(swinging=SwingingParameters(action=action)),
+            simulator=ideal(**LATE, **start, duration=10.0),
+            reference=ReferenceConfig(trajectory="hover", height=2.0),
+        )
+    ]
+
+
+def test_a_vehicle_later_than_modelled_is_caught() -> None:
+    """Without it this vehicle is lost."""
+    caught, lost = flown_late("hover"), flown_late("warn")
+    assert max(tilt(step) for step in lost[-100:]) > math.radians(60.0)
+    assert max(tilt(step) for step in caught[-100:]) < math.radians(15.0)
+    assert min(float(step.truth.p_WB[2]) for step in caught) > 1.0
+
+
+def tilt(step: LoopStep) -> float:
+    return math.acos(min(max(step.truth.up, -1.0), 1.0))

@@ -1,0 +1,80 @@
+"""The table of Sun et al.: its references are theirs, and every cell of it flies."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+from fixtures.scripts import script_module
+
+from quad_mpc_ros import load_config
+from quad_mpc_ros.references.configured import judged_trajectory
+
+
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
+    return script_module("bench/sun_2022.py")
+
+
+def test_of_144_references_76_are_flown_and_the_rotors_can_lift_each(script: ModuleType) -> None:
+    feasible = [course for course in script.COURSES if course.feasible]
+    assert (len(script.COURSES), len(feasible)) == (144, 76)
+    for course in feasible:
+        config = load_config(
+            "vehicles/sun_2022", str(script.SETTINGS), assignments=course.assignments()
+        )
+        _, verdict = judged_trajectory(config.reference)
+        needs = verdict.over_time
+        # Speed V and acceleration a, at their largest and in turns.
+        assert needs.speed.max() == pytest.approx(course.speed, rel=1e-3)
+        assert needs.acceleration.max() == pytest.approx(course.acceleration, rel=1e-3)
+        # Near free fall some push down by a little, which no rotor here does.
+        assert needs.throttle.min() > -0.11
+        assert needs.throttle.max() <= 1.0
+
+
+def test_every_condition_of_every_row_is_flown_from_the_reference(script: ModuleType) -> None:
+    arguments = script.parsed(["--duration", "0.1"])
+    jobs = [*script.jobs(arguments)]
+    assert len(jobs) == 76 * (14 * 2 + 3)
+    for job in jobs[::76]:
+        flown = script.flown(job)
+        assert not flown.crashed
+        assert flown.rmse < 0.3
+    lines = script.table([script.flown(job) for job in jobs[:2]])
+    assert len(lines) == 2
+    assert float(lines[1][4]) < 0.05
+
+
+def test_latency_is_hidden_or_told(script: ModuleType) -> None:
+    arguments = script.parsed(["--conditions", "latency 30 ms", "--rows", "on", "declared"])
+    hidden, *_, told = script.jobs(arguments)
+    hidden, told = (
+        load_config(*job.sources, assignments=job.assignments) for job in (hidden, told)
+    )
+    assert (hidden.simulator.odom_delay, hidden.simulator.odom_stamp) == (0.03, "sent")
+    assert (told.simulator.odom_delay, told.simulator.odom_stamp) == (0.03, "measured")
+    np.testing.assert_allclose(told.mpc.input_delay - hidden.mpc.input_delay, 0.03)
+
+
+def test_what_is_far_off_counts_as_a_crash_of_five_metres(script: ModuleType) -> None:
+    arguments = script.parsed(
+        [
+            *("--conditions", "baseline", "--rows", "off", "--duration", "4"),
+            *("--set", "simulator.push.force=[0.0, 0.0, 60.0]"),
+        ]
+    )
+    flown = script.flown(next(script.jobs(arguments)))
+    assert flown.crashed
+    assert flown.rmse == 5.0
+    assert script.cell([flown]) == "5.000 (100.0)"
+
+
+def test_late_odometry_costs_its_way_and_does_not_swing(script: ModuleType) -> None:
+    """At 20 m/s a pose that is 50 ms old and believed is off by 1 m."""
+    arguments = script.parsed(["--conditions", "latency 50 ms", "--rows", "on", "--duration", "6"])
+    course = script.Course("horizontal", 30.0, 20.0, 1)
+    flown = script.flown(next(job for job in script.jobs(arguments) if job.course == course))
+    assert flown.rmse < 1.1
+    assert flown.largest < 1.5

@@ -1,0 +1,63 @@
+"""The table for the terminal."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.recordings.evaluation.metrics import summarise
+from quad_mpc_ros.recordings.evaluation.table import summary_table
+from quad_mpc_ros.recordings.flight import Flight
+
+FlightMaker = Callable[..., Flight]
+
+
+def test_figures_and_units(make_flight: FlightMaker) -> None:
+    summary: dict[str, Any] = summarise(make_flight(501), wall_seconds=2.0)
+    summary |= {
+        "position_rmse_m": 0.78806,
+        "waypoint_error_m": [0.0135, 0.0242],
+        "rate_saturation_fraction": 0.076,
+        "fallbacks": 3,
+        "iterations": {"p50": 25, "p99": 50, "max": 75},
+    }
+    rows = {row[:20].strip(): row[20:].strip() for row in summary_table(summary).splitlines()}
+    assert rows["flight"] == "10.00 s, 5.0 x real time"
+    assert rows["commands"] == "501 for 501 odometries, 0 unanswered"
+    assert rows["position error"] == "RMSE 0.788 m, max 0.000 m"
+    assert rows["error at waypoints"].startswith("0.01")
+    assert rows["error at waypoints"].endswith(" 0.024 m")
+    assert rows["rates at bound"] == "7.6% of the commands"
+    assert rows["safety"] == "3 fallbacks, 0 solver failures, 0 deadline misses"
+    assert rows["solver iterations"].split() == ["25", "-", "50", "75"]
+    assert rows["control step"].split() == ["us", "400", "400", "400", "400"]
+    assert rows["odometry to command"].split() == ["ms", "1.000", "1.000", "1.000", "1.000"]
+
+
+def test_columns_are_aligned_and_narrow(make_flight: FlightMaker, build: SimpleNamespace) -> None:
+    flight = make_flight(3000)
+    slow = build.commands(flight.stamp_ns, latency_ms=np.linspace(0.001, 123456.0, 3000))
+    for flown in (flight, dataclasses.replace(flight, commands=slow)):
+        summary = summarise(flown, wall_seconds=1e-3)
+        summary["waypoint_error_m"] = [12.3456] * 500
+        summary["odom_to_command_ms"]["max"] = 1234567.891
+        text = summary_table(summary)
+        assert text.isascii()
+        assert max(map(len, text.splitlines())) <= 80
+        ends = {len(row) for row in text.splitlines()[-5:]}
+        assert len(ends) == 1, text
+
+
+def test_nothing_to_tell(make_flight: FlightMaker, build: SimpleNamespace) -> None:
+    none = np.zeros(0, dtype=np.int64)
+    flight = make_flight(1, reference=None, commands=build.commands(none), stats=build.stats([]))
+    text = summary_table(summarise(flight, wall_seconds=None))
+    assert "None" not in text
+    rows = {row[:20].strip(): row[20:].strip() for row in text.splitlines()}
+    assert rows["position error"] == rows["attitude error"] == rows["error at waypoints"] == "-"
+    assert rows["rates at bound"] == "-"
+    assert rows["solver iterations"].split() == ["-"] * 4

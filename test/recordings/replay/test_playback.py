@@ -1,0 +1,230 @@
+"""When messages are due, on a clock of the test's: nothing here waits or needs ROS."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quad_mpc_ros.recordings.reader import BagReader, RecordedMessage
+from quad_mpc_ros.recordings.replay.playback import Playback, Section, Timeline, in_laps
+from quad_mpc_ros.recordings.replay.playback_threads import ReadAhead
+from quad_mpc_ros.recordings.writer import BagWriter
+
+CLOCK = "rosgraph_msgs/msg/Clock"
+MS = 1_000_000
+RECORDED = [1000 * MS, 1020 * MS, 1020 * MS, 1050 * MS, 1300 * MS]
+STEADY_START = 77_000 * MS
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory: pytest.TempPathFactory) -> BagReader:
+    directory = tmp_path_factory.mktemp("playback") / "bag"
+    with BagWriter(directory) as writer:
+        writer.add_topic("/clock", CLOCK)
+        for index, time_ns in enumerate(RECORDED):
+            data = b"\x00\x01\x00\x00" + index.to_bytes(4, "little") + bytes(4)
+            writer.write("/clock", data, log_time_ns=time_ns, publish_time_ns=0)
+    return BagReader(directory)
+
+
+class Player:
+    """A playback with its clock: sleeps until something is due, and notes what was published."""
+
+    def __init__(
+        self,
+        reader: BagReader,
+        *,
+        rate: float = 1.0,
+        loop: bool = False,
+        paused: bool = False,
+        start_ns: int = RECORDED[0],
+        clock_rate: float = 0.0,
+    ) -> None:
+        self.now_ns = STEADY_START
+        self.published: list[tuple[int, int]] = []
+        self.clock: list[tuple[int, int]] = []
+        self.section = Section(start_ns=start_ns, end_ns=RECORDED[-1], loop=loop)
+        self.timeline = Timeline(
+            recorded_ns=start_ns, steady_ns=STEADY_START + 500 * MS, rate=rate, paused=paused
+        )
+        self.playback = Playback(
+            in_laps(lambda: reader.messages(from_ns=start_ns), self.section),
+            timeline=self.timeline,
+            publish=self._on_message,
+            publish_clock=lambda time_ns: self.clock.append((self.now_ns, time_ns)),
+            clock_rate=clock_rate,
+        )
+
+    def _on_message(self, message: RecordedMessage) -> None:
+        self.published.append((self.now_ns - STEADY_START, message.message.clock.sec))
+
+    def run(self, until_ns: int, *, late_ns: int = 0) -> None:
+        """Go on to a time since the start; every wake-up comes so much too late."""
+        while (at_ns := self.playback.step(self.now_ns)) is not None:
+            if at_ns > STEADY_START + until_ns:
+                break
+            assert at_ns > self.now_ns, "woken for nothing"
+            self.now_ns = at_ns + late_ns
+        self.now_ns = max(self.now_ns, STEADY_START + until_ns)
+
+
+def times(player: Player) -> list[float]:
+    return [time_ns / MS for time_ns, _ in player.published]
+
+
+@pytest.mark.parametrize("rate", [1.0, 2.0, 0.1, 1000.0])
+def test_messages_come_at_their_times(reader: BagReader, rate: float) -> None:
+    player = Player(reader, rate=rate)
+    player.run(10_000 * MS)
+    assert times(player) == pytest.approx(
+        [500.0 + (time_ns - RECORDED[0]) / MS / rate for time_ns in RECORDED], abs=1e-5
+    )
+    assert [number for _, number in player.published] == [0, 1, 2, 3, 4]
+    assert player.playback.finished
+
+
+def test_nothing_comes_before_the_start(reader: BagReader) -> None:
+    player = Player(reader)
+    player.run(499 * MS)
+    assert player.published == []
+
+
+def test_what_is_late_delays_nothing_after_it(reader: BagReader) -> None:
+    player = Player(reader)
+    player.run(10_000 * MS, late_ns=4 * MS)
+    assert times(player) == [504.0, 524.0, 524.0, 554.0, 804.0]
+
+
+def test_a_pause_shifts_what_follows_by_its_length(reader: BagReader) -> None:
+    player = Player(reader)
+    player.run(530 * MS)
+    player.timeline.set_paused(True, player.now_ns)
+    player.run(2530 * MS)
+    assert len(player.published) == 3
+    player.timeline.set_paused(False, player.now_ns)
+    player.run(10_000 * MS)
+    assert times(player) == [500.0, 520.0, 520.0, 2550.0, 2800.0]
+
+
+def test_paused_from_the_start(reader: BagReader) -> None:
+    player = Player(reader, paused=True)
+    player.run(3000 * MS)
+    assert player.published == []
+    player.timeline.set_paused(False, player.now_ns)
+    player.run(10_000 * MS)
+    assert times(player)[0] == 3000.0
+
+
+def test_a_pause_before_the_start_does_not_bring_it_forward(reader: BagReader) -> None:
+    player = Player(reader)
+    player.run(100 * MS)
+    player.timeline.set_paused(True, player.now_ns)
+    player.run(200 * MS)
+    player.timeline.set_paused(False, player.now_ns)
+    player.run(10_000 * MS)
+    assert times(player)[0] == 500.0
+
+
+def test_a_loop_begins_again_at_the_end(reader: BagReader) -> None:
+    player = Player(reader, loop=True)
+    player.run(500 * MS + 3 * 300 * MS - MS)
+    lap = [0.0, 20.0, 20.0, 50.0, 300.0]
+    expected = [500.0 + 300.0 * turn + time for turn in range(3) for time in lap][:-1]
+    assert times(player) == sorted(expected)
+    assert not player.playback.finished
+
+
+def test_from_the_middle(reader: BagReader) -> None:
+    player = Player(reader, start_ns=1040 * MS)
+    player.run(10_000 * MS)
+    assert player.published == [(510 * MS, 3), (760 * MS, 4)]
+
+
+def test_the_clock_ticks_evenly_and_stands_in_a_pause(reader: BagReader) -> None:
+    player = Player(reader, rate=2.0, clock_rate=100.0)
+    player.run(550 * MS)
+    player.timeline.set_paused(True, player.now_ns)
+    player.run(600 * MS)
+    steady = [now_ns for now_ns, _ in player.clock]
+    assert {after - before for before, after in itertools.pairwise(steady)} == {10 * MS}
+    for now_ns, time_ns in player.clock:
+        elapsed = min(max(0, now_ns - STEADY_START - 500 * MS), 50 * MS)
+        assert time_ns == RECORDED[0] + 2 * elapsed
+
+
+def test_the_clock_of_a_loop_goes_back_with_it() -> None:
+    section = Section(start_ns=1000, end_ns=1000 + 300 * MS, loop=True)
+    assert section.log_time_ns(1000 + 299 * MS) == 1000 + 299 * MS
+    assert section.log_time_ns(1000 + 300 * MS) == 1000
+    assert section.log_time_ns(1000 + 7 * 300 * MS + 5) == 1005
+
+
+def test_a_loop_of_one_moment_is_not_endless_work() -> None:
+    once = Section(start_ns=1000, end_ns=1000 + 300 * MS)
+    assert once.log_time_ns(1000 + 299 * MS) == 1000 + 299 * MS
+    assert once.log_time_ns(1000 + 301 * MS) == once.end_ns
+    assert Section(start_ns=5, end_ns=5).lap_ns >= 10 * MS
+
+
+@given(
+    rate=st.floats(1e-3, 1e3),
+    pauses=st.lists(st.tuples(st.integers(0, 10**9), st.integers(0, 10**9)), max_size=20),
+)
+def test_played_time_is_steady_time_without_pauses(
+    rate: float, pauses: list[tuple[int, int]]
+) -> None:
+    timeline = Timeline(recorded_ns=0, steady_ns=0, rate=rate, paused=False)
+    now_ns = running_ns = 0
+    for run_ns, pause_ns in pauses:
+        running_ns += run_ns
+        timeline.set_paused(True, now_ns + run_ns)
+        now_ns += run_ns + pause_ns
+        timeline.set_paused(False, now_ns)
+    assert timeline.recorded_ns(now_ns) == pytest.approx(running_ns * rate, abs=len(pauses) + 1)
+
+
+def test_reading_ahead_gives_the_same_and_no_more_than_it_may() -> None:
+    taken: list[int] = []
+
+    def numbers() -> Iterator[int]:
+        for number in range(100):
+            taken.append(number)
+            yield number
+
+    ahead = ReadAhead(numbers(), depth=5)
+    assert [next(ahead) for _ in range(10)] == list(range(10))
+    assert len(taken) <= 17
+    assert list(ahead) == list(range(10, 100))
+    assert list(ahead) == []
+    ahead.close()
+
+
+def test_what_goes_wrong_while_reading_ahead_is_raised_in_its_turn() -> None:
+    def failing() -> Iterator[int]:
+        yield 1
+        raise ValueError("torn page")
+
+    ahead = ReadAhead(failing(), depth=5)
+    assert next(ahead) == 1
+    with pytest.raises(ValueError, match="torn page"):
+        next(ahead)
+    ahead.close()
+
+
+def test_reading_ahead_ends_when_told_to() -> None:
+    before = threading.active_count()
+    ahead = ReadAhead(itertools.count(), depth=5)
+    next(ahead)
+    ahead.close()
+    assert threading.active_count() == before
+
+
+def test_a_missing_topic_does_not_loop_for_ever(reader: BagReader, tmp_path: Path) -> None:
+    section = Section(start_ns=0, end_ns=1, loop=True)
+    assert list(in_laps(lambda: reader.messages(["/none"]), section)) == []

@@ -1,0 +1,285 @@
+"""A flight in real time, recorded as a recorder hears it, is resolved to the same commands."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fixtures.presets import ideal
+
+from quad_mpc_ros.analysis.figures.command_comparison import compare_commands, comparison_table
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.control.tick import Tick
+from quad_mpc_ros.recordings.logs import Received
+from quad_mpc_ros.recordings.replay.resolution import Resolved, resolve
+from quad_mpc_ros.recordings.run import RecordedRun
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.simulation.internal_plant import InternalPlant
+from quad_mpc_ros.simulation.sensors import OdometryStream
+
+START_NS = 1_000_000_000_000
+MS = 1_000_000
+# A model for which it matters when a command was sent.
+MPC = MpcConfig(
+    formulation="manifold",
+    rate_time_constant=0.03,
+    thrust_time_constant=0.03,
+    input_delay=0.015,
+    estimate_disturbance=True,
+)
+
+
+def recorded(value: object, time_ns: int, *, later_ns: int = 0) -> Received:
+    return Received(value=value, log_time_ns=time_ns + later_ns, publish_time_ns=time_ns)
+
+
+def flown_in_real_time(
+    *,
+    odom_rate: float = 50.0,
+    silent: tuple[float, float] = (9.0, 9.0),
+    engaged: dict[int, bool] | None = None,
+    landed: dict[int, bool] | None = None,
+    shifted: tuple[float, float, int] = (9.0, 9.0, 0),
+    reset: EstimateReset | None = None,
+    changes: dict[int, dict[str, object]] | None = None,
+) -> tuple[RecordedRun, list[Tick]]:
+    """Fly as the node does: everything arrives when it does, and the recorder hears it later.
+
+    Odometry is withheld from the controller over ``silent`` seconds, when its watchdog acts; the
+    first ones come before any reference. ``engaged`` and ``landed`` are by the time in
+    milliseconds, and so are ``changes`` of parameters. Stamps are ``shifted`` by the last number
+    [ms] over the seconds of the first two. From the stamp of a ``reset`` on odometries are in
+    other coordinates.
+    """
+    random = np.random.default_rng(1)
+    simulator = ideal(
+        duration=3.0, odom_rate=odom_rate, initial_position=(0.0, 0.0, 2.0), initial_throttle=0.3
+    )
+    plant, server = (
+        InternalPlant(simulator),
+        ReferenceServer(ReferenceConfig(trajectory="lemniscate")),
+    )
+    stream = OdometryStream(plant, simulator, start_stamp_ns=START_NS)
+    controller = Controller(MPC)
+    server.start(START_NS)
+    odometries, windows, commands, ticks = [], [], [], []
+    next_window_ns = next_watch_ns = START_NS + 33 * MS
+
+    def take(tick: Tick | None, now_ns: int) -> None:
+        if tick is None:
+            return
+        ticks.append(tick)
+        if tick.command is not None:
+            plant.apply(tick.command)
+            commands.append(recorded(tick.command, now_ns, later_ns=MS // 2))
+
+    engagements = [
+        recorded(told, START_NS + time_ms * MS) for time_ms, told in (engaged or {}).items()
+    ]
+    landings = [
+        recorded(told, START_NS + time_ms * MS) for time_ms, told in (landed or {}).items()
+    ]
+    due, due_landings = list(engagements), list(landings)
+    resets = [] if reset is None else [recorded(reset, reset.stamp_ns)]
+    due_resets = list(resets)
+    changed = [
+        recorded(values, START_NS + time_ms * MS) for time_ms, values in (changes or {}).items()
+    ]
+    due_changes = list(changed)
+    while (sent := stream.step()) is not None:
+        while due_resets and due_resets[0].publish_time_ns < START_NS + sent.time_ns:
+            controller.reset_estimate(due_resets.pop(0).value)
+        while due and due[0].publish_time_ns < START_NS + sent.time_ns:
+            controller.engage(due.pop(0).value)
+        while due_changes and due_changes[0].publish_time_ns < START_NS + sent.time_ns:
+            controller.reconfigure(controller.config.updated(due_changes.pop(0).value))
+        while due_landings and due_landings[0].publish_time_ns < START_NS + sent.time_ns:
+            controller.landed(due_landings.pop(0).value)
+        now_ns = START_NS + sent.time_ns + int(random.uniform(0.2, 3.0) * MS)
+        while next_window_ns < now_ns:
+            window = server.window(next_window_ns)
+            received_ns = next_window_ns + int(random.uniform(0.05, 0.2) * MS)
+            # The recorder is slow now and then, and hears it after the next odometry.
+            windows.append(
+                recorded(window, next_window_ns, later_ns=int(random.choice([1, 1, 8]) * MS))
+            )
+            take(controller.receive_reference(window, now_ns=received_ns), received_ns)
+            next_window_ns += 20 * MS
+        while next_watch_ns < now_ns:
+            take(controller.watch(now_ns=next_watch_ns), next_watch_ns)
+            next_watch_ns += 20 * MS
+        if silent[0] <= sent.time_ns * 1e-9 < silent[1]:
+            continue
+        odometry = sent.odometry
+        if shifted[0] <= sent.time_ns * 1e-9 < shifted[1]:
+            stamp_ns = odometry.stamp_ns + shifted[2] * MS
+            odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
+        if reset is not None and odometry.stamp_ns > reset.stamp_ns:
+            odometry = reset.odometry(odometry)
+        odometries.append(recorded(odometry, START_NS + sent.time_ns, later_ns=MS))
+        take(controller.receive_odometry(odometry, now_ns=now_ns), now_ns)
+    run = RecordedRun(
+        bag=Path("bag"),
+        odometries=odometries,
+        windows=windows,
+        commands=commands,
+        stats=[tick.stats for tick in ticks],
+        parameters={"/uav1/mpc": MPC.flattened()},
+        engagements=engagements,
+        landings=landings,
+        resets=resets,
+        changes=changed,
+    )
+    return run, ticks
+
+
+def commands_of(steps: list[Resolved]) -> list[CommandSample]:
+    return [step.tick.command for step in steps if step.tick and step.tick.command]
+
+
+def as_bytes(commands: list[CommandSample]) -> list[tuple[int, bytes]]:
+    return [
+        (command.stamp_ns, np.array([command.throttle, *command.w_WB_B]).tobytes())
+        for command in commands
+    ]
+
+
+def test_commands_that_did_not_act_are_resolved_as_such() -> None:
+    run, ticks = flown_in_real_time(
+        engaged={50: False, 1205: True}, landed={305: True, 905: False}
+    )
+    flown = as_bytes([tick.command for tick in ticks if tick.command])
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == flown
+    for unknown in ("engagements", "landings"):
+        unknowing = dataclasses.replace(run, **{unknown: ()})
+        assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
+
+
+def test_steps_of_the_estimate_are_resolved_as_they_were_announced() -> None:
+    step = EstimateReset(
+        stamp_ns=START_NS + 1205 * MS, turn=0.7, step_W=np.array([1.0, -2.0, 0.3])
+    )
+    run, ticks = flown_in_real_time(reset=step)
+    flown = as_bytes([tick.command for tick in ticks if tick.command])
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == flown
+    unknowing = dataclasses.replace(run, resets=())
+    assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
+
+
+CHANGES: dict[int, dict[str, object]] = {
+    805: {"R": [0.0, 0.3, 0.3, 0.3], "throttle_max": 0.8},
+    1605: {"throttle_max": 0.9},
+    2005: {"Q": [4.0, 4.0, 8.0, 2.0, 2.0, 2.0, 1.0, 1.0, 1.0]},
+}
+
+
+def test_parameters_that_were_set_in_flight_are_set_again() -> None:
+    run, ticks = flown_in_real_time(changes=CHANGES)
+    flown = as_bytes([tick.command for tick in ticks if tick.command])
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == flown
+    unknowing = dataclasses.replace(run, changes=())
+    assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
+
+
+def test_what_is_asked_for_is_not_changed_by_what_was_set_in_flight() -> None:
+    run, _ = flown_in_real_time(changes=CHANGES)
+    others = {ms: {k: v for k, v in set_.items() if k != "R"} for ms, set_ in CHANGES.items()}
+    without, _ = flown_in_real_time(changes=others)
+    same_flight = dataclasses.replace(run, changes=without.changes)
+    gentle = MPC.updated({"R": [0.0, 0.1, 0.1, 0.1]})
+    asked = as_bytes(commands_of(list(resolve(run, gentle))))
+    assert asked == as_bytes(commands_of(list(resolve(same_flight, gentle))))
+
+
+@pytest.mark.parametrize("odom_rate", [50.0, 120.0])
+def test_real_time_is_resolved_bit_for_bit(odom_rate: float) -> None:
+    run, ticks = flown_in_real_time(odom_rate=odom_rate)
+    flown = [tick.command for tick in ticks if tick.command]
+    assert len(flown) > 100
+    assert ticks[0].command is None  # no reference yet
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == as_bytes(flown)
+
+
+@pytest.mark.parametrize("shift", [407, -393])
+def test_what_was_answered_is_answered_although_others_had_been_refused(shift: int) -> None:
+    """Whether an odometry fits its arrival is judged by those that were refused before it, too."""
+    run, ticks = flown_in_real_time(shifted=(1.0, 2.0, shift))
+    refused = [tick.stats.rejected_inputs for tick in ticks]
+    assert refused[-1] >= 8
+    flown = [tick.command for tick in ticks if tick.command]
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == as_bytes(flown)
+
+
+def test_the_watchdog_acts_again() -> None:
+    run, ticks = flown_in_real_time(silent=(1.0, 1.6))
+    assert any(tick.stats.source == "blind" for tick in ticks)
+    flown = [tick.command for tick in ticks if tick.command]
+    assert as_bytes(commands_of(list(resolve(run, MPC)))) == as_bytes(flown)
+
+
+def test_a_recording_without_figures_is_resolved_all_the_same() -> None:
+    run, ticks = flown_in_real_time()
+    bare = RecordedRun(
+        bag=run.bag,
+        odometries=run.odometries,
+        windows=run.windows,
+        commands=run.commands,
+        stats=[],
+        parameters={},
+    )
+    comparison = compare_commands(
+        [sent.value for sent in run.commands],
+        commands_of(list(resolve(bare, MPC))),
+        recorded_stats=run.stats,
+        resolved_stats=[tick.stats for tick in ticks],
+    )
+    assert comparison.only_recorded <= 2
+    summary = comparison.summary()
+    # When things came is not known, and does not matter while each odometry is answered.
+    assert summary["equal"] >= 0.98 * summary["compared"]
+    assert all(len(line) <= 80 for line in comparison_table(comparison).splitlines())
+
+
+def test_a_made_reference_takes_the_place_of_the_recorded_one() -> None:
+    run, _ = flown_in_real_time()
+    server = ReferenceServer(ReferenceConfig(trajectory="hover"))
+    server.start(START_NS)
+    steps = list(resolve(run, MPC, windows=server.window))
+    assert len(commands_of(steps)) == len(run.odometries)
+    for step in steps:
+        assert step.window is not None and step.odometry is not None
+        assert step.window.stamp_ns == step.odometry.value.stamp_ns
+        assert np.ptp(step.window.p_WB, axis=0).max() == 0.0
+
+
+def test_lockstep_pairs_by_stamp_whatever_the_order_of_recording() -> None:
+    run, _ = flown_in_real_time()
+    lockstep = MPC.updated({"lockstep": True})
+    server = ReferenceServer(ReferenceConfig(trajectory="lemniscate"))
+    server.start(START_NS)
+    windows = [
+        recorded(server.window(odometry.value.stamp_ns), odometry.log_time_ns)
+        for odometry in run.odometries
+    ]
+
+    def resolved(odometries: list[Received], windows: list[Received]) -> list[CommandSample]:
+        again = RecordedRun(
+            bag=run.bag,
+            odometries=odometries,
+            windows=windows,
+            commands=[],
+            stats=[],
+            parameters={},
+        )
+        return commands_of(list(resolve(again, lockstep)))
+
+    straight = resolved(list(run.odometries), windows)
+    assert len(straight) == len(run.odometries)
+    twice = [odometry for odometry in run.odometries for _ in range(2)]
+    assert as_bytes(resolved(twice, windows[::-1])) == as_bytes(straight)

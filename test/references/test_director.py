@@ -1,0 +1,248 @@
+"""Transitions and the director: nothing jumps, whatever is asked for and when."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory
+from quad_mpc_ros.references.director import IDLE_DEPTH, TOO_LATE, Director, Reply
+from quad_mpc_ros.references.flatness import yaw_of
+from quad_mpc_ros.references.minimum_snap import End
+from quad_mpc_ros.references.timeline import Timeline
+from quad_mpc_ros.references.trajectory import Trajectory
+from quad_mpc_ros.references.transition import FlatState, transition
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+GROUND = np.array([1.0, -1.0, 0.0])
+LIMITS = {"max_acceleration": 5.0, "max_speed": 4.0}
+
+
+def configured(trajectory: str = "circle") -> ReferenceConfig:
+    return ReferenceConfig.build({"trajectory": trajectory, **LIMITS})
+
+
+@functools.cache
+def flown(trajectory: str) -> Trajectory:
+    return configured_trajectory(configured(trajectory))
+
+
+def directed() -> Director:
+    return Director.standing(configured(), p_WB=GROUND, yaw=0.5)
+
+
+def airborne() -> tuple[Director, int]:
+    """Return a director that holds 2 m above the ground, and the time."""
+    director = directed()
+    assert director.take_off(START, height=2.0).accepted
+    now = START + 10 * SECOND
+    assert director.mode(now) == "hold"
+    return director, now
+
+
+def assert_nothing_jumps(timeline: Timeline, start_ns: int, end_ns: int) -> None:
+    """Where one phase ends and the next begins, a nanosecond apart, all is the same."""
+    starts = {timeline.phase(time).start_ns for time in range(start_ns, end_ns, SECOND // 100)}
+    for start in sorted(starts - {timeline.phase(start_ns).start_ns}):
+        left, right = timeline.at([start - 1]), timeline.at([start])
+        for name, tolerance in (("p_WB", 1e-7), ("v_WB_W", 1e-6), ("a_WB_W", 1e-5)):
+            assert_allclose(getattr(left, name), getattr(right, name), atol=tolerance)
+        assert_allclose(left.w_WB_W, right.w_WB_W, atol=1e-2)  # from a differentiated jerk
+        R_left, R_right = (so3.rotation_from_quaternion_xyzw(s.q_WB_xyzw) for s in (left, right))
+        assert_allclose(R_left, R_right, atol=1e-6)
+
+
+def at(director: Director, time_ns: int) -> tuple[Array, Array, Array]:
+    """Return position, velocity and rotation."""
+    samples = director.timeline.at([time_ns])
+    R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw[0])
+    return samples.p_WB[0], samples.v_WB_W[0], R_WB
+
+
+def test_a_whole_flight() -> None:
+    director = directed()
+    assert director.mode(START) == "ground"
+    assert_allclose(at(director, START)[0], GROUND - [0.0, 0.0, IDLE_DEPTH])
+    assert director.take_off(START, height=1.5).accepted
+    assert director.mode(START + SECOND // 10) == "takeoff"
+    now = START + 6 * SECOND
+    assert director.mode(now) == "hold"
+    assert_allclose(at(director, now)[0], [1.0, -1.0, 1.5], atol=1e-9)
+    assert director.fly(now, flown("circle")).accepted
+    assert director.mode(now) == "going"
+    now += 9 * SECOND
+    assert director.mode(now) == "tracking"
+    p_WB, v_WB_W, _ = at(director, now)
+    assert np.linalg.norm(p_WB - [0.0, 0.0, 2.0]) == pytest.approx(2.0)
+    assert np.linalg.norm(v_WB_W) == pytest.approx(2.0)
+    assert director.hold(now).accepted
+    now += 5 * SECOND
+    assert director.mode(now) == "hold"
+    assert director.go_to(now, p_WB=np.array([4.0, 4.0, 3.0]), yaw=-2.0).accepted
+    now += 9 * SECOND
+    p_WB, v_WB_W, R_WB = at(director, now)
+    assert_allclose(p_WB, [4.0, 4.0, 3.0], atol=1e-9)
+    assert yaw_of(R_WB) == pytest.approx(-2.0)
+    assert director.land(now).accepted
+    assert director.mode(now + SECOND // 10) == "landing"
+    now += 9 * SECOND
+    assert director.is_sinking(now)
+    assert_allclose(at(director, now)[1], [0.0, 0.0, -0.3])
+    assert_allclose(at(director, now)[0][:2], [4.0, 4.0], atol=1e-6)
+    ground = np.array([4.01, 3.98, 0.1])
+    assert director.touched(now, p_WB=ground).accepted
+    assert not director.is_sinking(now)
+    now += 9 * SECOND
+    assert director.mode(now) == "ground"
+    assert_allclose(at(director, now)[0], ground - [0.0, 0.0, IDLE_DEPTH], atol=1e-6)
+    assert director.take_off(now, height=1.0).accepted
+    assert_allclose(at(director, now + 9 * SECOND)[0], [4.01, 3.98, 1.1], atol=1e-6)
+    assert_nothing_jumps(director.timeline, START - SECOND, now + SECOND)
+    assert director.timeline.jumps(START - SECOND, now + SECOND) == []
+
+
+REQUESTS: dict[str, Callable[[Director, int], Reply]] = {
+    "start": lambda director, now: director.fly(now, flown("circle")),
+    "hold": lambda director, now: director.hold(now),
+    "land": lambda director, now: director.land(now),
+    "goal": lambda director, now: director.go_to(now, p_WB=np.array([2.0, 3.0, 1.5]), yaw=3.0),
+}
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    st.sampled_from(["circle", "lemniscate", "minimum_snap"]),
+    st.lists(
+        st.tuples(st.sampled_from(sorted(REQUESTS)), st.integers(SECOND // 20, 6 * SECOND)),
+        min_size=1,
+        max_size=4,
+    ),
+)
+def test_nothing_jumps_whatever_is_asked_for_in_the_middle_of_anything(
+    trajectory: str, requests: list[tuple[str, int]]
+) -> None:
+    director, now = airborne()
+    assert director.fly(now, flown(trajectory)).accepted
+    begun = now
+    for request, wait in requests:
+        now += wait
+        answer = REQUESTS[request](director, now)
+        assert answer.text
+    assert_nothing_jumps(director.timeline, begun - SECOND // 10, now + 3 * SECOND)
+
+
+def test_what_makes_no_sense_now_is_refused_and_changes_nothing() -> None:
+    director = directed()
+    for request in REQUESTS.values():
+        answer = request(director, START)
+        assert not answer.accepted
+        assert "while in ground" in answer.text
+    for height in (0.0, -1.0, math.nan, math.inf):
+        assert not director.take_off(START, height=height).accepted
+    assert director.mode(START + 100 * SECOND) == "ground"
+    director, now = airborne()
+    assert "while in hold" in director.take_off(now, height=1.0).text
+    for goal in ([0.0, math.nan, 1.0], [0.0, 0.0, -3.0]):
+        answer = director.go_to(now, p_WB=np.array(goal), yaw=0.0)
+        assert not answer.accepted
+        assert director.mode(now + SECOND) == "hold"
+    assert "lowest height" in answer.text
+
+
+def test_a_landing_may_be_broken_off() -> None:
+    director, now = airborne()
+    assert director.land(now).accepted
+    low = now + 2 * SECOND
+    assert director.mode(low) == "landing"
+    assert director.hold(low).accepted
+    later = low + 5 * SECOND
+    assert director.mode(later) == "hold"
+    assert at(director, later)[0][2] > 0.1
+    assert_nothing_jumps(director.timeline, now - SECOND, later)
+
+
+def test_upside_down_it_flies_on_until_it_can_stop() -> None:
+    director, now = airborne()
+    assert director.fly(now, flown("vertical_loop")).accepted
+    while director.mode(now) != "tracking":
+        now += SECOND // 100
+    top = now + round(1.3 * SECOND)
+    assert at(director, top)[2][2, 2] < -0.9
+    for request in ("goal", "start"):
+        answer = REQUESTS[request](director, top)
+        assert not answer.accepted
+        assert "upside down" in answer.text
+    assert director.hold(top).accepted
+    assert director.mode(top) == "tracking"
+    assert at(director, top)[2][2, 2] < -0.9
+    later = top + 10 * SECOND
+    assert director.mode(later) == "hold"
+    assert_allclose(at(director, later)[1], 0.0)
+    assert_nothing_jumps(director.timeline, now - SECOND, later)
+
+
+@pytest.mark.parametrize("request_", ["hold", "land"])
+@pytest.mark.parametrize("moment", np.linspace(0.0, 4.0, 9))
+def test_to_hold_and_to_land_a_way_is_always_found(request_: str, moment: float) -> None:
+    """Though the trajectory itself already needs more than the limits leave."""
+    changes = {"trajectory": "lemniscate", "angular_frequency": 2.2}
+    trajectory = configured_trajectory(ReferenceConfig.build(changes))
+    config = ReferenceConfig.build({**changes, "max_acceleration": 20.0})
+    director = Director.flying(config, trajectory, start_ns=START)
+    director._config = dataclasses.replace(config, omega_max=(0.4, 0.4, 0.4))
+    now = START + round(moment * SECOND)
+    assert not director.go_to(now, p_WB=np.array([3.0, 0.0, 2.0]), yaw=0.0).accepted
+    assert REQUESTS[request_](director, now).accepted
+    assert_nothing_jumps(director.timeline, now - SECOND, now + 10 * SECOND)
+    speed = float(np.linalg.norm(at(director, now + 10 * SECOND)[1]))
+    assert speed == pytest.approx(0.3 if request_ == "land" else 0.0, abs=1e-6)
+
+
+def test_what_is_planned_too_late_is_not_begun() -> None:
+    director, now = airborne()
+    director.too_late = lambda start_ns: start_ns < now + SECOND
+    for request in REQUESTS.values():
+        assert request(director, now) == TOO_LATE
+        assert director.mode(now + SECOND // 2) == "hold"
+    assert director.hold(now + SECOND).accepted
+
+
+vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
+
+
+@settings(deadline=None, max_examples=40)
+@given(vectors, vectors, vectors, vectors, st.floats(-4.0, 4.0), st.floats(-4.0, 4.0))
+def test_a_transition_joins_two_motions(
+    p: Array, v: Array, a: Array, goal: Array, yaw: float, goal_yaw: float
+) -> None:
+    start = FlatState(end=End(p_WB=p, v_WB_W=v, a_WB_W=a, j_WB_W=-a), yaw=yaw, yaw_rate=0.3)
+    path = transition(
+        start,
+        FlatState.at_rest(goal, yaw=goal_yaw),
+        max_speed=5.0,
+        max_acceleration=6.0,
+        max_yaw_rate=3.0,
+    )
+    samples = path.at(np.linspace(0.0, path.duration, 501))
+    first, last = 0, -1
+    assert_allclose(samples.p_WB[first], p, atol=1e-8)
+    assert_allclose(samples.v_WB_W[first], v, atol=1e-8)
+    assert_allclose(samples.a_WB_W[first], a, atol=1e-7)
+    assert_allclose(samples.p_WB[last], goal, atol=1e-8)
+    assert_allclose(samples.v_WB_W[last], 0.0, atol=1e-8)
+    assert_allclose(samples.a_WB_W[last], 0.0, atol=1e-7)
+    yaws = np.asarray(samples.yaw)
+    assert yaws[first] == pytest.approx(yaw)
+    assert math.remainder(yaws[last] - goal_yaw, math.tau) == pytest.approx(0.0, abs=1e-9)
+    assert np.ptp(yaws) < math.pi + 0.5  # the shorter way

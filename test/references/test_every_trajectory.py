@@ -1,0 +1,185 @@
+"""What holds for every trajectory: each value the derivative of another, and the vehicle flies it.
+
+The oracles are finite differences and the true dynamics of the core, integrated open loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fixtures.plant_motion import integrate
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.state import Input, State
+from quad_mpc_ros.control.model.vehicle import Vehicle
+from quad_mpc_ros.references.config import TRAJECTORIES, ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory
+from quad_mpc_ros.references.point_table import PointTable
+from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
+
+SECOND = 1_000_000_000
+VECTORS = ("p_WB", "v_WB_W", "a_WB_W", "w_WB_W")
+
+CASES: dict[str, dict[str, object]] = {
+    # What has no case below is flown as it is.
+    **{name: {} for name in TRAJECTORIES if name != "square"},
+    "hover": {"yaw": 1.0},
+    "waypoints": {"dwell_time": 0.3, "max_acceleration": 6.0},
+    "circle": {"circle_speed": 5.0},
+    "ellipse": {"ellipse_frequency": 2.0},
+    "ellipse to the centre": {"ellipse_frequency": 2.0, "ellipse_heading": "centre", "yaw": 0.3},
+    "ellipse along": {"ellipse_frequency": 1.5, "ellipse_heading": "along"},
+    "ellipse upright": {"ellipse_plane": "vertical", "ellipse_frequency": 2.0, "drag": 0.4},
+    "ellipse over the top": {
+        "ellipse_plane": "vertical",
+        "ellipse_semi_axes": [2.0, 2.0],
+        "ellipse_frequency": 3.5,
+        "height": 3.0,
+    },
+    "lemniscate": {"angular_frequency": 2.0},
+    "minimum_snap": {"max_acceleration": 8.0},
+    "vertical_loop": {"origin": [1.0, -2.0]},
+    "vertical_loop north": {"yaw": np.pi / 2.0, "loop_speed": 6.5},
+    "flip": {},
+    "flip roll": {"flip_axis": "roll", "yaw": -0.7, "drag": 0.5},
+    "split_s": {"yaw": 0.4},
+    "excitation": {"yaw": -1.0},
+    "excitation quick": {"excitation_duration": 7.0, "excitation_frequency": 3.0},
+    "csv": {},
+    "bag": {"origin": [3.0, 0.0], "max_acceleration": 5.0},
+}
+PERIODIC = ("hover", "circle", "ellipse", "lemniscate")
+ENDING = [case for case in CASES if case.split()[0] not in PERIODIC]
+
+
+def spiral(seconds: Array) -> Array:
+    angle = 1.5 * seconds
+    return np.column_stack((np.cos(angle), np.sin(angle), 1.0 + 0.2 * seconds))
+
+
+def recorded(path: Path) -> PointTable:
+    """Return a run round a spiral, as noisy odometry tells of it."""
+    seconds = np.arange(0.0, 4.0, 0.02)
+    noise = np.random.default_rng(1).normal(0.0, 0.003, (len(seconds), 3))
+    return PointTable(source=str(path), seconds=seconds, p_WB=spiral(seconds) + noise)
+
+
+def table(folder: Path) -> Path:
+    lines = ["time [s], x [m], y [m], z [m], yaw [rad]"]
+    for time in np.arange(0.0, 4.01, 0.1):
+        x, y, z = spiral(np.array([time]))[0]
+        lines.append(f"{time:.3f}, {x:.4f}, {y:.4f}, {z:.4f}, {1.5 * time:.4f}")
+    file = folder / "spiral.csv"
+    file.write_text("\n".join(lines))
+    return file
+
+
+@pytest.fixture(scope="module")
+def make(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Trajectory]:
+    file = table(tmp_path_factory.mktemp("table"))
+
+    def made(case: str) -> Trajectory:
+        changes = {"trajectory": case.split()[0], "file": str(file), **CASES[case]}
+        return configured_trajectory(ReferenceConfig.build(changes), read_bag=recorded)
+
+    return made
+
+
+def rotations(samples: TrajectorySamples) -> Array:
+    return so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
+
+
+def test_every_name_has_a_case() -> None:
+    assert {case.split()[0] for case in CASES} | {"square"} == set(TRAJECTORIES)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_each_value_is_the_derivative_of_the_one_before(
+    case: str, make: Callable[[str], Trajectory]
+) -> None:
+    trajectory, h = make(case), 50_000
+    times = np.linspace(2 * h, max(trajectory.period_ns, SECOND) - 2 * h, 301).astype(int).tolist()
+    now = trajectory.at(times)
+    before, after = trajectory.at([t - h for t in times]), trajectory.at([t + h for t in times])
+    for value, rate in (("p_WB", "v_WB_W"), ("v_WB_W", "a_WB_W")):
+        slope = (getattr(after, value) - getattr(before, value)) / (2e-9 * h)
+        assert_allclose(slope, getattr(now, rate), atol=2e-4)
+    turn = so3.log(rotations(after) @ np.swapaxes(rotations(before), -1, -2)) / (2e-9 * h)
+    assert_allclose(turn, now.w_WB_W, atol=2e-3)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_flown_open_loop_it_lands_on_the_path(
+    case: str, make: Callable[[str], Trajectory]
+) -> None:
+    """Its inputs alone, through the true dynamics for 2 s from anywhere, and through the whole."""
+    trajectory, vehicle = make(case), Vehicle(drag=float(CASES[case].get("drag", 0.2)))
+    step_ns = 2_000_000
+    end_ns = max(trajectory.period_ns, 2 * SECOND)
+    for start_ns in range(0, end_ns - 2 * SECOND + 1, SECOND):
+        steps = range(start_ns, start_ns + 2 * SECOND, step_ns)
+        first = trajectory.at([start_ns])
+        R_WB = rotations(first)[0]
+        x = State(p_WB=first.p_WB[0], v_WB_B=R_WB.T @ first.v_WB_W[0], R_WB=R_WB)
+        middles = trajectory.at([time + step_ns // 2 for time in steps])
+        force = middles.a_WB_W + vehicle.drag * middles.v_WB_W + [0.0, 0.0, vehicle.gravity]
+        thrust = vehicle.mass * np.einsum("nij,ni->nj", rotations(middles), force)
+        rates = np.einsum("nji,nj->ni", rotations(middles), middles.w_WB_W)
+        # All of the force is along body z: nothing else on a quadrotor can make it.
+        assert_allclose(thrust[:, :2], 0.0, atol=1e-9)
+        farthest = 0.0
+        ends = trajectory.at([time + step_ns for time in steps]).p_WB
+        for needed, rate, wanted in zip(thrust[:, 2].tolist(), rates, ends, strict=True):
+            u = Input(throttle=vehicle.throttle_for(needed), w_WB_B=rate)
+            x = integrate(x, u, vehicle, duration=1e-9 * step_ns)
+            farthest = max(farthest, float(np.linalg.norm(x.p_WB - wanted)))
+        assert farthest < 0.01
+
+
+@pytest.mark.parametrize("case", ENDING)
+def test_it_begins_and_ends_at_rest_and_level(
+    case: str, make: Callable[[str], Trajectory]
+) -> None:
+    trajectory = make(case)
+    end = trajectory.period_ns
+    outside = trajectory.at([-(10**15), -1, end + 1, 10**15])
+    inside = trajectory.at([0, 0, end - 1, end - 1])
+    for name in ("v_WB_W", "a_WB_W", "w_WB_W"):
+        assert_array_equal(getattr(outside, name), np.zeros((4, 3)))
+        assert_allclose(getattr(inside, name), np.zeros((4, 3)), atol=1e-4)
+    assert_allclose(outside.p_WB, inside.p_WB, atol=1e-8)
+    assert_allclose(rotations(outside), rotations(inside), atol=1e-6)
+    assert_allclose(rotations(outside)[:, 2], np.tile([0.0, 0.0, 1.0], (4, 1)), atol=1e-6)
+    assert trajectory.jumps(-SECOND, end + SECOND) == []
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_nothing_jumps(case: str, make: Callable[[str], Trajectory]) -> None:
+    """Finely stepped, everything changes by little, acceleration and body rates included."""
+    trajectory = make(case)
+    step = 500_000
+    samples = trajectory.at(list(range(0, max(trajectory.period_ns, SECOND), step)))
+    for name, bound in zip(VECTORS, (0.008, 0.04, 0.3, 0.3), strict=True):
+        assert np.abs(np.diff(getattr(samples, name), axis=0)).max() < bound, name
+    turns = so3.log(np.swapaxes(rotations(samples)[:-1], -1, -2) @ rotations(samples)[1:])
+    fastest = np.linalg.norm(samples.w_WB_W, axis=1).max()
+    assert np.linalg.norm(turns, axis=1).max() <= 1.01e-9 * step * fastest + 1e-9
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_time_has_one_value_whatever_else_is_asked(
+    case: str, make: Callable[[str], Trajectory]
+) -> None:
+    trajectory = make(case)
+    times = [0, 123_456_789, 1_111_111_111, 777_777_777, 1_999_999_999]
+    together = trajectory.at(times)
+    for place, time in enumerate(times):
+        alone = trajectory.at([time])
+        for name in (*VECTORS, "q_WB_xyzw"):
+            assert_allclose(
+                getattr(together, name)[place], getattr(alone, name)[0], rtol=0.0, atol=1e-12
+            )

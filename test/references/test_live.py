@@ -1,0 +1,422 @@
+"""The reference of a live flight: requests, refusals, and that nothing jumps meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
+from quad_mpc_ros.references.director import Reply
+from quad_mpc_ros.references.live import LiveReference
+from quad_mpc_ros.references.server import ReferenceServer
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+
+
+def odometry(stamp_ns: int, *p_WB: float, frame_id: str = "odom") -> OdometrySample:
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        p_WB=np.array(p_WB or (0.0, 0.0, 0.0)),
+        q_WB_xyzw=LEVEL,
+        v_WB_B=np.zeros(3),
+        w_WB_B=np.zeros(3),
+        frame_id=frame_id,
+    )
+
+
+def live(**changes: object) -> LiveReference:
+    config = ReferenceConfig.build({"mode": "on_request", **changes})
+    if config.mode == "on_request":
+        return LiveReference(
+            config, joined_trajectory(config), joined=lambda: joined_trajectory(config)
+        )
+    return LiveReference(
+        config, configured_trajectory(config), joined=lambda: joined_trajectory(config)
+    )
+
+
+def hovering(**changes: object) -> tuple[LiveReference, int]:
+    """Return a reference that holds, and the time."""
+    reference = live(**changes)
+    reference.observe(odometry(START))
+    assert reference.take_off(START).accepted
+    now = START + 10 * SECOND
+    assert reference.mode(now) == "hold"
+    return reference, now
+
+
+def message(
+    p_WB: object, seconds: object, *, frame_id: str = "odom", q_WB_xyzw: Array | None = None
+) -> ReferenceWindow:
+    points = np.reshape(np.array(p_WB, dtype=float), (-1, 3))
+    rest = np.zeros_like(points)
+    return ReferenceWindow(
+        stamp_ns=0,
+        frame_id=frame_id,
+        offset_ns=np.round(1e9 * np.array(seconds, dtype=float)).astype(np.int64),
+        p_WB=points,
+        q_WB_xyzw=np.tile(LEVEL, (len(points), 1)) if q_WB_xyzw is None else q_WB_xyzw,
+        v_WB_W=rest,
+        a_WB_W=rest,
+        w_WB_W=rest,
+    )
+
+
+def place(reference: LiveReference, now_ns: int) -> Array:
+    window = reference.window(now_ns)
+    assert window is not None
+    return window.p_WB[0]
+
+
+def assert_same_windows(one: ReferenceWindow | None, other: ReferenceWindow | None) -> None:
+    assert one is not None
+    assert other is not None
+    for name in ("offset_ns", "p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+@pytest.mark.parametrize("trajectory", ["square", "lemniscate"])
+def test_at_once_nothing_changes_until_a_request_is_accepted(trajectory: str) -> None:
+    reference = live(mode="at_once", trajectory=trajectory)
+    server = ReferenceServer(ReferenceConfig.build({"trajectory": trajectory}))
+    assert_same_windows(reference.window(START - 1), server.window(START - 1))
+    reference.observe(odometry(START))
+    server.start(START)
+    now = START + 3 * SECOND
+    assert not reference.take_off(now).accepted
+    for step in range(20):
+        time = now + step * SECOND // 3
+        assert_same_windows(reference.window(time), server.window(time))
+
+
+def test_a_flight_begun_at_once_can_be_held_and_landed() -> None:
+    reference = live(mode="at_once", trajectory="circle")
+    reference.observe(odometry(START))
+    now = START + 3 * SECOND
+    before = reference.window(now)
+    assert reference.hold(now).accepted
+    after = reference.window(now)
+    assert before is not None
+    assert after is not None
+    assert_allclose(after.p_WB[0], before.p_WB[0], atol=1e-9)
+    assert_allclose(after.v_WB_W[0], before.v_WB_W[0], atol=1e-9)
+    assert reference.mode(now + 5 * SECOND) == "hold"
+    assert reference.land(now + 5 * SECOND).accepted
+
+
+def test_nothing_is_told_before_there_is_odometry_to_stand_on() -> None:
+    reference = live()
+    assert reference.window(START) is None
+    for answer in (reference.take_off(START), reference.land(START)):
+        assert answer.text == "no usable odometry yet"
+    for bad in (odometry(START, frame_id="map"), odometry(START, math.nan, 0.0, 0.0)):
+        answer = reference.observe(bad)
+        assert answer is not None
+        assert not answer.accepted
+        assert reference.window(START) is None
+    reference.observe(odometry(START, 1.0, 2.0, 0.5))
+    assert place(reference, START)[:2].tolist() == [1.0, 2.0]
+    assert place(reference, START)[2] < 0.5
+
+
+def test_a_vehicle_carried_away_takes_off_from_where_it_stands() -> None:
+    reference = live()
+    reference.observe(odometry(START))
+    now = START + SECOND
+    reference.observe(odometry(now, 3.0, 4.0, 0.0))
+    assert reference.take_off(now).accepted
+    assert_allclose(place(reference, now + 10 * SECOND), [3.0, 4.0, 1.5], atol=1e-6)
+
+
+def test_on_request_the_square_does_not_jump() -> None:
+    trajectory = joined_trajectory(ReferenceConfig())
+    period = trajectory.period_ns
+    assert trajectory.smooth
+    assert trajectory.jumps(0, 2 * period) == []
+    times = list(range(0, period, SECOND // 100))
+    steps = np.diff(trajectory.at(times).p_WB, axis=0)
+    assert np.linalg.norm(steps, axis=1).max() < 0.03
+    corners = np.array([[0, 0, 2], [2, 0, 2], [2, 2, 2], [0, 2, 2]], dtype=float)
+    distances = np.linalg.norm(trajectory.at(times).p_WB[:, None] - corners, axis=2)
+    assert distances.min(axis=0).max() < 1e-6
+    assert_allclose(trajectory.at([period + 7]).p_WB, trajectory.at([7]).p_WB, atol=1e-9)
+
+
+def test_a_goal_of_two_dimensions_keeps_the_height() -> None:
+    reference, now = hovering()
+    heading = np.array([0.0, 0.0, math.sin(0.5), math.cos(0.5)])
+    goal = np.array([3.0, -2.0, 0.0])
+    assert reference.go_to(now, frame_id="odom", p_WB=goal, q_WB_xyzw=heading).accepted
+    window = reference.window(now + 10 * SECOND)
+    assert window is not None
+    assert_allclose(window.p_WB[0], [3.0, -2.0, 1.5], atol=1e-6)
+    assert_allclose(window.q_WB_xyzw[0], heading, atol=1e-6)
+    # Asked for while it climbs or descends: where that leads, or the height of a take-off.
+    reference = live()
+    reference.observe(odometry(START))
+    reference.take_off(START)
+    reference.go_to(START + SECOND, frame_id="odom", p_WB=goal, q_WB_xyzw=heading)
+    assert place(reference, START + 15 * SECOND)[2] == pytest.approx(1.5)
+    reference.land(START + 15 * SECOND)
+    reference.go_to(START + 18 * SECOND, frame_id="odom", p_WB=goal, q_WB_xyzw=heading)
+    assert place(reference, START + 30 * SECOND)[2] == pytest.approx(1.5)
+
+
+SPAN = np.arange(0.0, 8.0, 0.1)
+RING = np.column_stack((np.cos(SPAN), np.sin(SPAN), 2.0 + 0.0 * SPAN))
+
+
+def goal(*p_WB: float, frame_id: str = "odom", q: object = LEVEL) -> Callable[..., Reply]:
+    return lambda reference, now: reference.go_to(
+        now, frame_id=frame_id, p_WB=np.array(p_WB), q_WB_xyzw=np.array(q)
+    )
+
+
+def course(*arguments: object, **options: object) -> Callable[..., Reply]:
+    return lambda reference, now: reference.follow(now, message(*arguments, **options))
+
+
+BAD = {
+    "no point": (course([], []), "0 points, expected 2"),
+    "one point": (course([1, 1, 2], [0]), "1 points, expected 2"),
+    "too many points": (course(np.ones((1001, 3)), np.arange(1001)), "expected 2 to 1000"),
+    "times backwards": (course([0, 0, 2, 1, 0, 2, 2, 0, 2], [0, 2, 1]), "time of point 2"),
+    "times the same": (course([0, 0, 2, 1, 0, 2], [1, 1]), "time of point 1"),
+    "NaN in a point": (course([0, 0, 2, 1, math.nan, 2], [0, 3]), "not finite"),
+    "frame": (course([0, 0, 2, 1, 0, 2], [0, 3], frame_id="map"), "frame 'map', expected 'odom'"),
+    "no attitude": (
+        course([0, 0, 2, 1, 0, 2], [0, 3], q_WB_xyzw=np.zeros((2, 4))),
+        "quaternion",
+    ),
+    "too fast": (course([0, 0, 2, 9, 0, 2], [0, 0.5]), "beyond the limit"),
+    "for hours": (course([0, 0, 2, 9, 0, 2], [0, 1e6]), "at most 600"),
+    "points below ground": (course([0, 0, 2, 1, 0, -2], [0, 3]), "height"),
+    "many below ground": (course(RING - [0, 0, 3], SPAN), "height"),
+    "points too far": (course([0, 0, 2, 101, 0, 2], [0, 100]), "more than reach"),
+    "goal below ground": (goal(0, 0, -0.5), "0.5 m below the ground"),
+    "goal too far": (goal(99, 99, 2), "more than reach, 100 m"),
+    "goal NaN": (goal(math.nan, 0, 2), "not finite"),
+    "goal infinite": (goal(math.inf, 0, 2), "not finite"),
+    "goal frame": (goal(1, 0, 2, frame_id="map"), "frame 'map', expected 'odom'"),
+    "goal without frame": (goal(1, 0, 2, frame_id=""), "frame ''"),
+    "goal without attitude": (goal(1, 0, 2, q=[0, 0, 0, 0]), "quaternion"),
+    "goal attitude NaN": (goal(1, 0, 2, q=[0, 0, 0, math.nan]), "not finite"),
+    "take-off": (lambda reference, now: reference.take_off(now), "no take-off while in"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_cannot_be_flown_is_refused_and_the_flight_goes_on(case: str) -> None:
+    request, reason = BAD[case]
+    reference, now = hovering(trajectory="circle")
+    assert reference.start(now).accepted
+    for wait in (SECOND, 8 * SECOND):  # on the way there, and on the circle
+        now += wait
+        before = reference.window(now)
+        answer = request(reference, now)
+        assert not answer.accepted
+        assert reason in answer.text
+        assert_same_windows(reference.window(now), before)
+        assert reference.mode(now + 20 * SECOND) == "tracking"
+
+
+@pytest.mark.parametrize(
+    ("p_WB", "seconds"),
+    [(RING, SPAN), ([1, 0, 2, 3, 0, 2, 3, 2, 3], [0, 3, 6])],
+    ids=["many", "few"],
+)
+def test_a_received_trajectory_is_flown_through_its_points(p_WB: object, seconds: object) -> None:
+    reference, now = hovering(max_acceleration=4.0)
+    sent = message(p_WB, seconds)
+    assert reference.follow(now, sent).accepted
+    while reference.mode(now) != "tracking":
+        now += SECOND // 100
+    flown = np.array([place(reference, now + k * SECOND // 50) for k in range(600)])
+    distance = np.linalg.norm(flown[:, None] - sent.p_WB, axis=2).min(axis=0)
+    assert distance.max() < 0.05
+    assert_allclose(flown[-1], sent.p_WB[-1], atol=0.6)  # a moving end is followed by a stop
+
+
+def test_what_is_drawn_leads_from_here_to_the_end() -> None:
+    reference, now = hovering()
+    assert goal(3.0, 0.0, 2.5)(reference, now).accepted
+    drawn = reference.course(now).p_WB
+    assert_allclose(drawn[0], place(reference, now), atol=1e-9)
+    assert_allclose(drawn[-1], [3.0, 0.0, 2.5], atol=1e-6)
+    assert reference.start(now).accepted
+    assert 100 < len(reference.course(now).p_WB) <= 502
+
+
+def moving(stamp_ns: int, p_WB: object, v_WB_W: object, *, yaw: float = 0.0) -> OdometrySample:
+    R_WB = so3.exp([0.0, 0.0, yaw])
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        p_WB=np.array(p_WB, dtype=float),
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+        v_WB_B=R_WB.T @ np.array(v_WB_W, dtype=float),
+        w_WB_B=np.zeros(3),
+    )
+
+
+def waiting(**changes: object) -> LiveReference:
+    reference = live(**changes)
+    reference.engage(False)
+    return reference
+
+
+MODES = [
+    {"mode": "on_request"},
+    {"mode": "at_once", "trajectory": "lemniscate"},
+    {"mode": "at_once", "trajectory": "square"},
+]
+
+
+@pytest.mark.parametrize("changes", MODES)
+def test_while_commands_do_not_act_the_reference_waits_at_the_vehicle(
+    changes: dict[str, object],
+) -> None:
+    reference = waiting(**changes)
+    assert reference.window(START) is None
+    reference.landed(False)
+    for k in range(200):  # carried about, at 2 m/s
+        now = START + k * SECOND // 50
+        reference.observe(moving(now, [0.04 * k, 1.0, 2.0], [2.0, 0.0, 0.0], yaw=0.5))
+        window = reference.window(now)
+        assert window is not None
+        assert_allclose(window.p_WB[0], [0.04 * k, 1.0, 2.0], atol=1e-9)
+        assert_allclose(window.v_WB_W[0], [2.0, 0.0, 0.0], atol=1e-9)
+        assert np.linalg.norm(window.p_WB[-1] - window.p_WB[0]) < 2.5
+        assert reference.mode(now) == "waiting"
+        assert not reference.started
+    for request in (reference.start, reference.hold, reference.land, reference.take_off):
+        assert "engage" in request(now).text
+    reference.landed(True)
+    window = reference.window(now)
+    assert window is not None
+    assert_allclose(window.p_WB - [7.96, 1.0, 2.0], [[0.0, 0.0, -0.5]] * len(window.p_WB))
+
+
+@pytest.mark.parametrize("changes", [{"mode": "on_request"}])
+@pytest.mark.parametrize("speed", [0.0, 0.3, 4.0])
+def test_engaged_in_the_air_it_comes_to_rest_from_how_the_vehicle_moves(
+    changes: dict[str, object], speed: float
+) -> None:
+    reference = waiting(**changes)
+    reference.landed(False)
+    reference.observe(moving(START, [1.0, 2.0, 3.0], [0.0, speed, 0.0], yaw=-1.0))
+    before = reference.window(START + SECOND // 50)
+    answer = reference.engage(True)
+    assert answer is not None and answer.accepted
+    assert_same_windows(reference.window(START + SECOND // 50), before)
+    window = reference.window(START)
+    assert window is not None
+    assert_allclose(window.p_WB[0], [1.0, 2.0, 3.0], atol=1e-9)
+    assert_allclose(window.v_WB_W[0], [0.0, speed, 0.0], atol=1e-9 if speed != 0.0 else 0.0)
+    later = START + 10 * SECOND
+    assert reference.mode(later) == "hold"
+    assert place(reference, later)[2] == pytest.approx(3.0)
+    assert reference.start(later).accepted
+
+
+def test_engaged_on_the_ground_it_stands_until_asked() -> None:
+    reference = waiting()
+    reference.landed(True)
+    reference.observe(odometry(START, 3.0, 4.0, 1.0))
+    reference.engage(True)
+    later = START + 60 * SECOND
+    assert reference.mode(later) == "ground"
+    assert_allclose(place(reference, later), [3.0, 4.0, 0.5])
+    assert reference.take_off(later).accepted
+    assert_allclose(place(reference, later + 10 * SECOND), [3.0, 4.0, 2.5], atol=1e-6)
+
+
+def test_at_once_on_the_ground_it_takes_off_and_then_flies_the_trajectory() -> None:
+    reference = waiting(mode="at_once", trajectory="lemniscate")
+    reference.observe(odometry(START))
+    reference.engage(True)
+    assert reference.mode(START) == "takeoff"
+    seen = [reference.mode(START + k * SECOND // 10) for k in range(300)]
+    assert list(dict.fromkeys(seen)) == ["takeoff", "going", "tracking"]
+    steps = np.diff([place(reference, START + k * SECOND // 100) for k in range(3000)], axis=0)
+    assert np.linalg.norm(steps, axis=1).max() < 0.06
+
+
+def test_what_jumps_by_itself_begins_when_commands_begin_to_act() -> None:
+    reference = waiting(mode="at_once", trajectory="square")
+    reference.observe(odometry(START))
+    reference.engage(True)
+    server = ReferenceServer(ReferenceConfig())
+    server.start(START)
+    assert_same_windows(reference.window(START + 3 * SECOND), server.window(START + 3 * SECOND))
+
+
+def test_released_in_flight_it_waits_at_the_vehicle_and_does_not_go_on_by_itself() -> None:
+    reference = waiting()
+    reference.observe(odometry(START))
+    reference.engage(True)
+    reference.take_off(START)
+    now = START + 10 * SECOND
+    reference.start(now)
+    now += 5 * SECOND
+    assert reference.engage(False) is not None
+    assert reference.engage(False) is None
+    # The stack says nothing of the ground: it has left it, as its height tells.
+    reference.observe(moving(now, [20.0, 0.0, 7.0], [0.0, 0.0, 0.0]))
+    assert_allclose(place(reference, now), [20.0, 0.0, 7.0])
+    reference.engage(True)
+    assert_allclose(place(reference, now + 10 * SECOND), [20.0, 0.0, 7.0])
+    assert reference.land(now).accepted
+
+
+def test_told_late_that_commands_do_not_act_it_waits_as_well() -> None:
+    reference = live(mode="at_once", trajectory="circle")
+    reference.observe(odometry(START))
+    assert reference.started
+    reference.engage(False)
+    reference.observe(odometry(START + SECOND, 5.0, 5.0, 0.0))
+    assert_allclose(place(reference, START + SECOND), [5.0, 5.0, -0.5])
+
+
+def test_told_that_commands_act_it_flies_on() -> None:
+    reference = live(mode="at_once", trajectory="circle")
+    reference.observe(odometry(START))
+    before = reference.window(START + SECOND)
+    assert reference.engage(True) is None
+    assert_same_windows(reference.window(START + SECOND), before)
+
+
+def test_the_outlook_is_the_same_until_something_is_to_be_flown_otherwise() -> None:
+    def same(one: tuple[object, ...], other: tuple[object, ...]) -> bool:
+        return bool(one) and [*map(id, one)] == [*map(id, other)]
+
+    reference, now = hovering()
+    outlook = reference.outlook()
+    reference.window(now)
+    assert reference.land(now + 60 * SECOND).accepted
+    landing = reference.outlook()
+    assert not same(landing, outlook) and same(reference.outlook(), landing)
+    assert reference.hold(now + 61 * SECOND).accepted
+    assert not same(reference.outlook(), landing)
+    reference.engage(False)
+    assert not reference.outlook(), "it waits at the vehicle, which may move"
+    reference.engage(True)
+    assert not same(reference.outlook(), landing) and reference.outlook()
+
+
+def test_a_jump_that_no_window_shows_before_is_a_change() -> None:
+    square = live(mode="at_once", trajectory="square", preview=False, dwell_time=2.0)
+    square.observe(odometry(START))
+    assert not square.changes(START + SECOND, START + 2 * SECOND - 1)
+    assert square.changes(START + 2 * SECOND - 1, START + 2 * SECOND)
+    previewed = live(mode="at_once", trajectory="square", preview=True, dwell_time=2.0)
+    previewed.observe(odometry(START))
+    assert not previewed.changes(START, START + 10 * SECOND)

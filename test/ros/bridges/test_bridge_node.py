@@ -1,0 +1,325 @@
+"""A bridge as a node, over DDS."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from fixtures.bridges import BRIDGES, HOVER
+from fixtures.setup_py import executable
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import qos_profile_sensor_data
+from std_msgs.msg import Bool
+from std_srvs.srv import SetBool
+
+from quad_mpc_ros.messages.topics import (
+    COMMAND,
+    ENGAGED,
+    LANDED,
+    ODOMETRY,
+    ODOMETRY_RESET,
+    REFERENCE,
+    Topic,
+)
+from quad_mpc_ros.ros.bridges import node as node_module
+from quad_mpc_ros.ros.bridges.bridge import Bridge
+from quad_mpc_ros.ros.bridges.node import run_bridge
+from quad_mpc_ros.ros.bridges.rates import RatesBridge
+from quad_mpc_ros.ros.bridges.rosflight import RosflightBridge
+from quad_mpc_ros.ros.health import HealthReporter
+from quad_mpc_ros.ros.messages import qos_of
+
+# Those whose stacks are not at the end of a serial line: test_serial_line.py has that one.
+OVER_TOPICS = {name: kind for name, kind in BRIDGES.items() if "serial" not in kind.packages}
+
+
+def start(bridge: str, *arguments: str, log: Path) -> subprocess.Popen[bytes]:
+    command = [*executable(f"{bridge}_bridge"), "--ros-args", *arguments]
+    with log.open("wb") as output:
+        return subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
+
+
+def end(process: subprocess.Popen[bytes]) -> int:
+    process.send_signal(signal.SIGINT)
+    try:
+        return process.wait(10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+def test_a_missing_message_package_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+    class KiteBridge(RatesBridge):
+        name = "kite_bridge"
+        packages = ("kite_msgs",)
+        how_to_get = "ask the wind"
+
+    assert run_bridge(KiteBridge, []) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line == (
+        "error: kite_bridge: the message package kite_msgs is not installed: ask the wind"
+    )
+
+
+class Peer:
+    """A node that plays the stack and the MPC."""
+
+    def __init__(self) -> None:
+        rclpy.init()
+        self.node = rclpy.create_node("test_peer")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.odometries: list[Odometry] = []
+        self.setpoints: list[TwistStamped] = []
+        self.node.create_subscription(
+            Odometry, "odom", self.odometries.append, qos_profile_sensor_data
+        )
+        self.node.create_subscription(TwistStamped, "rates_setpoint", self.setpoints.append, 1)
+        self.command = self.node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)
+        self.state = self.node.create_publisher(Odometry, "stack_odom", qos_profile_sensor_data)
+        self.engage = self.node.create_client(SetBool, "rates_bridge/engage")
+        self._asked: Any = None
+
+    def spin(self, until: Callable[[], object], timeout: float = 15.0) -> bool:
+        deadline = time.monotonic() + timeout
+        while not until():
+            if time.monotonic() > deadline:
+                return False
+            self.executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def fly(self, until: Callable[[], object]) -> bool:
+        """Publish odometry and commands until something is true."""
+
+        def published() -> object:
+            odometry, command = Odometry(), TwistStamped()
+            odometry.header.frame_id, odometry.pose.pose.orientation.w = "world", 1.0
+            odometry.header.stamp = self.node.get_clock().now().to_msg()
+            command.header.stamp = odometry.header.stamp
+            command.twist.linear.z, command.twist.angular.y = HOVER, 0.5
+            self.state.publish(odometry)
+            self.command.publish(command)
+            return until()
+
+        return self.spin(published)
+
+    def asked_to_engage(self) -> bool:
+        """Ask the bridge to engage, if it can be asked; return whether it has accepted."""
+        if self._asked is not None and self._asked.done():
+            if self._asked.result().success:
+                return True
+            self._asked = None
+        if self._asked is None and self.engage.service_is_ready():
+            self._asked = self.engage.call_async(SetBool.Request(data=True))
+        return False
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    made = Peer()
+    yield made
+    made.node.destroy_node()
+    rclpy.shutdown()
+
+
+def test_passes_odometry_always_and_commands_when_engaged(peer: Peer, tmp_path: Path) -> None:
+    units = ("-p", "body_frame:=frd", "-p", "angle_unit:=deg")
+    process = start("rates", *units, log=tmp_path / "log")
+    try:
+        assert peer.fly(lambda: len(peer.odometries) > 10)
+        assert {odometry.header.frame_id for odometry in peer.odometries} == {"odom"}
+        assert peer.setpoints == []
+
+        assert peer.fly(lambda: peer.asked_to_engage())
+        assert peer.fly(lambda: len(peer.setpoints) > 10)
+        twist = peer.setpoints[-1].twist
+        assert twist.angular.y == pytest.approx(-28.6478897565)
+        assert twist.linear.z == pytest.approx(-HOVER)
+
+        # The MPC is gone, the state goes on.
+        peer.spin(lambda: False, timeout=0.3)
+        peer.setpoints.clear()
+        peer.spin(lambda: False, timeout=0.5)
+        assert peer.setpoints == []
+
+    finally:
+        code = end(process)
+    assert code == 0
+    assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+def test_nobody_is_handed_over_to_two_sources_of_commands(peer: Peer, tmp_path: Path) -> None:
+    process = start("rates", log=tmp_path / "log")
+    try:
+        assert peer.fly(lambda: peer.odometries and peer.engage.service_is_ready())
+        rival = peer.node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)
+        assert peer.spin(rival.get_subscription_count)
+        asked = peer.engage.call_async(SetBool.Request(data=True))
+        assert peer.fly(asked.done)
+        assert not asked.result().success
+        assert "2 publishers on command, where there must be one" in asked.result().message
+        peer.node.destroy_publisher(rival)
+        assert peer.fly(lambda: peer.asked_to_engage())
+    finally:
+        code = end(process)
+    assert code == 0
+
+
+class StandIn:
+    """In place of a publisher to a stack whose messages are not installed: when was it used?"""
+
+    def __init__(self, used: dict[str, list[float]], name: str) -> None:
+        self._times = used.setdefault(name, [])
+
+    def publish(self, message: Any) -> None:
+        self._times.append(time.monotonic())
+
+
+@pytest.mark.parametrize("kind", OVER_TOPICS.values(), ids=OVER_TOPICS)
+def test_every_node_is_silent_when_commands_stop_and_the_state_goes_on(
+    kind: type[Bridge],
+    new: Callable[[str], Any],
+    sound: Callable[[str, int], Any],
+    peer: Peer,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    used: dict[str, list[float]] = {}
+    receivers: dict[str, tuple[str, Callable[[Any], None]]] = {}
+    publisher, subscription = HealthReporter.publisher, HealthReporter.subscription
+
+    def made_publisher(self: HealthReporter, topic: Topic) -> Any:
+        ours = topic in (ODOMETRY, ODOMETRY_RESET, ENGAGED, LANDED)
+        return publisher(self, topic) if ours else StandIn(used, topic.name)
+
+    def made_subscription(
+        self: HealthReporter,
+        topic: Topic,
+        callback: Callable[[Any], None],
+        **options: bool,
+    ) -> None:
+        if topic.type_name in (COMMAND.type_name, REFERENCE.type_name) and topic.name[0] != "/":
+            subscription(self, topic, callback, **options)
+        else:
+            receivers[topic.name] = topic.type_name, callback
+
+    monkeypatch.setattr(HealthReporter, "publisher", made_publisher)
+    monkeypatch.setattr(HealthReporter, "subscription", made_subscription)
+    monkeypatch.setattr(node_module, "_require", lambda kind: None)
+    monkeypatch.setattr(node_module, "_new", new)
+    monkeypatch.setattr(node_module, "message_class", lambda type_name: SetBool)  # of services
+    engaged: list[bool] = []
+    peer.node.create_subscription(
+        Bool, "engaged", lambda message: engaged.append(message.data), qos_of(ENGAGED)
+    )
+    node = node_module.BridgeNode(kind)
+    peer.executor.add_node(node)
+    peer.node.destroy_publisher(peer.command)  # two would be one too many
+    peer.command = peer.node.create_publisher(
+        TwistStamped, node.config.mpc_command_topic, qos_profile_sensor_data
+    )
+    try:
+
+        def state_comes() -> None:
+            for type_name, receive in receivers.values():
+                receive(sound(type_name, node._time.now_ns()))
+
+        def command_comes() -> bool:
+            state_comes()
+            command = TwistStamped()
+            command.header.stamp = peer.node.get_clock().now().to_msg()
+            command.twist.linear.z = HOVER
+            peer.command.publish(command)
+            peer.spin(lambda: False, timeout=0.005)
+            node._serve(node._bridge.engage, SetBool.Request(data=True), SetBool.Response())
+            return all(len(times) >= 5 for times in used.values() if times is not asked(used))
+
+        assert peer.spin(command_comes)
+        assert peer.spin(lambda: engaged and engaged[-1])
+        stopped = time.monotonic()
+        ended = stopped + 0.4
+
+        def state_goes_on() -> bool:
+            state_comes()
+            return time.monotonic() > ended
+
+        assert peer.spin(state_goes_on)
+        assert max(max(times, default=0.0) for times in used.values()) - stopped <= 0.1
+    finally:
+        peer.executor.remove_node(node)
+        node.destroy_node()
+
+
+def asked(used: dict[str, list[float]]) -> list[float]:
+    """Return the use of the topic on which PX4 is only asked to arm and to change its mode."""
+    return used.get("/fmu/in/vehicle_command", [])
+
+
+def test_messages_of_another_release_are_refused_in_one_line(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    class OldBridge(RatesBridge):
+        name = "old_bridge"
+        how_to_get = "build the release of the vehicle"
+        services = (("off", "std_srvs/srv/Nonesuch"),)
+
+    assert run_bridge(OldBridge, ["--ros-args"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line == (
+        "error: old_bridge: the installed std_srvs has no std_srvs/srv/Nonesuch, it is of another "
+        "release: build the release of the vehicle"
+    )
+
+
+def test_one_name_for_two_types_is_refused_in_one_line(
+    new: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(node_module, "_require", lambda kind: None)
+    monkeypatch.setattr(node_module, "_new", new)
+    assert run_bridge(RosflightBridge, ["--ros-args", "-p", "mpc_command_topic:=command"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "/command is the stack's, of type rosflight_msgs/msg/Command, and ours" in line
+
+
+@pytest.mark.parametrize("namespace", ["/", "/ns_flight"])
+def test_rosflight_flies_in_the_root_namespace(
+    namespace: str, peer: Peer, tmp_path: Path, matching: float
+) -> None:
+    """With the real messages, where they are installed, and the topics of the launch file."""
+    messages = pytest.importorskip("rosflight_msgs.msg")
+    states = pytest.importorskip("roscopter_msgs.msg")
+    prefix = namespace.rstrip("/")
+    commands: list[Any] = []
+    node = peer.node
+    node.destroy_publisher(peer.command)  # of the other type
+    node.create_subscription(messages.Command, "/command", commands.append, 10)
+    status = node.create_publisher(messages.Status, "/status", qos_profile_sensor_data)
+    state = node.create_publisher(states.State, "/estimated_state", qos_profile_sensor_data)
+    peer.command = node.create_publisher(
+        TwistStamped, f"{prefix}/mpc/command", qos_profile_sensor_data
+    )
+    peer.engage = node.create_client(SetBool, f"{prefix}/rosflight_bridge/engage")
+
+    def told() -> bool:
+        told_status, told_state = messages.Status(armed=True), states.State()
+        told_state.header.stamp = node.get_clock().now().to_msg()
+        told_state.quat.w = 1.0
+        status.publish(told_status)
+        state.publish(told_state)
+        return peer.asked_to_engage()
+
+    process = start("rosflight", "-r", f"__ns:={namespace}", log=tmp_path / "log")
+    try:
+        assert peer.fly(told), (tmp_path / "log").read_text()
+        assert peer.fly(lambda: told() and len(commands) > 10)
+        assert commands[-1].u[2] == pytest.approx(HOVER)
+    finally:
+        code = end(process)
+    assert code == 0

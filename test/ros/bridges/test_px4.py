@@ -1,0 +1,441 @@
+"""PX4's messages against its documented frames: NED world, FRD body, throttle along -z."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from fixtures.bridges import (
+    HOVER,
+    SECOND,
+    T0,
+    command,
+    engage,
+    message_of,
+    ready_to_fly,
+    tell,
+    topics,
+)
+from fixtures.stack_messages import new_message
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.ros.bridges import px4
+from quad_mpc_ros.ros.bridges.bridge import Outgoing
+from quad_mpc_ros.ros.bridges.frames import enu_from_ned, flu_from_frd
+from quad_mpc_ros.ros.bridges.px4 import Px4Bridge
+
+New = Callable[[str], Any]
+
+PX4 = "px4_msgs/msg"
+NORTH_ENU, EAST_ENU = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def wxyz(axis_angle: list[float]) -> list[float]:
+    """Return the quaternion of a rotation vector by the half-angle formula."""
+    angle = math.hypot(*axis_angle)
+    axis = np.array(axis_angle) / (angle or 1.0)
+    return [math.cos(angle / 2.0), *(math.sin(angle / 2.0) * axis)]
+
+
+def odometry_message(new: New, **fields: Any) -> Any:
+    message = new("px4_msgs/msg/VehicleOdometry")
+    message.pose_frame, message.velocity_frame = 1, 1
+    message.q = [1.0, 0.0, 0.0, 0.0]
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+@pytest.mark.parametrize(
+    ("ned", "enu"),
+    [
+        ([1, 0, 0], [0, 1, 0]),
+        ([-1, 0, 0], [0, -1, 0]),
+        ([0, 1, 0], [1, 0, 0]),
+        ([0, -1, 0], [-1, 0, 0]),
+        ([0, 0, 1], [0, 0, -1]),
+        ([0, 0, -1], [0, 0, 1]),
+    ],
+)
+def test_position_and_world_velocity_axis_by_axis(
+    new: New, ned: list[float], enu: list[float]
+) -> None:
+    odometry = px4.odometry_from_vehicle_odometry(
+        odometry_message(new, position=ned, velocity=ned)
+    )
+    assert_allclose(odometry.p_WB, enu)
+    R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
+    assert_allclose(R_WB @ odometry.v_WB_B, enu, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("frd", "flu"),
+    [
+        ([1, 0, 0], [1, 0, 0]),
+        ([-1, 0, 0], [-1, 0, 0]),
+        ([0, 1, 0], [0, -1, 0]),
+        ([0, -1, 0], [0, 1, 0]),
+        ([0, 0, 1], [0, 0, -1]),
+        ([0, 0, -1], [0, 0, 1]),
+    ],
+)
+def test_body_rates_and_body_velocity_axis_by_axis(
+    new: New, frd: list[float], flu: list[float]
+) -> None:
+    message = odometry_message(new, angular_velocity=frd, velocity=frd, velocity_frame=3)
+    odometry = px4.odometry_from_vehicle_odometry(message)
+    assert_allclose(odometry.w_WB_B, flu)
+    assert_allclose(odometry.v_WB_B, flu)
+
+    rates = new("px4_msgs/msg/VehicleRatesSetpoint")
+    px4.fill_vehicle_rates_setpoint(rates, command(w=(flu[0], flu[1], flu[2])), throttle=0.3)
+    assert [rates.roll, rates.pitch, rates.yaw] == frd
+
+
+def test_the_variance_of_the_velocity_is_passed_on(new: New) -> None:
+    message = odometry_message(new, velocity_variance=[0.0625, 0.125, 0.03125])
+    assert px4.odometry_from_vehicle_odometry(message).v_variance == 0.125
+    message.velocity_variance = [math.nan] * 3
+    assert px4.odometry_from_vehicle_odometry(message).v_variance == 0.0
+
+
+def test_level_and_heading_north_is_a_yaw_of_90_degrees(new: New) -> None:
+    odometry = px4.odometry_from_vehicle_odometry(odometry_message(new))
+    R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
+    assert_allclose(R_WB @ [1.0, 0.0, 0.0], NORTH_ENU, atol=1e-12)
+    assert_allclose(R_WB @ [0.0, 0.0, 1.0], UP, atol=1e-12)
+
+
+def test_heading_east_is_the_identity(new: New) -> None:
+    message = odometry_message(new, q=wxyz([0.0, 0.0, math.pi / 2.0]))
+    odometry = px4.odometry_from_vehicle_odometry(message)
+    R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
+    assert_allclose(R_WB, np.eye(3), atol=1e-7)
+
+
+def test_nose_down_heading_north_accelerates_north(new: New) -> None:
+    # FRD: the nose goes down with a negative pitch; the thrust then leans forward.
+    message = odometry_message(new, q=wxyz([0.0, -0.3, 0.0]))
+    odometry = px4.odometry_from_vehicle_odometry(message)
+    thrust_W = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw) @ UP
+    assert_allclose(thrust_W, math.sin(0.3) * NORTH_ENU + math.cos(0.3) * UP, atol=1e-7)
+
+
+def test_rolling_right_heading_north_accelerates_east(new: New) -> None:
+    message = odometry_message(new, q=wxyz([0.3, 0.0, 0.0]))
+    odometry = px4.odometry_from_vehicle_odometry(message)
+    thrust_W = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw) @ UP
+    assert_allclose(thrust_W, math.sin(0.3) * EAST_ENU + math.cos(0.3) * UP, atol=1e-7)
+
+
+def test_a_rate_that_lowers_the_nose_is_a_negative_pitch_rate(new: New) -> None:
+    rates = new("px4_msgs/msg/VehicleRatesSetpoint")
+    px4.fill_vehicle_rates_setpoint(rates, command(w=(0.0, 1.5, 0.0)), throttle=0.3)
+    assert rates.pitch == -1.5
+
+
+def test_thrust_points_up_which_is_negative(new: New) -> None:
+    rates = new("px4_msgs/msg/VehicleRatesSetpoint")
+    px4.fill_vehicle_rates_setpoint(rates, command(), throttle=0.25)
+    assert rates.thrust_body.tolist() == [0.0, 0.0, -0.25]
+    assert rates.timestamp == 0
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=3),
+    st.lists(st.floats(-50.0, 50.0), min_size=3, max_size=3),
+)
+def test_attitude_is_that_of_independently_built_rotations(
+    new: New, turn: list[float], velocity: list[float]
+) -> None:
+    # Columns of the two changes of basis are the axes of the one frame in the other.
+    R_enu_ned = np.column_stack((NORTH_ENU, EAST_ENU, -UP))
+    R_frd_flu = np.diag([1.0, -1.0, -1.0])
+    R_ned_frd = so3.exp(turn)
+    message = odometry_message(new, q=wxyz(turn), velocity=velocity)
+    odometry = px4.odometry_from_vehicle_odometry(message)
+    R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
+    assert_allclose(R_WB, R_enu_ned @ R_ned_frd @ R_frd_flu, atol=1e-6)
+    v_FRD = R_ned_frd.T @ velocity
+    assert_allclose(odometry.v_WB_B, R_frd_flu @ v_FRD, atol=1e-4)
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3))
+def test_vectors_there_and_back(values: list[float]) -> None:
+    assert_allclose(enu_from_ned(enu_from_ned(values)), values)
+    assert_allclose(flu_from_frd(flu_from_frd(values)), values)
+
+
+def test_stamp_is_the_time_of_sampling_in_microseconds(new: New) -> None:
+    message = odometry_message(new, timestamp=2_000_000, timestamp_sample=1_990_000)
+    assert px4.odometry_from_vehicle_odometry(message).stamp_ns == 1_990_000_000
+    message = odometry_message(new, timestamp=2_000_000)
+    assert px4.odometry_from_vehicle_odometry(message).stamp_ns == 2_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"pose_frame": 0}, "pose_frame 0"),
+        ({"pose_frame": 3}, "pose_frame 3"),
+        ({"velocity_frame": 0}, "velocity_frame 0"),
+        ({"velocity_frame": 2}, "velocity_frame 2 with a pose in NED"),
+        ({"pose_frame": 2}, "velocity_frame 1 with a pose in FRD"),
+        ({"q": [math.nan, 0.0, 0.0, 0.0]}, "no rotation"),
+        ({"q": [0.0, 0.0, 0.0, 0.0]}, "no rotation"),
+    ],
+)
+def test_unknown_frames_and_no_attitude_are_refused(
+    new: New, fields: dict[str, Any], reason: str
+) -> None:
+    with pytest.raises(ValueError, match=reason):
+        px4.odometry_from_vehicle_odometry(odometry_message(new, **fields))
+
+
+def test_heartbeat_claims_body_rates_and_nothing_else(new: New) -> None:
+    message = new("px4_msgs/msg/OffboardControlMode")
+    message.position = True  # as if it had been used before
+    px4.fill_offboard_control_mode(message)
+    claimed = [name for name in message.FIELDS if getattr(message, name) is True]
+    assert claimed == ["body_rate"]
+    assert message.timestamp == 0
+
+
+@pytest.mark.parametrize(
+    ("fill", "number", "parameters"),
+    [
+        (px4.fill_offboard_mode, 176, [1.0, 6.0, 0.0]),
+        (px4.fill_hold_mode, 176, [1.0, 4.0, 3.0]),
+    ],
+)
+def test_mode_commands(
+    new: New, fill: Callable[..., None], number: int, parameters: list[float]
+) -> None:
+    message = new("px4_msgs/msg/VehicleCommand")
+    fill(message, target_system=7)
+    assert message.command == number
+    assert [message.param1, message.param2, message.param3] == parameters
+    assert (message.target_system, message.from_external) == (7, True)
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_arming_command(new: New, wanted: bool) -> None:
+    message = new("px4_msgs/msg/VehicleCommand")
+    px4.fill_arming(message, wanted=wanted, target_system=1)
+    assert (message.command, message.param1, message.from_external) == (400, float(wanted), True)
+
+
+def made(new: New, **parameters: Any) -> Px4Bridge:
+    return Px4Bridge(Px4Bridge.Config(**parameters), new)
+
+
+def px4_status(new: New, nav_state: int) -> Any:
+    message = new("px4_msgs/msg/VehicleStatus")
+    message.nav_state = nav_state
+    return message
+
+
+def px4_odometry(new: New, now_ns: int, **fields: Any) -> Any:
+    message = new("px4_msgs/msg/VehicleOdometry")
+    message.timestamp = now_ns // 1000
+    message.pose_frame = message.velocity_frame = 1
+    message.q = [1.0, 0.0, 0.0, 0.0]
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+def told(bridge: Px4Bridge, now_ns: int, *, nav_state: int = 14, armed: bool = True) -> None:
+    """Let PX4 say its mode and whether it is armed, by both its messages."""
+    status, mode = px4_status(new_message, nav_state), new_message(f"{PX4}/VehicleControlMode")
+    status.arming_state = 2 if armed else 1
+    mode.flag_control_offboard_enabled, mode.flag_armed = nav_state == 14, armed
+    tell(bridge, "/fmu/out/vehicle_status_v4", status, now_ns)
+    tell(bridge, "/fmu/out/vehicle_control_mode", mode, now_ns)
+
+
+def flown(
+    bridge: Px4Bridge, begin_ns: int, *, seconds: float, throttle: float = HOVER, **state: Any
+) -> list[tuple[int, Outgoing]]:
+    """Let PX4 and the MPC speak for a while; return what was sent, and when."""
+    sent: list[tuple[int, Outgoing]] = []
+    for now_ns in range(begin_ns, begin_ns + round(seconds * SECOND), SECOND // 50):
+        tell(bridge, "/fmu/out/vehicle_odometry", px4_odometry(new_message, now_ns), now_ns)
+        told(bridge, now_ns, **state)
+        made = bridge.receive_command(command(now_ns, throttle), now_ns=now_ns)
+        sent += [(now_ns, each) for each in made]
+    return sent
+
+
+def names_of(sent: list[tuple[int, Outgoing]]) -> set[str]:
+    return set(topics([each for _, each in sent]))
+
+
+HEARTBEAT, RATES, COMMAND = (
+    f"/fmu/in/{name}"
+    for name in ("offboard_control_mode", "vehicle_rates_setpoint", "vehicle_command")
+)
+
+
+@pytest.mark.parametrize("nav_state", [0, 2, 4, 10, 13, 15, 17, 18])
+def test_px4_gets_the_heartbeat_but_no_rates_outside_of_offboard(new: New, nav_state: int) -> None:
+    bridge = made(new)
+    assert flown(bridge, T0, seconds=0.1, nav_state=nav_state) == []  # nor a heartbeat unasked
+    assert bridge.engage(True, now_ns=T0 + SECOND // 10).accepted
+    sent = flown(bridge, T0 + SECOND // 10, seconds=0.5, nav_state=nav_state)
+    assert names_of(sent) == {HEARTBEAT}
+    assert "not in offboard mode" in bridge.silence
+
+
+def test_px4_gets_the_heartbeat_before_the_rates(new: New) -> None:
+    bridge = ready_to_fly(Px4Bridge, T0)
+    sent = bridge.receive_command(command(T0), now_ns=T0)
+    assert topics(sent) == [HEARTBEAT, RATES]
+
+
+def test_px4_is_asked_for_offboard_after_a_second_of_heartbeats_and_only_then(new: New) -> None:
+    bridge = made(new)
+    assert "no vehicle_status" in bridge.engage(True, now_ns=T0).text
+    assert bridge.engage(False, now_ns=T0).accepted  # away from the MPC at any time
+    flown(bridge, T0, seconds=0.5, nav_state=4)
+    begun = T0 + SECOND // 2
+    assert bridge.engage(True, now_ns=begun).accepted
+    sent = flown(bridge, begun, seconds=2.0, nav_state=4)
+    (first, *_) = [now_ns for now_ns, each in sent if topics([each]) == [COMMAND]]
+    assert SECOND < first - begun < 1.3 * SECOND
+    # Another second later it is asked again, and after five it is given up.
+    sent = flown(bridge, begun + 2 * SECOND, seconds=4.0, nav_state=4)
+    assert max(now_ns for now_ns, _ in sent) <= begun + 5.1 * SECOND
+    assert bridge.handover[0] == "released"
+    assert "not switched" in bridge.handover[1]
+
+
+def test_px4_is_released_by_the_first_message_that_tells_of_another_mode(new: New) -> None:
+    for tells in ("status", "control_mode"):
+        bridge = ready_to_fly(Px4Bridge, T0)
+        assert bridge.engaged(now_ns=T0)
+        if tells == "status":
+            tell(bridge, "/fmu/out/vehicle_status_v4", px4_status(new, 2), T0)
+        else:
+            mode = new(f"{PX4}/VehicleControlMode")
+            mode.flag_armed = True
+            tell(bridge, "/fmu/out/vehicle_control_mode", mode, T0)
+        assert not bridge.engaged(now_ns=T0)
+        assert bridge.receive_command(command(T0), now_ns=T0) == []
+
+
+def test_after_the_mpc_was_away_no_heartbeat_brings_px4_back(new: New) -> None:
+    """Its intention stays offboard: one heartbeat, and it would fly whatever comes."""
+    bridge = ready_to_fly(Px4Bridge, T0)
+    assert flown(bridge, T0, seconds=1.0)
+    back = T0 + 3 * SECOND
+    assert flown(bridge, back, seconds=2.0, nav_state=18) == []
+    assert flown(bridge, back + 2 * SECOND, seconds=2.0, nav_state=14) == []
+    assert "without a fresh command" in bridge.handover[1]
+    assert bridge.engage(True, now_ns=back + 4 * SECOND).accepted
+    assert names_of(flown(bridge, back + 4 * SECOND, seconds=1.0)) == {HEARTBEAT, RATES}
+
+
+def test_after_a_landing_nothing_is_armed_into_offboard(new: New) -> None:
+    bridge = ready_to_fly(Px4Bridge, T0)
+    flown(bridge, T0, seconds=1.0)
+    down = T0 + SECOND
+    assert flown(bridge, down, seconds=1.0, armed=False) == []
+    assert "disarming" in bridge.handover[1]
+    later = down + SECOND
+    assert "engage it first" in bridge.arm(True, now_ns=later).text
+    land = new(f"{PX4}/VehicleLandDetected")
+    land.landed = True
+    tell(bridge, "/fmu/out/vehicle_land_detected", land, later)
+    # Engaged on the ground, but the MPC would take off at once, and turn at once.
+    assert "of the weight as thrust" in bridge.engage(True, now_ns=later).text
+    flown(bridge, later, seconds=0.1, throttle=0.0, armed=False)
+    later += SECOND // 10
+    assert bridge.engage(True, now_ns=later).accepted
+    flown(bridge, later, seconds=1.5, throttle=0.0, armed=False)
+    later += round(1.5 * SECOND)
+    assert bridge.handover[0] == "standby"
+    bridge.receive_command(command(later, 0.0, w=(0.0, 16.0, 0.0)), now_ns=later)
+    assert "16.0 rad/s" in bridge.arm(True, now_ns=later).text
+    bridge.receive_command(command(later, 0.0), now_ns=later)
+    (arming,) = bridge.arm(True, now_ns=later).messages
+    assert (arming.message.command, arming.message.param1) == (400, 1.0)
+    flown(bridge, later, seconds=0.1, throttle=0.0)
+    assert bridge.handover[0] == "engaged"
+
+
+def test_px4s_land_detector_is_believed_before_what_arming_tells(new: New) -> None:
+    bridge = ready_to_fly(Px4Bridge, T0)
+    assert bridge.landed(now_ns=T0) is False
+    land = new(f"{PX4}/VehicleLandDetected")
+    land.landed = True
+    tell(bridge, "/fmu/out/vehicle_land_detected", land, T0)
+    assert bridge.landed(now_ns=T0) is True
+
+
+def test_nothing_that_px4_is_sent_waits_for_an_agent_that_starts_later(new: New) -> None:
+    assert not any(topic.latched for topic in made(new).publications)
+
+
+def test_px4_topics_end_in_the_version_of_their_message(new: New) -> None:
+    def names(bridge: Px4Bridge) -> set[str]:
+        return {each.topic.name for each in bridge.subscriptions} | {
+            topic.name for topic in bridge.publications
+        }
+
+    assert "/fmu/out/vehicle_status_v4" in names(made(new))
+    assert "/fmu/out/vehicle_odometry" in names(made(new))
+    older = names(made(new, fmu="/px4_1/fmu", status_version=0, rates_version=2))
+    assert {"/px4_1/fmu/out/vehicle_status", "/px4_1/fmu/in/vehicle_rates_setpoint_v2"} <= older
+
+
+@pytest.mark.parametrize("field", ["position", "velocity", "angular_velocity"])
+def test_px4_state_marked_invalid_is_not_passed_on(new: New, field: str) -> None:
+    bridge = made(new)
+    message = px4_odometry(new, T0, **{field: [math.nan, 0.0, 0.0]})
+    assert tell(bridge, "/fmu/out/vehicle_odometry", message, T0) is None
+    (warning,) = bridge.take_warnings()
+    assert "the stack's state is not valid" in warning
+    assert "not finite" in warning
+
+
+def test_px4_frame_changes_are_passed_on_as_a_jump(new: New) -> None:
+    bridge = made(new)
+    frames = ((1, 1), (2, 2), (2, 3))
+    for i, (pose, velocity) in enumerate(frames):
+        now_ns = T0 + i * SECOND // 50
+        message = px4_odometry(new, now_ns, pose_frame=pose, velocity_frame=velocity)
+        odometry = tell(bridge, "/fmu/out/vehicle_odometry", message, now_ns)
+        assert odometry is not None
+        assert (odometry.frame_id, odometry.child_frame_id) == ("odom", "base_link")
+    assert bridge.jumps == 1
+
+
+def test_px4_refusals_are_told(new: New) -> None:
+    bridge = made(new)
+    ack = new("px4_msgs/msg/VehicleCommandAck")
+    ack.command, ack.result = 400, 1
+    tell(bridge, "/fmu/out/vehicle_command_ack_v1", ack, T0)
+    assert bridge.take_warnings() == ["PX4 answers command 400 with result 1"]
+
+
+def test_commands_take_the_newest_battery_into_account(new: New) -> None:
+    config = Px4Bridge.Config()
+    reference = dataclasses.replace(config.thrust_map, battery_voltage=16.0)
+    bridge = Px4Bridge(dataclasses.replace(config, thrust_map=reference), new)
+    engage(bridge, T0)
+    battery = new("px4_msgs/msg/BatteryStatus")
+    battery.voltage_v = 15.0
+    tell(bridge, "/fmu/out/battery_status_v1", battery, T0)
+    rates = message_of(bridge.receive_command(command(T0), now_ns=T0), "vehicle_rates_setpoint")
+    assert 0.3 < -rates.thrust_body[2] < 0.4

@@ -1,0 +1,220 @@
+"""Nodes as processes of their own, and a node of the test's to talk with them."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from fixtures.processes import end
+from lifecycle_msgs.srv import ChangeState, GetState
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.ros.messages import new_message
+
+# s: a client that has found its service may not have been found by it, and would get no answer.
+MATCHING = 0.3
+
+
+@contextmanager
+def _node_process(
+    name: str, *arguments: str, before: Sequence[str], log: Path
+) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a node; it is ended by SIGINT at the end of the block, by force if need be."""
+    module = f"quad_mpc_ros.{'stack_node' if name == 'stack' else f'nodes.{name}_node'}"
+    command = [sys.executable, "-m", module, *before, "--ros-args", *arguments]
+    with log.open("wb") as output:
+        process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
+    try:
+        yield process
+    finally:
+        end(process)
+
+
+class Peer:
+    """A node of the test's, spun only while the test waits."""
+
+    def __init__(self) -> None:
+        rclpy.init()
+        self.node: Node = rclpy.create_node("test_peer")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+
+    def close(self) -> None:
+        self.node.destroy_node()
+        rclpy.shutdown()
+
+    def wait(self, condition: Callable[[], object], timeout: float = 15.0) -> bool:
+        """Spin until something is true; return whether it became so in time."""
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            self._executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def spin(self, seconds: float) -> None:
+        self.wait(lambda: False, timeout=seconds)
+
+    def call(self, client: Any, request: Any) -> Any:
+        assert self.wait(client.service_is_ready)
+        self.spin(MATCHING)
+        future = client.call_async(request)
+        assert self.wait(future.done)
+        return future.result()
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    made = Peer()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
+    """Start nodes by name and ROS arguments, with others ``before`` those; they end with the test.
+
+    Logs: tmp_path/<name>.log.
+    """
+    with ExitStack() as stack:
+
+        def start_node(
+            name: str, *arguments: str, before: Sequence[str] = ()
+        ) -> subprocess.Popen[bytes]:
+            log = tmp_path / f"{name}.log"
+            process = _node_process(name, *arguments, before=before, log=log)
+            return stack.enter_context(process)
+
+        yield start_node
+
+
+class Feed:
+    """Odometry at rest and its reference two metres above, 50 times a second, when switched on."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.odometry = self.reference = True
+        self.yaw = 0.0  # of the reference
+        self._peer = peer
+        self._odometry = peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data)
+        self._reference = peer.node.create_publisher(MultiDOFJointTrajectory, "reference", 10)
+        peer.node.create_timer(0.02, self.send)
+
+    def send(self) -> None:
+        """Send what is switched on, of this moment."""
+        stamp_ns = int(self._peer.node.get_clock().now().nanoseconds)
+        if self.reference:
+            self._reference.publish(self._window(stamp_ns))
+        if self.odometry:
+            odometry = Odometry()
+            conversions.fill_odometry(
+                odometry,
+                OdometrySample(
+                    stamp_ns=stamp_ns,
+                    p_WB=np.zeros(3),
+                    q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+                    v_WB_B=np.zeros(3),
+                    w_WB_B=np.zeros(3),
+                ),
+            )
+            self._odometry.publish(odometry)
+
+    def _window(self, stamp_ns: int) -> MultiDOFJointTrajectory:
+        held = np.array([[0.0, 0.0, 2.0]] * 2)
+        window = ReferenceWindow(
+            stamp_ns=stamp_ns,
+            offset_ns=np.array([0, 10**9]),
+            p_WB=held,
+            q_WB_xyzw=np.array([[0.0, 0.0, math.sin(self.yaw / 2), math.cos(self.yaw / 2)]] * 2),
+            v_WB_W=0.0 * held,
+            a_WB_W=0.0 * held,
+            w_WB_W=0.0 * held,
+        )
+        message = MultiDOFJointTrajectory()
+        conversions.fill_reference(message, window, child_frame_id="b", new=new_message)
+        return message
+
+
+@pytest.fixture
+def feed(peer: Peer) -> Feed:
+    return Feed(peer)
+
+
+class Managed:
+    """A node with a lifecycle as its user sees it: transitions, parameters, health."""
+
+    def __init__(self, peer: Peer, name: str) -> None:
+        self._peer, self._name = peer, name
+        node = peer.node
+        self._change = node.create_client(ChangeState, f"{name}/change_state")
+        self._get = node.create_client(GetState, f"{name}/get_state")
+        self._set = node.create_client(
+            SetParametersAtomically, f"{name}/set_parameters_atomically"
+        )
+        self.health: dict[str, str] = {}
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == f"/{self._name}":
+                values = {pair.key: pair.value for pair in status.values}
+                self.health = {"text": status.message, **values}
+
+    def to(self, transition: str | int) -> bool:
+        """Ask for a transition by its label or number; return whether it was carried out."""
+        asked = self.ask(transition)
+        assert self._peer.wait(asked.done)
+        return bool(asked.result().success)
+
+    def ask(self, transition: str | int) -> Any:
+        """Ask for a transition and return the future of the answer."""
+        request = ChangeState.Request()
+        if isinstance(transition, str):
+            request.transition.label = transition
+        else:
+            request.transition.id = transition
+        assert self._peer.wait(self._change.service_is_ready)
+        self._peer.spin(MATCHING)
+        return self._change.call_async(request)
+
+    @property
+    def state(self) -> str:
+        return str(self._peer.call(self._get, GetState.Request()).current_state.label)
+
+    def set(self, **values: Any) -> str:
+        """Set parameters, all in one; return why they were refused, or nothing."""
+        request = SetParametersAtomically.Request()
+        request.parameters = [
+            Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+            for name, value in values.items()
+        ]
+        result = self._peer.call(self._set, request).result
+        return "" if result.successful else str(result.reason)
+
+    def tells(self, state: str, text: str = "") -> bool:
+        """Wait until ``/diagnostics`` shows a state and a text."""
+        return self._peer.wait(
+            lambda: self.health.get("state") == state and text in self.health["text"]
+        )
+
+
+@pytest.fixture
+def managed(peer: Peer) -> Callable[[str], Managed]:
+    return lambda name: Managed(peer, name)

@@ -1,0 +1,253 @@
+"""Whatever comes on a topic: no exception leaves a callback, and no absurd command is sent."""
+
+from __future__ import annotations
+
+import functools
+import math
+import random
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import PoseStamped, Transform, Twist, TwistStamped
+from nav_msgs.msg import Odometry, Path
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Bool
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.messages import cdr, conversions
+from quad_mpc_ros.ros.clocks import SteadyTime
+from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
+from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
+from quad_mpc_ros.ros.nodes.simulator_node import SimulatorNode
+from quad_mpc_ros.ros.nodes.visualisation_node import VisualisationNode
+
+# To each subscription: a short run of every case, and a long one of the nodes as they are.
+SHORT, LONG = 1_000, 10_000
+SEED = 7
+
+FLOATS = [math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, 1e-30, 1e-3, 0.1, 1.0, -1.0, 2.0]
+FLOATS += [-7.0, 99.0, 1e4, -1e8, 1.1e8, 1e19, -3.4e38, 1e154, -1e200, 1.7e308]
+# What fits into seconds, and what into nanoseconds although it is no fraction of one.
+INTEGERS = {
+    "sec": [0, 1, 5, 10**9, 2**31 - 1, -1, -(2**31)],
+    "nanosec": [0, 1, 5, 999_999_999, 10**9, 2**31, 2**32 - 1],
+}
+TEXTS = ["", "odom", "/odom", "map", "base_link", "//", "nan", "schön ☃", 5000 * "x"]
+NODES: dict[str, tuple[Callable[[], Any], list[str]]] = {
+    "mpc": (MpcNode, []),
+    "mpc, world twist": (MpcNode, ["odometry.twist_frame:=world", "fence.maximum:=[9.0,9.0,9.0]"]),
+    "mpc, lockstep": (MpcNode, ["lockstep:=true"]),
+    "reference": (ReferenceNode, []),
+    "reference, on request": (ReferenceNode, ["mode:=on_request"]),
+    "simulator": (SimulatorNode, []),
+    "visualisation": (VisualisationNode, []),
+}
+
+
+def leaves(message: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the path of every value in a message: names, and numbers into lists of messages."""
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        if hasattr(value, "get_fields_and_field_types"):
+            yield from leaves(value, (*path, name))
+            continue
+        yield (*path, name)
+        if isinstance(value, list):
+            for k, element in enumerate(value):
+                if hasattr(element, "get_fields_and_field_types"):
+                    yield from leaves(element, (*path, name, k))
+
+
+def _inside(value: Any, step: Any) -> Any:
+    return value[step] if isinstance(step, int) else getattr(value, step)
+
+
+class Messages:
+    """Makes messages: as they should be but for some fields, or for all of them."""
+
+    def __init__(self) -> None:
+        self.random = random.Random(SEED)
+
+    def make(self, kind: type[Any], now_ns: int) -> Any:
+        """Return one of a kind."""
+        message = SOUND[kind](now_ns)
+        paths = list(leaves(message))
+        count = self.random.choice((0, 0, 0, 1, 1, 2, 3, len(paths)))
+        if kind in REQUESTS and self.random.random() < 0.95:
+            count = max(count, 8)  # what could be flown is planned for, which takes its time
+        # The innermost first: a list that is replaced takes its elements with it.
+        chosen = self.random.sample(paths, min(count, len(paths)))
+        for path in sorted(chosen, key=len, reverse=True):
+            self._spoil(message, path)
+        return message
+
+    def _spoil(self, message: Any, path: tuple[Any, ...]) -> None:
+        owner = functools.reduce(_inside, path[:-1], message)
+        now = getattr(owner, path[-1])
+        try:
+            setattr(owner, path[-1], self._absurd(path[-1], now))
+        except AssertionError:  # there is no such value in this type, and so none in a message
+            setattr(owner, path[-1], now)
+
+    def _absurd(self, name: str, now: Any) -> Any:
+        match now:
+            case bool():
+                return self.random.random() < 0.5
+            case str():
+                return self.random.choice(TEXTS)
+            case float():
+                return self.random.choice(FLOATS)
+            case int():
+                return self.random.choice(INTEGERS[name])
+            case np.ndarray():
+                return np.array([self.random.choice(FLOATS) for _ in now])
+            case list():
+                return self.random.choice(([], now[:1], now[::-1], now + now))
+            case _:
+                return now
+
+
+def _stamped(message: Any, now_ns: int) -> Any:
+    conversions.fill_time(message.header.stamp, now_ns)
+    message.header.frame_id = "odom"
+    return message
+
+
+def odometry(now_ns: int) -> Odometry:
+    message = _stamped(Odometry(), now_ns)
+    message.child_frame_id = "base_link"
+    message.pose.pose.position.z = 2.0
+    message.pose.pose.orientation.w = 1.0
+    message.twist.twist.linear.x = 0.1 * (now_ns % 7)
+    return message
+
+
+def trajectory(now_ns: int) -> MultiDOFJointTrajectory:
+    message = _stamped(MultiDOFJointTrajectory(), now_ns)
+    message.joint_names = ["base_link"]
+    for k in range(4):
+        transform, velocity = Transform(), Twist()
+        transform.translation.z, transform.rotation.w = 2.0, 1.0
+        transform.translation.x = velocity.linear.x = 0.1 * k
+        point = MultiDOFJointTrajectoryPoint(
+            transforms=[transform], velocities=[velocity], accelerations=[Twist()]
+        )
+        point.time_from_start.sec = k
+        message.points.append(point)
+    return message
+
+
+def pose(now_ns: int) -> PoseStamped:
+    message = _stamped(PoseStamped(), now_ns)
+    message.pose.position.x, message.pose.position.z = 1.0, 2.0
+    message.pose.orientation.w = 1.0
+    return message
+
+
+def command(now_ns: int) -> TwistStamped:
+    message = _stamped(TwistStamped(), now_ns)
+    message.twist.linear.z, message.twist.angular.y = 0.3, 0.1
+    return message
+
+
+def path(now_ns: int) -> Path:
+    message = _stamped(Path(), now_ns)
+    message.poses = [pose(now_ns) for _ in range(3)]
+    return message
+
+
+SOUND: dict[type[Any], Callable[[int], Any]] = {
+    Odometry: odometry,
+    MultiDOFJointTrajectory: trajectory,
+    PoseStamped: pose,
+    TwistStamped: command,
+    Path: path,
+    Bool: lambda _: Bool(data=True),
+}
+
+
+class Time:
+    """The time of the MPC node, which passes with the messages."""
+
+    def __init__(self) -> None:
+        self.ns = 1_700_000_000 * 10**9
+
+    def now_ns(self) -> int:
+        return self.ns
+
+    def pass_by(self) -> int:
+        """Let 5 ms pass and return a stamp, which four messages share as lockstep wants it."""
+        self.ns += 5_000_000
+        return self.ns - self.ns % 20_000_000
+
+
+REQUESTS = (PoseStamped, MultiDOFJointTrajectory)
+
+
+@pytest.fixture
+def passing_time(monkeypatch: pytest.MonkeyPatch) -> Time:
+    passing = Time()
+    monkeypatch.setattr(SteadyTime, "now_ns", lambda _: passing.now_ns())
+    return passing
+
+
+@pytest.fixture
+def commands(monkeypatch: pytest.MonkeyPatch) -> list[CommandSample]:
+    """Return what is sent as a command, as it is sent."""
+    sent: list[CommandSample] = []
+    written = cdr.written_command
+
+    def spy(sample: CommandSample) -> bytes:
+        sent.append(sample)
+        return written(sample)
+
+    monkeypatch.setattr(cdr, "written_command", spy)
+    return sent
+
+
+@pytest.mark.parametrize(
+    ("case", "count"),
+    [
+        *((case, SHORT) for case in NODES),
+        *(
+            pytest.param(case, LONG, marks=[pytest.mark.slow, pytest.mark.timeout(600)])
+            for case in NODES
+            if "," not in case
+        ),
+    ],
+)
+def test_whatever_comes_nothing_escapes(
+    case: str, count: int, commands: list[CommandSample], passing_time: Time
+) -> None:
+    make, parameters = NODES[case]
+    given = [part for parameter in parameters for part in ("-p", parameter)]
+    rclpy.init(args=["--ros-args", *given, "--log-level", "FATAL"])
+    node = make()
+    try:
+        messages, heard = Messages(), list(node.subscriptions)
+        own = [each for each in heard if each.msg_type in SOUND]
+        assert own
+        for k in range(count * len(own)):
+            subscription = own[k % len(own)]
+            stamp_ns = passing_time.pass_by()
+            if not case.startswith("mpc"):
+                stamp_ns = int(node.get_clock().now().nanoseconds)
+            message = messages.make(subscription.msg_type, stamp_ns)
+            try:
+                subscription.callback(serialize_message(message) if subscription.raw else message)
+            except Exception as error:
+                raise AssertionError(f"message {k} of seed {SEED}: {message}") from error
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+    assert (len(commands) > 20) == case.startswith("mpc")
+    config = MpcConfig()
+    for sent in commands:
+        assert config.throttle_min <= sent.throttle <= config.throttle_max
+        assert np.isfinite(sent.w_WB_B).all()
+        assert (np.abs(sent.w_WB_B) <= config.omega_max).all()

@@ -1,0 +1,345 @@
+"""The reference node flown live: services, goals and trajectories over DDS."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import struct
+import subprocess
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMessage
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.messages import conversions, diagnostics
+from quad_mpc_ros.ros.messages import new_message
+
+Start = Callable[..., "subprocess.Popen[bytes]"]
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Pilot:
+    """Asks the reference node for what is to be flown, and keeps what it publishes."""
+
+    def __init__(self, peer: Any) -> None:
+        self._peer = peer
+        self._raw: list[bytes] = []
+        self.paths: list[PathMessage] = []
+        self.requests: list[str] = []
+        self._told_before: dict[str, str] = {}
+        self.odometries: list[Odometry] = []
+        self.sources: list[str] = []
+        self.throttles: list[float] = []
+        node = peer.node
+        node.create_subscription(
+            MultiDOFJointTrajectory, "reference", self._raw.append, 100, raw=True
+        )
+        node.create_subscription(PathMessage, "reference/path", self.paths.append, LATCHED)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        self._clients = {
+            name: node.create_client(Trigger, f"reference/{name}")
+            for name in ("takeoff", "start", "hold", "land")
+        }
+        self._goal = node.create_publisher(PoseStamped, "goal_pose", 1)
+        self._trajectory = node.create_publisher(MultiDOFJointTrajectory, "trajectory", 1)
+
+    def await_node(self) -> None:
+        assert self._peer.wait(
+            lambda: (
+                self._goal.get_subscription_count()
+                and self._trajectory.get_subscription_count()
+                and self._peer.node.count_publishers("reference")
+                and all(client.service_is_ready() for client in self._clients.values())
+            )
+        )
+
+    def call(self, name: str) -> Any:
+        return self._peer.call(self._clients[name], Trigger.Request())
+
+    def send_goal(
+        self, p: tuple[float, float, float], *, yaw: float = 0.0, frame_id: str = "odom"
+    ) -> str:
+        """Send a goal as RViz does; return what the node says of it."""
+        message = PoseStamped()
+        message.header.frame_id = frame_id
+        message.pose.position.x, message.pose.position.y, message.pose.position.z = p
+        message.pose.orientation.z = math.sin(0.5 * yaw)
+        message.pose.orientation.w = math.cos(0.5 * yaw)
+        return self._told("goal", lambda: self._goal.publish(message))
+
+    def send_trajectory(self, message: MultiDOFJointTrajectory) -> str:
+        return self._told("trajectory", lambda: self._trajectory.publish(message))
+
+    @property
+    def now(self) -> float:
+        """The stamp of the newest window [s]; 0 before the first."""
+        if not self._raw:
+            return 0.0
+        # Of a little-endian CDR only its beginning, as this is looked at all the time.
+        seconds, nanoseconds = struct.unpack_from("<iI", self._raw[-1], 4)
+        return float(seconds + 1e-9 * nanoseconds)
+
+    def fly(self, seconds: float) -> None:
+        """Let so much time of the flight pass."""
+        end = self.now + seconds
+        assert self._peer.wait(lambda: self.now >= end, timeout=60.0)
+
+    def windows(self) -> list[ReferenceWindow]:
+        return [
+            conversions.reference_from_message(deserialize_message(raw, MultiDOFJointTrajectory))
+            for raw in self._raw
+        ]
+
+    def _told(self, name: str, ask: Callable[[], None]) -> str:
+        """Ask; return what is told then. The diagnostics also repeat what was told before."""
+        before = self._told_before.get(name)
+
+        def new() -> list[str]:
+            return [told for told in self.requests if told.startswith(name) and told != before]
+
+        self.requests.clear()
+        ask()
+        assert self._peer.wait(new)
+        self._told_before[name] = new()[-1]
+        return self._told_before[name]
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.endswith("reference"):
+                values = {pair.key: pair.value for pair in status.values}
+                if values["request"]:
+                    self.requests.append(values["request"])
+
+
+def assert_nothing_jumps(windows: list[ReferenceWindow]) -> None:
+    """From window to window the pose moves as its velocities and the velocity as its acceleration.
+
+    The tolerances are for what the slopes change by from one window to the next. Of windows that a
+    busy machine left far apart nothing can be told.
+    """
+    assert len(windows) > 50
+    judged = 0
+    for one, other in itertools.pairwise(windows):
+        dt = 1e-9 * (other.stamp_ns - one.stamp_ns)
+        assert dt >= 0.0
+        if dt > 0.3:
+            continue
+        judged += 1
+        R_one, R_other = (so3.rotation_from_quaternion_xyzw(w.q_WB_xyzw[0]) for w in (one, other))
+        step = {
+            "p_WB": other.p_WB[0] - one.p_WB[0],
+            "v_WB_W": other.v_WB_W[0] - one.v_WB_W[0],
+            "R_WB": so3.log(R_other @ R_one.T),
+        }
+        slope = {"p_WB": "v_WB_W", "v_WB_W": "a_WB_W", "R_WB": "w_WB_W"}
+        for name, tolerance in (("p_WB", 1e-3), ("v_WB_W", 1e-2), ("R_WB", 1e-2)):
+            fastest = max(
+                float(np.linalg.norm(getattr(window, slope[name])[0])) for window in (one, other)
+            )
+            assert np.linalg.norm(step[name]) <= 1.1 * fastest * dt + tolerance, (name, dt)
+    assert judged > 0.8 * len(windows)
+
+
+def odometry_at(peer: Any, p_WB: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Odometry:
+    message = Odometry()
+    conversions.fill_odometry(
+        message,
+        OdometrySample(
+            stamp_ns=int(peer.node.get_clock().now().nanoseconds),
+            p_WB=np.array(p_WB),
+            q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+            v_WB_B=np.zeros(3),
+            w_WB_B=np.zeros(3),
+        ),
+    )
+    return message
+
+
+def trajectory_message(
+    points: list[tuple[float, float, float]], seconds: list[float], *, frame_id: str = "odom"
+) -> MultiDOFJointTrajectory:
+    count, rest = len(points), np.zeros((len(points), 3))
+    message = MultiDOFJointTrajectory()
+    window = ReferenceWindow(
+        stamp_ns=0,
+        frame_id=frame_id,
+        offset_ns=np.array([round(1e9 * t) for t in seconds], dtype=np.int64),
+        p_WB=np.reshape(np.array(points, dtype=float), (count, 3)),
+        q_WB_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)),
+        v_WB_W=rest,
+        a_WB_W=rest,
+        w_WB_W=rest,
+    )
+    conversions.fill_reference(message, window, child_frame_id="b", new=new_message)
+    return message
+
+
+@pytest.fixture
+def pilot(start: Start, peer: Any) -> Pilot:
+    """Return the pilot of a node in real time whose vehicle stands on the ground."""
+    made = Pilot(peer)
+    many = ("-p", "window_duration:=0.4")  # a window that reaches less far is renewed sooner
+    start("reference", "-p", "mode:=on_request", "-p", "takeoff_height:=0.5", *many)
+    made.await_node()
+    odometry = peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data)
+    assert peer.wait(odometry.get_subscription_count)
+    peer.spin(0.3)
+    assert not made.windows()
+    answer = made.call("takeoff")
+    assert not answer.success
+    assert answer.message == "no usable odometry yet"
+    # Again and again: a best-effort message may be lost on a machine that is busy.
+    for _ in range(50):
+        odometry.publish(odometry_at(peer))
+        if peer.wait(lambda: made.now > 0.0, timeout=0.3):
+            return made
+    raise AssertionError("no window for the odometry")
+
+
+def test_bad_input_is_refused_with_its_reason_and_the_flight_goes_on(
+    pilot: Pilot, peer: Any
+) -> None:
+    assert "no goal while in ground" in pilot.send_goal((1.0, 0.0, 1.0))
+    assert "while in ground" in pilot.call("land").message
+    assert pilot.call("takeoff").success
+    pilot.fly(0.5)
+    nan = float("nan")
+    no_transform = trajectory_message([(0, 0, 1), (1, 0, 1)], [0, 2])
+    no_transform.points[1].transforms = []
+    for told, reason in (
+        (lambda: pilot.send_goal((1.0, 0.0, -1.0)), "1 m below the ground"),
+        (lambda: pilot.send_goal((1000.0, 0.0, 1.0)), "more than reach"),
+        (lambda: pilot.send_goal((1.0, nan, 1.0)), "not finite"),
+        (lambda: pilot.send_goal((1.0, 0.0, 1.0), frame_id="map"), "frame 'map'"),
+        (lambda: pilot.send_trajectory(trajectory_message([], [])), "0 points"),
+        (lambda: pilot.send_trajectory(trajectory_message([(0, 0, 1)], [0])), "1 points"),
+        (
+            lambda: pilot.send_trajectory(
+                trajectory_message([(0, 0, 1), (1, 0, 1), (2, 0, 1)], [0, 2, 1])
+            ),
+            "time of point 2",
+        ),
+        (
+            lambda: pilot.send_trajectory(trajectory_message([(0, 0, 1), (nan, 0, 1)], [0, 2])),
+            "not finite",
+        ),
+        (lambda: pilot.send_trajectory(no_transform), "no transform"),
+    ):
+        verdict = told()
+        assert " refused: " in verdict
+        assert reason in verdict
+    paths = len(pilot.paths)
+    pilot.fly(3.0)
+    assert len(pilot.paths) == paths  # nothing new is drawn
+    windows = pilot.windows()
+    assert_nothing_jumps(windows)
+    assert windows[-1].p_WB[-1, 2] > 0.3  # the take-off goes on
+
+
+def test_requests_are_accepted_told_and_drawn(pilot: Pilot, peer: Any) -> None:
+    assert pilot.call("takeoff").success
+    pilot.fly(3.0)
+    assert "accepted" in pilot.send_trajectory(
+        trajectory_message([(0, 0, 0.5), (0.5, 0, 0.7), (0.5, 0.5, 0.5)], [0, 1, 2])
+    )
+    assert peer.wait(lambda: np.allclose(_end(pilot.paths[-1]), [0.5, 0.5, 0.5], atol=1e-3))
+    pilot.fly(0.7)
+    assert pilot.call("hold").success
+    assert "accepted" in pilot.send_goal((0.2, 0.1, 0.0), yaw=1.0)
+    assert peer.wait(lambda: np.allclose(_end(pilot.paths[-1])[:2], [0.2, 0.1], atol=1e-3))
+    pilot.fly(0.5)
+    assert_nothing_jumps(pilot.windows())
+
+
+def _end(path: PathMessage) -> list[float]:
+    position = path.poses[-1].pose.position
+    return [position.x, position.y, position.z]
+
+
+def test_what_is_held_moves_along_where_the_estimate_steps(pilot: Pilot, peer: Any) -> None:
+    steps = peer.node.create_publisher(TransformStamped, "odom_reset", 10)
+    assert peer.wait(steps.get_subscription_count)
+    assert pilot.call("takeoff").success
+    pilot.fly(4.0)
+    held = pilot.windows()[-1]
+    assert not np.any(held.v_WB_W)
+    step, message = np.array([2.0, -1.0, 0.5]), TransformStamped()
+    reset = EstimateReset(stamp_ns=held.stamp_ns, turn=0.0, step_W=step)
+    conversions.fill_reset(message, reset)
+    told = pilot._told("reset", lambda: steps.publish(message))
+    assert "accepted: the estimate steps by 2.29 m: moves along" in told
+    pilot.fly(0.3)
+    assert np.allclose(pilot.windows()[-1].p_WB, held.p_WB[-1] + step)
+
+
+@pytest.mark.slow
+def test_a_live_flight_from_the_ground_to_the_ground(start: Start, peer: Any) -> None:
+    """Take-off, square, goal from RViz, landing: one flight with simulator and MPC."""
+    pilot = Pilot(peer)
+    node = peer.node
+    node.create_subscription(Odometry, "odom", pilot.odometries.append, qos_profile_sensor_data)
+    node.create_subscription(
+        DiagnosticArray,
+        "mpc/stats",
+        lambda m: pilot.sources.append(diagnostics.stats_from_message(m)["source"]),
+        10,
+    )
+    node.create_subscription(
+        TwistStamped,
+        "command",
+        lambda m: pilot.throttles.append(m.twist.linear.z),
+        qos_profile_sensor_data,
+    )
+    simulated = ("-p", "lockstep:=true", "-p", "use_sim_time:=true")
+    quick = ("-p", "max_acceleration:=6.0", "-p", "max_speed:=3.0", "-p", "dwell_time:=0.3")
+    start("mpc", *simulated)
+    start("reference", *simulated, *quick, "-p", "mode:=on_request", "-p", "side:=1.5")
+    start("simulator", "-p", "lockstep:=true", "-p", "autostart:=false")
+    pilot.await_node()
+    client = node.create_client(Trigger, "simulator/start")
+    assert peer.wait(lambda: node.count_publishers("command") and client.service_is_ready())
+    assert peer.call(client, Trigger.Request()).success
+    assert peer.wait(lambda: pilot.now > 0.0)
+
+    pilot.fly(0.5)
+    assert max(pilot.throttles) < 0.01  # stands and idles until told
+    assert pilot.call("takeoff").success
+    pilot.fly(4.5)
+    assert pilot.call("start").success
+    pilot.fly(10.0)
+    assert "accepted" in pilot.send_goal((2.0, -0.5, 0.0), yaw=1.5)
+    pilot.fly(3.0)
+    assert pilot.call("land").success
+    assert peer.wait(lambda: any("touchdown accepted" in told for told in pilot.requests), 30.0)
+    landed = pilot.requests[-1]
+    pilot.fly(2.0)
+
+    assert "touchdown" in landed
+    windows = pilot.windows()
+    assert_nothing_jumps(windows)
+    assert set(pilot.sources) == {"mpc"}
+    flown = np.array([_place(o) for o in pilot.odometries])
+    corners = np.array([[0, 0, 2], [1.5, 0, 2], [1.5, 1.5, 2], [0, 1.5, 2]])
+    distances = np.linalg.norm(flown[:, None] - corners, axis=2).min(axis=0)
+    assert distances.max() < 0.05
+    assert np.linalg.norm(flown - [2.0, -0.5, 2.0], axis=1).min() < 0.02
+    assert flown[-1] == pytest.approx([2.0, -0.5, 0.0], abs=0.02)
+    assert max(pilot.throttles[-50:]) < 0.01  # idles again
+
+
+def _place(odometry: Odometry) -> list[float]:
+    position = odometry.pose.pose.position
+    return [position.x, position.y, position.z]

@@ -1,0 +1,33 @@
+"""A node declares the parameters of what another package has registered."""
+
+from __future__ import annotations
+
+import pytest
+import rclpy
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.ros.parameters import ManagedParameters
+
+
+@pytest.mark.usefixtures("own_package")
+def test_a_trajectory_of_another_package_has_its_parameters_on_the_node() -> None:
+    rclpy.init()
+    node = Node(
+        "reference",
+        parameter_overrides=[
+            Parameter("trajectory", value="swing"),
+            Parameter("swing_width", value=2),
+        ],
+    )
+    try:
+        parameters = ManagedParameters(node, ReferenceConfig, apply=lambda _: None)
+        assert node.get_parameter("swing_width").value == 2.0
+        assert "swing: angle per time" in node.describe_parameter("swing_rate").description
+        node.set_parameters([Parameter("swing_rate", value=1)])
+        config = parameters.settle()
+        assert config.flattened()["swing_rate"] == 1.0
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
