@@ -23,10 +23,17 @@ import numba
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-# The doors from which compiled code is made. What their files hold is in the digest.
-DOORS = ("configuration", "control", "simulation", "analysis")
-
 _PACKAGE = Path(__file__).resolve().parents[1]
+
+SHARED = (
+    "configuration/compilation.py",
+    "configuration/records.py",
+    "control/lie",
+    "control/model",
+    "control/ocp",
+    "control/estimation",
+)
+"""From where compiled code takes functions and constants, beside its own folder: a test looks."""
 
 
 def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
@@ -34,15 +41,15 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
     Floating point is strict: a flight is the same, bit for bit, in every process of a machine.
     """
-    folder = cache_folder()
+    folder = cache_folder(Path(function.__code__.co_filename).resolve().parent)
     with _cached_in(folder):
         jit = numba.njit(cache=folder is not None, error_model="numpy")
         return cast(Callable[_P, _T], jit(function))
 
 
 @functools.cache
-def cache_folder() -> Path | None:
-    """Return where machine code of these sources is kept, None where nothing can be written.
+def cache_folder(room: Path) -> Path | None:
+    """Return where machine code of a room's sources is kept, None where nothing can be written.
 
     That is beside the package, else in the user's cache; ``NUMBA_CACHE_DIR`` names another place.
     """
@@ -50,7 +57,7 @@ def cache_folder() -> Path | None:
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     places = [Path(given)] if given else [_PACKAGE / "__pycache__", user / "quad_mpc_ros"]
     for place in places:
-        folder = place / f"compiled-{digest_of_sources()}"
+        folder = place / f"compiled-{digest_of_sources(room)}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
@@ -61,19 +68,23 @@ def cache_folder() -> Path | None:
 
 
 @functools.cache
-def digest_of_sources() -> str:
-    """Return a digest of what machine code is made of: the sources, Numba, NumPy."""
+def digest_of_sources(room: Path) -> str:
+    """Return a digest of what machine code of a room is made of: sources, Numba, NumPy."""
     digest = hashlib.blake2b(digest_size=10)
     for name in ("numba", "llvmlite", "numpy"):
         digest.update(f"{name} {importlib.metadata.version(name)}\0".encode())
-    for file in sorted(_sources()):
-        digest.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
+    for file in sorted(_sources(room)):
+        digest.update(f"{file.name}\0".encode() + file.read_bytes())
     return digest.hexdigest()
 
 
-def _sources() -> Iterator[Path]:
-    for door in DOORS:
-        yield from (_PACKAGE / door).rglob("*.py")
+def _sources(room: Path) -> Iterator[Path]:
+    """Yield the files that a room's machine code may be made of: shared ones, and its door's."""
+    for name in SHARED:
+        place = _PACKAGE / name
+        yield from place.glob("*.py") if place.is_dir() else [place]
+    is_inner = room.parent.parent == _PACKAGE and room.parent.name != "control"
+    yield from (room.parent if is_inner else room).rglob("*.py")
 
 
 @contextmanager
