@@ -61,7 +61,12 @@ class Record:
         fields = [
             (name, *_format(hint)) for name, hint in hints.items() if get_origin(hint) != ClassVar
         ]
-        cls.dtype = np.dtype((np.record, fields))
+        cls.dtype = np.dtype((np.record, np.dtype(fields, align=True)))
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Return the names of the fields."""
+        return cls.dtype.names or ()
 
     @classmethod
     def zeros(cls, *shape: int) -> RecordArray[Self]:
@@ -96,7 +101,7 @@ if TYPE_CHECKING:
         def __getitem__(self, index: Any) -> Any: ...
         def __setitem__(self, index: Any, value: Any) -> None: ...
         def copy(self) -> RecordArray[R]: ...
-        def tobytes(self) -> bytes: ...
+        def reshape(self, shape: tuple[int, ...]) -> RecordArray[R]: ...
 
 else:
 

@@ -127,8 +127,8 @@ class Mpc:
 
     def learned(self) -> Learned:
         """Return what has been learned of the vehicle that a fallback can use."""
-        believed = self._delay_compensation.believed()
-        return Learned(thrust_scale=believed.thrust_scale, a_W=believed.a_W)
+        model = self._delay_compensation.estimated()
+        return Learned(thrust_scale=float(model.thrust_scale), a_W=tuple(model.a_W.tolist()))
 
     @property
     def estimate(self) -> EstimateStatus:

@@ -114,7 +114,7 @@ def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
         none = ("primal_residual", "dual_residual", "solve_time_us", "step_time_us")
         return {"solver_status": "not run", "iterations": 0, **dict.fromkeys(none, 0.0)}
     model = step.state.model
-    roll_lag, pitch_lag, yaw_lag = model.rate_time_constants
+    roll_lag, pitch_lag, yaw_lag = model.rate_time_constants.tolist()
     roll_offset, pitch_offset, _ = step.state.rate_offset
     return {
         "solver_status": step.solution.status,
@@ -126,11 +126,11 @@ def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
         "disturbance_x": float(model.a_W[0]),
         "disturbance_y": float(model.a_W[1]),
         "disturbance_z": float(model.a_W[2]),
-        "thrust_scale": model.thrust_scale,
+        "thrust_scale": float(model.thrust_scale),
         "rate_time_constant_ms": 5e2 * (roll_lag + pitch_lag),
         "yaw_time_constant_ms": 1e3 * yaw_lag,
-        "thrust_time_constant_ms": 1e3 * model.thrust_time_constant,
-        "drag": model.drag,
+        "thrust_time_constant_ms": 1e3 * float(model.thrust_time_constant),
+        "drag": float(model.drag),
         "rate_offset_x": roll_offset,
         "rate_offset_y": pitch_offset,
         "estimate": step.estimate.text,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.reference_window import (
-    POINT_SIZE,
+    PointRecord,
     packed,
     reference_points,
     sample_into,
@@ -162,7 +162,7 @@ class ReferenceSampler:
         self._stamp_ns = stamp_ns
         self._vehicle = vehicle
         self._in_force_ns = np.full(len(stamp_ns), _NO_STAMP, dtype=np.int64)
-        self._points = np.empty((len(stamp_ns), POINT_SIZE))
+        self._points = PointRecord.zeros(len(stamp_ns))
         self._newest: ReferenceWindow | None = None
         self._oldest: ReferenceWindow | None = None
 
@@ -204,10 +204,8 @@ class ReferenceSampler:
         self._in_force_ns[places] = window.stamp_ns
 
     def _write(self, places: NDArray[np.intp], window: ReferenceWindow) -> None:
-        points = np.empty((len(places), POINT_SIZE))
-        sample_into(
-            self._stamp_ns[places] - window.stamp_ns, window.offset_ns, packed(window), points
-        )
+        points = PointRecord.zeros(len(places))
+        sample_into(self._stamp_ns[places] - window.stamp_ns, packed(window), points)
         self._points[places] = points
 
 

@@ -103,6 +103,18 @@ def store_matrix_row(m: Matrix, row: Array) -> None:
 
 
 @compiled
+def quaternion_in(a: Array) -> Quaternion:
+    """Return the quaternion in an array (4,), x, y, z, w."""
+    return a[0], a[1], a[2], a[3]
+
+
+@compiled
+def is_zero(a: Array) -> bool:
+    """Whether all of a vector in an array (3,) is zero."""
+    return bool(a[0] == 0.0 and a[1] == 0.0 and a[2] == 0.0)
+
+
+@compiled
 def dot(a: Vector, b: Vector) -> float:
     """Return a' b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -130,6 +142,16 @@ def plus(a: Vector, b: Vector) -> Vector:
 def transposed(a: Matrix) -> Matrix:
     """Return a'."""
     return a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]
+
+
+@compiled
+def row(a: Matrix, index: int) -> Vector:
+    """Return row 0, 1 or 2."""
+    if index == 0:
+        return a[0], a[1], a[2]
+    if index == 1:
+        return a[3], a[4], a[5]
+    return a[6], a[7], a[8]
 
 
 @compiled
