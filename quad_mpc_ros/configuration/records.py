@@ -56,6 +56,11 @@ class Record:
 
     dtype: ClassVar[np.dtype[Any]]
 
+    if TYPE_CHECKING:
+
+        def copy(self) -> Self:
+            """Return a copy, in memory of its own."""
+
     def __init_subclass__(cls) -> None:
         hints = get_type_hints(cls, include_extras=True)
         fields = [

@@ -82,7 +82,7 @@ class FilteredMotion:
 
     def forget_thrust(self) -> None:
         """Forget what carried it."""
-        self._state.thrust = ThrustFilter.zeros()
+        self._state.thrust = ThrustFilter.zeros()[()]
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Take an announced step of the estimate: nothing has moved."""

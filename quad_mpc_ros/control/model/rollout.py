@@ -181,7 +181,7 @@ def substep(
     half = kernels.exp(half_turn)
     R_mid = kernels.multiply(x.R, half)
     push = model.thrust_scale * ((model.a * mean[0] + model.b) * mean[0] + model.c)
-    force = kernels.plus(kernels.scaled(push, kernels.column(R_mid, 2)), model.a_W)
+    force = kernels.plus(kernels.scaled(push, kernels.column(R_mid, 2)), kernels.vector(model.a_W))
     a, v_B = (force[0], force[1], force[2] - model.gravity), (0.0, 0.0, 0.0)
     if step.uneven:
         slowed = kernels.plus(a, kernels.scaled(-model.drag, x.v))

@@ -401,14 +401,10 @@ def _assemble(
     Entries are listed one block after another, and each is given once. SciPy sorts them by column
     and row, and keeps zeros that are given.
     """
-    rows, columns = [], []
-    for mask, row, column in blocks:
-        block_rows, block_columns = np.nonzero(mask)
-        rows.append(block_rows + row)
-        columns.append(block_columns + column)
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    places = np.empty(len(row), np.intp)
-    places[np.lexsort((row, column))] = np.arange(len(row))
-    zeros = np.zeros(len(row))
-    matrix = sparse.csc_matrix((zeros, (row.astype(np.int32), column.astype(np.int32))), shape)
-    return matrix, places
+    places = [np.nonzero(mask) for mask, _, _ in blocks]
+    rows = np.concatenate([at[0] + row for at, (_, row, _) in zip(places, blocks, strict=True)])
+    columns = np.concatenate([at[1] + col for at, (_, _, col) in zip(places, blocks, strict=True)])
+    in_data = np.empty(len(rows), np.intp)
+    in_data[np.lexsort((rows, columns))] = np.arange(len(rows))
+    indices = rows.astype(np.int32), columns.astype(np.int32)
+    return sparse.csc_matrix((np.zeros(len(rows)), indices), shape), in_data

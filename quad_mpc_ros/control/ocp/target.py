@@ -10,7 +10,7 @@ needs no correction.
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -61,7 +61,8 @@ def sample_target(
     the attitude at the start of the first stage.
     """
     dt, count = step / SUBSTEPS, len(target) * SUBSTEPS + 1
-    times_ns, points = np.empty(count, np.int64), np.empty(count, _POINT)
+    times_ns = np.empty(count, np.int64)
+    points: Any = np.empty(count, _POINT)
     for k in range(count):
         times_ns[k] = elapsed_ns + np.int64(np.rint(dt * 1e9 * k))
     sample_into(times_ns, samples, points)
