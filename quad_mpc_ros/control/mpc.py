@@ -30,7 +30,7 @@ FORMULATIONS: dict[str, Callable[[MpcConfig], TrackingProblem]] = {
 class MpcStep(NamedTuple):
     """Outcome of one cycle; ``plan`` is None when the solver failed. ``step_time`` in seconds.
 
-    ``state`` is what it began with, ``estimate`` how the estimate in it fares; ``solution`` is the
+    ``state`` is what it began with, ``estimate`` the status of its estimate; ``solution`` is the
     last solve's, ``iterations`` and ``solve_time`` [s] are summed over all.
     """
 
@@ -114,7 +114,7 @@ class Mpc:
         )
 
     def begin_anew(self) -> None:
-        """Begin with a new problem and solver after an error in the step.
+        """Start again with a new problem and solver after an error in the step.
 
         What was learned, the commands sent and the engagement stay, unless the step before ended
         with an error, too: then the error may be there.
@@ -132,15 +132,15 @@ class Mpc:
 
     @property
     def estimate(self) -> EstimateStatus:
-        """How what is learned fares."""
+        """The status of the estimate."""
         return self._delay_compensation.status
 
     def sent(self, command: Input, *, stamp_ns: int) -> None:
-        """Tell the controller which command was sent, by whichever rung of the ladder."""
+        """Record which command was sent, by whichever rung of the ladder."""
         self._delay_compensation.record(command, stamp_ns=stamp_ns)
 
     def engage(self, engaged: bool) -> None:
-        """Tell the controller whether what is sent acts on the vehicle."""
+        """Set whether what is sent acts on the vehicle."""
         self._delay_compensation.engage(engaged)
 
     def reset_estimate(self, reset: EstimateReset) -> None:

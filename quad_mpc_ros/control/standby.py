@@ -1,4 +1,4 @@
-"""What a controller that does not command yet has heard, and whether it is enough to begin."""
+"""The newest inputs of a controller that does not command yet, and whether it may begin."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class _Received(NamedTuple, Generic[M]):
 
 
 class Standby:
-    """Keeps the newest odometry and reference; times are those the controller would be told."""
+    """Keeps the newest odometry and reference; times are those the controller would be given."""
 
     def __init__(self) -> None:
         self._odometry: _Received[OdometrySample] | None = None

@@ -23,7 +23,7 @@ from quad_mpc_ros.control.model.samples import (
     CommandSample,
     OdometrySample,
     ReferenceWindow,
-    told_variance,
+    given_variance,
 )
 
 _SECOND = 1_000_000_000
@@ -102,7 +102,7 @@ def read_odometry(data: bytes) -> OdometrySample | None:
         q_WB_xyzw=numbers[3:7],
         v_WB_B=numbers[_TWIST : _TWIST + 3],
         w_WB_B=numbers[_TWIST + 3 : _TWIST + 6],
-        v_variance=told_variance([float(numbers[place]) for place in _VARIANCES]),
+        v_variance=given_variance([float(numbers[place]) for place in _VARIANCES]),
     )
 
 

@@ -22,7 +22,7 @@ from quad_mpc_ros.control.model.samples import (
     CommandSample,
     OdometrySample,
     ReferenceWindow,
-    told_variance,
+    given_variance,
 )
 from quad_mpc_ros.messages import cdr
 
@@ -64,7 +64,7 @@ def odometry_from_message(message: Any) -> OdometrySample:
         placed, message.twist, child_frame_id=message.child_frame_id
     )
     covariance = message.twist.covariance
-    variance = told_variance([covariance[place] for place in _VELOCITY_VARIANCES])
+    variance = given_variance([covariance[place] for place in _VELOCITY_VARIANCES])
     return odometry if variance == 0.0 else replace(odometry, v_variance=variance)
 
 
