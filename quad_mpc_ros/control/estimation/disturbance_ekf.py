@@ -30,7 +30,8 @@ measured then: which commands are little depends on the noise of the measurement
 filter that began anew from just those would find too much thrust, 0.1 of the scale with 0.2 m/s of
 noise. An odometry that jumps updates nothing either.
 
-**Drag** is distinguished from wind by motion: it turns with the velocity, and is known before a turn.
+**Drag** is distinguished from wind by motion: it turns with the velocity, and is known before
+a turn.
 At rest nothing is learned of it. The reference's attitudes were made with another drag, so the
 target tilts them by the difference (:mod:`.ocp.target`).
 
