@@ -12,6 +12,7 @@ to decode it. A writer leaves zeros where rclpy leaves what was in memory before
 from __future__ import annotations
 
 import functools
+import math
 import struct
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -227,6 +228,24 @@ def written_diagnostics(
     data = b"".join(parts)
     last = len(values[-1][1].encode()) + 1 if values else 0
     return data[: len(data) - -last % 4]  # no gap where nothing follows
+
+
+def written_battery(voltage: float, *, stamp_ns: int) -> bytes:
+    """Return a ``sensor_msgs/BatteryState`` of a voltage [V]; nothing else was measured."""
+    measured = struct.pack("<7f4B2I", voltage, *[math.nan] * 6, 0, 0, 0, True, 0, 0)
+    return _LITTLE + _stamp(stamp_ns) + _chunk("") + measured + _chunk("") + _chunk("")[:-3]
+
+
+def header_stamp_ns(data: bytes) -> int:
+    """Return the stamp [ns] of a message that begins with a ``std_msgs/Header``.
+
+    Raises ``ValueError`` for data that are too short.
+    """
+    try:
+        seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, _BEGIN)
+    except (IndexError, struct.error) as error:
+        raise ValueError(f"no stamp in {len(data)} bytes") from error
+    return int(seconds) * _SECOND + int(nanoseconds)
 
 
 def _header(data: bytes) -> tuple[_Order, int, str, int]:

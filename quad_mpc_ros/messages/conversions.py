@@ -9,7 +9,6 @@ filled before keeps its elements and is filled again, which is cheaper.
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
@@ -49,12 +48,6 @@ def nanoseconds(time: Any) -> int:
 def fill_time(time: Any, stamp_ns: int) -> None:
     """Write nanoseconds into a ``builtin_interfaces`` Time or Duration."""
     time.sec, time.nanosec = divmod(stamp_ns, _SECOND)
-
-
-def stamp_of_serialized(data: bytes) -> int:
-    """Return the stamp [ns] of a serialized message (CDR) that begins with a header."""
-    sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return int(sec) * _SECOND + int(nanosec)
 
 
 def odometry_from_message(message: Any) -> OdometrySample:
@@ -147,62 +140,10 @@ def reference_from_message(message: Any) -> ReferenceWindow:
     )
 
 
-def fill_reference(
-    message: Any, window: ReferenceWindow, *, child_frame_id: str, new: NewMessage
-) -> None:
-    """Write a window into a ``trajectory_msgs/MultiDOFJointTrajectory``."""
-    fill_header(message.header, window.stamp_ns, window.frame_id)
-    message.joint_names = [child_frame_id]
-    point_type = "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"
-    points = elements(message, "points", len(window.p_WB), point_type, new)
-    for point, offset_ns, p, q, v, w, a in zip(
-        points,
-        window.offset_ns.tolist(),
-        window.p_WB.tolist(),
-        window.q_WB_xyzw.tolist(),
-        window.v_WB_W.tolist(),
-        window.w_WB_W.tolist(),
-        window.a_WB_W.tolist(),
-        strict=True,
-    ):
-        (transform,) = elements(point, "transforms", 1, "geometry_msgs/msg/Transform", new)
-        (velocity,) = elements(point, "velocities", 1, "geometry_msgs/msg/Twist", new)
-        (acceleration,) = elements(point, "accelerations", 1, "geometry_msgs/msg/Twist", new)
-        fill_vector(transform.translation, p)
-        fill_quaternion(transform.rotation, q)
-        fill_vector(velocity.linear, v)
-        fill_vector(velocity.angular, w)
-        fill_vector(acceleration.linear, a)
-        fill_time(point.time_from_start, offset_ns)
-
-
 def pose_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
     """Return frame, position (3,) and quaternion (4,) of a ``geometry_msgs/PoseStamped``."""
     pose = message.pose
     return message.header.frame_id, _vector(pose.position), _quaternion(pose.orientation)
-
-
-def fill_path(
-    message: Any,
-    *,
-    stamp_ns: int,
-    step_ns: int = 0,
-    frame_id: str,
-    p_WB: NDArray[np.float64],
-    q_WB_xyzw: NDArray[np.float64],
-    new: NewMessage,
-) -> None:
-    """Write n poses, positions (n, 3) and quaternions (n, 4), into a ``nav_msgs/Path``.
-
-    Their stamps are a step apart.
-    """
-    fill_header(message.header, stamp_ns, frame_id)
-    poses = elements(message, "poses", len(p_WB), "geometry_msgs/msg/PoseStamped", new)
-    values = zip(poses, p_WB.tolist(), q_WB_xyzw.tolist(), strict=True)
-    for i, (pose, p, q) in enumerate(values):
-        fill_header(pose.header, stamp_ns + i * step_ns, frame_id)
-        fill_vector(pose.pose.position, p)
-        fill_quaternion(pose.pose.orientation, q)
 
 
 def positions_from_path(message: Any) -> NDArray[np.float64]:
@@ -211,24 +152,9 @@ def positions_from_path(message: Any) -> NDArray[np.float64]:
     return np.array(places, dtype=np.float64).reshape(-1, 3)
 
 
-def fill_plan(message: Any, plan: Plan, *, frame_id: str, new: NewMessage) -> None:
-    """Write the poses of a plan into a ``nav_msgs/Path``."""
-    from quad_mpc_ros.control.lie import so3  # compiled: the recorder does without
-
-    fill_path(
-        message,
-        stamp_ns=plan.stamp_ns,
-        step_ns=round(plan.step * 1e9),
-        frame_id=frame_id,
-        p_WB=plan.p_WB,
-        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(plan.R_WB),
-        new=new,
-    )
-
-
 def written_plan(plan: Plan, *, frame_id: str) -> bytes:
     """Return the poses of a plan as the bytes of a ``nav_msgs/Path``."""
-    from quad_mpc_ros.control.lie import so3
+    from quad_mpc_ros.control.lie import so3  # compiled: the recorder does without
 
     return cdr.written_path(
         stamp_ns=plan.stamp_ns,
@@ -297,17 +223,6 @@ _PARAMETER_FIELDS = (
 def _parameter_value(message: Any) -> Any:
     value = getattr(message, _PARAMETER_FIELDS[message.type])
     return value.tolist() if hasattr(value, "tolist") else value
-
-
-def fill_battery(message: Any, voltage: float, *, stamp_ns: int) -> None:
-    """Write a voltage [V] into a ``sensor_msgs/BatteryState``; nothing else was measured."""
-    fill_time(message.header.stamp, stamp_ns)
-    message.voltage, message.present = voltage, True
-    for name in _UNMEASURED:
-        setattr(message, name, math.nan)
-
-
-_UNMEASURED = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
 
 
 def fill_reset(message: Any, reset: EstimateReset) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import cdr
-from quad_mpc_ros.messages.conversions import NewMessage, elements, fill_time
+from quad_mpc_ros.messages.conversions import NewMessage, elements
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 """The levels of a ``diagnostic_msgs/DiagnosticStatus``."""
@@ -15,33 +15,15 @@ OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 STATS_NAME = "quad_mpc_ros: mpc tick"
 
 
-def fill_stats(message: Any, stats: TickStats, *, new: NewMessage) -> None:
-    """Write the figures of a tick into a ``diagnostic_msgs/DiagnosticArray`` of one status."""
-    fill_time(message.header.stamp, stats.stamp_ns)
-    (status,) = elements(message, "status", 1, "diagnostic_msgs/msg/DiagnosticStatus", new)
-    fill_status(
-        status,
-        name=STATS_NAME,
-        level=_level(stats),
-        text=stats.reason or "ok",
-        values=stats.items(),
-        new=new,
-    )
-
-
 def written_stats(stats: TickStats) -> bytes:
     """Return the figures of a tick as the bytes of a ``diagnostic_msgs/DiagnosticArray``."""
     return cdr.written_diagnostics(
         stamp_ns=stats.stamp_ns,
-        level=_level(stats),
+        level={"mpc": OK, "plan": WARN}.get(stats.source, ERROR),
         name=STATS_NAME,
         text=stats.reason or "ok",
         values=stats.items(),
     )
-
-
-def _level(stats: TickStats) -> bytes:
-    return {"mpc": OK, "plan": WARN}.get(stats.source, ERROR)
 
 
 def fill_status(

@@ -19,7 +19,7 @@ from quad_mpc_ros.recordings.bag_metadata import METADATA_FILE, METADATA_ROOT, T
 from quad_mpc_ros.recordings.mcap_file import McapFile, McapMessage
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.messages.codec import RosbagsMessages
+    from quad_mpc_ros.messages.codec import MessageDecoder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class RecordedMessage:
 
     @cached_property
     def message(self) -> Any:
-        """Return the decoded message, see :meth:`RosbagsMessages.decode`.
+        """Return the decoded message, see :meth:`MessageDecoder.decode`.
 
         Raises :class:`BagError` for data that do not fit the type, and for a type whose
         definition in the bag is unusable or differs from the one in ROS 2 Jazzy.
@@ -184,7 +184,7 @@ class _Decoder:
     """Decodes by the definitions in the bag, each looked at when its first message is."""
 
     def __init__(self, files: list[McapFile]) -> None:
-        self._codec: RosbagsMessages | None = None
+        self._codec: MessageDecoder | None = None
         self._unregistered = {
             schema.name: schema
             for file in files
@@ -194,9 +194,9 @@ class _Decoder:
 
     def decode(self, type_name: str, data: bytes) -> Any:
         if self._codec is None:
-            from quad_mpc_ros.messages.codec import RosbagsMessages  # who copies needs no rosbags
+            from quad_mpc_ros.messages.codec import MessageDecoder  # who copies needs no rosbags
 
-            self._codec = RosbagsMessages()
+            self._codec = MessageDecoder()
         schema = self._unregistered.get(type_name)
         if schema is not None:
             self._codec.register(

@@ -14,7 +14,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.codec import header_stamp_ns
+from quad_mpc_ros.messages.cdr import header_stamp_ns
 from quad_mpc_ros.messages.topics import (
     BATTERY,
     COMMAND,
@@ -107,7 +107,9 @@ class Recording:
             STATS: self._figures(stats),
         }
         if most_plans:
-            takers[PREDICTED_PATH] = lambda m: plan_stamps.append(header_stamp_ns(m.data))
+            takers[PREDICTED_PATH] = self._all_of(
+                PREDICTED_PATH, lambda m: plan_stamps.append(header_stamp_ns(m.data))
+            )
         self._stream(takers)
         if len(odometry) == 0:
             raise BagError(
@@ -223,16 +225,21 @@ class Recording:
         for message in self.bag.messages(taker_of.keys()):
             taker_of[message.topic](message)
 
-    def _figures(self, log: logs.StatsLog) -> Taker:
-        def take(message: RecordedMessage) -> None:
+    def _all_of(self, topic: Topic, take: Taker) -> Taker:
+        """Return what takes messages and refuses the bag for one that cannot be used."""
+
+        def checked(message: RecordedMessage) -> None:
             try:
-                log.add(logs.tick_stats(message.message))
+                take(message)
             except (KeyError, ValueError) as error:
                 raise BagError(
-                    f"{self.path}: unusable message on /{STATS.name}: {error}"
+                    f"{self.path}: unusable message on /{topic.name}: {error}"
                 ) from error
 
-        return take
+        return checked
+
+    def _figures(self, log: logs.StatsLog) -> Taker:
+        return self._all_of(STATS, lambda m: log.add(logs.tick_stats(m.message)))
 
     def _changes(self, changes: list[logs.Received[Mapping[str, Any]]]) -> Taker:
         """Return what keeps the parameters set of the controller whose figures are recorded."""

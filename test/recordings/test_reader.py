@@ -8,13 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from fixtures.messages import empty
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.messages.schemas import schema_for
 from quad_mpc_ros.recordings.reader import BagReader, TopicInfo
 from quad_mpc_ros.recordings.writer import BagWriter
@@ -211,7 +211,7 @@ def recorded(tmp_path: Path, write_flight: WriteFlight) -> bytes:
     with BagWriter(tmp_path / "whole", compression="zstd") as writer:
         write_flight(writer, 12)
         writer.flush_if_due(0.0)
-        data = RosbagsMessages().encode(CLOCK, RosbagsMessages().new(CLOCK))
+        data = empty(CLOCK)
         writer.add_topic("/clock", CLOCK)
         for index in range(12):
             writer.write("/clock", data, log_time_ns=START_NS - index, publish_time_ns=0)

@@ -9,11 +9,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fixtures.messages import STORE, encoded_by_rosbags
 from fixtures.stack_messages import DEFINITIONS, new_message
+from rosbags.typesys import get_types_from_msg
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.messages.codec import RosbagsMessages
-from quad_mpc_ros.messages.schemas import installed_schema
+from quad_mpc_ros.messages.cdr import written_battery
 from quad_mpc_ros.messages.topics import BATTERY, COMMAND
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import VOLTAGE_FIELDS, TopicNames
@@ -32,9 +33,8 @@ def bag(make_bag: Callable[..., Any], build: SimpleNamespace) -> Any:
 
 def tell(bag: Any, topic: str, *volts: float, start_ns: int) -> None:
     for k, voltage in enumerate(volts):
-        message = RosbagsMessages().new(BATTERY.type_name)
-        message.voltage = voltage
-        bag.write(topic, BATTERY.type_name, message, start_ns + k)
+        data = written_battery(voltage, stamp_ns=start_ns + k)
+        bag.write(topic, BATTERY.type_name, data, start_ns + k)
 
 
 def volts(bag: Any, topic: str = "") -> list[tuple[int, float]]:
@@ -72,13 +72,13 @@ def test_one_of_px4_is_read_by_the_definition_in_the_bag(
     hashes = {"type_hashes": [{"type_name": PX4, "hash_string": "RIHS01_0"}]}
     (share / "BatteryStatus.json").write_text(json.dumps(hashes))
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
-    codec, message = RosbagsMessages(), new_message(PX4)
-    codec.register(installed_schema(PX4))
+    message = new_message(PX4)
+    STORE.register(get_types_from_msg(DEFINITIONS[PX4], PX4))
     message.voltage_v = 15.5
     bag.writer.add_topic("/fmu/out/battery_status_v1", PX4)
     bag.writer.write(
         "/fmu/out/battery_status_v1",
-        codec.encode(PX4, message),
+        encoded_by_rosbags(PX4, message),
         log_time_ns=build.start_ns,
         publish_time_ns=build.start_ns,
     )

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from fixtures.messages import empty
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.messages.schemas import SHIPPED_TYPES, schema_for
 from quad_mpc_ros.recordings.qos_profile import QosProfile
 from quad_mpc_ros.recordings.reader import BagReader
@@ -208,15 +208,14 @@ def test_compressions(tmp_path: Path, compression: str, write_flight: WriteFligh
 
 
 def test_every_shipped_type_with_a_strange_directory_name(
-    tmp_path: Path, codec: RosbagsMessages
+    tmp_path: Path,
 ) -> None:
     directory = tmp_path / "deep" / "er" / "ü: #1 'x'"
     with BagWriter(directory) as writer:
         for type_name in SHIPPED_TYPES:
             topic = "/" + type_name.rpartition("/")[2]
             writer.add_topic(topic, type_name)
-            data = codec.encode(type_name, codec.new(type_name))
-            writer.write(topic, data, log_time_ns=1, publish_time_ns=0)
+            writer.write(topic, empty(type_name), log_time_ns=1, publish_time_ns=0)
     with AnyReader([directory]) as reader:
         for connection, _, data in reader.messages():
             reader.deserialize(data, connection.msgtype)
@@ -232,9 +231,7 @@ def test_a_split_bag_is_one_to_other_readers(
         write_flight(writer, 20)
         for second in range(3):
             writer.flush_if_due(float(second))
-            data = RosbagsMessages().encode(
-                "nav_msgs/msg/Odometry", RosbagsMessages().new("nav_msgs/msg/Odometry")
-            )
+            data = empty("nav_msgs/msg/Odometry")
             time_ns = START_NS + (second + 1) * 10**9
             writer.write("/odom", data, log_time_ns=time_ns, publish_time_ns=time_ns)
     files = sorted(path.name for path in directory.glob("*.mcap"))
