@@ -2,14 +2,13 @@
 
 A function reads the attributes of a message, or fills one that is passed in, and imports no
 message package. So the same code serves rclpy's messages and those of a bag that is read without
-ROS. ``new`` makes an empty message of a type, for the elements of sequences. A message that was
-filled before keeps its elements and is filled again, which is cheaper.
+ROS. ``new`` makes an empty message of a type, for the elements of sequences.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -167,11 +166,12 @@ def written_plan(plan: Plan, *, frame_id: str) -> bytes:
 
 def fill_transform(message: Any, odometry: OdometrySample, *, new: NewMessage) -> None:
     """Write the pose of an odometry into a ``tf2_msgs/TFMessage``, from its frame to its child."""
-    (stamped,) = elements(message, "transforms", 1, "geometry_msgs/msg/TransformStamped", new)
+    stamped = new("geometry_msgs/msg/TransformStamped")
     fill_header(stamped.header, odometry.stamp_ns, odometry.frame_id)
     stamped.child_frame_id = odometry.child_frame_id
     fill_vector(stamped.transform.translation, odometry.p_WB.tolist())
     fill_quaternion(stamped.transform.rotation, odometry.q_WB_xyzw.tolist())
+    message.transforms = [stamped]
 
 
 def reset_from_message(message: Any) -> EstimateReset:
@@ -256,14 +256,3 @@ def fill_vector(target: Any, values: Iterable[float]) -> None:
 def fill_quaternion(target: Any, q_xyzw: Iterable[float]) -> None:
     """Write into a ``geometry_msgs/Quaternion``."""
     target.x, target.y, target.z, target.w = q_xyzw
-
-
-def elements(
-    message: Any, field: str, count: int, type_name: str, new: NewMessage
-) -> Sequence[Any]:
-    """Return a sequence of a message, made anew unless it has so many elements already."""
-    elements: Sequence[Any] = getattr(message, field)
-    if len(elements) != count:
-        elements = [new(type_name) for _ in range(count)]
-        setattr(message, field, elements)
-    return elements

@@ -1,13 +1,11 @@
-"""Diagnostics: the statistics of a tick of the MPC, and the status that a node reports."""
+"""Diagnostics: the statistics of a tick of the MPC, and the levels of a status."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import cdr
-from quad_mpc_ros.messages.conversions import NewMessage, elements
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 """The levels of a ``diagnostic_msgs/DiagnosticStatus``."""
@@ -24,22 +22,6 @@ def written_stats(stats: TickStats) -> bytes:
         text=stats.reason or "ok",
         values=stats.items(),
     )
-
-
-def fill_status(
-    status: Any,
-    *,
-    name: str,
-    level: bytes,
-    text: str,
-    values: Sequence[tuple[str, str]],
-    new: NewMessage,
-) -> None:
-    """Write into a ``diagnostic_msgs/DiagnosticStatus``; ``level`` is one byte."""
-    status.level, status.name, status.message = level, name, text
-    pairs = elements(status, "values", len(values), "diagnostic_msgs/msg/KeyValue", new)
-    for pair, (key, value) in zip(pairs, values, strict=True):
-        pair.key, pair.value = key, value
 
 
 def stats_from_message(message: Any) -> dict[str, str]:

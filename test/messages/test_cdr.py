@@ -99,7 +99,8 @@ def test_odometry(odometry: OdometrySample) -> None:
     data = cdr.written_odometry(odometry)
     message = decoded(data, ODOMETRY)
     assert_same(conversions.odometry_from_message(message), odometry)
-    for each in (data, swapped(message, ODOMETRY), data + b"more"):
+    assert cdr.read_odometry(swapped(message, ODOMETRY)) is None  # left to rclpy
+    for each in (data, data + b"more"):
         assert_same(cdr.read_odometry(each), odometry)
 
 
@@ -109,7 +110,8 @@ def test_reference(window: ReferenceWindow, child_frame_id: str) -> None:
     message = decoded(data, REFERENCE)
     assert message.joint_names == [child_frame_id]
     assert_same(conversions.reference_from_message(message), window)
-    for each in (data, swapped(message, REFERENCE), data + b"more"):
+    assert cdr.read_reference(swapped(message, REFERENCE)) is None  # left to rclpy
+    for each in (data, data + b"more"):
         assert_same(cdr.read_reference(each), window)
 
 
