@@ -50,7 +50,7 @@ def fill_time(time: Any, stamp_ns: int) -> None:
 
 
 def odometry_from_message(message: Any) -> OdometrySample:
-    """Return the values of a ``nav_msgs/Odometry``; whether they are fit for use is not asked."""
+    """Return the values of a ``nav_msgs/Odometry``, unchecked."""
     placed = SimpleNamespace(header=message.header, pose=message.pose.pose)
     odometry = odometry_from_pose_and_twist(
         placed, message.twist, child_frame_id=message.child_frame_id
@@ -178,7 +178,7 @@ def reset_from_message(message: Any) -> EstimateReset:
     """Return an estimator's step from a ``geometry_msgs/TransformStamped``.
 
     Raises:
-        ValueError: It is no finite turn about the vertical with a step.
+        ValueError: Not finite, or not a rotation about the vertical.
     """
     from quad_mpc_ros.control.model.estimate_reset import (
         EstimateReset,  # which needs compiled code
@@ -203,7 +203,7 @@ def reset_from_message(message: Any) -> EstimateReset:
 def parameter_changes_from_message(message: Any) -> tuple[str, dict[str, Any]]:
     """Return the node of a ``rcl_interfaces/ParameterEvent`` and what it set, by name.
 
-    Parameters that were only declared, with their first value, are left out.
+    Parameters that were only declared are left out.
     """
     values = {
         str(parameter.name): _parameter_value(parameter.value)

@@ -163,7 +163,7 @@ def test_battery(voltage: float, stamp_ns: int) -> None:
 
 
 @given(windows())
-def test_leaves_points_of_another_make_to_rclpy(window: ReferenceWindow) -> None:
+def test_leaves_unusual_points_to_rclpy(window: ReferenceWindow) -> None:
     whole = cdr.written_reference(window, child_frame_id="b")
     for field in ("transforms", "velocities", "accelerations"):
         for place in {0, len(window.p_WB) - 1}:
@@ -179,7 +179,7 @@ def test_leaves_points_of_another_make_to_rclpy(window: ReferenceWindow) -> None
 
 @settings(max_examples=300)
 @given(st.data())
-def test_spoilt_bytes_are_read_as_rosbags_reads_them_or_left_alone(data: st.DataObject) -> None:
+def test_damaged_bytes_are_read_as_rosbags_does_or_left(data: st.DataObject) -> None:
     """Cut, or with bytes turned: never another message than an independent decoder finds."""
     odometry = OdometrySample.at_rest([1.0, 2.0, 3.0], yaw=0.5, stamp_ns=7)
     window = ReferenceWindow.hover([1.0, 2.0, 3.0])
@@ -209,7 +209,7 @@ def test_spoilt_bytes_are_read_as_rosbags_reads_them_or_left_alone(data: st.Data
 
 @pytest.mark.parametrize("read", [cdr.read_odometry, cdr.read_reference])
 @pytest.mark.parametrize("kind", [b"\x00\x02", b"\x00\x03", b"\x00\x07", b"\x01\x00", b"", b"\0"])
-def test_other_encapsulations_are_left_to_rclpy(read: Callable[..., Any], kind: bytes) -> None:
+def test_leaves_other_encapsulations_to_rclpy(read: Callable[..., Any], kind: bytes) -> None:
     assert read(kind + cdr.written_odometry(OdometrySample.at_rest([0, 0, 0]))[2:]) is None
     assert read(kind) is None
 

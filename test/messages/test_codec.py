@@ -83,7 +83,7 @@ def test_decodes_what_rclpy_serializes(type_name: str, seed: int) -> None:
     assert_same(DECODER.decode(type_name, encoded(message)), message)
 
 
-def test_a_decoded_message_can_be_changed() -> None:
+def test_decoded_message_is_writable() -> None:
     odometry = DECODER.decode("nav_msgs/msg/Odometry", empty("nav_msgs/msg/Odometry"))
     odometry.pose.covariance[0] = 2.0
     assert odometry.pose.covariance[0] == 2.0

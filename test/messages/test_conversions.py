@@ -40,7 +40,7 @@ def test_odometry_fields() -> None:
     _assert_same(conversions.odometry_from_message(message), odometry)
 
 
-def test_the_variance_of_a_velocity_survives_the_message() -> None:
+def test_velocity_variance_survives_the_message() -> None:
     message = new_message("nav_msgs/msg/Odometry")
     told = dataclasses.replace(OdometrySample.at_rest([0.0, 0.0, 1.0]), v_variance=0.1)
     conversions.fill_odometry(message, told)
@@ -49,7 +49,7 @@ def test_the_variance_of_a_velocity_survives_the_message() -> None:
     assert conversions.odometry_from_message(message).v_variance == 0.3
 
 
-def test_a_step_of_the_estimate_is_the_transform_of_its_former_frame() -> None:
+def test_estimate_reset_is_the_transform_of_the_former_frame() -> None:
     message = new_message("geometry_msgs/msg/TransformStamped")
     reset = EstimateReset(
         stamp_ns=12_000_000_345, turn=2.0, step_W=np.array([1.0, 2.0, 3.0]), frame_id="map"
@@ -71,7 +71,7 @@ def test_a_step_of_the_estimate_is_the_transform_of_its_former_frame() -> None:
 
 
 @pytest.mark.parametrize("nothing", [0.0, -1.0, math.nan, math.inf, 1e6])
-def test_a_covariance_that_says_nothing_is_none(nothing: float) -> None:
+def test_unusable_covariance_gives_no_variance(nothing: float) -> None:
     message = new_message("nav_msgs/msg/Odometry")
     message.twist.covariance[0] = message.twist.covariance[7] = 0.1
     message.twist.covariance[14] = nothing
@@ -91,7 +91,7 @@ def test_command_is_throttle_in_linear_z_and_rates_in_angular() -> None:
     _assert_same(conversions.command_from_message(message), command)
 
 
-def test_reference_of_others_may_leave_out_derivatives() -> None:
+def test_reference_without_derivatives() -> None:
     message = new_message("trajectory_msgs/msg/MultiDOFJointTrajectory")
     point = new_message("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint")
     point.transforms = [new_message("geometry_msgs/msg/Transform")]

@@ -119,7 +119,7 @@ def install_idl(prefix: Path, reference: str, text: str) -> None:
     (folder / f"{name}.idl").write_text(text)
 
 
-def test_a_type_that_has_only_idl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_type_with_idl_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As ``can_find_idl_deps`` of rosbag2: a heading for each type, the root included."""
     gain = "module lab_msgs { module msg { struct Gain { octet k; }; }; };\n"
     gains = (
@@ -157,7 +157,7 @@ def test_idl_as_rosidl_generates_it_is_decoded(
     MessageDecoder().register(schema)  # refused if it differed from the one known
 
 
-def test_a_type_found_nowhere_tells_what_was_looked_for_and_where(
+def test_missing_type_names_the_places_searched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
@@ -171,7 +171,7 @@ def test_a_type_found_nowhere_tells_what_was_looked_for_and_where(
 
 
 @pytest.mark.parametrize("name", ["Odometry", "nav_msgs/Odometry", "a/srv/B", "../../x", ""])
-def test_names_that_are_no_message_types(name: str) -> None:
+def test_refuses_names_of_no_message_type(name: str) -> None:
     with pytest.raises(BagError, match="expected pkg/msg/Type"):
         schema_for(name)
 
@@ -193,7 +193,7 @@ assert not loaded, loaded
 """
 
 
-def test_nothing_here_needs_ros(tmp_path: Path) -> None:
+def test_needs_no_ros(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     environment.pop("AMENT_PREFIX_PATH", None)
     subprocess.run(

@@ -43,27 +43,27 @@ def volts(bag: Any, topic: str = "") -> list[tuple[int, float]]:
     return [(told.log_time_ns, told.value) for told in run.voltages]
 
 
-def test_the_only_battery_is_found_by_its_type(bag: Any, build: SimpleNamespace) -> None:
+def test_finds_the_only_battery_by_type(bag: Any, build: SimpleNamespace) -> None:
     start = build.start_ns
     tell(bag, "/uav1/pack/left", 16.5, 16.25, start_ns=start)
     assert volts(bag) == [(start, 16.5), (start + 1, 16.25)]
 
 
-def test_without_one_there_are_none(bag: Any) -> None:
+def test_no_battery_gives_no_voltages(bag: Any) -> None:
     assert volts(bag) == []
 
 
-def test_of_two_one_must_be_named(bag: Any, build: SimpleNamespace) -> None:
+def test_two_batteries_need_a_name(bag: Any, build: SimpleNamespace) -> None:
     tell(bag, "/pack", 16.0, start_ns=build.start_ns)
     tell(bag, "/spare/pack", 15.0, start_ns=build.start_ns)
     assert volts(bag, "pack") == [(build.start_ns, 16.0)]
     reread = Recording(bag.writer.directory)
-    with pytest.raises(BagError, match="/pack, /spare/pack all tell of a battery: expected --bat"):
+    with pytest.raises(BagError, match="/pack, /spare/pack all report a battery: expected --bat"):
         reread.run(topics=(BATTERY,))
     assert not reread.run(topics=(COMMAND,)).voltages  # nobody asked
 
 
-def test_one_of_px4_is_read_by_the_definition_in_the_bag(
+def test_reads_px4_battery_by_the_definition_in_the_bag(
     bag: Any, build: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     share = tmp_path / "share" / "px4_msgs" / "msg"
@@ -86,5 +86,5 @@ def test_one_of_px4_is_read_by_the_definition_in_the_bag(
 
 
 @pytest.mark.parametrize("kind", sorted(VOLTAGE_FIELDS.keys() & DEFINITIONS.keys()))
-def test_the_stacks_have_the_fields_that_are_read(kind: str) -> None:
+def test_voltage_fields_exist_in_the_stacks_definitions(kind: str) -> None:
     assert f"{VOLTAGE_FIELDS[kind]}\n" in f"{DEFINITIONS[kind]}\n"
