@@ -7,17 +7,18 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from fixtures.messages import empty, encoded_by_rosbags
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.control.lie import so3
-from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.recordings.parameters import read_parameters, write_parameters
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.writer import BagWriter
@@ -140,7 +141,7 @@ def rewritten(
     parameters: bool = True,
 ) -> Path:
     """Write a bag anew; ``change`` returns topic, type and message of what becomes of each."""
-    reader, messages = BagReader(run / "bag"), RosbagsMessages()
+    reader = BagReader(run / "bag")
     written: list[tuple[str, str, Any, int, int]] = []
     for recorded in reader.messages():
         for topic, type_name, message in change(recorded.message, recorded.topic):
@@ -151,7 +152,7 @@ def rewritten(
         for topic, type_name in sorted({(topic, kind) for topic, kind, *_ in written}):
             writer.add_topic(topic, type_name)
         for topic, kind, message, log_ns, publish_ns in written:
-            data = messages.encode(kind, message)
+            data = encoded_by_rosbags(kind, message)
             writer.write(topic, data, log_time_ns=log_ns, publish_time_ns=publish_ns)
         if parameters:
             for node, values in read_parameters(reader.metadata).items():
@@ -159,9 +160,11 @@ def rewritten(
     return bag
 
 
-def test_pose_and_twist_in_the_world_of_another_stack(square: Path, tmp_path: Path) -> None:
-    messages = RosbagsMessages()
+def vector(values: np.ndarray) -> SimpleNamespace:
+    return SimpleNamespace(**dict(zip("xyz", values.tolist(), strict=True)))
 
+
+def test_pose_and_twist_in_the_world_of_another_stack(square: Path, tmp_path: Path) -> None:
     def change(message: Any, topic: str) -> list[tuple[str, str, Any]]:
         if topic == "/reference":
             return [("/planner/window", "trajectory_msgs/msg/MultiDOFJointTrajectory", message)]
@@ -169,16 +172,14 @@ def test_pose_and_twist_in_the_world_of_another_stack(square: Path, tmp_path: Pa
             return [("/rates", TWIST, message)]
         if topic != "/odom":
             return []
-        pose, twist = messages.new(POSE), messages.new(TWIST)
-        pose.header, pose.pose = message.header, message.pose.pose
-        twist.header = message.header
+        pose = SimpleNamespace(header=message.header, pose=message.pose.pose)
         q, linear = message.pose.pose.orientation, message.twist.twist.linear
         R_WB = so3.rotation_from_quaternion_xyzw(np.array([q.x, q.y, q.z, q.w]))
         world = R_WB @ [linear.x, linear.y, linear.z]
-        twist.twist.linear.x, twist.twist.linear.y, twist.twist.linear.z = world.tolist()
         angular = message.twist.twist.angular
         turn = R_WB @ [angular.x, angular.y, angular.z]
-        twist.twist.angular.x, twist.twist.angular.y, twist.twist.angular.z = turn.tolist()
+        velocities = SimpleNamespace(linear=vector(world), angular=vector(turn))
+        twist = SimpleNamespace(header=message.header, twist=velocities)
         return [("/local/pose", POSE, pose), ("/local/velocity", TWIST, twist)]
 
     bag = rewritten(square, tmp_path / "other", change)
@@ -239,15 +240,13 @@ def _bad_parameters(run: Path, path: Path) -> None:
     with BagWriter(path) as writer:
         writer.add_topic("/odom", ODOMETRY)
         writer.write_metadata("parameters:mpc", {"yaml": "mpc: ["})
-        data = RosbagsMessages().encode(ODOMETRY, RosbagsMessages().new(ODOMETRY))
-        writer.write("/odom", data, log_time_ns=1, publish_time_ns=1)
+        writer.write("/odom", empty(ODOMETRY), log_time_ns=1, publish_time_ns=1)
 
 
 def _wrong_type(run: Path, path: Path) -> None:
     with BagWriter(path) as writer:
         writer.add_topic("/odom", POSE)
-        data = RosbagsMessages().encode(POSE, RosbagsMessages().new(POSE))
-        writer.write("/odom", data, log_time_ns=1, publish_time_ns=1)
+        writer.write("/odom", empty(POSE), log_time_ns=1, publish_time_ns=1)
 
 
 def _nonsense(run: Path, path: Path) -> None:

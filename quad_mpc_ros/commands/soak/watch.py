@@ -12,7 +12,7 @@ from rclpy.node import Node
 from quad_mpc_ros.commands.observer import subscribe
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.experiments.faults.verdict import command_fault
-from quad_mpc_ros.messages import conversions, diagnostics
+from quad_mpc_ros.messages import cdr, conversions, diagnostics
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, STATS
 
 
@@ -91,7 +91,7 @@ class Watch:
         return ""
 
     def _on_odometry(self, data: bytes, info: dict[str, int]) -> None:
-        self.odometries_ns[conversions.stamp_of_serialized(data)] = info["source_timestamp"]
+        self.odometries_ns[cdr.header_stamp_ns(data)] = info["source_timestamp"]
 
     def _on_command(self, message: Any, info: dict[str, int]) -> None:
         self.commands_ns.append(info["source_timestamp"])

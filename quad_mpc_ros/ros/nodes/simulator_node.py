@@ -165,10 +165,8 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         self._odometry.publish(cdr.written_odometry(sent.odometry))
         self._odometries += 1
         if sent.voltage is not None and self._battery is not None:
-            message = new_message(BATTERY.type_name)
             stamp_ns = sent.odometry.stamp_ns
-            conversions.fill_battery(message, sent.voltage, stamp_ns=stamp_ns)
-            self._battery.publish(message)
+            self._battery.publish(cdr.written_battery(sent.voltage, stamp_ns=stamp_ns))
 
     def starting(self) -> str:
         """Return which nodes of the vehicle are there and do not publish what is waited for."""
