@@ -29,7 +29,7 @@ COMMANDS = {
     "bridges": "list the bridges to flight stacks and what is installed for them",
     "compile": "make all machine code now, so that no node has to when it starts",
     "soak": "does it hold: fly for half an hour, or inject faults one after another",
-    "bench": "measure this controller beside acados, cvxpy and OSQP's own time",
+    "bench": "measure what a step costs, beside OSQP's own time and other controllers",
 }
 """What each command does; the module of that name does it."""
 

@@ -11,14 +11,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from matplotlib.image import imread
+
+from quad_mpc_ros.analysis.figures import space, style, write_comparison, write_figures
 from quad_mpc_ros.analysis.figures.panels import (
     Curve,
     attitude_panels,
     input_panels,
     velocity_panels,
 )
-
-from quad_mpc_ros.analysis.figures import space, style, write_comparison, write_figures
 from quad_mpc_ros.recordings.flight import Flight
 
 FlightMaker = Callable[..., Flight]

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 from fixtures.html_page import Elements
+
 from quad_mpc_ros.analysis.figures.panels import (
     attitude_panels,
     input_panels,
     position_panels,
     solver_panels,
 )
-
 from quad_mpc_ros.analysis.report import TABLE_NAMES, ReportedRun, csv_tables, page
 from quad_mpc_ros.analysis.report.overview import verdict
 from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, fallback_spans
