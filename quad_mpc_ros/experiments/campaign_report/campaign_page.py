@@ -9,7 +9,6 @@ from string import Template
 from typing import Any
 
 from quad_mpc_ros import __version__
-from quad_mpc_ros.analysis.report import campaign_tables as tables
 from quad_mpc_ros.analysis.report.markup import (
     Section,
     asset,
@@ -28,6 +27,7 @@ from quad_mpc_ros.analysis.report.plotting import (
     plotly,
 )
 from quad_mpc_ros.configuration.atomic_file import write_atomically
+from quad_mpc_ros.experiments.campaign_report import campaign_tables as tables
 from quad_mpc_ros.experiments.campaign_report.campaign import (
     CRASHES,
     ReportedCampaign,

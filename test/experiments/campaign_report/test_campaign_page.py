@@ -13,14 +13,14 @@ import pytest
 from fixtures.html_page import Elements, Rows, data_of
 from fixtures.random_campaigns import FIGURES, VARIED, Row, random_rows, write_campaign
 
-from quad_mpc_ros.analysis.report import (
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.experiments.campaign_report import (
     ReportedCampaign,
     campaign_page,
     read_campaigns,
     write_campaign_page,
 )
-from quad_mpc_ros.analysis.report import campaign_tables as tables
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.experiments.campaign_report import campaign_tables as tables
 from quad_mpc_ros.experiments.campaign_report.crash_shares import CrashShares, crash_shares
 from quad_mpc_ros.experiments.campaign_report.distributions import distributions
 from quad_mpc_ros.experiments.campaign_report.pairs import paired
