@@ -1,6 +1,3 @@
-"use strict";
-
-const data = JSON.parse(document.getElementById("data").textContent);
 const byId = (id) => document.getElementById(id);
 const chosen = (id) => byId(id).value;
 const ticked = (id) => byId(id).checked;
