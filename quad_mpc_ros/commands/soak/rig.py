@@ -89,11 +89,11 @@ class Rig(Observer):
         self.wait(lambda: process.exit_code is not None, f"the end of {node}")
 
     def fly(self) -> None:
-        """Start all nodes, let the clock run when they hear each other, await the reference."""
-        print("  waiting for the nodes to hear each other", file=sys.stderr, flush=True)
+        """Start all nodes, start the clock when they are connected, await the reference."""
+        print("  waiting for the nodes to connect", file=sys.stderr, flush=True)
         for node in NODES:
             self.start(node)
-        self.wait(self._connected, "the nodes to hear each other", timeout=_READY_TIMEOUT)
+        self.wait(self._connected, "the nodes to connect", timeout=_READY_TIMEOUT)
         self.call(self._simulator, Trigger.Request())
         self.settle()
 

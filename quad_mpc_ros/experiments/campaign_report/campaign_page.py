@@ -36,9 +36,14 @@ from quad_mpc_ros.experiments.campaign_report.campaign import (
 from quad_mpc_ros.experiments.campaign_report.crash_shares import CrashShares, crash_shares
 from quad_mpc_ros.experiments.campaign_report.distributions import BINS, POPULATIONS, distributions
 from quad_mpc_ros.experiments.campaign_report.pairs import Pairs, paired
-from quad_mpc_ros.experiments.campaign_report.points import MOST_POINTS, flight_points, pair_points
+from quad_mpc_ros.experiments.campaign_report.points import (
+    MOST_POINTS,
+    MOST_WORST,
+    flight_points,
+    pair_points,
+    worst_flights,
+)
 from quad_mpc_ros.experiments.campaign_report.shares_figure import shares_figure
-from quad_mpc_ros.experiments.campaign_report.worst import MOST, worst_flights
 
 PAGE_NAME = "report.html"
 
@@ -219,7 +224,7 @@ def _worst(campaigns: Sequence[ReportedCampaign]) -> Section:
         parts=[
             f"<p>{select('worst-by', 'by', all_figures(campaigns), chosen=_FIRST_FIGURE)}</p>",
             '<div class="wide" id="worst-table"></div>',
-            _hint(f"At most {MOST} that crashed, then at most {MOST} that did not."),
+            _hint(f"At most {MOST_WORST} that crashed, then at most {MOST_WORST} that did not."),
         ],
     )
 

@@ -1,4 +1,4 @@
-"""The points that the browser draws: few enough of a large campaign, and what each is."""
+"""What the browser shows of flights: points, few enough of a large campaign, and the worst."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ from quad_mpc_ros.experiments.campaign_report.pairs import (
 from quad_mpc_ros.experiments.campaigns.table import NUMBER
 
 MOST_POINTS = 5000  # of all campaigns of a page
+MOST_WORST = 10  # of those that crashed, and of those that did not
+
+_WORST_IS_LEAST = ("altitude_min_m",)
 
 _UNHARMED, _CRASHED = "unharmed", "crashed"
 _FINE = {"symbol": "circle", "size": 5, "opacity": 0.5}
@@ -104,6 +107,33 @@ def pair_points(pairs: Pairs, *, most: int) -> dict[str, Any]:
         },
         "commands": [_command(each) for each in (first, second)],
     }
+
+
+def worst_flights(campaign: ReportedCampaign, figure: str) -> list[list[Any]]:
+    """Return flights, worst first: crashed ones, then others that have a value.
+
+    Each is its number, the kind of its crash, the time of that [s] and the figure; None for no
+    value. Worst is the greatest, of the least altitude the least.
+    """
+    values = campaign.numbers(figure)
+    badness = -values if figure in _WORST_IS_LEAST else values
+    order = np.argsort(-badness, kind="stable")  # NaN comes last
+    unharmed = campaign.unharmed & np.isfinite(values)
+    rows = [
+        row
+        for among in (campaign.crashed, unharmed)
+        for row in order[among[order]][:MOST_WORST].tolist()
+    ]
+    columns = campaign.table.columns
+    times = campaign.numbers("crash_time_s")
+    return [
+        [
+            int(columns[NUMBER][row]),
+            str(columns["crash"][row]),
+            *_plain(np.array([times[row], values[row]])),
+        ]
+        for row in rows
+    ]
 
 
 def _evenly(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:

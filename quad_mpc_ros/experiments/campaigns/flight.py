@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import yaml
-
+from quad_mpc_ros.configuration import files
 from quad_mpc_ros.experiments.campaigns.campaign import SCHEMA, Campaign, FlightPlan
 from quad_mpc_ros.experiments.campaigns.outcome import FIGURES, TruthLog, verdict
 from quad_mpc_ros.experiments.campaigns.table import NUMBER, VERDICT, Row
@@ -111,15 +110,12 @@ def _parameter_file(config: FlightConfig) -> str:
     for node, each in zip(SCHEMA, config, strict=True):
         lines += [f"{node}:", "  ros__parameters:"]
         lines += [
-            f"    {name}: {_yaml(value)}"
+            f"    {name}: {_value_text(value)}"
             for name, value in each.flattened().items()
             if value != ()  # ROS cannot tell its type
         ]
     return "\n".join([*lines, ""])
 
 
-@functools.lru_cache(maxsize=4096, typed=True)
-def _yaml(value: Any) -> str:
-    """Return a value as YAML reads it back exactly, which it does not with every ``repr``."""
-    listed = list(value) if isinstance(value, tuple) else value
-    return yaml.safe_dump([listed], default_flow_style=True, width=math.inf).strip()[1:-1]
+# The same values in flight after flight: writing them anew would cost more than all else here.
+_value_text = functools.lru_cache(maxsize=4096, typed=True)(files.value_text)

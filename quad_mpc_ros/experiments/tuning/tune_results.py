@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.configuration.atomic_file import write_atomically
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.experiments.campaigns.campaign import Campaign, number_text
 from quad_mpc_ros.experiments.campaigns.campaign_file import campaign_text
-from quad_mpc_ros.experiments.tuning.front import chosen, front_of
 from quad_mpc_ros.experiments.tuning.front_figure import write_front
 from quad_mpc_ros.experiments.tuning.optimiser import NAME as STUDY_NAME
-from quad_mpc_ros.experiments.tuning.trial import FLOWN, GIVEN_UP, REFUSED, Trial
+from quad_mpc_ros.experiments.tuning.trial import (
+    FLOWN,
+    GIVEN_UP,
+    REFUSED,
+    Trial,
+    chosen,
+    front_of,
+)
 from quad_mpc_ros.experiments.tuning.tune_file import Tuning, read_tuning, tuning_text
 
 TUNE_NAME, CAMPAIGNS_NAME = "tune.yaml", "campaigns"
@@ -116,7 +119,11 @@ def results_text(folder: Path, results: Results) -> str:
     if len(front) > _MOST_SHOWN:
         lines.append(f"… and {len(front) - _MOST_SHOWN} more in {folder / FRONT_NAME}")
     parameters = results.tuning.space().parameters(best.values)
-    lines += ["", *(f"{name}: {_yaml(value)}" for name, value in parameters.items()), ""]
+    lines += [
+        "",
+        *(f"{name}: {files.value_text(value)}" for name, value in parameters.items()),
+        "",
+    ]
     lines += [
         f"chosen   {folder / BEST_NAME}",
         f"others   {folder / FOLDER_NAME}/NUMBER.yaml",
@@ -152,7 +159,7 @@ def _parameter_file(tuning: Tuning, trial: Trial) -> str:
         for objective, value in zip(tuning.objectives, trial.objectives, strict=True)
     ]
     parameters = tuning.space().parameters(trial.values)
-    lines = [f"    {name}: {_yaml(value)}" for name, value in parameters.items()]
+    lines = [f"    {name}: {files.value_text(value)}" for name, value in parameters.items()]
     return "\n".join([f"# trial {trial.number}", *told, "mpc:", "  ros__parameters:", *lines, ""])
 
 
@@ -173,7 +180,3 @@ def _table(results: Results, trials: Sequence[Trial]) -> str:
         effort = [trial.flights, trial.lost, f"{trial.seconds:.1f}", trial.reason]
         writer.writerow([*row, *objectives, *effort])
     return text.getvalue()
-
-
-def _yaml(value: Any) -> str:
-    return yaml.safe_dump([value], default_flow_style=True, width=math.inf).strip()[1:-1]

@@ -219,7 +219,7 @@ def test_a_folder_whose_campaign_changed_is_not_gone_on_with(
 
 
 MISTAKES = {
-    "no file": ([], "FILE: expected a campaign file"),
+    "no file": ([], "FILE: expected the file of a campaign"),
     "workers": (["{file}", "--workers", "0"], "--workers: given 0"),
     "scheduler": (["{file}", "--scheduler", "tcp://127.0.0.1:1"], "no Dask scheduler answers"),
     "no address": (["{file}", "--scheduler", "nowhere at all"], "--scheduler"),

@@ -22,10 +22,16 @@ from fixtures.engines import FormulaEngine
 from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.experiments.campaigns.campaign import Campaign
-from quad_mpc_ros.experiments.tuning.front import chosen, front_of
 from quad_mpc_ros.experiments.tuning.objectives import Objective
 from quad_mpc_ros.experiments.tuning.study import Study
-from quad_mpc_ros.experiments.tuning.trial import FLOWN, GIVEN_UP, REFUSED, Trial
+from quad_mpc_ros.experiments.tuning.trial import (
+    FLOWN,
+    GIVEN_UP,
+    REFUSED,
+    Trial,
+    chosen,
+    front_of,
+)
 from quad_mpc_ros.experiments.tuning.trial_flights import fly_trial
 from quad_mpc_ros.experiments.tuning.tune_file import read_tuning, tuning_text
 from quad_mpc_ros.experiments.tuning.tune_results import (
