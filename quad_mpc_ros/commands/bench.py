@@ -80,14 +80,14 @@ def run(options: argparse.Namespace) -> int:
     out = prepared_out(options.out or default_out("bench"), holds=(RESULT, PAGE, PICTURE))
     print(f"measuring into {out}", file=sys.stderr)
     with tempfile.TemporaryDirectory(prefix="quad_mpc_bench_") as scratch:
-        measured = fly_peers(config, scratch=Path(scratch), tell=_tell)
+        measured = fly_peers(config, scratch=Path(scratch), report=_report)
     result = {"command": _command_again(options), **measured}
     _write(result, out)
     _show(result, out)
     return 0
 
 
-def _tell(line: str) -> None:
+def _report(line: str) -> None:
     print(f"  {line}", file=sys.stderr, flush=True)
 
 

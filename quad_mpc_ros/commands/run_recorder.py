@@ -69,7 +69,7 @@ class RunRecorder:
         self._write(topics.ODOMETRY, time_ns, lambda m: conversions.fill_odometry(m, odometry))
 
     def battery(self, voltage: float, *, time_ns: int) -> None:
-        """Write the voltage of a battery [V]; who has none does not offer its topic."""
+        """Write the voltage of a battery [V]; without one the topic is not offered."""
         self._offer(topics.BATTERY)
         self._write(
             topics.BATTERY,
@@ -99,7 +99,7 @@ class RunRecorder:
         )
 
     def tick(self, tick: Tick, *, time_ns: int) -> None:
-        """Write what the controller gave and told of itself."""
+        """Write the command, the statistics and the plan of a tick."""
         command, plan, new = tick.command, tick.plan, self._messages.new
         if command is not None:
             # Answered at once in the time of the loop; what it took is on the wall clock.

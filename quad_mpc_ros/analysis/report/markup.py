@@ -67,11 +67,11 @@ def tick_box(key: str, label: str) -> str:
 def empty_figure(key: str, controls: Sequence[str], *, height: int) -> str:
     """Return the place of a figure that the page's script draws, below what steers it.
 
-    Its id is ``figure-`` and the key; below it is a place for texts of the script.
+    Its id is ``figure-`` and the key; below it is a place for notes.
     """
     return (
         f'<p class="controls">{" ".join(controls)}</p>\n'
-        f'<p class="hint" id="{key}-told"></p>\n'
+        f'<p class="hint" id="{key}-notes"></p>\n'
         f'<div class="wide"><div class="figure" id="figure-{key}" style="height: {height}px">'
         f'</div></div>\n<pre class="again" id="{key}-again"></pre>'
     )

@@ -34,9 +34,10 @@ def verdict(run: ReportedRun) -> str:
     if not without:
         return f"The MPC gave every one of the {summary['commands']} commands."
     first = fallback_spans(run.flight)[0]
-    told = ", ".join(f"{count} {source}" for source, count in without.items())
+    counts = ", ".join(f"{count} {source}" for source, count in without.items())
     return (
-        f"The MPC did not command at {sum(without.values())} of {sources.total()} ticks: {told}. "
+        f"The MPC did not command at {sum(without.values())} of {sources.total()} ticks: "
+        f"{counts}. "
         f"First at {first.start:.2f} s: {first.reason}."
     )
 

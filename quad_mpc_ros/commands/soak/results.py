@@ -1,4 +1,4 @@
-"""What a soak leaves behind: the table on the screen, ``soak.json`` and one picture."""
+"""The results of a soak: the table on the screen, ``soak.json`` and one picture."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _machine_text(machine: dict[str, Any] | None) -> str:
 
 def _memory_text(memory: dict[str, float | None]) -> str:
     if memory["warm"] is None or memory["growth"] is None:
-        return "too short to tell"
+        return "too short to judge"
     return f"{memory['warm']:.1f} MB once warm, grown by {memory['growth']:+.2f} MB since"
 
 

@@ -44,8 +44,7 @@ class MeasuredFlight:
 def fly(peer: Peer, *, simulator: SimulatorConfig, reference: ReferenceConfig) -> MeasuredFlight:
     """Fly a peer through the loop of :func:`quad_mpc_ros.simulation.closed_loop.fly`.
 
-    Garbage of earlier flights is collected before, so that nobody pays for another's; the
-    collector stays on, as it does in the node.
+    Garbage of earlier flights is collected first; the collector stays on, as in the node.
     """
     plant, server = make_plant(simulator), ReferenceServer(reference)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)

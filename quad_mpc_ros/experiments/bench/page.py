@@ -84,7 +84,7 @@ def peer_rows(result: Mapping[str, Any]) -> Rows:
 
 
 def _part(label: str, times: Mapping[str, float | None]) -> list[str]:
-    """Return a row that tells of a step only how long a part of it took."""
+    """Return a row with the times of a part of the step."""
     return [label, *_times(times, "p50", "p99", "max"), *[""] * (len(_PEER_HEADER) - 4)]
 
 

@@ -21,10 +21,10 @@ _DEFINITION = "PEER"
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """What the last step of a peer took.
+    """Effort of the last step of a peer.
 
-    ``solve_time`` [s] is what its solver says of itself. ``mpc_time`` [s] is that of the MPC
-    alone, where there is more to a step.
+    ``solve_time`` [s] is as the solver reports it; ``mpc_time`` [s] is the time of the MPC alone
+    where a step does more.
     """
 
     solved: bool

@@ -1,4 +1,4 @@
-"""All peers flown in turn: what disturbs the machine for a while hits all of them alike."""
+"""All peers flown in turns, so that a disturbance of the machine affects all of them alike."""
 
 from __future__ import annotations
 
@@ -46,25 +46,25 @@ class Entry:
     steps: int
 
 
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 """Shows one line of progress."""
 
 
-def run(config: BenchConfig, *, scratch: Path, tell: Tell) -> dict[str, Any]:
+def run(config: BenchConfig, *, scratch: Path, report: Report) -> dict[str, Any]:
     """Fly everything and return what was measured, as JSON knows it.
 
     ``scratch`` is a folder for what has to be compiled. A peer that cannot fly here is reported
     and listed under ``skipped``.
     """
     described = describe_machine([d for kind in config.peers.values() for d in kind.distributions])
-    ready, skipped = _prepared(config, scratch, tell)
+    ready, skipped = _prepared(config, scratch, report)
     flights: dict[Entry, list[MeasuredFlight]] = {entry: [] for entry in ready}
     order = list(_order(list(ready), config.repeats))
     for number, entry in enumerate(order, start=1):
         flight = fly(ready[entry](), simulator=config.simulator, reference=config.reference)
         flights[entry].append(flight)
         title = config.peers[entry.peer].title
-        tell(
+        report(
             f"flight {number} of {len(order)}: {title}, N = {entry.steps}: "
             f"{len(flight.step_us)} steps in {1e-6 * flight.step_us.sum():.2f} s"
         )
@@ -81,7 +81,7 @@ def run(config: BenchConfig, *, scratch: Path, tell: Tell) -> dict[str, Any]:
 
 
 def _prepared(
-    config: BenchConfig, scratch: Path, tell: Tell
+    config: BenchConfig, scratch: Path, report: Report
 ) -> tuple[dict[Entry, NewPeer], dict[str, str]]:
     """Return how to make each peer, and why some cannot be made."""
     ready: dict[Entry, NewPeer] = {}
@@ -95,7 +95,7 @@ def _prepared(
             ready[entry] = config.peers[entry.peer].make(mpc, folder)
         except PeerUnavailableError as error:
             skipped[entry.peer] = str(error)
-            tell(f"skipped: {config.peers[entry.peer].title}: {error}")
+            report(f"skipped: {config.peers[entry.peer].title}: {error}")
     return {entry: new for entry, new in ready.items() if entry.peer not in skipped}, skipped
 
 
@@ -135,7 +135,7 @@ _DISTRIBUTIONS = ("numpy", "scipy", "osqp")
 
 
 def describe_machine(distributions: Sequence[str]) -> dict[str, str]:
-    """Return processor, system and versions by what to call them; what is unknown is left out."""
+    """Return processor, system and versions by name; unknown ones are left out."""
     found = {
         "date": datetime.date.today().isoformat(),
         "processor": _processor(),

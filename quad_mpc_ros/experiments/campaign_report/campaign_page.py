@@ -180,7 +180,7 @@ def _crashes(
 
 
 def _map_columns(shares: Sequence[CrashShares], pairs: Pairs | None) -> list[str]:
-    """Return what the map of crashes may be drawn over, what tells most first."""
+    """Return what the map of crashes may be drawn over, the most uneven first."""
     names = [each.name for each in shares]
     return [name for name in names if name in pairs.shared] if pairs else names
 

@@ -80,7 +80,7 @@ def pair_points(pairs: Pairs, *, most: int) -> dict[str, Any]:
     """Return at most so many pairs, those that crashed in one or both before others.
 
     As :func:`flight_points`; ``figures`` has, by name, those of the ``first`` and the ``second``
-    campaign and in a sentence how they differ (``told``).
+    campaign and how they differ in a sentence (``summary``).
     """
     first, second = pairs.first, pairs.second
     groups = {
@@ -101,7 +101,7 @@ def pair_points(pairs: Pairs, *, most: int) -> dict[str, Any]:
             each.name: {
                 "first": _plain(pairs.values(each.name)[0][rows]),
                 "second": _plain(pairs.values(each.name)[1][rows]),
-                "told": _told(each, pairs),
+                "summary": _summary(each, pairs),
             }
             for each in pairs.differences
         },
@@ -150,7 +150,7 @@ def _group(kind: str, campaign: str, colour: str | None) -> dict[str, Any]:
     return {"name": name if colour is None else f"{campaign}: {name}", **look}
 
 
-def _told(figure: Difference, pairs: Pairs) -> str:
+def _summary(figure: Difference, pairs: Pairs) -> str:
     if not figure.smaller.total:
         return f"Equal in all of {figure.count} pairs."
     return (

@@ -13,7 +13,7 @@ _BATCHES_PER_WORKER = 8
 
 
 class Engine(Protocol):
-    """Flies batches of flights on workers; leave the context to let them go."""
+    """Flies batches of flights on workers; leaving the context ends them."""
 
     @property
     def workers(self) -> int:

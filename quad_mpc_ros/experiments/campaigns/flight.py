@@ -34,7 +34,7 @@ _ITERATIONS = ("p50", "p99", "max")
 
 @dataclass(frozen=True, kw_only=True)
 class FlownFlight:
-    """What comes back of a flight: its row, and the parameter file that makes it again."""
+    """The result of a flight: its row, and the parameter file that makes it again."""
 
     row: Row
     parameter_file: str

@@ -196,7 +196,7 @@ class FaultFlight:
         )
 
     def _count(self) -> int | None:
-        """Return the fault's counter; None when it has none, or when it is not told."""
+        """Return the fault's counter; None when it has none, or no tick has it."""
         stats = dict(self.ticks[-1][1].stats.items())
         return int(stats[self._fault.counter]) if self._fault.counter in stats else None
 

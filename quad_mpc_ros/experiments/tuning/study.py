@@ -23,7 +23,7 @@ from quad_mpc_ros.experiments.tuning.trial_flights import TrialFlights, fly_tria
 from quad_mpc_ros.experiments.tuning.tune_file import Tuning
 
 Observer = Callable[[list[Trial], int], None]
-"""Told the trials done, and how many flights of the next one are flown."""
+"""Called with the trials done, and how many flights of the next one are flown."""
 
 _FlightObserver = Callable[[int], None]
 
@@ -49,8 +49,8 @@ class Study:
         """Fly trials until there are enough, or have taken long enough."""
         done = self.trials()
         while self._goes_on(done):
-            told = functools.partial(observe, done) if observe is not None else None
-            done.append(self._next(engine, len(done), told) if done else self._base(engine, told))
+            tell = functools.partial(observe, done) if observe is not None else None
+            done.append(self._next(engine, len(done), tell) if done else self._base(engine, tell))
         if observe is not None:
             observe(done, 0)
 

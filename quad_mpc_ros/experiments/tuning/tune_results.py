@@ -1,4 +1,4 @@
-"""What a study leaves: tables, parameter files, a picture, and a text for the terminal."""
+"""The results of a study: tables, parameter files, a picture, and a text for the terminal."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def results_text(folder: Path, results: Results) -> str:
         for outcome in (FLOWN, GIVEN_UP, REFUSED)
     )
     names = [objective.name for objective in results.tuning.objectives]
-    rows = [["", "trial", *names], ["where you stand", "0", *_shown(trials[0])], []]
+    rows = [["", "trial", *names], ["start", "0", *_shown(trials[0])], []]
     rows += [
         ["chosen" if trial is best else "", str(trial.number), *_shown(trial)]
         for trial in front[:_MOST_SHOWN]
@@ -154,13 +154,15 @@ def _shown(trial: Trial) -> list[str]:
 
 def _parameter_file(tuning: Tuning, trial: Trial) -> str:
     """Return the searched parameters of a trial as a ROS parameter file."""
-    told = [
+    comments = [
         f"# {objective.name}: {value:.6g}"
         for objective, value in zip(tuning.objectives, trial.objectives, strict=True)
     ]
     parameters = tuning.space().parameters(trial.values)
     lines = [f"    {name}: {files.value_text(value)}" for name, value in parameters.items()]
-    return "\n".join([f"# trial {trial.number}", *told, "mpc:", "  ros__parameters:", *lines, ""])
+    return "\n".join(
+        [f"# trial {trial.number}", *comments, "mpc:", "  ros__parameters:", *lines, ""]
+    )
 
 
 def _table(results: Results, trials: Sequence[Trial]) -> str:
