@@ -81,7 +81,7 @@ def _shift_of(recording: Recording) -> Shift:
     codec = RosbagsMessages()
 
     def shift(message: RecordedMessage, later_ns: int) -> bytes:
-        if message.topic in stats:  # whose stamp is a figure too
+        if message.topic in stats:  # their stamp is a figure, too
             return _later_stats(codec, message, later_ns)
         if message.topic not in stamped:
             return message.data

@@ -52,8 +52,8 @@ def all_flown(fly: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -
             done.append(each)
             if len(done) % 20 == 0 or len(done) == len(jobs):
                 seconds = time.monotonic() - begun
-                told = f"{len(done)}/{len(jobs)} after {seconds:.0f} s: {each.name}"
-                print(told, file=sys.stderr, flush=True)
+                line = f"{len(done)}/{len(jobs)} after {seconds:.0f} s: {each.name}"
+                print(line, file=sys.stderr, flush=True)
     return done
 
 

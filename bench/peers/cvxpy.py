@@ -78,12 +78,12 @@ class CvxpyPeer:
         except self._cvxpy.error.SolverError:
             self._effort = Effort(solved=False, iterations=0, solve_time=0.0)
             return None
-        told = problem.solver_stats
+        stats = problem.solver_stats
         solved = problem.status == self._cvxpy.OPTIMAL
         self._effort = Effort(
             solved=solved,
-            iterations=self._effort.iterations + int(told.num_iters),
-            solve_time=self._effort.solve_time + float(told.solve_time),
+            iterations=self._effort.iterations + int(stats.num_iters),
+            solve_time=self._effort.solve_time + float(stats.solve_time),
         )
         if not solved:
             return None

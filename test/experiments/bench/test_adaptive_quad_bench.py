@@ -79,7 +79,7 @@ def moved(body: Any, speeds: Array) -> dict[str, Array]:
     return {name: 0.5 * after[name] for name in ("v", "w")}
 
 
-def test_pushes_payloads_and_weak_rotors_move_it_as_newton_says(script: ModuleType) -> None:
+def test_pushes_payloads_and_weak_rotors_follow_newton(script: ModuleType) -> None:
     goal, still = np.zeros((3, 3)), np.zeros(4)
     hover = np.full(4, np.sqrt(0.826 * 9.81 / 4 / 7.64e-6))
     body = script.multirotor(np.ones(4))

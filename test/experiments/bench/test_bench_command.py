@@ -74,11 +74,13 @@ class Hover:
         return Effort(solved=True, iterations=0, solve_time=0.0)
 
 
-PEER = PeerKind(title="hover", solver="nobody", description="no control", make=lambda *_: Hover)
+PEER = PeerKind(title="hover", solver="none", description="no control", make=lambda *_: Hover)
 """
 
 
-def test_a_file_of_ones_own_flies(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_peer_of_the_users_file_flies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file, out = tmp_path / "hover.py", tmp_path / "out"
     file.write_text(PEER)
     arguments = ["--peers", str(file), "--duration", "0.1", "--repeats", "1", "--steps"]
@@ -138,7 +140,7 @@ MISTAKES = {
 def test_mistake_is_one_line_and_exit_code_2(
     mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments, told = MISTAKES[mistake]
+    arguments, message = MISTAKES[mistake]
     out = tmp_path / "run"
 
     assert main(["bench", *arguments, "--out", str(out)]) == 2
@@ -146,7 +148,7 @@ def test_mistake_is_one_line_and_exit_code_2(
     printed = capsys.readouterr()
     assert printed.out == ""
     assert len(printed.err.strip().splitlines()) == 1
-    for word in told:
+    for word in message:
         assert word in printed.err
     assert not out.exists()
 

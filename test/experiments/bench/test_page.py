@@ -115,7 +115,7 @@ def test_ratios_are_over_the_peer(result: dict[str, Any]) -> None:
     assert "1.50 at p50, 1.50 at p99" in beside_acados
 
 
-def test_what_was_not_measured_is_not_made_up(result: dict[str, Any]) -> None:
+def test_missing_measurements_are_dashes(result: dict[str, Any]) -> None:
     result["entries"] = [entry("controller", 10, step_us=times(None, None, None))]
 
     assert peer_rows(result)[1][1:4] == ["-", "-", "-"]
