@@ -6,7 +6,7 @@ The rates bridge, whose messages are installed with ROS, takes commands over DDS
 process, and publishes to a subscriber that is there. Its callback is timed: the whole of it, and
 without ROS's publishing, which leaves decoding, clock, checks, units, and message; by the clock,
 and by the processor, which stands still while another process runs. A relay, which publishes what
-it receives and does nothing else, is timed before and after it: that is ROS's and the machine's part.
+it receives and does nothing else, is timed before and after it, for the part of ROS and machine.
 """
 
 from __future__ import annotations

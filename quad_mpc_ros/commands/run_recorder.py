@@ -122,8 +122,12 @@ class RunRecorder:
     def _offer(self, topic: Topic) -> None:
         if topic not in self._offered:
             self._offered.add(topic)
-            name, profile = f"/{topic.name}", _profile(topic)
-            self._writer.add_topic(name, topic.type_name, qos_profiles=[profile])
+            profile = QosProfile(
+                depth=topic.depth,
+                reliability="reliable" if topic.reliable else "best_effort",
+                durability="transient_local" if topic.latched else "volatile",
+            )
+            self._writer.add_topic(f"/{topic.name}", topic.type_name, qos_profiles=[profile])
 
     def _write(
         self,
@@ -141,11 +145,3 @@ class RunRecorder:
             log_time_ns=time_ns,
             publish_time_ns=time_ns if publish_time_ns is None else publish_time_ns,
         )
-
-
-def _profile(topic: Topic) -> QosProfile:
-    return QosProfile(
-        depth=topic.depth,
-        reliability="reliable" if topic.reliable else "best_effort",
-        durability="transient_local" if topic.latched else "volatile",
-    )

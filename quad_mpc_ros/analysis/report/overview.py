@@ -53,7 +53,10 @@ def metrics_table(runs: Sequence[ReportedRun]) -> str:
         name: [_number(reduce(getitem, path.split("."), run.summary), style) for run in runs]
         for name, path, style in _METRICS
     }
-    rows["error at waypoints [m]"] = [_waypoint_errors(run) for run in runs]
+    rows["error at waypoints [m]"] = [
+        ", ".join(f"{error:.3g}" for error in run.summary["waypoint_error_m"]) or _ABSENT
+        for run in runs
+    ]
     return _table(runs, rows)
 
 
@@ -138,10 +141,6 @@ _METRICS = (
 
 def _number(value: Any, style: str) -> str:
     return _ABSENT if value is None else style.format(value)
-
-
-def _waypoint_errors(run: ReportedRun) -> str:
-    return ", ".join(f"{error:.3g}" for error in run.summary["waypoint_error_m"]) or _ABSENT
 
 
 def _flattened(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

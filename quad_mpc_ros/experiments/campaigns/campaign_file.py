@@ -181,7 +181,8 @@ class _Reader:
 
     def _refuse_set(self, name: str) -> None:
         """Refuse what varies and is set, too."""
-        if name in self._mapping("set") or name in _set_by(self._overrides.assignments):
+        assigned = [each.partition("=")[0].strip() for each in self._overrides.assignments]
+        if name in self._mapping("set") or name in assigned:
             raise UserError(f"vary: {name}: it is set, too: leave one out")
         for key, node, parameter in _SHORT:
             if key in self._content and name == f"{node}.{parameter}":
@@ -237,10 +238,6 @@ class _Reader:
 
 _SHORT = (("reference", "reference", "trajectory"), ("duration", "simulator", "duration"))
 """Keys of the file that stand for one parameter each."""
-
-
-def _set_by(assignments: Sequence[str]) -> set[str]:
-    return {assignment.partition("=")[0].strip() for assignment in assignments}
 
 
 def _check_followed(

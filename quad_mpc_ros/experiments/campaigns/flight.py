@@ -87,12 +87,11 @@ def _figures(plan: FlightPlan, *, settle_time: float) -> dict[str, Any]:
         **_scalars(summarise(flight_log.flight(plan.config))),
         **truth.figures(settle_time=settle_time),
     }
-    finite = {name: value if _is_finite(value) else None for name, value in figures.items()}
+    finite = {
+        name: value if value is not None and math.isfinite(value) else None
+        for name, value in figures.items()
+    }
     return {**verdict(truth.crash()), **finite}
-
-
-def _is_finite(value: float | None) -> bool:
-    return value is not None and math.isfinite(value)
 
 
 def _scalars(summary: Summary) -> dict[str, Any]:

@@ -55,7 +55,7 @@ class Study:
             observe(done, 0)
 
     def _goes_on(self, done: list[Trial]) -> bool:
-        in_time = sum(map(_seconds, done)) < self._tuning.timeout
+        in_time = sum(trial.seconds for trial in done) < self._tuning.timeout
         return not done or (in_time and len(done) < self._tuning.trials)
 
     def _base(self, engine: Engine, observe: _FlightObserver | None) -> Trial:
@@ -81,7 +81,7 @@ class Study:
         try:
             campaigns = self._configured(values)
         except (UserError, ValueError) as error:
-            trial = _refused(number, values, str(error))
+            trial = Trial(number=number, values=values, outcome=REFUSED, reason=str(error))
         else:
             give_up = self._tuning.give_up
             flown = fly_trial(campaigns, engine, give_up=give_up, observe=observe)
@@ -108,7 +108,6 @@ class Study:
             values=values,
             outcome=GIVEN_UP if flown.given_up else FLOWN,
             objectives=tuple(each.value(flown.rows.get(each.campaign, [])) for each in objectives),
-            reason="",
             flights=flown.flights,
             lost=flown.lost,
             seconds=time.monotonic() - begun,
@@ -117,23 +116,6 @@ class Study:
 
 def time_left(done: list[Trial], *, trials: int, timeout: float) -> float:
     """Return how long [s] a study is going to take, by the time that its trials took."""
-    spent = sum(map(_seconds, done))
+    spent = sum(trial.seconds for trial in done)
     each = spent / len(done) if done else math.nan
     return min(each * (trials - len(done)), max(timeout - spent, 0.0))
-
-
-def _seconds(trial: Trial) -> float:
-    return trial.seconds
-
-
-def _refused(number: int, values: Mapping[str, Any], reason: str) -> Trial:
-    return Trial(
-        number=number,
-        values=values,
-        outcome=REFUSED,
-        objectives=(),
-        reason=reason,
-        flights=0,
-        lost=0,
-        seconds=0.0,
-    )

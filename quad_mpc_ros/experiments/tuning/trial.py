@@ -32,11 +32,11 @@ class Trial:
     number: int
     values: Mapping[str, Any]
     outcome: str
-    objectives: tuple[float, ...]
-    reason: str
-    flights: int
-    lost: int
-    seconds: float
+    objectives: tuple[float, ...] = ()
+    reason: str = ""
+    flights: int = 0
+    lost: int = 0
+    seconds: float = 0.0
 
 
 def front_of(trials: Sequence[Trial]) -> list[Trial]:

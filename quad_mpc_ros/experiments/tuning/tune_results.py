@@ -12,7 +12,7 @@ from typing import Any
 from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.configuration.atomic_file import write_atomically
 from quad_mpc_ros.configuration.text_tables import text_table
-from quad_mpc_ros.experiments.campaigns.campaign import Campaign, number_text
+from quad_mpc_ros.experiments.campaigns.campaign import number_text
 from quad_mpc_ros.experiments.campaigns.campaign_file import campaign_text
 from quad_mpc_ros.experiments.tuning.front_figure import write_front
 from quad_mpc_ros.experiments.tuning.optimiser import NAME as STUDY_NAME
@@ -138,14 +138,11 @@ def results_text(folder: Path, results: Results) -> str:
 def _check(folder: Path, tuning: Tuning) -> str:
     name = tuning.objectives[0].campaign
     campaign = tuning.campaigns[name]
+    more = f" --flights {_FRESH_FLIGHTS}" if campaign.vary and not campaign.grid else ""
     return (
         f"quad_mpc campaign {folder / CAMPAIGNS_NAME / name}.yaml --config {folder / BEST_NAME} "
-        f"--seed {campaign.seed + 1}{_more(campaign)} --out {folder / 'check'}"
+        f"--seed {campaign.seed + 1}{more} --out {folder / 'check'}"
     )
-
-
-def _more(campaign: Campaign) -> str:
-    return f" --flights {_FRESH_FLIGHTS}" if campaign.vary and not campaign.grid else ""
 
 
 def _shown(trial: Trial) -> list[str]:
