@@ -22,15 +22,17 @@ if TYPE_CHECKING:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add which campaign, over which parameters, with which workers, into what."""
     parser.description = (
-        "Fly many flights of the closed loop without ROS, with parameters that vary from flight "
-        "to flight as a file says (docs/campaigns.md). Writes flights.csv and, with pyarrow, "
+        "Fly many flights of the closed loop without ROS, with parameters that a file varies "
+        "from flight to flight (docs/campaigns.md). Writes flights.csv and, with pyarrow, "
         "flights.parquet, a row a flight; flights/NUMBER.yaml, with which 'quad_mpc simulate "
         "--config' makes one again; and, with Plotly, report.html. Exit code 0 when all were "
-        "flown, whatever became of them. Ctrl-C or a kill loses what is under way, no more."
+        "flown, crashed or not. Ctrl-C or a kill loses only the flights under way."
     )
     add_campaign_options(parser, "campaign")
-    parser.add_argument("--flights", type=int, metavar="N", help="so many, whatever the file says")
-    parser.add_argument("--seed", type=int, metavar="N", help="this one, whatever the file says")
+    parser.add_argument(
+        "--flights", type=int, metavar="N", help="number of flights, instead of the file's"
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="seed, instead of the file's")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -52,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
         try:
             rows = fly_into(out, campaign, engine, progress.show)
         except KeyboardInterrupt:
-            print(f"\nto go on: quad_mpc campaign --resume {out}", file=sys.stderr)
+            print(f"\nto continue: quad_mpc campaign --resume {out}", file=sys.stderr)
             raise
         finally:
             progress.close()

@@ -1,4 +1,4 @@
-"""What the commands that fly campaigns have in common: options, workers, going on in a folder."""
+"""What the commands that fly campaigns have in common: options, workers, resuming."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 def add_campaign_options(parser: argparse.ArgumentParser, kind: str) -> None:
-    """Add the file of a campaign or a study, its folder, who flies, what is set over the file."""
+    """Add the file of a campaign or a study, its folder, the workers, what overrides the file."""
     parser.add_argument(
         "file",
         type=Path,
@@ -29,7 +29,7 @@ def add_campaign_options(parser: argparse.ArgumentParser, kind: str) -> None:
     )
     add_out(parser, f"the {kind}; must not hold one", "<name of the file>")
     parser.add_argument(
-        "--resume", type=Path, metavar="DIR", help=f"go on with the {kind} in a folder"
+        "--resume", type=Path, metavar="DIR", help=f"continue the {kind} in a folder"
     )
     add_engine_options(parser)
     add_config(parser, "over what the file says")
@@ -45,10 +45,10 @@ def new_or_resumed(
     text: Callable[[T], str],
     overrides: bool,
 ) -> tuple[T, Path]:
-    """Return the campaign or study that is asked for, and its folder.
+    """Return the campaign or study of the options, and its folder.
 
-    Raises :class:`UserError` for a new one into a folder that holds something, and for going on
-    with one whose ``text`` is no longer that of the file, or with ``overrides``.
+    Raises :class:`UserError` for a new one into a folder that is not empty, and for resuming one
+    with another ``text`` than that of the file, or with ``overrides``.
     """
     out: Path | None = options.out
     if options.resume is None:
@@ -57,7 +57,7 @@ def new_or_resumed(
         asked, out = read(), out or default_out(options.file.stem)
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise UserError(
-                f"--out: {out} exists and is not overwritten; give a new folder, or go on with "
+                f"--out: {out} exists and is not overwritten; give a new folder, or continue with "
                 f"--resume {out}"
             )
         return asked, out
@@ -71,18 +71,20 @@ def new_or_resumed(
                 f"{options.resume}: leave the file out, or begin anew with --out"
             )
     elif overrides:
-        raise UserError(f"--resume: a {kind} goes on as it began: leave out what would change it")
+        raise UserError(
+            f"--resume: a {kind} continues unchanged: leave out options that change it"
+        )
     return begun, options.resume
 
 
 def add_engine_options(parser: argparse.ArgumentParser) -> None:
-    """Add what says who flies."""
+    """Add the choice of workers."""
     workers = parser.add_mutually_exclusive_group()
     workers.add_argument(
         "--workers",
         type=int,
         metavar="N",
-        help="so many processes of this machine (default: one for each processor)",
+        help="number of processes on this machine (default: one for each processor)",
     )
     workers.add_argument(
         "--scheduler",
@@ -93,7 +95,7 @@ def add_engine_options(parser: argparse.ArgumentParser) -> None:
 
 
 def engine_of(options: argparse.Namespace) -> Engine:
-    """Return the workers that are asked for. Raises :class:`UserError` where there are none."""
+    """Return the workers of the options. Raises :class:`UserError` where there are none."""
     if options.scheduler is not None:
         from quad_mpc_ros.experiments.campaigns.dask_workers import DaskWorkers
 

@@ -265,7 +265,9 @@ def _drop_ended_recorder(processes: dict[str, NodeProcess]) -> None:
     """Report a recorder that has ended, whose disk may be full, and fly on without it."""
     recorder = processes.get("recorder")
     if recorder is not None and recorder.exit_code is not None:
-        print(f"\nerror: {recorder.obituary()}\n  the flight goes on", file=sys.stderr, flush=True)
+        print(
+            f"\nerror: {recorder.obituary()}\n  the flight continues", file=sys.stderr, flush=True
+        )
         del processes["recorder"]
 
 

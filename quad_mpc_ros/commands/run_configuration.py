@@ -115,7 +115,7 @@ def _duration(options: argparse.Namespace, sources: Sequence[str]) -> str:
     duration = options.duration
     if duration is None:
         given = files.collected(sources, [], schema=SCHEMA)["simulator"].get("duration")
-        duration = given or DEFAULT_DURATION  # 0, for ever, is for a simulator by itself
+        duration = given or DEFAULT_DURATION  # 0, endless, is for a simulator by itself
     else:
         check_duration(duration)
     return f"simulator.duration={files.value_text(duration)}"

@@ -29,15 +29,17 @@ if TYPE_CHECKING:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add which study, from where, with which workers, into what."""
     parser.description = (
-        "Search parameters of the controller with which campaigns of flights go best "
+        "Search the controller parameters with the best campaigns of flights "
         "(docs/tuning.md). The first trial is the configuration that the campaigns have. Writes "
         "front.png, trials.csv, front.csv, and parameter files for --config: front/NUMBER.yaml "
         "for each trial that none is better than in every objective, best.yaml for the one that "
-        "is chosen. Exit code 0 when all trials were flown, whatever was found. Ctrl-C or a kill "
-        "loses the trial under way, no more. Needs Optuna: pip install 'quad_mpc_ros[campaign]'."
+        "is chosen. Exit code 0 when all trials were flown. Ctrl-C or a kill "
+        "loses only the trial under way. Needs Optuna: pip install 'quad_mpc_ros[campaign]'."
     )
     add_campaign_options(parser, "study")
-    parser.add_argument("--trials", type=int, metavar="N", help="so many, whatever the file says")
+    parser.add_argument(
+        "--trials", type=int, metavar="N", help="number of trials, instead of the file's"
+    )
     parser.add_argument(
         "--timeout",
         type=float,
@@ -76,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
         try:
             study.run(engine, observe)
         except KeyboardInterrupt:
-            print(f"\nto go on: quad_mpc tune --resume {out}", file=sys.stderr)
+            print(f"\nto continue: quad_mpc tune --resume {out}", file=sys.stderr)
             raise
         finally:
             progress.close()
@@ -94,7 +96,7 @@ def _held(path: Path) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise UserError(
-                f"{path.parent}: another quad_mpc tune is at it: wait for it"
+                f"{path.parent}: another quad_mpc tune is running on it: wait for its end"
             ) from None
         yield
 

@@ -185,7 +185,7 @@ function drawPairs() {
 }
 
 function histogram(found, logarithmic) {
-  // On a logarithmic axis Plotly has bars wherever they are put by the power of ten.
+  // On a logarithmic axis Plotly places bars by the power of ten.
   const edges = logarithmic ? found.edges.map(Math.log10) : found.edges;
   return data.names.map((name, number) => ({
     type: "bar",

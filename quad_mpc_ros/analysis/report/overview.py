@@ -23,7 +23,7 @@ _SIMULATED_BEFORE = 946_684_800  # s, the year 2000: clocks of simulations begin
 
 
 def verdict(run: ReportedRun) -> str:
-    """Return in a sentence or two whether the MPC flew, and who did where it did not."""
+    """Return in a sentence or two whether the MPC commanded, and what did otherwise."""
     summary = run.summary
     if not summary["commands"]:
         return "No command was given."

@@ -33,7 +33,7 @@ _MEMORY_PERIOD = 1.0
 
 
 class SoakError(Exception):
-    """The soak could not go on; the message says why."""
+    """The soak could not continue; the message says why."""
 
 
 class Rig(Observer):
@@ -83,7 +83,7 @@ class Rig(Observer):
         )
 
     def stop(self, node: str) -> None:
-        """End a node while the others go on."""
+        """End a node while the others continue."""
         process = self.processes.pop(node)
         process.send(signal.SIGINT)
         self.wait(lambda: process.exit_code is not None, f"the end of {node}")

@@ -28,7 +28,7 @@ class TickSeen:
 
 @dataclass
 class Watch:
-    """Listens to ``odom``, ``command`` and ``mpc/stats`` and keeps what is to be judged.
+    """Listens to ``odom``, ``command`` and ``mpc/stats`` and keeps what is judged later.
 
     Times are those at which the others published, so that a slow listener changes nothing.
     """
@@ -79,7 +79,7 @@ class Watch:
         return [sent_ns for stamp_ns, sent_ns in sent if stamp_ns not in answered]
 
     def source_for(self, seconds: float) -> str:
-        """Return who has commanded for so long without a break, or nothing."""
+        """Return the source that has commanded for this time without interruption, or nothing."""
         if not self.ticks:
             return ""
         last = self.ticks[-1]

@@ -106,7 +106,7 @@ def horizon_rows(result: Mapping[str, Any]) -> Rows:
 
 
 def comparison_lines(result: Mapping[str, Any]) -> list[str]:
-    """Return how this controller stands beside its own solver and beside each swept peer."""
+    """Return the times of this controller over those of its solver and of each swept peer."""
     found = {entry["peer"]: entry for entry in compared(result)}
     ours = found.get("controller")
     if ours is None:

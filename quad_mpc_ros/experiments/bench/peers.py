@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from quad_mpc_ros.configuration import UserError
 
-if TYPE_CHECKING:  # --help imports this, and shall be quick
+if TYPE_CHECKING:  # --help imports this and must be quick
     from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 

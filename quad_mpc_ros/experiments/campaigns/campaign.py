@@ -112,7 +112,7 @@ class Campaign:
 
     @functools.cached_property
     def targets(self) -> dict[str, Target]:
-        """What each varied name stands for."""
+        """The parameter of each varied name."""
         return {name: target_of(name, self.base) for name in self.vary}
 
     @functools.cached_property

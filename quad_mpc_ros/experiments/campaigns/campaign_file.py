@@ -90,7 +90,7 @@ def read_variations(
 ) -> dict[str, Variation]:
     """Return what stands below a key: how parameters of ``base`` vary, by their names.
 
-    Raises :class:`UserError` for names that there are not, a vector that varies as a whole and by
+    Raises :class:`UserError` for unknown names, a vector that varies as a whole and by
     elements, and values that a parameter does not allow.
     """
     vary = {str(name): variation_of(f"{key}: {name}", each) for name, each in given.items()}
@@ -237,7 +237,7 @@ class _Reader:
 
 
 _SHORT = (("reference", "reference", "trajectory"), ("duration", "simulator", "duration"))
-"""Keys of the file that stand for one parameter each."""
+"""Keys of the file that are short for one parameter each."""
 
 
 def _check_followed(
@@ -248,7 +248,7 @@ def _check_followed(
     *,
     key: str,
 ) -> None:
-    """Refuse to follow a name that is none or follows this one, and to values not allowed."""
+    """Refuse to follow an unknown name, a cycle, and values that are not allowed."""
     target, source = target_of(name, base), target_of(variation.name, base)
     followed: Variation | None = vary.get(variation.name)
     seen = {name, variation.name}

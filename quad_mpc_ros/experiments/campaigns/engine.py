@@ -1,4 +1,4 @@
-"""What flies the flights of a campaign: workers, wherever they are."""
+"""What flies the flights of a campaign: workers, here or elsewhere."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def fly_one(campaign: Campaign, number: int) -> FlownFlight:
 
 
 def lost_flight(campaign: Campaign, number: int, reason: str) -> FlownFlight:
-    """Return what there is of a flight that no worker survived."""
+    """Return the row of a flight that no worker survived."""
     drawn = campaign.drawn(number)
     row = {NUMBER: number, "crashed": False, "error": reason, **campaign.cells(drawn)}
     return FlownFlight(row=row, parameter_file="")

@@ -97,7 +97,7 @@ class LocalWorkers:
 
 
 def _again(task: _Task) -> list[_Task]:
-    """Return what is to be flown after a death: one by one, until it is clear which one it is."""
+    """Return the tasks after a worker died: one flight each, to find the one that kills it."""
     if len(task.numbers) > 1:
         return [_Task([number]) for number in task.numbers]
     deaths = task.deaths + 1
@@ -105,7 +105,7 @@ def _again(task: _Task) -> list[_Task]:
 
 
 def _given_up(campaign: Campaign, task: _Task) -> list[FlownFlight]:
-    """Return the flight after which no worker lived on, once that is clear."""
+    """Return the flight that no worker survived, once it is known."""
     if _again(task):
         return []
     reason = f"WorkerDied: the worker process died in this flight, {_MOST_DEATHS} times"

@@ -103,14 +103,14 @@ _TABLE = (
     ),
     Fault(
         "odometry_freezes",
-        "the last pose and twist for ever, under new stamps, though in motion",
+        "the last pose and twist repeated under new stamps, in motion",
         courses.odometry_frozen,
         duration=_BRIEF,
         odometry=distortions.frozen,
     ),
     Fault(
         "odometry_repeats",
-        "the last odometry for ever, stamp and all",
+        "the last odometry repeated, with its stamp",
         courses.odometry_lost,
         duration=_BRIEF,
         odometry=distortions.repeated,
@@ -273,7 +273,7 @@ _TABLE = (
     ),
     _on_the_ground(
         "ground_odometry_freezes",
-        "on the ground: the same pose and twist for ever, at rest",
+        "on the ground: the same pose and twist repeated under new stamps",
         odometry=distortions.frozen,
     ),
     _on_the_ground(

@@ -1,6 +1,6 @@
 """A study: trials one after the other, their flights side by side, each kept before the next one.
 
-Trial 0 is the campaigns' own configuration, wherever that is.
+Trial 0 is the configuration of the campaigns themselves.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Study:
     """The trials in a folder."""
 
     def __init__(self, folder: Path, tuning: Tuning) -> None:
-        """Begin the study of a folder, or go on with it.
+        """Begin the study of a folder, or continue it.
 
         Raises :class:`UserError` where Optuna is not installed, and for the study of other
         campaigns or of another version.

@@ -54,7 +54,7 @@ def front_of(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def chosen(front: Sequence[Trial], objectives: Sequence[Objective]) -> Trial:
-    """Return the trial that one takes who wants the objectives in their order.
+    """Return the best trial with the objectives in order of priority.
 
     Of the front those stay that are within the tolerance of the least in the first objective, of
     these those within that of the second, and so on; the last one decides.

@@ -47,7 +47,7 @@ class Tuning:
         give_up: A trial ends as soon as more than this share of a campaign's flights is lost.
         search: What may change, by names ``mpc.parameter`` or ``mpc.parameter.element``.
         campaigns: What each trial flies, in this order, by name.
-        objectives: What is to be small.
+        objectives: What is minimised.
     """
 
     seed: int
@@ -82,7 +82,7 @@ def tuning_text(tuning: Tuning) -> str:
 
 
 def identity_text(tuning: Tuning) -> str:
-    """Return what may not change while a study goes on: all but how long it does."""
+    """Return what may not change during a study: all but its length."""
     return content_text(_content(tuning))
 
 
