@@ -81,7 +81,7 @@ def _shift_of(recording: Recording) -> Shift:
     stats = {name for name in recording.bag.topics if name.endswith(f"/{STATS.name}")}
 
     def shift(message: RecordedMessage, later_ns: int) -> bytes:
-        if message.topic in stats:  # whose stamp is a figure too
+        if message.topic in stats:  # their stamp is a figure, too
             return _later_stats(message, later_ns)
         if message.topic not in stamped:
             return message.data

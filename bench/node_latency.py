@@ -3,7 +3,7 @@
 python bench/node_latency.py [--rate HZ] [--duration S] [--set NODE.PARAM=VALUE ...]
 
 Starts what ``quad_mpc fly`` starts, and ``bench/relay.py``: an ordinary rclpy node with its
-default executor that answers each odometry with an empty command. Both hear the same odometries
+default executor that answers each odometry with an empty command. Both receive the same odometries
 on the same machine at the same time: what the machine costs is in both. Latency is from the
 publication of the odometry to that of the command, as DDS stamps them.
 """
@@ -101,7 +101,7 @@ def fly(config: RunConfig, *, together: bool) -> tuple[dict[str, Load], dict[str
 
 
 def await_readiness(monitor: FlightMonitor) -> None:
-    """Wait until all hear each other, the relay and the recorder of its commands included."""
+    """Wait until all are connected, the relay and the recorder of its commands included."""
     deadline = time.monotonic() + _READY_TIMEOUT
     while not (monitor.ready() and monitor.node.count_subscribers(_RELAYED)):
         if time.monotonic() > deadline:

@@ -63,7 +63,7 @@ class RunRecorder:
         self._write(topics.ODOMETRY, time_ns, cdr.written_odometry(odometry))
 
     def battery(self, voltage: float, *, time_ns: int) -> None:
-        """Write the voltage of a battery [V]; who has none does not offer its topic."""
+        """Write the voltage of a battery [V]; without one the topic is not offered."""
         self._offer(topics.BATTERY)
         self._write(topics.BATTERY, time_ns, cdr.written_battery(voltage, stamp_ns=time_ns))
 
@@ -79,7 +79,7 @@ class RunRecorder:
         self._write(topic, time_ns, cdr.written_command(command), publish_time_ns=answered_ns)
 
     def tick(self, tick: Tick, *, time_ns: int) -> None:
-        """Write what the controller gave and reported of itself."""
+        """Write the command, the statistics and the plan of a tick."""
         command, plan = tick.command, tick.plan
         if command is not None:
             # Answered at once in the time of the loop; what it took is on the wall clock.
@@ -97,8 +97,12 @@ class RunRecorder:
     def _offer(self, topic: Topic) -> None:
         if topic not in self._offered:
             self._offered.add(topic)
-            name, profile = f"/{topic.name}", _profile(topic)
-            self._writer.add_topic(name, topic.type_name, qos_profiles=[profile])
+            profile = QosProfile(
+                depth=topic.depth,
+                reliability="reliable" if topic.reliable else "best_effort",
+                durability="transient_local" if topic.latched else "volatile",
+            )
+            self._writer.add_topic(f"/{topic.name}", topic.type_name, qos_profiles=[profile])
 
     def _write(
         self, topic: Topic, time_ns: int, data: bytes, *, publish_time_ns: int | None = None
@@ -109,11 +113,3 @@ class RunRecorder:
             log_time_ns=time_ns,
             publish_time_ns=time_ns if publish_time_ns is None else publish_time_ns,
         )
-
-
-def _profile(topic: Topic) -> QosProfile:
-    return QosProfile(
-        depth=topic.depth,
-        reliability="reliable" if topic.reliable else "best_effort",
-        durability="transient_local" if topic.latched else "volatile",
-    )

@@ -1,4 +1,4 @@
-"""Between publisher and MPC: passes a topic's bytes on, or what a fault makes of them."""
+"""Between publisher and MPC: passes a topic on, unchanged or distorted by a fault."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Passed(NamedTuple):
 class Relay(Generic[M]):
     """Subscribes to a topic and publishes it again as ``soak/<topic>``.
 
-    Untouched messages are passed on as the bytes they are; only a fault has them decoded.
+    Messages are passed on as bytes; only during a fault they are decoded.
     """
 
     def __init__(
@@ -53,8 +53,8 @@ class Relay(Generic[M]):
         self._last = b""
         self.passed: list[Passed] = []
         """Which messages were passed on untouched."""
-        self.last_heard_ns = 0
-        """When the last message came, passed on or not."""
+        self.last_received_ns = 0
+        """When the last message was received, passed on or not."""
         self._fault: Distortion[M] | None = None
         self._before: M | None = None
         self._began_ns = 0
@@ -76,8 +76,8 @@ class Relay(Generic[M]):
         ]
 
     @property
-    def heard(self) -> bool:
-        """Whether the MPC listens."""
+    def matched(self) -> bool:
+        """Whether the MPC is subscribed."""
         publishers = [p for p in (self._publisher, self._intruder) if p is not None]
         return all(p.get_subscription_count() for p in publishers)
 
@@ -107,7 +107,7 @@ class Relay(Generic[M]):
             publisher.publish(data)
 
     def _on_message(self, data: bytes) -> None:
-        now_ns = self.last_heard_ns = time.time_ns()
+        now_ns = self.last_received_ns = time.time_ns()
         self._last = data
         if self._fault is not None and self._before is not None:
             self._distort(self._fault, self._before, self._decode(data), now_ns)
