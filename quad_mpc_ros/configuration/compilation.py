@@ -13,17 +13,18 @@ import hashlib
 import importlib.metadata
 import os
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-_PACKAGE = Path(__file__).resolve().parents[1]
+PACKAGE = Path(__file__).resolve().parents[1]
 
 SHARED = (
     "configuration/compilation.py",
@@ -35,6 +36,9 @@ SHARED = (
 )
 """From where compiled code takes functions and constants, beside its own folder: a test looks."""
 
+FUNCTIONS: list[Any] = []
+"""Numba's dispatchers of all compiled functions that have been imported."""
+
 
 def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
     """Compile a function when it is first called, and keep the machine code on disk.
@@ -43,8 +47,27 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
     """
     folder = cache_folder(Path(function.__code__.co_filename).resolve().parent)
     with _cached_in(folder):
-        jit = numba.njit(cache=folder is not None, error_model="numpy")
-        return cast(Callable[_P, _T], jit(function))
+        dispatcher = numba.njit(cache=folder is not None, error_model="numpy")(function)
+    FUNCTIONS.append(dispatcher)
+    return cast(Callable[_P, _T], dispatcher)
+
+
+def compiled_here() -> int:
+    """Return how many functions this process has compiled, because no machine code was kept."""
+    return sum(sum(function.stats.cache_misses.values()) for function in FUNCTIONS)
+
+
+@contextmanager
+def reported(warn: Callable[[str], object]) -> Iterator[None]:
+    """Warn when what is done meanwhile had to compile, which takes most of a minute."""
+    before, begun = compiled_here(), time.monotonic()
+    yield
+    made = compiled_here() - before
+    if made:
+        warn(
+            f"compiled {made} functions in {time.monotonic() - begun:.0f} s, expected none: "
+            "run 'quad_mpc compile' once, and the next start finds them"
+        )
 
 
 @functools.cache
@@ -55,7 +78,7 @@ def cache_folder(room: Path) -> Path | None:
     """
     given = os.environ.get("NUMBA_CACHE_DIR")
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    places = [Path(given)] if given else [_PACKAGE / "__pycache__", user / "quad_mpc_ros"]
+    places = [Path(given)] if given else [PACKAGE / "__pycache__", user / "quad_mpc_ros"]
     for place in places:
         folder = place / f"compiled-{digest_of_sources(room)}"
         try:
@@ -81,9 +104,9 @@ def digest_of_sources(room: Path) -> str:
 def _sources(room: Path) -> Iterator[Path]:
     """Yield the files that a room's machine code may be made of: shared ones, and its door's."""
     for name in SHARED:
-        place = _PACKAGE / name
+        place = PACKAGE / name
         yield from place.glob("*.py") if place.is_dir() else [place]
-    is_inner = room.parent.parent == _PACKAGE and room.parent.name != "control"
+    is_inner = room.parent.parent == PACKAGE and room.parent.name != "control"
     yield from (room.parent if is_inner else room).rglob("*.py")
 
 

@@ -9,7 +9,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
+
+import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.config import MpcConfig
@@ -61,6 +64,15 @@ class PredictedState(NamedTuple):
 
     stamp_ns: int
     vector: Array
+
+    @classmethod
+    def at_rest(cls, parameters: Array) -> PredictedState:
+        """Return a state at the origin with the given parameters (29,), before any command."""
+        vector = np.zeros(PREDICTION_SIZE)
+        vector[R_WB] = np.eye(3).ravel()
+        vector[_PARAMETERS] = parameters
+        vector[-1] = math.inf
+        return cls(0, vector)
 
     @property
     def row(self) -> Array:
