@@ -96,7 +96,9 @@ def _compile(kept: KeptCode, begun: float) -> bool:
                 print(f"  {kept.count()} functions after {seconds:.0f} s", flush=True)
                 for part in done:
                     if (error := part.exception()) is not None:
-                        what = "a process crashed" if isinstance(error, BrokenProcessPool) else error
+                        what = (
+                            "a process crashed" if isinstance(error, BrokenProcessPool) else error
+                        )
                         print(f"  {what}", flush=True)
                         return False
     return True

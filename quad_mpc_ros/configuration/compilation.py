@@ -13,7 +13,6 @@ import hashlib
 import importlib.metadata
 import os
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -55,19 +54,6 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
 def compiled_here() -> int:
     """Return how many functions this process has compiled, because no machine code was kept."""
     return sum(sum(function.stats.cache_misses.values()) for function in FUNCTIONS)
-
-
-@contextmanager
-def reported(warn: Callable[[str], object]) -> Iterator[None]:
-    """Warn when what is done meanwhile had to compile, which takes most of a minute."""
-    before, begun = compiled_here(), time.monotonic()
-    yield
-    made = compiled_here() - before
-    if made:
-        warn(
-            f"compiled {made} functions in {time.monotonic() - begun:.0f} s, expected none: "
-            "run 'quad_mpc compile' once, and the next start finds them"
-        )
 
 
 @functools.cache
@@ -113,9 +99,10 @@ def _sources(room: Path) -> Iterator[Path]:
 @contextmanager
 def _cached_in(folder: Path | None) -> Iterator[None]:
     """Let Numba keep what is decorated meanwhile in a folder."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(folder or before)
+    config: Any = numba.config
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(folder or before)
     try:
         yield
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before
