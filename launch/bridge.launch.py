@@ -13,6 +13,7 @@ from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
 from quad_mpc_ros.ros.bridges.registry import bridge_packages
@@ -97,7 +98,7 @@ def _nodes(context) -> list:
         )
     ]
     if with_reference == "true":
-        parameters = [*common["parameters"], {"mode": mode}]
+        parameters = [*common["parameters"], {"mode": ParameterValue(mode, value_type=str)}]
         nodes.append(
             Node(
                 package=PACKAGE,

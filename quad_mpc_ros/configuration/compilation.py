@@ -82,16 +82,16 @@ def digest_of_sources(room: Path) -> str:
     digest = hashlib.blake2b(digest_size=10)
     for name in ("numba", "llvmlite", "numpy"):
         digest.update(f"{name} {importlib.metadata.version(name)}\0".encode())
-    for file in sorted(_sources(room)):
+    for file in sorted(sources(room)):
         digest.update(f"{file.name}\0".encode() + file.read_bytes())
     return digest.hexdigest()
 
 
-def _sources(room: Path) -> Iterator[Path]:
+def sources(room: Path) -> Iterator[Path]:
     """Yield the files that a room's machine code may be made of: shared ones, and its door's."""
     for name in SHARED:
         place = PACKAGE / name
-        yield from place.glob("*.py") if place.is_dir() else [place]
+        yield from [place] if place.suffix else place.glob("*.py")
     is_inner = room.parent.parent == PACKAGE and room.parent.name != "control"
     yield from (room.parent if is_inner else room).rglob("*.py")
 
