@@ -44,7 +44,7 @@ def test_nowhere_to_write_is_no_reason_to_fail(tmp_path: Path) -> None:
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=False,
     )
     assert found.returncode == 0, found.stderr
