@@ -49,7 +49,7 @@ from quad_mpc_ros.ros.messages import (
     qos_of,
     reference_in,
 )
-from quad_mpc_ros.ros.rclpy_internals import fastest_executor
+from quad_mpc_ros.ros.spin import fastest_executor
 
 NODES = {  # what runs each
     "mpc": "from quad_mpc_ros.ros.nodes.mpc_node import main",

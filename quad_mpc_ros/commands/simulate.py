@@ -16,8 +16,9 @@ from quad_mpc_ros.commands.run_recorder import RunRecorder
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.messages import topics
 from quad_mpc_ros.references.server import ReferenceServer
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
+from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import PLANTS
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

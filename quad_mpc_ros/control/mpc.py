@@ -73,7 +73,7 @@ class Mpc:
     def step(self, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
         """Compute the plan for an odometry (twist in the body frame) and a reference window."""
         started = time.perf_counter()
-        return self._solve(self._delay_compensation.predict(odometry), window, started=started)
+        return self.solve(self._delay_compensation.predict(odometry), window, started=started)
 
     def step_unseen(self, stamp_ns: int, window: ReferenceWindow) -> MpcStep | None:
         """Compute the plan from where the vehicle should be at a time without odometry.
@@ -82,9 +82,13 @@ class Mpc:
         """
         started = time.perf_counter()
         state = self._delay_compensation.foresee(stamp_ns)
-        return None if state is None else self._solve(state, window, started=started)
+        return None if state is None else self.solve(state, window, started=started)
 
-    def _solve(self, state: PredictedState, window: ReferenceWindow, *, started: float) -> MpcStep:
+    def solve(
+        self, state: PredictedState, window: ReferenceWindow, *, started: float | None = None
+    ) -> MpcStep:
+        """Compute the plan from a predicted state; ``started`` is when the step did [s]."""
+        started = time.perf_counter() if started is None else started
         problem, qp, solver = self._problem, self._qp, self._solver
         plan: Plan | None = None
         iterations, solve_time = 0, 0.0

@@ -7,7 +7,8 @@ from typing import Generic, NamedTuple, TypeVar
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.safety.validation import odometry_fault, reference_fault
+from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.control.tick import Tick
 
 _SECOND = 1_000_000_000

@@ -20,7 +20,7 @@ from quad_mpc_ros.control.model.reference_window import (
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.ocp.paper import reference_throttles
-from quad_mpc_ros.control.safety.validation import reference_fault
+from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
 

@@ -22,7 +22,7 @@ from quad_mpc_ros.messages.diagnostics import WARN
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, Topic
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.messages import message_class, qos_of
-from quad_mpc_ros.ros.parameters import declare
+from quad_mpc_ros.ros.parameters import ParameterNode, declare
 
 C = TypeVar("C", bound=Configuration)
 
@@ -173,7 +173,7 @@ class HealthReporter:
         ]
 
 
-class ReportingNode(Node, Generic[C]):
+class ReportingNode(ParameterNode, Generic[C]):
     """A node without a lifecycle: it runs from its start to its end.
 
     A derived node makes its endpoints through ``health`` and overrides :meth:`report`. To end with
@@ -182,7 +182,7 @@ class ReportingNode(Node, Generic[C]):
 
     def __init__(self, name: str, configuration: type[C]) -> None:
         """Declare the parameters. Raises :class:`ConfigurationError` for what is given wrong."""
-        super().__init__(name)
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
         self.config = declare(self, configuration)
         self.health = HealthReporter(self, self.report)

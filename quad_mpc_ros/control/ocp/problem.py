@@ -9,7 +9,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol, cast
+
+import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector4
@@ -38,6 +41,16 @@ class PredictedState(NamedTuple):
 
     stamp_ns: int
     prediction: RecordArray[Prediction]
+
+    @classmethod
+    def at_rest(cls, parameters: RecordArray[ModelParameters]) -> PredictedState:
+        """Return a state at the origin with the given parameters, before any command."""
+        prediction = Prediction.zeros()
+        predicted = prediction[()]
+        predicted.state.R_WB[:] = np.eye(3)
+        predicted.parameters = parameters[()]
+        predicted.since_sent = math.inf
+        return cls(0, prediction)
 
     @property
     def sent(self) -> Array:

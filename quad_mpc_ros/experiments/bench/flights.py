@@ -16,8 +16,8 @@ from quad_mpc_ros.experiments.bench.peers import Peer
 from quad_mpc_ros.recordings.evaluation.metrics import percentiles
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 from quad_mpc_ros.simulation.sensors import OdometryStream
 
 

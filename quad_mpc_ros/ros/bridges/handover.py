@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.reference_window import sample
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.bridges.config import HandoverParameters
 
@@ -186,7 +185,7 @@ class Surroundings:
         window, seen_ns = self._reference
         if _is_old(seen_ns, now_ns, _REFERENCE_FRESH_NS):
             return "the reference is old"
-        away = sample(window, odometry.stamp_ns).p_WB - odometry.p_WB
+        away = window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB
         if landed:  # it rests below the ground, so that the motors idle
             rises = float(window.p_WB[:, 2].max() - odometry.p_WB[2])
             if rises > _RISES:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
@@ -39,7 +39,6 @@ from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import odometry_in
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.telling import told
 
 _BODY_FRAME = "base_link"
 # What is asked for begins a little later, as it has to be planned first; what takes longer is
@@ -87,10 +86,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def configure(self, config: ReferenceConfig) -> None:
         """Prepare the trajectory and listen."""
         self._config = config
-        # Compiled code is loaded when it is first called: now, not when the flight begins.
-        with told(self):
-            odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id=config.frame_id)
-            self._live = self._prepared()
+        self._live = self._prepared()
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
