@@ -21,6 +21,7 @@ from rclpy.parameter import Parameter
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, ParameterSpec
 from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.vehicle import describes_vehicle
 from quad_mpc_ros.ros.rclpy_internals import given_parameters
 
 C = TypeVar("C", bound=Configuration)
@@ -43,7 +44,10 @@ def declare(node: Node, configuration: type[C], *, managed: bool = False) -> C:
         for name, value in given_parameters(node).items()
         if name not in _FOREIGN_NAMES and not name.startswith(_FOREIGN_PREFIXES)
     }
-    config = configuration.build(given)
+    # A vehicle file is for every node, whatever each of them reads of it.
+    common = {name: value for name, value in given.items() if describes_vehicle(name)}
+    own = {name: value for name, value in given.items() if name not in common}
+    config = configuration.build({**configuration.share(common, own), **own})
     values = config.flattened()
     for spec in config.specs():
         node.declare_parameter(

@@ -140,6 +140,6 @@ def test_wildcard_reaches_every_node_that_knows_the_name(tmp_path: Path) -> None
     loaded = files.load([str(file)], ["simulator.drag=0.3"], schema=SCHEMA)
 
     assert loaded["mpc"].flattened()["mass"] == 1.0
-    assert loaded["mpc"].flattened()["solver.max_iterations"] == 50
+    assert loaded["mpc"].flattened()["advanced.solver.max_iterations"] == 50
     assert loaded["simulator"].flattened()["mass"] == 0.5
     assert loaded["simulator"].flattened()["drag"] == 0.3

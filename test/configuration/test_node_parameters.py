@@ -69,8 +69,8 @@ REFUSED = [
     ("mpc", "mass", "0.4", "a number > 0"),
     ("mpc", "motor_count", True, "a whole number >= 1"),
     ("mpc", "odometry.twist_frame", "body", "one of child, world"),
-    ("mpc", "solver.max_iterations", 0, "a whole number >= 1"),
-    ("mpc", "solver.tolerance", 0.0, "a number > 0 and < 0.1"),
+    ("mpc", "advanced.solver.max_iterations", 0, "a whole number >= 1"),
+    ("mpc", "advanced.solver.tolerance", 0.0, "a number > 0 and < 0.1"),
     ("simulator", "dynamics", "newton", "one of rigid_body, paper"),
     ("simulator", "mass_scale", 0.0, "a number > 0"),
     ("simulator", "initial_position", (0.0, 0.0), "3 numbers"),
@@ -104,8 +104,8 @@ def test_a_wrong_value_is_refused_in_one_line(
         ("simulator", {"mass": 2.0}, r"simulator\.mass: given 2\.0, expected .* 18\.69 N"),
         (
             "mpc",
-            {"limits.throttle_margin": 0.3},
-            r"mpc\.limits\.throttle_margin: given 0\.3, .*0\.2923",
+            {"advanced.limits.throttle_margin": 0.3},
+            r"mpc\.advanced\.limits\.throttle_margin: given 0\.3, .*0\.2923",
         ),
         ("simulator", {"mass_scale": 9.0}, r"simulator\.mass_scale: given 9\.0, expected "),
         (
@@ -151,6 +151,6 @@ def test_limits_of_the_plan_change_in_flight_but_are_not_switched() -> None:
     assert tilt.may_change(0.0, 0.0)
     assert not tilt.may_change(0.0, 0.6)
     assert not tilt.may_change(0.6, 0.0)
-    assert specs["limits.pull_distance"].may_change(1.5, 3.0)
+    assert specs["advanced.limits.pull_distance"].may_change(1.5, 3.0)
     assert not specs["horizon_steps"].may_change(10, 20)
     assert specs["throttle_min"].may_change(0.0, 0.1)

@@ -79,7 +79,7 @@ def test_what_is_given_and_what_is_dumped_is_loaded(tmp_path: Path, namespace: s
     try:
         node = MpcNode()
         assert node.get_parameter("mass").value == 1.0
-        assert list(node.get_parameter("realtime.cpus").value) == []
+        assert list(node.get_parameter("advanced.realtime.cpus").value) == []
         # As ros2 param dump does it.
         dumped = {name: node.get_parameter(name).value for name in node._parameters}
         node.destroy_node()

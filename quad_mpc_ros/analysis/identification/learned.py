@@ -82,7 +82,6 @@ def learned_file(found: Learned, given: MpcConfig, *, head: str, keep: vehicle_f
         "drag",
         "rotor_drag",
         "translational_lift",
-        "torque_curve",
         "input_delay",
     ):
         entries[name] = (getattr(given, name), vehicle_file.KEPT)
