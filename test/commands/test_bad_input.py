@@ -134,7 +134,7 @@ def test_wildcard_reaches_every_node_that_knows_the_name(tmp_path: Path) -> None
     file = tmp_path / "parameters.yaml"
     file.write_text(
         "/**: {ros__parameters: {mass: 0.5, use_sim_time: true}}\n"
-        "/uav1/mpc: {ros__parameters: {mass: 1, solver: {max_iterations: 50}}}\n"
+        "/uav1/mpc: {ros__parameters: {mass: 1, advanced: {solver: {max_iterations: 50}}}}\n"
     )
 
     loaded = files.load([str(file)], ["simulator.drag=0.3"], schema=SCHEMA)

@@ -74,7 +74,7 @@ REFUSED = [
     ("simulator", "dynamics", "newton", "one of rigid_body, paper"),
     ("simulator", "mass_scale", 0.0, "a number > 0"),
     ("simulator", "initial_position", (0.0, 0.0), "3 numbers"),
-    ("simulator", "integration_step", 0.0, "a number >= 1e-05 and <= 0.05"),
+    ("simulator", "advanced.integration_step", 0.0, "a number >= 1e-05 and <= 0.05"),
     ("reference", "trajectory", "triangle", "one of square"),
     ("reference", "side", 0.0, "a number > 0"),
     ("reference", "dwell_time", -2.0, "a number > 0"),
@@ -113,8 +113,8 @@ def test_a_wrong_value_is_refused_in_one_line(
             {"initial_position": (0.0, 0.0, -0.1)},
             r"simulator\.initial_position: given \[0\.0, 0\.0, -0\.1\], .*height",
         ),
-        ("reference", {"window_step": 3.0}, r"reference\.window_step: given 3\.0, .*and 2"),
-        ("reference", {"window_step": 0.001}, r"reference\.window_step: given 0\.001"),
+        ("reference", {"advanced.window_step": 3.0}, r"reference\.advanced\.window_step: given 3\.0, .*and 2"),
+        ("reference", {"advanced.window_step": 0.001}, r"reference\.advanced\.window_step: given 0\.001"),
     ],
 )
 def test_values_that_do_not_go_together_are_refused(
@@ -134,14 +134,20 @@ def test_live_parameters_are_weights_bounds_and_limits() -> None:
         "throttle_min",
         "throttle_max",
         "odom_timeout",
-        "odom_gap",
         "reference_timeout",
         "plan_hold_time",
         "blind_time",
-        "disturbance_max",
     }
-    groups = {name.split(".")[0] for name in live if "." in name}
-    assert groups == {"fence", "envelope", "slew", "swinging", "limits"}
+    groups = {name.rpartition(".")[0] for name in live if "." in name}
+    assert groups == {
+        "fence",
+        "envelope",
+        "limits",
+        "advanced",
+        "advanced.limits",
+        "advanced.oscillation",
+        "advanced.slew",
+    }
 
 
 def test_limits_of_the_plan_change_in_flight_but_are_not_switched() -> None:

@@ -357,7 +357,7 @@ def test_one_vehicle_file_serves_every_node_beside_a_bridge(
 def test_beside_rosflight_the_commands_of_the_mpc_have_a_name_of_their_own(launch: Launch) -> None:
     for bridge in ("rosflight", "px4"):
         (mpc,) = (n for n in launch("bridge.launch.py", bridge=bridge) if n.name == "mpc")
-        topic = CONFIGS[f"{bridge}_bridge"]().flattened()["mpc_command_topic"]
+        topic = CONFIGS[f"{bridge}_bridge"]().flattened()["advanced.mpc_command_topic"]
         assert mpc.remappings.get("command", "command") == topic
         (stack,) = launch("stack.launch.py", bridge=bridge)
         assert stack.remappings.get("mpc:command", "command") == topic
