@@ -19,6 +19,7 @@ from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 from quad_mpc_ros.configuration.errors import ConfigurationError
 from quad_mpc_ros.configuration.renamed import refuse_former_name
+from quad_mpc_ros.configuration.vehicle import VEHICLE
 
 _METADATA_KEY = "quad_mpc_ros.parameter"
 _ADVANCED = "advanced."
@@ -219,6 +220,10 @@ class Configuration:
     def flattened(self) -> dict[str, Any]:
         """Return every parameter by its dotted name; arrays as tuples."""
         return {spec.name: operator.attrgetter(spec.path)(self) for spec in self.specs()}
+
+    def vehicle_values(self) -> dict[str, Any]:
+        """Return what this node was given of the vehicle, by the names of a vehicle file."""
+        return {name: value for name, value in self.flattened().items() if name in VEHICLE}
 
     def updated(self, changes: Mapping[str, object]) -> Self:
         """Return a copy with ``changes`` (dotted names) applied, validated as a whole."""

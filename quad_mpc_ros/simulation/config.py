@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from quad_mpc_ros.configuration import (
     Configuration,
@@ -192,6 +192,14 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
         if isinstance(delay, int | float) and isinstance(of_odometry, int | float):
             share["command_delay"] = max(delay - of_odometry, 0.0)
         return share
+
+    def vehicle_values(self) -> dict[str, Any]:
+        """Return what this plant was given of the vehicle, by the names of a vehicle file."""
+        values = super().vehicle_values()
+        has_own = self.entry().has_own
+        if "rate_time_constant" not in has_own:
+            values["input_delay"] = self.command_delay + self.odom_delay
+        return {name: value for name, value in values.items() if name not in has_own}
 
     def check(self) -> None:
         """Refuse to give a plant what it has of its own."""
