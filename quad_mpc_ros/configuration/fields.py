@@ -139,8 +139,8 @@ def parameter(default: Any, *, doc: str, **constraints: Any) -> Any:
     """Declare a parameter as a dataclass field.
 
     ``constraints`` are the fields of :class:`ParameterSpec`: unit, minimum, maximum, above,
-    below, length, choices, live, switch, advanced. The name comes from the field and the type from its
-    annotation.
+    below, length, choices, live, switch, advanced. The name comes from the field and the type
+    from its annotation.
     """
     spec = ParameterSpec(default=default, doc=doc, **constraints)
     return dataclasses.field(default=default, metadata={_METADATA_KEY: spec})

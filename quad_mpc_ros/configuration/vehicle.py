@@ -51,8 +51,7 @@ def _alike(a: Any, b: Any) -> bool:
     length = max(len(first), len(second))
     first, second = (v * length if len(v) == 1 else v for v in (first, second))
     return len(first) == len(second) and all(
-        math.isclose(x, y, rel_tol=1e-9, abs_tol=1e-12)
-        for x, y in zip(first, second, strict=True)
+        math.isclose(x, y, rel_tol=1e-9, abs_tol=1e-12) for x, y in zip(first, second, strict=True)
     )
 
 

@@ -16,7 +16,6 @@ from quad_mpc_ros.configuration import (
 )
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
 
-
 _live = functools.partial(parameter, live=True)
 _advanced = functools.partial(parameter, advanced=True)
 _live_advanced = functools.partial(_live, advanced=True)
@@ -111,7 +110,9 @@ class OscillationParameters(Configuration):
         above=0.0,
         maximum=math.pi,
     )
-    action: str = _live_advanced("hover", doc="On oscillation: as for fence.action.", choices=_ACTIONS)
+    action: str = _live_advanced(
+        "hover", doc="On oscillation: as for fence.action.", choices=_ACTIONS
+    )
     hold_time: float = _live_advanced(
         10.0,
         doc="How long the action lasts; three times as long each time that it oscillates again.",

@@ -113,8 +113,16 @@ def test_a_wrong_value_is_refused_in_one_line(
             {"initial_position": (0.0, 0.0, -0.1)},
             r"simulator\.initial_position: given \[0\.0, 0\.0, -0\.1\], .*height",
         ),
-        ("reference", {"advanced.window_step": 3.0}, r"reference\.advanced\.window_step: given 3\.0, .*and 2"),
-        ("reference", {"advanced.window_step": 0.001}, r"reference\.advanced\.window_step: given 0\.001"),
+        (
+            "reference",
+            {"advanced.window_step": 3.0},
+            r"reference\.advanced\.window_step: given 3\.0, .*and 2",
+        ),
+        (
+            "reference",
+            {"advanced.window_step": 0.001},
+            r"reference\.advanced\.window_step: given 0\.001",
+        ),
     ],
 )
 def test_values_that_do_not_go_together_are_refused(

@@ -60,9 +60,7 @@ def test_what_is_exceeded_is_told_with_where_and_by_how_much() -> None:
     assert worst.time == pytest.approx(1.32, abs=0.02)  # the top
     assert worst.margin == pytest.approx(5.0 - worst.worst)
     with pytest.raises(ConfigurationError) as told:
-        configured_trajectory(
-            ReferenceConfig.build({"trajectory": "vertical_loop", **limits})
-        )
+        configured_trajectory(ReferenceConfig.build({"trajectory": "vertical_loop", **limits}))
     for word in ("highest throttle 0.62", "0.12", "pitch rate 7.1", "at 1.3", "rad/s beyond"):
         assert word in str(told.value)
 

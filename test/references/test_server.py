@@ -73,7 +73,9 @@ def test_without_preview_the_present_waypoint_is_held_over_the_whole_window(stam
     step=st.sampled_from([0.05, 0.07, 0.3, 1.0]),
 )
 def test_with_preview_the_window_shows_what_will_be_flown(time_ns: int, step: float) -> None:
-    server = started(preview=True, **{"advanced.window_step": step, "advanced.window_duration": 3.0})
+    server = started(
+        preview=True, **{"advanced.window_step": step, "advanced.window_duration": 3.0}
+    )
     stamp = START + time_ns
     window = server.window(stamp)
     assert_well_formed(window, stamp)

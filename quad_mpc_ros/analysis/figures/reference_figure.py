@@ -79,7 +79,9 @@ def _draw_needs(figure: Any, column: list[Any], verdict: Verdict) -> None:
         ("throttle", "", "", needs.throttle, throttle),
         *(
             ("ω", axis, "rad/s", rates, (-bound, bound))
-            for axis, rates, bound in zip("xyz", needs.w_WB_B.T, limits.trajectory_omega_max, strict=True)
+            for axis, rates, bound in zip(
+                "xyz", needs.w_WB_B.T, limits.trajectory_omega_max, strict=True
+            )
         ),
         ("height", "", "m", needs.height, (0.0,)),
     ]

@@ -215,8 +215,8 @@ def parameter_file(
 
     What the flight does not show is written as given. With ``keep`` mass the thrust curve is
     scaled, with curve the mass. ``bridge`` are the recorded parameters of the bridge that flew,
-    of which the file has the thrust map. Raises :class:`UserError` for a fit that explains too little, and
-    ``ConfigurationError`` when the controller would refuse the values.
+    of which the file has the thrust map. Raises :class:`UserError` for a fit that explains too
+    little, and ``ConfigurationError`` when the controller would refuse the values.
     """
     if (reason := refusal(found)) is not None:
         raise UserError(f"nothing is written: {reason}")

@@ -38,6 +38,7 @@ class LiftParameters(Configuration):
         unit="N",
         length=3,
     )
+
     def check(self) -> None:
         """Refuse a thrust curve without an inverse, and a vehicle that cannot hover."""
         a, b, _ = self.thrust_curve
@@ -92,6 +93,7 @@ class VehicleParameters(LiftParameters):
         unit="1/m",
         minimum=0.0,
     )
+
     @property
     def drags_alike(self) -> bool:
         """Whether the air acts alike along all body axes: attitude does not change its force."""
