@@ -120,7 +120,7 @@ class Flights:
         for delay in DELAYS:
             content = _content("delay.yaml")
             content["set"] = {f"mpc.{name}": value for name, value in GUESSED.items()}
-            content["set"]["mpc.swinging.action"] = (
+            content["set"]["mpc.advanced.oscillation.action"] = (
                 "warn"  # its weights are judged, not their rescue
             )
             content["vary"]["simulator.command_delay"]["plus"] = delay

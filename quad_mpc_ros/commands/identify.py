@@ -22,9 +22,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Fit the lags of body rates and thrust, the input delay, the thrust per mass, over the "
         "battery's voltage if that was recorded, and the drag to the commands and the odometry "
-        "of a flight. Prints a ROS parameter file for "
-        "--config on standard output, and what was found with its 95 %% intervals on standard "
-        "error."
+        "of a flight. Prints the vehicle file, ROS parameters for every node below /**, on "
+        "standard output, and what was found with its 95 %% intervals on standard error."
     )
     recording.add_options(parser)
     _add_battery_options(parser)
@@ -41,7 +40,11 @@ def run(options: argparse.Namespace) -> int:
     """Fit, print the table on standard error, write; return the exit code."""
     from quad_mpc_ros.analysis.identification.figure import write_fit_figure
     from quad_mpc_ros.analysis.identification.fit import fit
-    from quad_mpc_ros.analysis.identification.measurements import RECORDED, measurements_of
+    from quad_mpc_ros.analysis.identification.measurements import (
+        RECORDED,
+        measurements_of,
+        recorded_bridge,
+    )
     from quad_mpc_ros.analysis.identification.report import identification_table, parameter_file
     from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.recordings.recording import Recording
@@ -68,7 +71,9 @@ def run(options: argparse.Namespace) -> int:
     age = float("nan") if lockstep else data.command_age
     table = identification_table(found, mpc, command_age=age, file=options.out)
     print(table, file=sys.stderr)
-    text = parameter_file(found, mpc, bag=run.bag, keep=options.keep)
+    text = parameter_file(
+        found, mpc, bag=run.bag, keep=options.keep, bridge=recorded_bridge(run.parameters)
+    )
     if options.out is None:
         print(text, end="")
     else:

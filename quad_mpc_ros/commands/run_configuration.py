@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 from quad_mpc_ros.commands.output import default_out, prepared_out
 from quad_mpc_ros.commands.run_options import DEFAULT_DURATION, check_duration
-from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.configuration import Configuration, UserError, files
+from quad_mpc_ros.configuration.vehicle import differences
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.recording import flown_points
@@ -67,6 +69,7 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
         loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA, base=base)
     make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
     out = prepared_out(options.out or default_out(reference.trajectory))
+    _warn_of_different_vehicles(loaded)
     return RunConfig(
         mpc=cast(MpcConfig, loaded["mpc"]),
         simulator=cast(SimulatorConfig, loaded["simulator"]),
@@ -77,6 +80,18 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
         trajectory=trajectory,
         out=out,
     )
+
+
+def _warn_of_different_vehicles(loaded: Mapping[str, Configuration]) -> None:
+    """Warn of nodes that have another vehicle than the MPC."""
+    ours = loaded["mpc"].vehicle_values()
+    for node, config in loaded.items():
+        differ = differences(ours, config.vehicle_values())
+        if differ:
+            print(
+                f"warning: mpc and {node} were given different vehicles: {', '.join(differ)}",
+                file=sys.stderr,
+            )
 
 
 def _sources(options: argparse.Namespace) -> list[str]:

@@ -14,13 +14,13 @@ import numpy as np
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.control.model.vehicle import ARM, Vehicle, VehicleParameters, outline
+from quad_mpc_ros.control.model.vehicle import ARM, LiftParameters, Vehicle, outline
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
 
 
 @dataclass(frozen=True, kw_only=True)
-class VisualisationConfig(VehicleParameters):
+class VisualisationConfig(LiftParameters):
     """What viewers are shown; mass and thrust curve turn throttle into thrust."""
 
     owner = "visualisation"

@@ -67,6 +67,7 @@ class RecorderConfig(ManagedConfiguration):
     nodes: tuple[str, ...] = parameter(
         ("mpc", "simulator", "reference", "recorder"),
         doc="Nodes whose parameters are stored in the bag.",
+        advanced=True,
     )
     compression: str = parameter(
         "zstd", doc="Compression of the chunks.", choices=("none", "zstd", "lz4")
@@ -81,6 +82,7 @@ class RecorderConfig(ManagedConfiguration):
         True,
         doc="Wait at each flush, twice a second, until the disk has the data: what was flushed "
         "then survives a power failure too.",
+        advanced=True,
     )
 
     def check(self) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from quad_mpc_ros.configuration import BagError, Configuration, files
+from quad_mpc_ros.configuration.renamed import with_present_names
 from quad_mpc_ros.recordings.writer import BagWriter
 
 _PREFIX = "parameters:"
@@ -46,5 +47,6 @@ def recorded_parameters(
     for node, values in parameters.items():
         if node.rsplit("/", 1)[-1] == kind.owner:
             # A node also has parameters of ROS itself, such as use_sim_time.
-            return {name: values[name] for name in values if name in known}
+            present = with_present_names(kind.owner, values)
+            return {name: value for name, value in present.items() if name in known}
     return {}

@@ -234,7 +234,9 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
 
     def _configure(self) -> None:
         try:
-            self.configure(self._managed_parameters.settle())
+            config = self._managed_parameters.settle()
+            self.health.vehicle = config.vehicle_values()
+            self.configure(config)
         except Exception:
             self._destroy_made()
             raise

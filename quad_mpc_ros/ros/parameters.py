@@ -21,6 +21,7 @@ from rclpy.parameter import Parameter
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, ParameterSpec
 from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.vehicle import describes_vehicle
 
 C = TypeVar("C", bound=Configuration)
 
@@ -70,7 +71,10 @@ def declare(node: ParameterNode, configuration: type[C], *, managed: bool = Fals
     }
     for name in names:
         node.undeclare_parameter(name)
-    config = configuration.build(given)
+    # A vehicle file is for every node, whatever each of them reads of it.
+    common = {name: value for name, value in given.items() if describes_vehicle(name)}
+    own = {name: value for name, value in given.items() if name not in common}
+    config = configuration.build({**configuration.share(common, own), **own})
     values = config.flattened()
     for spec in config.specs():
         node.declare_parameter(

@@ -136,12 +136,12 @@ def test_wildcard_sets_every_node_with_the_parameter(tmp_path: Path) -> None:
     file = tmp_path / "parameters.yaml"
     file.write_text(
         "/**: {ros__parameters: {mass: 0.5, use_sim_time: true}}\n"
-        "/uav1/mpc: {ros__parameters: {mass: 1, solver: {max_iterations: 50}}}\n"
+        "/uav1/mpc: {ros__parameters: {mass: 1, advanced: {solver: {max_iterations: 50}}}}\n"
     )
 
     loaded = files.load([str(file)], ["simulator.drag=0.3"], schema=SCHEMA)
 
     assert loaded["mpc"].flattened()["mass"] == 1.0
-    assert loaded["mpc"].flattened()["solver.max_iterations"] == 50
+    assert loaded["mpc"].flattened()["advanced.solver.max_iterations"] == 50
     assert loaded["simulator"].flattened()["mass"] == 0.5
     assert loaded["simulator"].flattened()["drag"] == 0.3

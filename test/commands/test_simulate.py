@@ -70,5 +70,5 @@ def test_simulate_imports_no_ros(tmp_path: Path) -> None:
 
 
 def test_failsafe_flight_is_not_a_success(tmp_path: Path) -> None:
-    arguments = ["--set", "mpc.solver.max_iterations=1", "--duration", "1"]
+    arguments = ["--set", "mpc.advanced.solver.max_iterations=1", "--duration", "1"]
     assert main(["simulate", *arguments, "--out", str(tmp_path / "run")]) == 1

@@ -386,7 +386,7 @@ def test_beside_rosflight_the_commands_of_the_mpc_have_a_name_of_their_own(launc
     for bridge in ("rosflight", "px4"):
         apart = launch("bridge.launch.py", bridge=bridge, one_process="false")
         (mpc,) = (node for node in apart if node.name == "mpc")
-        topic = CONFIGS[f"{bridge}_bridge"]().flattened()["mpc_command_topic"]
+        topic = CONFIGS[f"{bridge}_bridge"]().flattened()["advanced.mpc_command_topic"]
         assert mpc.remappings.get("command", "command") == topic
         for file in ("bridge.launch.py", "stack.launch.py"):
             (stack,) = launch(file, bridge=bridge)

@@ -74,12 +74,14 @@ def _turned(q_WB_xyzw: Array) -> Array:
 
 def _draw_needs(figure: Any, column: list[Any], verdict: Verdict) -> None:
     needs, limits = verdict.over_time, verdict.limits
-    throttle = (limits.throttle_min, limits.throttle_max)
+    throttle = (limits.trajectory_throttle_min, limits.trajectory_throttle_max)
     rows = [
         ("throttle", "", "", needs.throttle, throttle),
         *(
             ("ω", axis, "rad/s", rates, (-bound, bound))
-            for axis, rates, bound in zip("xyz", needs.w_WB_B.T, limits.omega_max, strict=True)
+            for axis, rates, bound in zip(
+                "xyz", needs.w_WB_B.T, limits.trajectory_omega_max, strict=True
+            )
         ),
         ("height", "", "m", needs.height, (0.0,)),
     ]

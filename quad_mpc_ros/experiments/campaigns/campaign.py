@@ -60,9 +60,9 @@ class Target:
         """Return the value in its canonical type, or raise :class:`ConfigurationError`."""
         if self.element is None:
             return self.spec.validated(value, owner=self.node)
-        name = f"{self.parameter}.{self.element}"
+        path = f"{self.spec.path}.{self.element}"
         kind = self.spec.kind.removesuffix("_array")
-        scalar = dataclasses.replace(self.spec, name=name, kind=kind, length=None, per_axis=False)
+        scalar = dataclasses.replace(self.spec, path=path, kind=kind, length=None, per_axis=False)
         return scalar.validated(value, owner=self.node)
 
 

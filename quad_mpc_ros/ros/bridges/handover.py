@@ -172,10 +172,10 @@ class Surroundings:
 
     def _tilted(self, odometry: OdometrySample) -> str:
         tilt = math.acos(min(max(odometry.up, -1.0), 1.0))
-        most = self._limits.tilt_max
+        most = self._limits.engage_tilt_max
         if tilt <= most:
             return ""
-        return f"the vehicle tilts by {math.degrees(tilt):.0f}°, handover.tilt_max is {most:g} rad"
+        return f"the vehicle tilts by {math.degrees(tilt):.0f}°, engage_tilt_max is {most:g} rad"
 
     def _reference_obstacle(
         self, odometry: OdometrySample, *, landed: bool | None, now_ns: int
@@ -191,10 +191,10 @@ class Surroundings:
             if rises > _RISES:
                 return f"the reference leads {rises:.2f} m up: it would take off at once"
             away[2] = max(away[2], 0.0)
-        distance, most = float(np.linalg.norm(away)), self._limits.distance_max
+        distance, most = float(np.linalg.norm(away)), self._limits.engage_distance_max
         if distance <= most:
             return ""
-        return f"the reference is {distance:.2f} m away, handover.distance_max is {most:g} m"
+        return f"the reference is {distance:.2f} m away, engage_distance_max is {most:g} m"
 
     def _command_obstacle(self, *, landed: bool | None, now_ns: int) -> str:
         if self._command is None or _is_old(self._command[2], now_ns, _FRESH_NS):
@@ -211,10 +211,10 @@ class Surroundings:
                 f"{least:g} to {most:g} {'on the ground' if landed else 'in the air'}"
             )
         fastest = max(map(abs, command.w_WB_B.tolist()))
-        if fastest > self._limits.rate_max:
+        if fastest > self._limits.engage_rate_max:
             return (
-                f"the MPC would begin with a turn of {fastest:.1f} rad/s, handover.rate_max is "
-                f"{self._limits.rate_max:g} rad/s"
+                f"the MPC would begin with a turn of {fastest:.1f} rad/s, engage_rate_max is "
+                f"{self._limits.engage_rate_max:g} rad/s"
             )
         return ""
 

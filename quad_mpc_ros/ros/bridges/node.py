@@ -98,7 +98,8 @@ class BridgeNode(ReportingNode[BridgeConfig]):
                 raise UserError(
                     f"{self._bridge.name}: {topic.name} is the stack's, of type "
                     f"{topic.type_name}, and ours, of type {same.type_name}: start it in a "
-                    "namespace, or set mpc_command_topic and remap the mpc's topic command to it"
+                    "namespace, or set advanced.mpc_command_topic and remap the mpc's topic "
+                    "command to it"
                 )
 
     def _refuse_other_releases(self) -> None:

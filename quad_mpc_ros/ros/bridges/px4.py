@@ -144,7 +144,9 @@ def _fill_command(
 
 
 def _version(kind: str) -> Any:
-    return parameter(_FROM_MESSAGE, doc=f"The same of {kind}.", minimum=_FROM_MESSAGE)
+    return parameter(
+        _FROM_MESSAGE, doc=f"The same of {kind}.", minimum=_FROM_MESSAGE, advanced=True
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,6 +166,7 @@ class Px4Config(BridgeConfig):
         doc="Version N of VehicleOdometry on the vehicle, whose topic then ends in _vN; 0 is no "
         "suffix and -1 that of the installed px4_msgs.",
         minimum=_FROM_MESSAGE,
+        advanced=True,
     )
     status_version: int = _version("VehicleStatus")
     rates_version: int = _version("VehicleRatesSetpoint")

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import yaml
 from fixtures.knocked import changed, knocked_about, noisy, received
 from fixtures.rotors import configured, plant
 from scipy.signal import lfilter
@@ -136,11 +137,11 @@ def test_thrust_falls_with_the_square_of_the_voltage(seed: int) -> None:
         table, file = texts(found)
         told = f"power {over.exponent.value:.2f} at {over.reference:.2f} V, battery_exponent"
         assert f"thrust over voltage: {told} and battery_voltage of the bridge" in table
-        block = file.split("#   thrust_map:\n")[1].splitlines()[:2]
-        assert float(block[0].removeprefix("#     battery_voltage: ")) == pytest.approx(
-            over.reference, abs=0.01
-        )
-        assert float(block[1].split()[2]) == pytest.approx(over.exponent.value, abs=0.01)
+        thrust_map = yaml.safe_load(file)["/**"]["ros__parameters"]["thrust_map"]
+        assert thrust_map == {
+            "battery_voltage": pytest.approx(over.reference, abs=0.01),
+            "battery_exponent": pytest.approx(over.exponent.value, abs=0.01),
+        }
 
 
 def test_an_autopilot_that_compensates_leaves_nothing_to_the_bridge() -> None:

@@ -320,7 +320,7 @@ search:
   mpc.Q: {choice: [[1, 1, 1, 1, 1, 1, 0, 0, 0], [2, 2, 2, 1, 1, 1, 0, 0, 0]]}
   mpc.horizon_steps: {integers: [5, 9]}
   mpc.formulation: {choice: [manifold, paper]}
-  mpc.solver.tolerance: {log_uniform: [0.00001, 0.01]}
+  mpc.advanced.solver.tolerance: {log_uniform: [0.00001, 0.01]}
 campaigns:
   one: {flights: 1, reference: hover, duration: 1.0}
 objectives:

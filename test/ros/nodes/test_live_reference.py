@@ -189,7 +189,10 @@ def trajectory_message(
 def pilot(start: Start, peer: Any) -> Pilot:
     """Return the pilot of a node in real time whose vehicle stands on the ground."""
     made = Pilot(peer)
-    many = ("-p", "window_duration:=0.4")  # a window that reaches less far is renewed sooner
+    many = (
+        "-p",
+        "advanced.window_duration:=0.4",
+    )  # a window that reaches less far is renewed sooner
     start("reference", "-p", "mode:=on_request", "-p", "takeoff_height:=0.5", *many)
     made.await_node()
     odometry = peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data)

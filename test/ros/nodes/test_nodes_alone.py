@@ -345,7 +345,7 @@ def test_recorder_records_what_appears_later(start: Start, peer: Any, tmp_path: 
 
 
 def test_lockstep_without_a_controller_fails_loudly(start: Start, tmp_path: Path) -> None:
-    process = start("simulator", "-p", "lockstep:=true", "-p", "lockstep_timeout:=1.0")
+    process = start("simulator", "-p", "lockstep:=true", "-p", "advanced.lockstep_timeout:=1.0")
     assert process.wait(15) == 1
     log = (tmp_path / "simulator.log").read_text()
     assert "no command for the odometry" in log
@@ -356,7 +356,7 @@ def test_lockstep_waits_for_a_node_that_compiles_and_does_not_publish_yet(
     start: Start, peer: Any, tmp_path: Path
 ) -> None:
     compiling = rclpy.create_node("mpc")
-    process = start("simulator", "-p", "lockstep:=true", "-p", "lockstep_timeout:=3.0")
+    process = start("simulator", "-p", "lockstep:=true", "-p", "advanced.lockstep_timeout:=3.0")
 
     def log() -> str:
         return (tmp_path / "simulator.log").read_text()
