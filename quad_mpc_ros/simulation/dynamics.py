@@ -41,10 +41,11 @@ def paper_dynamics(
     wind_B = kernels.apply_transposed(R_WB, wind_W)
     u, v, w = v_WB_B[0] - wind_B[0], v_WB_B[1] - wind_B[1], v_WB_B[2] - wind_B[2]
     drag = air[0] + turning * rotors[0], air[1] + turning * rotors[1], air[2] + turning * rotors[2]
+    up_B = kernels.column(kernels.transposed(R_WB), 2)
     return (
-        -gravity * R_WB[6] - drag[0] * u,
-        -gravity * R_WB[7] - drag[1] * v,
-        lift + gained * (u * u + v * v) - gravity * R_WB[8] - drag[2] * w,
+        -gravity * up_B[0] - drag[0] * u,
+        -gravity * up_B[1] - drag[1] * v,
+        lift + gained * (u * u + v * v) - gravity * up_B[2] - drag[2] * w,
     )
 
 

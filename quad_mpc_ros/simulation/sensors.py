@@ -44,7 +44,7 @@ class Sensors:
         )
         self._exact = not (self._noise.any() or self._bias.any())
         self._dropout = config.odom_dropout
-        self._white_noise = white_noise(config.random(Stream.NOISE), 12)
+        self._white_noise = white_noise(config.random(Stream.NOISE), self._noise.size)
         self._dropout_random = config.random(Stream.DROPOUT)
         self._first = True
 
@@ -52,14 +52,15 @@ class Sensors:
         """Return what is measured of a true odometry."""
         if self._exact:
             return truth
-        error = self._bias + self._noise * next(self._white_noise)
-        R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw) @ so3.exp(error[3:6])
+        errors = self._bias + self._noise * next(self._white_noise)
+        of_p, of_R, of_v, of_w = errors.reshape(-1, 3)
+        R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw) @ so3.exp(of_R)
         return OdometrySample(
             stamp_ns=truth.stamp_ns,
-            p_WB=truth.p_WB + error[0:3],
+            p_WB=truth.p_WB + of_p,
             q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
-            v_WB_B=truth.v_WB_B + error[6:9],
-            w_WB_B=truth.w_WB_B + error[9:12],
+            v_WB_B=truth.v_WB_B + of_v,
+            w_WB_B=truth.w_WB_B + of_w,
             frame_id=truth.frame_id,
             child_frame_id=truth.child_frame_id,
         )
