@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quad_mpc_ros.simulation.rotors.battery import battery
-from quad_mpc_ros.simulation.rotors.craft import craft_in
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 from quad_mpc_ros.simulation.sensors import OdometryStream
 
@@ -21,7 +20,7 @@ FULL, EMPTY, RESISTANCE, EFFICIENCY, CAPACITY = 16.8, 13.2, 0.02, 0.7, 1.3 * 360
 
 def under_load(power: float, used: float) -> tuple[float, float]:
     """Return voltage [V] and current [A]."""
-    craft = craft_in(Equations.of(configured(**CELLS)).craft)
+    craft = Equations.of(configured(**CELLS)).craft[()]
     share, current = battery(power, used=used, craft=craft)
     return share * FULL, current
 

@@ -91,7 +91,8 @@ def test_with_airmode_torque_is_lost_only_where_no_thrust_allows_it(
     """Of which there is one unless the torque needs more than the whole range of the rotors."""
     rotors = ring(rotor_count)
     _, _, (share, _) = mix(rotors, wish, airmode=True)
-    turn = mixing(rotors)[:, 1:3] @ np.array(wish[1:3])
+    shares = mixing(rotors)
+    turn = shares["roll"] * wish[1] + shares["pitch"] * wish[2]
     span = max(turn.max() - turn.min(), LIMITS[1] - LIMITS[0])
     assert share == pytest.approx((LIMITS[1] - LIMITS[0]) / span)
 

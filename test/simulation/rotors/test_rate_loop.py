@@ -9,10 +9,11 @@ import pytest
 from fixtures.rotors import configured
 from numpy.testing import assert_allclose
 
+from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.rotors import rate_loop
-from quad_mpc_ros.simulation.rotors.mixer import allocation, mixing
+from quad_mpc_ros.simulation.rotors.mixer import Share, allocation, mixing
 
 INERTIA = np.array([8.2e-4, 6.9e-4, 1.41e-3])
 THROTTLE = 0.4
@@ -22,9 +23,9 @@ class Loop(NamedTuple):
     """A rate loop that has been at rest, with P alone unless told otherwise."""
 
     config: SimulatorConfig
-    memory: Array
-    loop: Array
-    mix: Array
+    memory: RecordArray[rate_loop.Memory]
+    loop: RecordArray[rate_loop.Loop]
+    mix: RecordArray[Share]
 
     @classmethod
     def of(cls, **changes: Any) -> Loop:
@@ -32,9 +33,8 @@ class Loop(NamedTuple):
         given = {"p": (10.0, 10.0, 1.0), "i": none, "d": none, "torque_max": (9.0, 9.0, 9.0)}
         given.update(changes)
         config = configured(**{f"rate_loop__{name}": value for name, value in given.items()})
-        loop, memory = rate_loop.loop_vector(config), np.zeros(rate_loop.MEMORY_SHAPE)
-        rate_loop.begin(memory, w_WB_B=np.zeros(3), loop=loop)
-        return cls(config, memory, loop, mixing(config.rotors))
+        loop = rate_loop.loop_of(config)
+        return cls(config, rate_loop.begun(np.zeros(3), loop), loop, mixing(config.rotors))
 
     def alpha(
         self,
@@ -53,11 +53,12 @@ class Loop(NamedTuple):
     def thrust_and_torque(self, rates: Any, *, gyro: Any, stands: bool, throttle: float) -> Array:
         wanted = np.empty(len(self.config.rotors.x))
         rate_loop.run(
-            self.memory,
+            self.memory[()],
             w_WB_B=np.array(gyro),
-            command=np.array([throttle, *rates]),
+            throttle=throttle,
+            rates=np.array(rates),
             stands=stands,
-            loop=self.loop,
+            loop=self.loop[()],
             mix=self.mix,
             out=wanted,
         )
