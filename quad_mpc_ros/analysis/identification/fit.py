@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from quad_mpc_ros.analysis.identification.model import (
     LIFT,
     LINEAR_IN_VELOCITY,
     MOST_PARAMETERS,
+    PLACES,
     RATE_BIAS,
     RATE_GAIN,
     RATE_TAU,
@@ -48,15 +50,48 @@ from quad_mpc_ros.recordings.recording import Recording
 _TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
 _DELAYS = np.arange(0.0, 0.301, 0.02)
 
-# In the order of the model's parameters.
-_LOWEST = np.repeat(
-    [0.0, 0.2, 0.0, 0.1, 0.0, -0.5, 0.0, -20.0, -5.0, -1.0], [3, 3, 2, 1, 3, 1, 3, 2, 3, 1]
-)
-_HIGHEST = np.repeat(
-    [1.0, 3.0, 1.0, 0.5, 10.0, 0.5, 10.0, 20.0, 5.0, 4.0], [3, 3, 1, 1, 4, 1, 3, 2, 3, 1]
-)
-_SIZES = np.repeat(
-    [0.03, 0.3, 0.03, 1.0, 0.3, 0.02, 0.3, 1.0, 0.1, 1.0], [3, 3, 2, 1, 3, 1, 3, 2, 3, 1]
+
+class _Known(NamedTuple):
+    """What is known of a parameter beforehand: the range that is searched, its natural size.
+
+    Half of a 95 % interval is too wide to be of use above both ``share`` of the value and
+    ``vague``; nuisance parameters have none.
+    """
+
+    lowest: float
+    highest: float
+    size: float
+    share: float = 0.0
+    vague: float = np.inf
+
+
+_KNOWN = {
+    "rate_tau": _Known(0.0, 1.0, 0.03, share=0.5, vague=0.01),
+    "rate_gain": _Known(0.2, 3.0, 0.3, vague=0.1),
+    "thrust_tau": _Known(0.0, 1.0, 0.03, share=0.5, vague=0.01),
+    "delay": _Known(0.0, 0.5, 0.03, share=0.5, vague=0.01),
+    "scale": _Known(0.1, 10.0, 1.0, share=0.5, vague=0.1),
+    "drag": _Known(0.0, 10.0, 0.3, share=0.5, vague=0.1),
+    "lift": _Known(-0.5, 0.5, 0.02, share=0.5, vague=0.01),
+    "rotor_drag": _Known(0.0, 10.0, 0.3, share=0.5, vague=0.1),
+    "acceleration": _Known(-20.0, 20.0, 1.0),
+    "rate_bias": _Known(-5.0, 5.0, 0.1),
+    "exponent": _Known(-1.0, 4.0, 1.0, vague=0.5),
+}
+
+
+def _vectors() -> Array:
+    """Return what is known as vectors (22,) in the order of the fields of :class:`_Known`."""
+    vectors = np.empty((len(_Known._fields), MOST_PARAMETERS))
+    for name, known in _KNOWN.items():
+        vectors[:, PLACES[name]] = np.array(known)[:, None]
+    return vectors
+
+
+_LOWEST, _HIGHEST, _SIZES, _SHARES, _VAGUE = _vectors()
+_REPORTED = np.isfinite(_VAGUE)
+_ARE_TIMES = np.isin(
+    np.arange(MOST_PARAMETERS), np.r_[PLACES["rate_tau"], PLACES["thrust_tau"], PLACES["delay"]]
 )
 
 # Residuals smaller than these are no knowledge: rounding, and what the model leaves out.
@@ -76,17 +111,9 @@ _FEWEST_WINDOWS = _TOGETHER + 2
 
 # No interval is narrower than this share of the value: the model is not truer than that.
 _LEAST_SHARE = 0.01
-# Half of a 95 % interval above both is no answer: share of the value, and its natural size.
-# What is beside the point has none.
-_SHARES = np.repeat([0.5, 0.0, 0.5, 0.0], [3, 3, 10, 6])
-_VAGUE = np.repeat(
-    [0.01, 0.1, 0.01, 0.1, 0.1, 0.01, 0.1, np.inf, 0.5], [3, 3, 2, 1, 3, 1, 3, 5, 1]
-)
-_TOLD = np.isfinite(_VAGUE)
 # The drag of the rotors is told from the other where it is so many half intervals from what is
 # given, once in a hundred times by chance. Else it would only blur that.
 _APART = 1.2
-_ARE_TIMES = np.isin(np.arange(MOST_PARAMETERS), [*range(3), THRUST_TAU, DELAY])
 
 _MOST_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and tells no more
 _AVERAGED_OVER = 0.08  # s, of the specific force shown
@@ -126,7 +153,7 @@ class _Fit:
         theta, p = self.theta, len(self.theta)
         margin = _AT_BOUND * _SIZES[:p]
         low = (theta <= _LOWEST[:p] + margin) & (_LOWEST[:p] != 0.0)
-        return np.asarray(_TOLD[:p] & (low | (theta >= _HIGHEST[:p] - margin)))
+        return np.asarray(_REPORTED[:p] & (low | (theta >= _HIGHEST[:p] - margin)))
 
     def estimates(self, parameters: NDArray[np.intp], *, told: bool) -> dict[int, Estimate]:
         """Return what is found of parameters; those that were held at last are not ``told``."""
@@ -192,26 +219,21 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
             break
         estimates |= found.estimates(untold, told=False)
         theta[untold], free[untold] = held[untold], False
-    estimates |= found.estimates(np.flatnonzero(free & _TOLD[: len(free)]), told=True)
+    estimates |= found.estimates(np.flatnonzero(free & _REPORTED[: len(free)]), told=True)
     axes = {
-        name: tuple(estimates[p] for p in range(each.start, each.stop))
-        for name, each in (
-            ("tau", RATE_TAU),
-            ("gain", RATE_GAIN),
-            ("drag", DRAG),
-            ("rotors", ROTOR_DRAG),
-        )
+        name: tuple(estimates[p] for p in range(PLACES[name].start, PLACES[name].stop))
+        for name in ("rate_tau", "rate_gain", "drag", "rotor_drag")
     }
     rates, velocity = model.residuals(theta)
     return Identification(
-        rate_time_constant=axes["tau"],
-        rate_gain=axes["gain"],
+        rate_time_constant=axes["rate_tau"],
+        rate_gain=axes["rate_gain"],
         thrust_time_constant=estimates[THRUST_TAU],
         input_delay=estimates[DELAY],
         thrust_scale=estimates[SCALE],
         drag=axes["drag"],
         translational_lift=estimates[LIFT],
-        rotor_drag=axes["rotors"],
+        rotor_drag=axes["rotor_drag"],
         over_voltage=_over_voltage(estimates, data),
         wind_acceleration_W=theta[ACCELERATION],
         rate_residual=_root_mean_square(rates),
@@ -274,7 +296,7 @@ def _untold(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.in
     off = np.abs(found.theta - given)[ROTOR_DRAG]
     alike = free[ROTOR_DRAG] & (off <= _APART * found.half_width[ROTOR_DRAG])
     if alike.any():
-        return ROTOR_DRAG.start + np.flatnonzero(alike)
+        return np.asarray(ROTOR_DRAG.start + np.flatnonzero(alike))
     # What is given is not kept where the flight tells that it is another, however roughly.
     vague = free & (np.abs(found.theta - given) <= _APART * found.half_width)
     width = np.where(vague, found.half_width / found.enough, 0.0)

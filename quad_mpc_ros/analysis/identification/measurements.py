@@ -139,12 +139,12 @@ def measurements_of(
     Raises :class:`BagError` for one without commands, or with too little flight under them.
     """
     places = _usable_places(run.odometries)
-    command_ns, commands = _usable_commands(run.commands)
+    command_ns, throttle, w_command = _usable_commands(run.commands)
     if len(places) < _FEWEST:
         raise BagError(f"{run.bag}: {len(places)} usable odometries, expected {_FEWEST} or more")
-    if len(commands) < 2:
+    if len(command_ns) < 2:
         raise BagError(
-            f"{run.bag}: {len(commands)} commands, expected those of the flight, "
+            f"{run.bag}: {len(command_ns)} commands, expected those of the flight, "
             "geometry_msgs/msg/TwistStamped with the throttle in linear.z, on a topic that ends "
             "in /command or on --command-topic"
         )
@@ -178,8 +178,8 @@ def measurements_of(
         R_WB=R_WB,
         w_WB_B=w,
         command_time=command_time,
-        throttle=np.clip(commands[:, 0], 0.0, 1.0),
-        w_command=np.ascontiguousarray(commands[:, 1:]),
+        throttle=np.clip(throttle, 0.0, 1.0),
+        w_command=np.ascontiguousarray(w_command),
         usable=usable,
         command_age=_command_age(run.commands),
         vehicle=vehicle,
@@ -208,14 +208,14 @@ def _usable_places(odometries: OdometryLog) -> NDArray[np.intp]:
     return places[first]
 
 
-def _usable_commands(commands: CommandLog) -> tuple[Stamps, Array]:
-    """Return stamps (m,), ascending, and throttle and rates (m, 4) of what can be used."""
-    values = commands.values
-    rows = np.column_stack((values.column("throttle"), values.column("w_WB_B")))
+def _usable_commands(commands: CommandLog) -> tuple[Stamps, Array, Array]:
+    """Return stamps (m,), ascending, throttle (m,) and rates (m, 3) of what can be used."""
+    throttle, rates = commands.values.column("throttle"), commands.values.column("w_WB_B")
     # NaN compares with nothing, and so is not within the limit.
-    places = np.flatnonzero(np.all(np.abs(rows) <= _FASTEST, axis=1))
+    usable = (np.abs(throttle) <= _FASTEST) & np.all(np.abs(rates) <= _FASTEST, axis=1)
+    places = np.flatnonzero(usable)
     stamp_ns, first = first_by_stamp(commands.stamp_ns[places])
-    return stamp_ns, rows[places[first]]
+    return stamp_ns, throttle[places[first]], rates[places[first]]
 
 
 def _flying(p_WB: Array, v_WB_W: Array) -> NDArray[np.bool_]:

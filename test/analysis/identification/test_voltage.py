@@ -22,7 +22,7 @@ from quad_mpc_ros.analysis.identification.measurements import (
     VoltageMap,
     measurements_of,
 )
-from quad_mpc_ros.analysis.identification.model import EXPONENT, SCALE, ResponseModel
+from quad_mpc_ros.analysis.identification.model import EXPONENT, SCALE, Parameters, ResponseModel
 from quad_mpc_ros.analysis.identification.report import (
     identification_table,
     parameter_file,
@@ -236,9 +236,14 @@ def test_a_power_that_nothing_has_is_refused() -> None:
 def test_derivatives_are_those_of_the_residuals() -> None:
     model = ResponseModel(measured(flown(duration=8.0, capacity=CAPACITY), VoltageMap()))
     assert model.parameters == EXPONENT + 1
-    lags, gains = [0.02, 0.02, 0.15], [1.0, 1.1, 0.9]
-    air = [0.2, 0.1, 0.3, 0.01, 0.3, 0.2, 0.1]
-    theta = np.array([*lags, *gains, 0.01, 0.01, 0.9, *air, 0.1, -0.1, 0.0, 0.0, 0.0, 1.7])
+    parameters = Parameters.zeros(1)
+    given = parameters[0]
+    given.rate_tau[:], given.rate_gain[:] = (0.02, 0.02, 0.15), (1.0, 1.1, 0.9)
+    given.thrust_tau = given.delay = 0.01
+    given.linear.scale, given.linear.lift = 0.9, 0.01
+    given.linear.drag[:], given.linear.rotor_drag[:] = (0.2, 0.1, 0.3), (0.3, 0.2, 0.1)
+    given.linear.acceleration[:], given.exponent = (0.1, -0.1), 1.7
+    theta = np.asarray(parameters).view(np.float64)
     _, by = model.jacobians(theta)
     for parameter in range(SCALE, EXPONENT + 1):
         above, below = theta.copy(), theta.copy()
