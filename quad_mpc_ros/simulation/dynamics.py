@@ -1,7 +1,6 @@
 """Continuous dynamics of the plant, as printed in the paper and of the true rigid body, compiled.
 
-The controller predicts by a model of its own (``control/model/rollout.py``), not by these: they
-are apart on purpose.
+The controller predicts by ``control/model/rollout.py``: the two are separate on purpose.
 
 World ENU, body FLU: gravity is -g along world z and thrust is along +z of the body. The paper
 writes NED/FRD, where both signs flip. Velocity is in body axes, as in the paper.

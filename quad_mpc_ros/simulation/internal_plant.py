@@ -28,7 +28,7 @@ _SHORTEST_STEP = 5e-4
 
 @dataclass(frozen=True, kw_only=True)
 class InternalParameters(PlantParameters):
-    """Its own: which equations of motion, and how the actuators lag."""
+    """The own parameters of this plant: equations of motion, lags of the actuators."""
 
     dynamics: str = parameter(
         "rigid_body",

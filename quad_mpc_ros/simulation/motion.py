@@ -101,7 +101,7 @@ def advance(
 
 @compiled
 def measure(state: RecordArray[VehicleState], out: RecordArray[Measured]) -> None:
-    """Write what there is to be measured. On the ground nothing turns, whatever the command."""
+    """Write the true motion. On the ground nothing turns, whatever the command."""
     x, seen = state[()], out[()]
     p, v = kernels.vector(x.p_WB), kernels.vector(x.v_WB_B)
     kernels.store_vector(p, seen.p_WB)
@@ -141,7 +141,7 @@ def _lift(throttle: float, lift: kernels.Vector) -> float:
 
 @compiled
 def _held(u: ActuatorState, lags: TimeConstants) -> ActuatorState:
-    """Return actuators of a body that something holds: rates that lag start again from zero."""
+    """Return the actuators of a body on the ground: rates that lag start again from zero."""
     x, y, z = u[1]
     return u[0], (
         0.0 if lags[1][0] > 0.0 else x,
@@ -154,7 +154,7 @@ def _held(u: ActuatorState, lags: TimeConstants) -> ActuatorState:
 def _landed(
     p_WB: kernels.Vector, R_WB: kernels.Matrix
 ) -> tuple[kernels.Vector, kernels.Vector, kernels.Matrix]:
-    """Return what the ground makes of a vehicle: at rest, level, heading kept."""
+    """Return a vehicle that the ground has stopped: at rest, level, heading kept."""
     cosine, sine, _ = kernels.column(R_WB, 0)
     return (
         (p_WB[0], p_WB[1], 0.0),
@@ -165,5 +165,5 @@ def _landed(
 
 @compiled
 def _on_ground(p_WB: kernels.Vector, v_WB_B: kernels.Vector) -> bool:
-    """Known here; the controller has to find it out (``control/estimation/contact.py``)."""
+    """Known here; the controller estimates it (``control/estimation/contact.py``)."""
     return p_WB[2] <= 0.0 and v_WB_B[0] == 0.0 and v_WB_B[1] == 0.0 and v_WB_B[2] == 0.0

@@ -89,7 +89,8 @@ class DelayedPlant(ABC):
         return self._wind.velocity_W
 
     def apply(self, command: CommandSample) -> None:
-        """Take a command that arrives now. The throttle saturates; nonsense is ignored."""
+        """Take a command that arrives now. The throttle saturates; values that are not finite, or
+        rates beyond any vehicle, are ignored."""
         rates = command.w_WB_B.tolist()
         if not (math.isfinite(command.throttle) and all(abs(w) <= _FASTEST for w in rates)):
             return

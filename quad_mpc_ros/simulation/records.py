@@ -1,4 +1,4 @@
-"""What goes into the compiled motion of a plant, and what is measured of it."""
+"""Records that the plants share: what acts on a vehicle, and what its sensors would measure."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Inputs(Record):
 
 
 class Measured(Record):
-    """What there is to be measured of the body's origin."""
+    """The true motion of the body's origin, as an odometry reports it."""
 
     p_WB: Vector3  # m
     q_WB_xyzw: Vector4

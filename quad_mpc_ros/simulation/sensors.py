@@ -1,4 +1,4 @@
-"""The odometries of a flight: noise, bias, losses; measured on time, sent after their delay."""
+"""The odometries of a flight: noise, bias, losses and delay."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def odometry_stamps(config: SimulatorConfig) -> Iterator[int]:
         yield round((number + late) * 1e9 / config.odom_rate)
 
 
-def looks_younger_ns(config: SimulatorConfig) -> int:
+def stamp_offset_ns(config: SimulatorConfig) -> int:
     """Return by how much an odometry's stamp is later than its measurement [ns]."""
     return round(config.odom_delay * 1e9) if config.odom_stamp == "sent" else 0
 
@@ -98,7 +98,7 @@ def looks_younger_ns(config: SimulatorConfig) -> int:
 class SentOdometry:
     """An odometry and when it is sent, from the start of the plant; ``truth`` is without error.
 
-    Under the stamp of the sending, :meth:`OdometryStream.step` tells the truth of that time.
+    With the stamp of the sending, :meth:`OdometryStream.step` returns the truth at that time.
     ``voltage`` [V] is the battery's, measured with some of the odometries of a plant with one.
     """
 
@@ -120,7 +120,7 @@ class OdometryStream:
         self._sensors = Sensors(config)
         self._start_stamp_ns = start_stamp_ns
         self._delay_ns = round(config.odom_delay * 1e9)
-        self._looks_younger_ns = looks_younger_ns(config)
+        self._stamp_offset_ns = stamp_offset_ns(config)
         self._period_ns = round(1e9 / config.odom_rate)
         self._times = odometry_stamps(config)
         self._next_ns = next(self._times, None)
@@ -137,12 +137,12 @@ class OdometryStream:
             self._measure()
         sent = self._waiting.popleft()
         self._plant.advance_to(sent.time_ns)
-        if self._looks_younger_ns:
+        if self._stamp_offset_ns:
             return dataclasses.replace(sent, truth=self._plant.odometry(sent.odometry.stamp_ns))
         return sent
 
     def advance_to(self, time_ns: int) -> list[SentOdometry]:
-        """Move the plant to a time and return what is to be sent by then."""
+        """Move the plant to a time and return the odometries due by then."""
         while self._measures_by(time_ns):
             self._measure()
         self._plant.advance_to(time_ns)
@@ -161,7 +161,7 @@ class OdometryStream:
     def _measure(self) -> None:
         assert self._next_ns is not None
         self._plant.advance_to(self._next_ns)
-        stamp_ns = self._start_stamp_ns + self._next_ns + self._looks_younger_ns
+        stamp_ns = self._start_stamp_ns + self._next_ns + self._stamp_offset_ns
         truth = self._plant.odometry(stamp_ns)
         odometry = self._sensors.measured(truth)
         time_ns = self._next_ns + self._delay_ns

@@ -8,10 +8,10 @@ Commands act after the delay d; body rates and throttle follow them with first-o
 
 which is the prediction model of the controller but for the gains gamma of the rate loop. tau_w and
 gamma are those of each axis, as mu and nu are. Where the battery's voltage V was recorded, k is
-that at V_r times (V / V_r)^n; of n commands may have made up for some already. Both lags are
+that at V_r times (V / V_r)^n; commands may have compensated for part of n already. Both lags are
 followed exactly from edge to edge of the commands, wherever those lie between the odometries. The
-velocity is compared over windows, each from a start of its own: errors do not add up, and neither
-is it differentiated.
+velocity is compared over windows, each with a separate start: errors do not accumulate, and
+nothing is differentiated.
 """
 
 from __future__ import annotations
@@ -177,14 +177,14 @@ class ResponseModel:
         """Return the derivatives (n-1, 3, 10) of the velocity gained between odometries.
 
         They are by the parameters of :class:`Linear`; the rotors turn as for a thrust ``scale``.
-        Without an ``exponent`` commands have made up for all of the voltage.
+        Without an ``exponent`` commands have compensated for all of the voltage.
         """
         columns = Linear.zeros(len(self._interval), 3)
         columns["scale"], speed = self.thrust_impulse(
             rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
         )
         if exponent is not None:
-            share = np.exp((exponent - self._data.made_up) * self._log_voltage)
+            share = np.exp((exponent - self._data.compensated) * self._log_voltage)
             columns["scale"] *= share[:, None]
             speed *= np.sqrt(share)
         columns["drag"], columns["lift"] = self._air
@@ -255,7 +255,7 @@ class ResponseModel:
 
         Those by times are central differences over ``difference`` [s] to both sides. Lags and
         gains of the rates move the velocity only by how the thrust turns between two odometries,
-        whose attitudes are measured: that is left out.
+        with measured attitudes: that is left out.
         """
         rates = np.zeros((len(self.usable), 3, self.parameters))
         velocity = np.zeros((len(self._data.time), 3, self.parameters))

@@ -1,9 +1,8 @@
 """The mixer: which thrust of each rotor gives a total thrust and a torque.
 
-What the rotors give is linear in their thrusts; the pseudo-inverse of that shares a wish among
-any number of them. Where a rotor would have to give more or less than it can, something has to
-go: with airmode thrust before torque, without it torque before thrust; in either case the
-torque about yaw, of which rotors have the least, before roll and pitch.
+Thrust and torque are linear in the rotors' thrusts; the pseudo-inverse allocates them to any
+number of rotors. Where a rotor saturates, airmode gives up thrust before torque, else torque goes
+before thrust; in either case yaw, of which rotors have the least, before roll and pitch.
 """
 
 from __future__ import annotations
@@ -74,28 +73,28 @@ def mixed(
     """
     least, greatest = limits
     rotor_count = mix.shape[0]
-    wish = np.empty((3, rotor_count))
+    demand = np.empty((3, rotor_count))
     for rotor in range(rotor_count):
         share = mix[rotor]
-        wish[0, rotor] = share.thrust
-        wish[1, rotor] = share.roll * torque[0] + share.pitch * torque[1]
-        wish[2, rotor] = share.yaw * torque[2]
+        demand[0, rotor] = share.thrust
+        demand[1, rotor] = share.roll * torque[0] + share.pitch * torque[1]
+        demand[2, rotor] = share.yaw * torque[2]
     out[:] = 0.0
-    low, high = _thrusts_between(out, lift=wish[0], limits=limits)
+    low, high = _thrusts_between(out, lift=demand[0], limits=limits)
     total = kernels.clamp(thrust, low, high)
     if not airmode:
-        out += total * wish[0]
+        out += total * demand[0]
     shares = np.empty(2)
     for part in range(2):
-        turn = wish[part + 1]
+        turn = demand[part + 1]
         if airmode:
-            shares[part] = _share_with_any_thrust(out, turn=turn, lift=wish[0], limits=limits)
+            shares[part] = _share_with_any_thrust(out, turn=turn, lift=demand[0], limits=limits)
         else:
             shares[part] = _share(out, turn=turn, limits=limits)
         out += shares[part] * turn
     if airmode:
-        low, high = _thrusts_between(out, lift=wish[0], limits=limits)
-        out += min(max(thrust, low), high) * wish[0]
+        low, high = _thrusts_between(out, lift=demand[0], limits=limits)
+        out += min(max(thrust, low), high) * demand[0]
     for rotor in range(rotor_count):  # within the limits to the last bit
         out[rotor] = kernels.clamp(out[rotor], least, greatest)
     return shares[0], shares[1]

@@ -168,7 +168,7 @@ def runge_kutta(
 def measure(
     body: RecordArray[BodyState], craft: RecordArray[Craft], out: RecordArray[records.Measured]
 ) -> None:
-    """Write what there is to be measured of the body's origin."""
+    """Write the true motion of the body's origin."""
     x, seen = body[()], out[()]
     R_WB, w = rotation_of(x), kernels.vector(x.w_WB_B)
     to_origin = kernels.scaled(-1.0, kernels.vector(craft[()].center_B))
@@ -182,7 +182,7 @@ def measure(
 
 @compiled
 def _land(x: BodyState, center_B: kernels.Vector) -> None:
-    """Let the ground make of a body what it does: at rest, level, heading kept."""
+    """Set a body down: at rest, level, heading kept."""
     R_WB = rotation_of(x)
     cosine, sine, _ = kernels.column(R_WB, 0)
     half_yaw = 0.5 * math.atan2(sine, cosine)

@@ -1,12 +1,12 @@
-"""The rate loop of an autopilot: from throttle, wanted rates and gyro to speeds of the rotors.
+"""The rate loop of an autopilot: from throttle, commanded rates and gyro to speeds of the rotors.
 
-For each axis, with the error e = w_wanted - w of the filtered gyro w,
+For each axis, with the error e = w_c - w of the filtered gyro w,
 
-    alpha = P e + I int e + F w_wanted - D dw/dt
+    alpha = P e + I int e + F w_c - D dw/dt
 
 with D on the gyro alone, filtered once more; the torque asked for is alpha times the diagonal of
-the inertia. The integral has a limit and stands still while its torque saturates in its
-direction. On the ground it is empty and there is no airmode, which could lift off.
+the inertia. The integral has a limit and is held while its torque saturates in its direction. On
+the ground it is zero and there is no airmode, which could lift off.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from quad_mpc_ros.simulation.rotors.parameters import (
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_each_number_has_its_name(name: str) -> None:
+def test_craft_has_the_configured_numbers(name: str) -> None:
     config = configured(name, battery__capacity=1.3, mass_scale=1.1, thrust_scale=0.9)
     craft = Equations.of(config).craft[()]
     tensor = inertia_tensor(config.airframe.inertia)
@@ -41,7 +41,7 @@ def test_each_number_has_its_name(name: str) -> None:
         assert_array_equal(getattr(craft, field), value, err_msg=field)
 
 
-def test_tilted_rotors_push_where_they_are_turned_to() -> None:
+def test_tilt_turns_the_thrust_axis() -> None:
     """About x by a positive angle body z turns to the right, about y forwards."""
     rotors = rotors_of(
         RotorParameters(tilt_x=(0.1, 0.0, 0.2, 0.0), tilt_y=(0.0, 0.3, -0.1, 0.0)),
@@ -55,7 +55,7 @@ def test_tilted_rotors_push_where_they_are_turned_to() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "message"),
     [
         (lambda: RotorParameters(y=(0.1, 0.1)), r"rotors\.y: given .*4 numbers, as x has"),
         (lambda: RotorParameters(spin=(1.0, 0.5, 1.0, 1.0)), r"rotors\.spin"),
@@ -71,7 +71,7 @@ def test_tilted_rotors_push_where_they_are_turned_to() -> None:
         ),
     ],
 )
-def test_what_no_vehicle_has_is_refused(make: object, told: str) -> None:
+def test_refuses_impossible_vehicles(make: object, message: str) -> None:
     assert callable(make)
-    with pytest.raises(ConfigurationError, match=rf"^simulator\.{told}"):
+    with pytest.raises(ConfigurationError, match=rf"^simulator\.{message}"):
         make()

@@ -36,7 +36,9 @@ def hover_throttle(name: str = "paper") -> float:
 
 @pytest.mark.parametrize("changes", [{}, OFF_CENTRE])
 @pytest.mark.parametrize("throttle", [0.0, 0.8])
-def test_the_ground_holds_what_does_not_fly(throttle: float, changes: dict[str, Any]) -> None:
+def test_stands_on_the_ground_without_enough_thrust(
+    throttle: float, changes: dict[str, Any]
+) -> None:
     """Upright and where it stands, in wind and whatever rates are commanded."""
     body = plant(**GROUND, **changes, initial_attitude=HEADING, wind=(4.0, 0.0, 0.0))
     before = body.odometry(0)
@@ -64,7 +66,7 @@ def test_nothing_falls_through_the_ground(
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_what_has_fallen_stands_level_with_its_heading_and_takes_off_again(name: str) -> None:
+def test_falls_stands_level_and_takes_off_again(name: str) -> None:
     tumbling = Rotation.from_euler("ZYX", [0.7, 0.3, -0.4])
     body = plant(
         name,
@@ -89,7 +91,7 @@ def test_landing_keeps_the_heading() -> None:
     assert_allclose(body.odometry(0).q_WB_xyzw, HEADING, atol=1e-12)
 
 
-def test_what_the_integral_gathers_on_the_ground_does_not_tip_it_over() -> None:
+def test_integral_does_not_wind_up_on_the_ground() -> None:
     body = plant(**GROUND)
     body.apply(command(0.9 * hover_throttle(), (2.0, -2.0, 1.0)))
     body.advance_to(5 * SECOND)
@@ -120,7 +122,7 @@ def test_ground_effect_is_bounded_and_none_upside_down() -> None:
     assert np.all(np.diff([gain(z) for z in np.linspace(0.0, 0.5, 50)]) <= 0.0)
 
 
-def test_near_the_ground_it_hovers_with_less() -> None:
+def test_ground_effect_lifts_in_hover() -> None:
     body = Equations.of(
         configured().updated({**NO_AIR, "airframe.ground_effect": 1.0, "airframe.clearance": 0.02})
     )
