@@ -6,7 +6,7 @@ import dataclasses
 import math
 import shlex
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,58 +53,25 @@ class _Row:
 
 
 def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
-    lags, gains = per_axis(given.rate_time_constant), per_axis(given.rate_gain)
-    drags = per_axis(given.drag)
+    def one(name: str, unit: str, unseen: str) -> _Row:
+        return _Row(name, unit, getattr(given, name), getattr(found, name), unseen)
+
+    def each(name: str, axes: Sequence[str], unit: str, unseen: str) -> list[_Row]:
+        pairs = zip(axes, per_axis(getattr(given, name)), getattr(found, name), strict=True)
+        return [_Row(f"{name} {axis}", unit, before, it, unseen) for axis, before, it in pairs]
+
+    scale, no_thrust = found.thrust_scale, "no thrust was seen: fly longer, off the ground"
+    # Drag of the rotors that is not observable is part of the drag, and nothing is missing.
+    rotor_drag = each("rotor_drag", _BODY_AXES, "1/s", _FAST)
     return [
-        *(
-            _Row(f"rate_time_constant {axis}", "ms", before, estimate, _TURNING)
-            for axis, before, estimate in zip(
-                _RATE_AXES, lags, found.rate_time_constant, strict=True
-            )
-        ),
-        *(
-            _Row(f"rate_gain {axis}", "", before, estimate, _TURNING)
-            for axis, before, estimate in zip(_RATE_AXES, gains, found.rate_gain, strict=True)
-        ),
-        _Row(
-            "thrust_time_constant",
-            "ms",
-            given.thrust_time_constant,
-            found.thrust_time_constant,
-            "the commanded throttle hardly changed",
-        ),
-        _Row(
-            "input_delay",
-            "ms",
-            given.input_delay,
-            found.input_delay,
-            "the commands hardly changed",
-        ),
-        _Row(
-            "thrust per mass",
-            "",
-            1.0,
-            found.thrust_scale,
-            "no thrust was seen: fly longer, off the ground",
-        ),
-        *(
-            _Row(f"drag {axis}", "1/s", before, estimate, _FAST)
-            for axis, before, estimate in zip(_BODY_AXES, drags, found.drag, strict=True)
-        ),
-        _Row(
-            "translational_lift",
-            "1/m",
-            given.translational_lift,
-            found.translational_lift,
-            "level flight was slow",
-        ),
-        *(
-            _Row(f"rotor_drag {axis}", "1/s", before, estimate, _FAST)
-            for axis, before, estimate in zip(
-                _BODY_AXES, per_axis(given.rotor_drag), found.rotor_drag, strict=True
-            )
-            if estimate.observable  # else it is part of the drag, and nothing is missing
-        ),
+        *each("rate_time_constant", _RATE_AXES, "ms", _TURNING),
+        *each("rate_gain", _RATE_AXES, "", _TURNING),
+        one("thrust_time_constant", "ms", "the commanded throttle hardly changed"),
+        one("input_delay", "ms", "the commands hardly changed"),
+        _Row("thrust per mass", "", 1.0, scale, no_thrust),
+        *each("drag", _BODY_AXES, "1/s", _FAST),
+        one("translational_lift", "1/m", "level flight was slow"),
+        *(row for row in rotor_drag if row.estimate.observable),
     ]
 
 

@@ -90,37 +90,26 @@ def coast(
     rotors: RecordArray[Rotor],
     duration_ns: int,
 ) -> None:
-    """Move body and speeds (n,) over a time in which the wanted speeds (n,) stay."""
+    """Move body and speeds (n,) over a time in which the wanted speeds (n,) stay.
+
+    Nothing sinks into the ground.
+    """
     outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].push_W)
+    x, center_B = body[()], kernels.vector(craft[()].center_B)
     steps = -(-duration_ns // craft[()].longest_step_ns)
     duration = duration_ns * 1e-9 / steps
-    for _ in range(steps):
-        step(body, speeds, wanted, outside, craft=craft, rotors=rotors, duration=duration)
-
-
-@compiled
-def step(
-    body: RecordArray[BodyState],
-    speeds: Array,
-    wanted: Array,
-    outside: Outside,
-    craft: RecordArray[Craft],
-    rotors: RecordArray[Rotor],
-    duration: float,
-) -> None:
-    """Move body and speeds by one step [s] of the integrator; nothing sinks into the ground."""
-    x, center_B = body[()], kernels.vector(craft[()].center_B)
-    stood = stands(x, center_B)
     before = np.empty((), _BODY)
-    before[()] = x
-    runge_kutta(body, speeds, wanted, outside, craft=craft, rotors=rotors, duration=duration)
-    above = origin_height(x, center_B) > 0.0
-    if stood and not (above and x.v_WC_W[2] > 0.0):  # lifted, and not just tipped about its centre
-        used = x.charge_used
-        body[()] = before[()]
-        x.charge_used = used  # the ground holds the body, not the battery
-    elif not above:
-        _land(x, center_B)
+    for _ in range(steps):
+        stood = stands(x, center_B)
+        before[()] = x
+        runge_kutta(body, speeds, wanted, outside, craft=craft, rotors=rotors, duration=duration)
+        above = origin_height(x, center_B) > 0.0
+        if stood and not (above and x.v_WC_W[2] > 0.0):  # lifted, and not just tipped over
+            used = x.charge_used
+            body[()] = before[()]
+            x.charge_used = used  # the ground holds the body, not the battery
+        elif not above:
+            _land(x, center_B)
 
 
 @compiled

@@ -65,7 +65,8 @@ def loop_of(config: RotorsPlantParameters) -> RecordArray[Loop]:
     own.period, own.period_ns = 1.0 / given.rate, round(1e9 / given.rate)
     own.p[:], own.i[:], own.d[:] = given.p, given.i, given.d
     own.feed_forward[:], own.integral_max[:] = given.feed_forward, given.integral_max
-    own.torque_max[:], own.inertia[:] = given.torque_max, config.airframe.inertia[:3]
+    xx, yy, zz, *_ = config.airframe.inertia
+    own.torque_max[:], own.inertia[:] = given.torque_max, (xx, yy, zz)
     own.gyro = filters.butterworth(given.gyro_cutoff, given.rate)[()]
     own.smoothing = filters.smoothing(given.d_cutoff, given.rate)
     own.airmode = given.airmode
