@@ -7,15 +7,16 @@ import pytest
 from scipy.signal import cont2discrete
 
 from quad_mpc_ros.control.estimation import rate_lags
+from quad_mpc_ros.control.estimation.rate_lags import RateLags
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.parameters import parameters_of
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.vehicle import Vehicle
 
 PERIOD = 0.02
 
 
-def nominal(lag: float) -> Array:
-    return parameters_of(Vehicle(), rate_time_constant=lag, thrust_time_constant=0.0)
+def nominal(lag: float) -> ModelParameters:
+    return parameters_of(Vehicle(), rate_time_constant=lag, thrust_time_constant=0.0)[()]
 
 
 def rates_of_a_loop(commands: Array, *, gain: float, rotor_lag: float) -> Array:
@@ -39,7 +40,8 @@ def rates_of_a_loop(commands: Array, *, gain: float, rotor_lag: float) -> Array:
 
 def learned(commands: Array, rates: Array, *, lag: float, slower: float = 1.0) -> Array:
     """Return the time constants (3,) that commands (n,) and rates (n, 3) tell, from one lag on."""
-    lags = rate_lags.begun(nominal(lag), slower=slower)
+    lags = RateLags.zeros()[()]
+    rate_lags.start(lags, nominal(lag), slower=slower)
     for k in range(1, len(commands)):
         rate_lags.follow(
             lags=lags,

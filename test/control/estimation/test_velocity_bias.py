@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fixtures.records import changed
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation import velocity_bias
+from quad_mpc_ros.control.estimation.velocity_bias import VelocityBias
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
@@ -16,9 +18,13 @@ PERIOD = 0.02
 TIME = np.arange(0.0, 8.0, PERIOD)
 
 
+def started(*, enabled: bool = True) -> VelocityBias:
+    return changed(VelocityBias.zeros()[()], enabled=enabled)
+
+
 def followed(p: Array, v: Array) -> Array:
     """Return the bias (n, 3) that is taken off velocities (n, 3) along positions (n, 3)."""
-    bias, corrected = velocity_bias.begun(), v.copy()
+    bias, corrected = started(), v.copy()
     for k in range(len(p)):
         duration = PERIOD if k else 0.0
         velocity_bias.correct(bias, p_WB=p[k], v_WB_W=corrected[k], duration=duration)
@@ -60,7 +66,7 @@ def test_it_is_bounded() -> None:
 
 
 def test_where_it_is_not_asked_for_the_velocity_is_believed() -> None:
-    bias = velocity_bias.begun(asked=False)
+    bias = started(enabled=False)
     for position in np.arange(0.0, 1.0, 0.01):
         v = np.array([0.3, -0.2, 0.1])
         velocity_bias.correct(bias, p_WB=np.array([position, 0.0, 0.0]), v_WB_W=v, duration=PERIOD)

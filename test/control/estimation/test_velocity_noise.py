@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from quad_mpc_ros.control.estimation import velocity_noise
+from quad_mpc_ros.control.estimation.velocity_noise import VelocityNoise
 from quad_mpc_ros.control.lie import Array
 
 PERIOD = 0.02
@@ -15,7 +16,8 @@ PERIOD = 0.02
 
 def found(velocity_errors: Array, least: float = velocity_noise.USUAL) -> float:
     """Return the noise found of errors (n, 3) of successive velocities, otherwise as predicted."""
-    noise = velocity_noise.begun(least)
+    noise = VelocityNoise.zeros()[()]
+    velocity_noise.start(noise, least)
     for change in np.diff(velocity_errors, axis=0):
         velocity_noise.follow(noise, tuple(change.tolist()), PERIOD)
     return math.sqrt(velocity_noise.variance_in(noise))

@@ -47,9 +47,7 @@ def model_of(
     return changed(model, a_W=A_W, thrust_scale=THRUST_SCALE) if disturbed else model
 
 
-def rolled_out(
-    x: StateRecord, inputs: Array, model: ModelParameters
-) -> RecordArray[StateRecord]:
+def rolled_out(x: StateRecord, inputs: Array, model: ModelParameters) -> RecordArray[StateRecord]:
     """Return the states that inputs (N, 4) held over whole stages, or (N, M, 4), lead to."""
     if inputs.ndim == 2:
         inputs = np.repeat(inputs[:, None, :], SUBSTEPS, axis=1)
@@ -65,7 +63,9 @@ def commands(steps: int, seed: int, *, rate: float = 4.0) -> Array:
     )
 
 
-def integrated(x: StateRecord, inputs: Array, lags: tuple[float, float], vehicle: Vehicle) -> Array:
+def integrated(
+    x: StateRecord, inputs: Array, lags: tuple[float, float], vehicle: Vehicle
+) -> Array:
     """Return position, velocity and quaternion after the inputs, by scipy on a quaternion."""
     y = np.concatenate(
         (
@@ -204,9 +204,7 @@ def test_a_horizon_is_its_stages_one_after_another(lags: tuple[float, float]) ->
 def test_drag_of_three_equal_numbers_is_drag_of_one() -> None:
     three = dataclasses.replace(VEHICLE, drag=(0.2, 0.2, 0.2))
     lags = (0.03, 0.04)
-    np.testing.assert_array_equal(
-        numbers(model_of(lags, vehicle=three)), numbers(model_of(lags))
-    )
+    np.testing.assert_array_equal(numbers(model_of(lags, vehicle=three)), numbers(model_of(lags)))
 
 
 def test_air_that_is_hardly_uneven_is_that_which_is_not() -> None:

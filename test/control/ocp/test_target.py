@@ -108,9 +108,7 @@ def test_nothing_needs_to_be_corrected_on_a_reference_that_can_be_flown(
 
 def test_a_disturbance_is_met_by_tilt_and_throttle() -> None:
     """Hovering in wind, with motors weaker than modelled: no acceleration is left."""
-    model = changed(
-        model_of(rate=0.0, thrust=0.0), a_W=(1.5, -0.8, 0.3), thrust_scale=0.8
-    )
+    model = changed(model_of(rate=0.0, thrust=0.0), a_W=(1.5, -0.8, 0.3), thrust_scale=0.8)
     server = ReferenceServer(ReferenceConfig(trajectory="hover"))
     server.start(0)
     target = target_of(server.window(START), model)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fixtures.records import state_of
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.config import FenceParameters, MpcConfig, SlewParameters
@@ -15,7 +16,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.control.ocp.problem import PREDICTION_SIZE, PredictedState
+from quad_mpc_ros.control.ocp.problem import PredictedState, Prediction
 from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.control.safety.supervisor import Supervisor
 
@@ -224,8 +225,9 @@ def test_what_is_foreseen_ends_before_a_limit_that_would_act(action: str, told: 
     supervisor = Supervisor(MpcConfig(fence=fence))
 
     def state(x: float) -> PredictedState:
-        row = np.concatenate(([x, 0.0, 1.0, 0.5, 0.0, 0.0], np.eye(3).ravel()))
-        return PredictedState(0, np.pad(row, (0, PREDICTION_SIZE - len(row))))
+        prediction = Prediction.zeros()
+        prediction[()].state = state_of(p_WB=(x, 0.0, 1.0), v_WB_W=(0.5, 0.0, 0.0))
+        return PredictedState(0, prediction)
 
     assert supervisor.foreseen_fault(state(0.0)) == ""
     assert ("outside the fence" in supervisor.foreseen_fault(state(2.1))) == told
