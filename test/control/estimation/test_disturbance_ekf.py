@@ -73,7 +73,7 @@ def measured(
 
 
 def command(seconds: float) -> Input:
-    """Return a command of a vehicle that swings about hover."""
+    """Return a command of a vehicle that oscillates about hover."""
     return Input(
         throttle=0.29 + 0.12 * np.sin(7.0 * seconds) + 0.1 * np.sin(3.1 * seconds),
         w_WB_B=np.array(
@@ -141,7 +141,7 @@ def flown(
 
 
 @pytest.mark.parametrize("scale", [0.8, 1.0, 1.1])
-def test_wind_and_thrust_scale_are_told_apart(scale: float) -> None:
+def test_separates_wind_from_thrust_scale(scale: float) -> None:
     wind = np.array([0.6, -0.4, 0.2])
     ekf = Ekf(parameters(), throttle=0.29)
     estimate = flown(ekf, scale=scale, a_W=wind).parameters()
@@ -152,7 +152,7 @@ def test_wind_and_thrust_scale_are_told_apart(scale: float) -> None:
 
 
 @pytest.mark.parametrize(("rate", "thrust"), [(0.03, 0.03), (0.045, 0.045), (0.02, 0.055)])
-def test_time_constants_are_found(rate: float, thrust: float) -> None:
+def test_estimates_time_constants(rate: float, thrust: float) -> None:
     ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     learned = flown(ekf, rate=rate, thrust=thrust, scale=0.9).parameters()
     assert learned.rate_time_constants[0] == pytest.approx(rate, rel=0.02)
@@ -162,7 +162,7 @@ def test_time_constants_are_found(rate: float, thrust: float) -> None:
 
 
 @pytest.mark.parametrize("slower", [1.0, 2.5, 4.0])
-def test_a_slow_yaw_does_not_pull_roll_and_pitch(slower: float) -> None:
+def test_slow_yaw_does_not_bias_roll_and_pitch(slower: float) -> None:
     ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     learned = flown(ekf, rate=0.04, thrust=0.03, slower_yaw=slower).parameters()
     assert learned.rate_time_constants[0] == pytest.approx(0.04, rel=0.02)
@@ -184,7 +184,7 @@ def test_without_lags_in_the_model_none_are_learned() -> None:
 
 
 @pytest.mark.parametrize("drag", [0.0, 0.45, 0.7])
-def test_drag_is_told_from_wind(drag: float) -> None:
+def test_separates_drag_from_wind(drag: float) -> None:
     wind = np.array([0.6, -0.4, 0.2])
     learned = flown(Ekf(parameters(), throttle=0.29), drag=drag, a_W=wind, scale=0.9).parameters()
     assert learned.drag == pytest.approx(drag, abs=0.05)
@@ -195,14 +195,14 @@ def test_drag_is_told_from_wind(drag: float) -> None:
 def test_drag_keeps_its_proportions() -> None:
     modelled = Vehicle(drag=(0.1, 0.3, 0.5))
     ekf = Ekf(parameters(vehicle=modelled), throttle=0.29)
-    # The same air along all axes is as much as this on average, as far as its motion tells.
+    # The same air along all axes is as much as this on average, as far as its motion shows.
     learned = flown(ekf, drag=0.6).parameters()
     along = np.add(learned.drag, learned.uneven_drag)
     np.testing.assert_allclose(along / learned.drag, [1.0 / 3.0, 1.0, 5.0 / 3.0])
     np.testing.assert_allclose(along - learned.learned_drag, modelled.drag)
 
 
-def test_of_drag_nothing_is_learned_at_rest() -> None:
+def test_learns_no_drag_at_rest() -> None:
     ekf = Ekf(parameters(), throttle=0.29)
     rng = np.random.default_rng(5)
     level = under(Input(throttle=HOVER, w_WB_B=np.zeros(3)))
@@ -242,9 +242,7 @@ def test_the_derivative_by_drag_is_that_of_the_prediction(drag: float | tuple[fl
 @pytest.mark.parametrize(
     ("lag", "delay", "closer"), [(0.06, 0.02, 1), (0.02, 0.01, 4), (0.02, 0, 1)]
 )
-def test_a_vehicle_that_answers_soon_is_followed_closely(
-    lag: float, delay: float, closer: float
-) -> None:
+def test_fast_vehicle_is_estimated_faster(lag: float, delay: float, closer: float) -> None:
     level, push = under(Input(throttle=HOVER, w_WB_B=np.zeros(3))), 2.0
     ekf = Ekf(parameters(rate=lag, thrust=lag), throttle=HOVER, delay=delay)
     speed, drag = 0.0, VEHICLE.drag
@@ -260,14 +258,14 @@ def test_a_vehicle_that_answers_soon_is_followed_closely(
     assert 0.85 < found < 1.15 if closer > 1 else found < 0.8
 
 
-def test_frozen_it_learns_nothing() -> None:
+def test_held_estimate_does_not_change() -> None:
     modelled = parameters(rate=0.03, thrust=0.03)
     ekf = Ekf(modelled, throttle=0.29)
     flown(ekf, rate=0.05, thrust=0.05, scale=0.8, frozen=True)
     np.testing.assert_array_equal(numbers(ekf.parameters()), numbers(modelled))
 
 
-def test_recalled_it_believes_what_it_believed_and_the_velocity_of_now() -> None:
+def test_recall_restores_estimate_and_keeps_velocity() -> None:
     ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     flown(ekf, rate=0.03, thrust=0.03, a_W=np.array([0.6, -0.4, 0.2]))
     before, kept = ekf.parameters(), ekf.memory()
@@ -303,7 +301,7 @@ def test_more_thrust_than_modelled_is_learned_from_a_hover() -> None:
 
 
 def hovering(ekf: Ekf, *, scale: float, seconds: float) -> list[ModelParameters]:
-    """Return what is believed of a vehicle that a controller holds in place with what it is told.
+    """Return the estimates of a vehicle that a controller holds in place by them.
 
     The thrust is ``scale`` times the modelled; the velocity goes with what is left of the error.
     """
@@ -327,7 +325,7 @@ def hovering(ekf: Ekf, *, scale: float, seconds: float) -> list[ModelParameters]
 
 
 @pytest.mark.parametrize("scale", [0.7, 1.3])
-def test_what_lasts_in_a_hover_is_taken_for_thrust(scale: float) -> None:
+def test_lasting_error_in_hover_becomes_thrust_scale(scale: float) -> None:
     found = hovering(Ekf(parameters(), throttle=0.29), scale=scale, seconds=40.0)
     for learned in found[50:]:  # together they carry it all the while
         together = learned.thrust_scale / scale * VEHICLE.gravity + learned.a_W[2]
@@ -336,7 +334,7 @@ def test_what_lasts_in_a_hover_is_taken_for_thrust(scale: float) -> None:
     assert found[-1].a_W[2] == pytest.approx(0.0, abs=0.05)
 
 
-def test_let_go_it_carries_the_vehicle_on() -> None:
+def test_reset_keeps_total_thrust() -> None:
     ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     found = hovering(ekf, scale=0.8, seconds=0.6)[-1]
     assert abs(found.a_W[2]) > 0.05
@@ -357,7 +355,7 @@ def test_let_go_it_carries_the_vehicle_on() -> None:
         {"rotation": so3.exp(np.array([0.0, 0.0, 0.5]))},
     ],
 )
-def test_a_jump_is_not_learned(jump: dict[str, Array]) -> None:
+def test_rejects_jump(jump: dict[str, Array]) -> None:
     ekf = Ekf(parameters(rate=0.03, thrust=0.03), throttle=0.29)
     hovering(ekf, scale=1.0, seconds=2.0)
     before, level = ekf.parameters(), under(Input(throttle=HOVER, w_WB_B=np.zeros(3)))
@@ -368,7 +366,7 @@ def test_a_jump_is_not_learned(jump: dict[str, Array]) -> None:
     assert ekf.update(before=stepped, after=stepped, acting=level) == LEARNED
 
 
-def test_while_commands_are_saturated_the_velocity_alone_is_followed() -> None:
+def test_saturated_commands_update_velocity_only() -> None:
     ekf = Ekf(parameters(), throttle=0.29)
     hovering(ekf, scale=1.0, seconds=1.0)
     ekf.reconfigure(throttle_min=0.0, throttle_max=HOVER, disturbance_max=5.0)
@@ -413,7 +411,7 @@ def test_estimates_are_bounded(farthest: float) -> None:
 
 
 @pytest.mark.parametrize("farthest", [5.0, 15.0])
-def test_a_strong_push_is_found_as_far_as_the_bound_allows(farthest: float) -> None:
+def test_strong_disturbance_is_estimated_up_to_its_bound(farthest: float) -> None:
     ekf = Ekf(parameters(), throttle=0.29)
     ekf.reconfigure(throttle_min=0.0, throttle_max=1.0, disturbance_max=farthest)
     level, push = under(Input(throttle=HOVER, w_WB_B=np.zeros(3))), 12.0
@@ -426,7 +424,7 @@ def test_a_strong_push_is_found_as_far_as_the_bound_allows(farthest: float) -> N
             acting=level,
         )
     learned = ekf.parameters()
-    # Along a straight line a push is hardly told from air that slows less.
+    # Along a straight line a push hardly differs from air that slows less.
     explained = learned.a_W[0] - (learned.drag - drag) * speed
     assert (explained if push < farthest else learned.a_W[0]) == pytest.approx(
         min(push, farthest), rel=0.03

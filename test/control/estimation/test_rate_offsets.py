@@ -83,7 +83,7 @@ def manoeuvre(seconds: float) -> tuple[Array, Array]:
     return throttle, 1.2 * np.sin(3.1 * t) + 0.7 * np.cos(5.3 * t)
 
 
-def test_a_centre_of_mass_off_is_what_physics_says_of_it() -> None:
+def test_offset_centre_of_mass_matches_physics() -> None:
     throttle, commands = manoeuvre(10.0)
     rates, beyond = rates_of_a_loop(throttle, commands, integral=0.0, off=OFF_CENTRE)
     estimated = np.array(followed(started(), throttle, commands, rates))
@@ -92,7 +92,7 @@ def test_a_centre_of_mass_off_is_what_physics_says_of_it() -> None:
     assert np.abs(off[100:]).max() < 0.1  # of 0.8 to 1.5 rad/s
 
 
-def test_what_an_integral_has_found_of_it_is_learned_as_well() -> None:
+def test_learns_what_integral_compensates() -> None:
     throttle, commands = manoeuvre(10.0)
     rates, beyond = rates_of_a_loop(throttle, commands, integral=60.0, off=OFF_CENTRE)
     estimated = np.array(followed(started(), throttle, commands, rates))
@@ -100,8 +100,8 @@ def test_what_an_integral_has_found_of_it_is_learned_as_well() -> None:
     assert np.std(off[200:]) < 0.5 * np.std(beyond[200:])
 
 
-def test_a_vehicle_that_answers_late_has_no_offset() -> None:
-    """A loop with 80 ms of hidden delay swings so; throttle and rates go together."""
+def test_delay_is_not_learned_as_offset() -> None:
+    """A loop with 80 ms of hidden delay oscillates like this; throttle and rates go together."""
     t = np.arange(0.0, 10.0, PERIOD)
     commands = 1.5 * np.sin(6.0 * t)
     throttle = 9.81 / THRUST * (1.0 + 0.1 * np.sin(6.0 * t + 0.4))
@@ -113,7 +113,7 @@ def test_a_vehicle_that_answers_late_has_no_offset() -> None:
     assert np.abs(total[50:]).max() < 0.25 * hidden
 
 
-def test_where_nothing_is_learned_and_without_lags_there_is_none() -> None:
+def test_no_offset_without_learning_or_lags() -> None:
     throttle, commands = manoeuvre(3.0)
     rates, _ = rates_of_a_loop(throttle, commands, integral=0.0, off=OFF_CENTRE)
     for lag, share, learns in ((0.033, 1.0, False), (0.0, 1.0, True), (0.033, 0.0, True)):
@@ -121,7 +121,7 @@ def test_where_nothing_is_learned_and_without_lags_there_is_none() -> None:
         assert not np.any(followed(offsets, throttle, commands, rates, learns=learns))
 
 
-def test_what_is_recalled_is_estimated_again_and_a_reset_lets_it_go() -> None:
+def test_reset_clears_offsets_and_recall_restores_them() -> None:
     throttle, commands = manoeuvre(3.0)
     rates, _ = rates_of_a_loop(throttle, commands, integral=0.0, off=OFF_CENTRE)
     offsets = started()

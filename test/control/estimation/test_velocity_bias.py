@@ -38,34 +38,34 @@ def circling(frequency: float = 2.0) -> tuple[Array, Array]:
     return p, v
 
 
-def test_a_constant_bias_is_found_within_seconds_while_it_flies() -> None:
+def test_finds_constant_bias_within_seconds() -> None:
     p, v = circling()
     bias = followed(p, v + np.array([0.3, -0.2, 0.1]))
     assert np.abs(bias[TIME > 3.0] - [0.3, -0.2, 0.1]).max() < 0.01
 
 
-def test_velocities_that_agree_have_none() -> None:
+def test_consistent_velocity_has_no_bias() -> None:
     assert np.abs(followed(*circling())).max() < 1e-3
 
 
-def test_a_position_that_jumps_is_no_velocity() -> None:
+def test_position_jump_causes_no_bias() -> None:
     p, v = circling()
     p[200:] += [2.0, 0.0, 0.0]
     assert np.abs(followed(p, v)).max() < 1e-3
 
 
-def test_noise_of_the_position_stays_outside() -> None:
+def test_position_noise_is_filtered() -> None:
     p, v = circling()
     noisy = p + 0.01 * np.random.default_rng(1).normal(size=p.shape)
     assert followed(noisy, v)[100:].std(axis=0).max() < 0.008
 
 
-def test_it_is_bounded() -> None:
+def test_bias_is_bounded() -> None:
     p, v = circling()
     assert np.abs(followed(p, v + np.array([3.0, 0.0, 0.0]))).max() <= 1.0
 
 
-def test_where_it_is_not_asked_for_the_velocity_is_believed() -> None:
+def test_disabled_bias_keeps_velocity() -> None:
     bias = started(enabled=False)
     for position in np.arange(0.0, 1.0, 0.01):
         v = np.array([0.3, -0.2, 0.1])
@@ -74,7 +74,7 @@ def test_where_it_is_not_asked_for_the_velocity_is_believed() -> None:
 
 
 @pytest.mark.parametrize("trajectory", ["hover", "lemniscate"])
-def test_a_biased_velocity_costs_no_position(trajectory: str) -> None:
+def test_biased_velocity_causes_no_position_error(trajectory: str) -> None:
     """By 0.3 m/s without it a default controller is 0.16 m off."""
     simulator = SimulatorConfig(velocity_bias=(0.3, 0.0, 0.0), duration=10.0)
     steps = fly(

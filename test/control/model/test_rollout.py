@@ -130,7 +130,7 @@ def test_rollout_agrees_with_an_independent_integrator(
 @pytest.mark.parametrize("lags", LAGS)
 @pytest.mark.parametrize("held", [(), (1,), (0, 3)])
 @pytest.mark.parametrize("stage", [0, 4, 9])
-def test_jacobians_are_the_derivatives_through_box_plus(
+def test_jacobians_equal_finite_differences_through_box_plus(
     lags: tuple[float, float], held: tuple[int, ...], stage: int, vehicle: Vehicle
 ) -> None:
     """Also where a bound holds the commands of some substeps."""
@@ -177,7 +177,7 @@ def test_jacobians_are_the_derivatives_through_box_plus(
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_without_lags_the_small_jacobians_are_those_of_the_large(vehicle: Vehicle) -> None:
+def test_jacobians_without_actuators_equal_the_full_ones(vehicle: Vehicle) -> None:
     inputs = np.repeat(commands(3, 4)[:, None, :], SUBSTEPS, axis=1)
     model, free = model_of((0.0, 0.0), vehicle=vehicle), np.ones_like(inputs)
     states = rolled_out(start(3), inputs, model)
@@ -191,7 +191,7 @@ def test_without_lags_the_small_jacobians_are_those_of_the_large(vehicle: Vehicl
 
 
 @pytest.mark.parametrize("lags", LAGS)
-def test_a_horizon_is_its_stages_one_after_another(lags: tuple[float, float]) -> None:
+def test_rollout_equals_stage_by_stage_rollout(lags: tuple[float, float]) -> None:
     x, inputs = start(5), commands(6, 6)
     model = model_of(lags)
     whole = rolled_out(x, inputs, model)
@@ -201,13 +201,13 @@ def test_a_horizon_is_its_stages_one_after_another(lags: tuple[float, float]) ->
         np.testing.assert_allclose(getattr(whole[-1], name), getattr(x, name), atol=1e-12)
 
 
-def test_drag_of_three_equal_numbers_is_drag_of_one() -> None:
+def test_equal_drag_per_axis_equals_scalar_drag() -> None:
     three = dataclasses.replace(VEHICLE, drag=(0.2, 0.2, 0.2))
     lags = (0.03, 0.04)
     np.testing.assert_array_equal(numbers(model_of(lags, vehicle=three)), numbers(model_of(lags)))
 
 
-def test_air_that_is_hardly_uneven_is_that_which_is_not() -> None:
+def test_uneven_air_converges_to_even_air() -> None:
     """The two ways through the code agree where they meet."""
     hardly = dataclasses.replace(VEHICLE, drag=(0.2, 0.2, 0.2 + 1e-9), translational_lift=1e-10)
     x, inputs = start(9), commands(10, 8)
@@ -219,7 +219,7 @@ def test_air_that_is_hardly_uneven_is_that_which_is_not() -> None:
     )
 
 
-def test_a_vanishing_lag_is_no_lag() -> None:
+def test_vanishing_lag_equals_no_lag() -> None:
     x, inputs = start(7), commands(10, 8)
     none = rolled_out(x, inputs, model_of((0.0, 0.0)))
     tiny = rolled_out(x, inputs, model_of((1e-7, 1e-7)))

@@ -111,7 +111,7 @@ def test_rows_are_the_derivatives_of_tilt_and_speed(seed: int) -> None:
         assert_allclose(offsets[4], 4.0 - np.linalg.norm(v), atol=1e-9)
 
 
-def test_level_the_square_faces_where_the_cost_falls() -> None:
+def test_tilt_rows_of_level_vehicle_face_descent_direction() -> None:
     """To go east the thrust turns east: about the body's y axis."""
     level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
     problem, _ = begun(agile().updated(LIMITS), level, np.array([5.0, 0.0, 0.0]))
@@ -121,7 +121,7 @@ def test_level_the_square_faces_where_the_cost_falls() -> None:
     assert_allclose(stages.normals[0, 4, 8 + 3 : 8 + 6] @ [1.0, 0.0, 0.0], 1.0, atol=1e-6)
 
 
-def test_rows_on_inputs_count_from_what_was_sent() -> None:
+def test_input_rows_start_from_last_command() -> None:
     level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
     config = agile().updated(LIMITS)
     problem, _ = begun(config, level, np.zeros(3))
@@ -134,7 +134,7 @@ def test_rows_on_inputs_count_from_what_was_sent() -> None:
     assert_allclose(stages.offsets[1:, 7:], 60.0 * 0.05, atol=1e-9)
 
 
-def test_nothing_was_sent_yet() -> None:
+def test_rates_are_unlimited_before_first_command() -> None:
     level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
     config = agile().updated(LIMITS)
     problem = ManifoldProblem(config)
@@ -143,7 +143,7 @@ def test_nothing_was_sent_yet() -> None:
     assert problem.linearise().offsets[0, 7:].min() > 1e6
 
 
-def test_a_reference_that_asks_for_more_may_have_it() -> None:
+def test_limits_yield_to_demanding_reference() -> None:
     """Inverted, at 9 m/s: what is flown is not forbidden, and a little more neither."""
     rest = np.zeros((2, 3))
     window = ReferenceWindow(
@@ -292,7 +292,7 @@ def solved(qp: HorizonQP, parameters: SolverParameters = EXACT) -> QpSolution:
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("price", [0.3, 30.0])
-def test_the_sparse_problem_has_the_solution_of_another_solver(seed: int, price: float) -> None:
+def test_sparse_solution_equals_that_of_another_solver(seed: int, price: float) -> None:
     pattern, stages = a_soft_horizon(seed, price=price, room=0.3)
     qp = HorizonQP(pattern)
     qp.update(stages)
@@ -318,7 +318,7 @@ def test_limits_that_can_be_kept_are_kept_exactly(seed: int) -> None:
     assert_allclose(solution.inputs, hard, atol=1e-5)
 
 
-def test_soft_rows_of_other_shapes_are_refused() -> None:
+def test_rejects_soft_rows_of_other_sizes() -> None:
     pattern, stages = a_soft_horizon(0, price=1.0, room=1.0)
     qp = HorizonQP(dataclasses.replace(pattern, limits=None))
     with pytest.raises(ValueError, match=r"stages: \(5, 4, 2, 6, 2\), expected \(5, 4, 2, 0, 0\)"):
@@ -328,7 +328,7 @@ def test_soft_rows_of_other_shapes_are_refused() -> None:
 # --- the merit of the line search
 
 
-def test_the_penalty_is_that_of_the_true_excess() -> None:
+def test_penalty_equals_price_of_true_excess() -> None:
     allowed = Allowed.zeros(1)
     allowed["tilt"], allowed["speed"] = 0.5, 4.0
     allowed["throttle_min"], allowed["throttle_max"] = 0.1, 0.9

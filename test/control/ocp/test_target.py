@@ -91,7 +91,7 @@ def rolled_out(
 @pytest.mark.parametrize("vehicle", [VEHICLE, UNEVEN, ROTORS])
 @pytest.mark.parametrize("lags", [(0.0, 0.0), (0.03, 0.03), (0.05, 0.02)])
 @pytest.mark.parametrize("angular_frequency", [1.0, 2.2])
-def test_nothing_needs_to_be_corrected_on_a_reference_that_can_be_flown(
+def test_target_inputs_hold_a_feasible_reference(
     lags: tuple[float, float], angular_frequency: float, vehicle: Vehicle
 ) -> None:
     model = model_of(rate=lags[0], thrust=lags[1], vehicle=vehicle)
@@ -106,7 +106,7 @@ def test_nothing_needs_to_be_corrected_on_a_reference_that_can_be_flown(
     assert np.abs(so3.log(turned)).max() < 4e-3 * scale
 
 
-def test_a_disturbance_is_met_by_tilt_and_throttle() -> None:
+def test_target_compensates_disturbance_by_tilt_and_throttle() -> None:
     """Hovering in wind, with motors weaker than modelled: no acceleration is left."""
     model = changed(model_of(rate=0.0, thrust=0.0), a_W=(1.5, -0.8, 0.3), thrust_scale=0.8)
     server = ReferenceServer(ReferenceConfig(trajectory="hover"))
@@ -121,7 +121,7 @@ def test_a_disturbance_is_met_by_tilt_and_throttle() -> None:
 @pytest.mark.parametrize(
     ("vehicle", "more"), [(VEHICLE, 0.3), (VEHICLE, -0.2), (UNEVEN, 0.3), (ROTORS, 0.3)]
 )
-def test_drag_that_the_reference_does_not_know_is_met(vehicle: Vehicle, more: float) -> None:
+def test_target_compensates_learned_drag(vehicle: Vehicle, more: float) -> None:
     """Flown open loop, with attitudes made with the drag that was expected."""
     expected = model_of(rate=0.0, thrust=0.0, vehicle=vehicle)
     factor = 1.0 + more / expected.drag

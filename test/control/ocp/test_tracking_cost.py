@@ -63,7 +63,7 @@ def test_gradient_and_gauss_newton_matrix() -> None:
         np.testing.assert_allclose(H[stage], expected, rtol=1e-6, atol=1e-6)
 
 
-def test_on_the_target_only_deviations_cost() -> None:
+def test_only_deviations_cost_on_target() -> None:
     states = STATES.copy()
     for name in ("p_WB", "v_WB_W", "R_WB"):
         states[name][1:] = TARGET[name]
