@@ -70,8 +70,8 @@ SIMULATED: dict[str, tuple[list[str], list[str]]] = {
     "limits": (
         ["--reference", "lemniscate", "--start", "ground"],
         [
-            "mpc.slew.throttle_max=5.0",
-            "mpc.slew.rate_max=50.0",
+            "mpc.advanced.slew.throttle=5.0",
+            "mpc.advanced.slew.body_rates=50.0",
             "mpc.fence.maximum=[2.0, 9.0, 9.0]",
             "mpc.envelope.speed_max=4.0",
         ],

@@ -23,7 +23,7 @@ def update(chromium: str) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         runs = [str(Path(scratch, name)) for name in ("square", "too_few_iterations")]
         for run, most in zip(runs, (400, 30), strict=True):
-            limit = ["--config", "agile", "--set", f"mpc.solver.max_iterations={most}"]
+            limit = ["--config", "agile", "--set", f"mpc.advanced.solver.max_iterations={most}"]
             main(["simulate", "--start", "reference", *limit, "--duration", "8", "--out", run])
         page = Path(scratch, "report.html")
         main(["report", *runs, "--out", str(page)])

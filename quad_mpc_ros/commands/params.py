@@ -134,15 +134,16 @@ def as_markdown(node: str, specs: Sequence[ParameterSpec]) -> str:
 
 
 def as_yaml(node: str, specs: Sequence[ParameterSpec]) -> str:
-    """Return a ROS parameter file with every default."""
+    """Return a ROS parameter file with every default, advanced ones last."""
     lines = [f"/**/{node}:", "  ros__parameters:"]  # in every namespace
-    group = ""
-    for spec in specs:
+    within: list[str] = []
+    for spec in _in_groups(specs):
         *groups, name = spec.name.split(".")
-        if groups and groups[0] != group:
-            group = groups[0]
-            lines.append(f"    {group}:")
-        indent = "      " if groups else "    "
+        for depth, group in enumerate(groups):
+            if within[: depth + 1] != groups[: depth + 1]:
+                lines.append(f"{'  ' * (depth + 2)}{group}:")
+        within = groups
+        indent = "  " * (len(groups) + 2)
         lines += textwrap.wrap(
             f"{spec.doc} {_rule(spec)}",
             width=_WIDTH,
@@ -153,6 +154,15 @@ def as_yaml(node: str, specs: Sequence[ParameterSpec]) -> str:
         comment = "# " if spec.default == () else ""
         lines.append(f"{indent}{comment}{name}: {_value(spec.default)}")
     return "\n".join(lines) + "\n"
+
+
+def _in_groups(specs: Sequence[ParameterSpec]) -> list[ParameterSpec]:
+    """Return parameters with those of a group together: a key may stand once in a file."""
+    groups: dict[str, int] = {}
+    for spec in specs:
+        groups.setdefault(spec.name.rpartition(".")[0], len(groups))
+    # What is advanced and in no group of it comes before the groups of it.
+    return sorted(specs, key=lambda spec: (spec.advanced, groups[spec.name.rpartition(".")[0]]))
 
 
 FORMATS = {"text": as_text, "markdown": as_markdown, "yaml": as_yaml}

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import math
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-import yaml
-
 from quad_mpc_ros.commands.output import default_out, prepared_out
 from quad_mpc_ros.commands.run_options import DEFAULT_DURATION, check_duration
-from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.configuration import Configuration, UserError, files
+from quad_mpc_ros.configuration.vehicle import differences
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.recording import flown_points
@@ -64,10 +63,13 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
         # What a file says of the start wins, unless the option is given.
         base = {"simulator": start if options.start is None else {}}
         if options.start is not None:
-            made += [f"simulator.{name}={_yaml(value)}" for name, value in start.items()]
+            made += [
+                f"simulator.{name}={files.value_text(value)}" for name, value in start.items()
+            ]
         loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA, base=base)
     make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
     out = prepared_out(options.out or default_out(reference.trajectory))
+    _warn_of_different_vehicles(loaded)
     return RunConfig(
         mpc=cast(MpcConfig, loaded["mpc"]),
         simulator=cast(SimulatorConfig, loaded["simulator"]),
@@ -78,6 +80,18 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
         trajectory=trajectory,
         out=out,
     )
+
+
+def _warn_of_different_vehicles(loaded: Mapping[str, Configuration]) -> None:
+    """Warn of nodes that have another vehicle than the MPC."""
+    ours = loaded["mpc"].vehicle_values()
+    for node, config in loaded.items():
+        differ = differences(ours, config.vehicle_values())
+        if differ:
+            print(
+                f"warning: mpc and {node} were given different vehicles: {', '.join(differ)}",
+                file=sys.stderr,
+            )
 
 
 def _sources(options: argparse.Namespace) -> list[str]:
@@ -116,10 +130,10 @@ def _duration(options: argparse.Namespace, sources: Sequence[str]) -> str:
     duration = options.duration
     if duration is None:
         given = files.collected(sources, [], schema=SCHEMA)["simulator"].get("duration")
-        duration = given or DEFAULT_DURATION  # 0, for ever, is for a simulator by itself
+        duration = given or DEFAULT_DURATION  # 0, endless, is for a simulator by itself
     else:
         check_duration(duration)
-    return f"simulator.duration={_yaml(duration)}"
+    return f"simulator.duration={files.value_text(duration)}"
 
 
 def _start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, Any]:
@@ -131,8 +145,3 @@ def _start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, A
         return start_on(trajectory, simulator)
     except ValueError as error:
         raise UserError(f"--start reference: {error}; --start ground needs none") from error
-
-
-def _yaml(value: float | list[float]) -> str:
-    """Return a value as YAML reads it back exactly, which it does not with every ``repr``."""
-    return yaml.safe_dump([value], default_flow_style=True, width=math.inf).strip()[1:-1]

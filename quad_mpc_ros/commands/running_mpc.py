@@ -16,12 +16,13 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages.topics import STATS
 from quad_mpc_ros.recordings.logs import tick_stats
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
 _ANSWER_TIMEOUT = 5.0  # s, discovery included
 
 
 class RunningMpc(Observer):
-    """A small node of its own beside the MPC node ``name``, a full name like ``/uav1/mpc``."""
+    """A small node beside the MPC node ``name``, a full name like ``/uav1/mpc``."""
 
     def __init__(self, name: str) -> None:
         super().__init__("quad_mpc_save_vehicle")
@@ -47,6 +48,21 @@ class RunningMpc(Observer):
             "name of a running mpc_node, in the same ROS_DOMAIN_ID"
         )
 
+    def bridge(self) -> dict[str, Any]:
+        """Return the thrust map of the bridge in the same namespace; empty without one."""
+        namespace = self.name.rpartition("/")[0]
+        for name, place in self.node.get_node_names_and_namespaces():
+            if not name.endswith("_bridge") or place.rstrip("/") != namespace:
+                continue
+            client = AsyncParameterClient(self.node, f"{namespace}/{name}")
+            deadline = time.monotonic() + _ANSWER_TIMEOUT
+            names = [spec.name for spec in BridgeConfig.specs() if "thrust_map" in spec.name]
+            if self._spin(client.services_are_ready, deadline):
+                answer = client.get_parameters(names)
+                if self._spin(answer.done, deadline):
+                    return _known(names, answer.result().values)
+        return {}
+
     def watch(self, duration: float) -> list[TickStats]:
         """Return the figures of the ticks of the next ``duration`` seconds, from the first on."""
         namespace = self.name.rpartition("/")[0]
@@ -61,11 +77,7 @@ class RunningMpc(Observer):
         return self._ticks
 
     def _built(self, names: list[str], values: list[Any]) -> MpcConfig:
-        known = {
-            name: value if isinstance(value, bool | int | float | str) else list(value)
-            for name, value in zip(names, map(parameter_value_to_python, values), strict=False)
-            if value is not None
-        }
+        known = _known(names, values)
         if not known:
             raise UserError(f"--node: {self.name} has no parameters of an mpc_node")
         return MpcConfig.build(known)
@@ -83,3 +95,12 @@ class RunningMpc(Observer):
                 return False
             self.executor.spin_once(timeout_sec=min(remaining, 0.1))
         return True
+
+
+def _known(names: list[str], values: list[Any]) -> dict[str, Any]:
+    """Return the parameters that a node has by name; arrays as lists."""
+    return {
+        name: value if isinstance(value, bool | int | float | str) else list(value)
+        for name, value in zip(names, map(parameter_value_to_python, values), strict=False)
+        if value is not None
+    }

@@ -13,11 +13,12 @@ from quad_mpc_ros.commands.run_options import check_duration
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add whom to watch and for how long."""
+    """Add which node to watch and for how long."""
     parser.description = (
-        "Watch the estimates of a running MPC node for a few seconds of flight, and print its "
-        "vehicle with them as a ROS parameter file for --config. The vehicle flies on as it "
-        "was: the file is for the next start. Exit code 2 when the MPC does not fly or the "
+        "Watch the estimates of a running MPC node for a few seconds of flight, and print a "
+        "vehicle file with them: ROS parameters below /**, of which every node reads its share, "
+        "the thrust map of the bridge included. The flight goes on unchanged: the file is for "
+        "the next start. Exit code 2 when the MPC does not fly or the "
         "estimates have not settled."
     )
     parser.add_argument(
@@ -45,7 +46,7 @@ def add_vehicle_file_options(parser: argparse.ArgumentParser) -> None:
         "--keep",
         choices=("mass", "curve"),
         default="mass",
-        help="what is believed of thrust per mass, of which a flight shows the quotient only: "
+        help="what is kept of thrust per mass, of which a flight shows the quotient only: "
         "mass scales the thrust curve, curve the mass (default: mass)",
     )
     parser.add_argument(
@@ -54,7 +55,7 @@ def add_vehicle_file_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Watch, tell, write; return the exit code."""
+    """Watch, write, report; return the exit code."""
     check_writable("--out", options.out, overwrite=options.overwrite)
     check_duration(options.duration)
     require_ros("save-vehicle", instead="; 'identify' finds the vehicle in a recorded flight")
@@ -62,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
     from quad_mpc_ros.commands.running_mpc import RunningMpc
 
     with RunningMpc(options.node) as mpc:
-        config = mpc.configuration()
+        config, bridge = mpc.configuration(), mpc.bridge()
         ticks = mpc.watch(options.duration)
     found = learned(ticks, config)
     now = datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
@@ -70,7 +71,7 @@ def run(options: argparse.Namespace) -> int:
         f"Learned in flight by {mpc.name}, {now}, {found.ticks} ticks; +- is how far the estimate "
         "wandered."
     )
-    text = learned_file(found, config, head=head, keep=options.keep)
+    text = learned_file(found, config, head=head, keep=options.keep, bridge=bridge)
     if options.out is None:
         print(text, end="")
         return 0

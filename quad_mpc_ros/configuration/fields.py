@@ -18,8 +18,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 from quad_mpc_ros.configuration.errors import ConfigurationError
+from quad_mpc_ros.configuration.renamed import refuse_former_name
+from quad_mpc_ros.configuration.vehicle import VEHICLE
 
 _METADATA_KEY = "quad_mpc_ros.parameter"
+_ADVANCED = "advanced."
 
 PerAxis = float | tuple[float, ...]
 """Type of a parameter that is one number for all body axes or three, one each for x, y and z."""
@@ -39,11 +42,12 @@ class ParameterSpec:
     ``above`` and ``below`` are exclusive bounds, ``minimum`` and ``maximum`` inclusive ones;
     for arrays they hold for every element. ``length`` is the required number of elements.
     ``per_axis`` tells that a number may as well be three, one for each body axis.
-    ``live`` tells whether the value may change in flight; with ``switch`` not from zero or to it,
-    which changes the structure of what uses it.
+    ``live`` states whether the value may change in flight; with ``switch`` not from zero or to
+    it, which changes the structure of what uses it. ``advanced`` is what nobody must set: its name
+    begins with ``advanced.``. ``path`` leads to its field, through the groups.
     """
 
-    name: str = ""
+    path: str = ""
     kind: str = ""
     default: Any = None
     doc: str = ""
@@ -57,6 +61,12 @@ class ParameterSpec:
     choices: tuple[str, ...] | None = None
     live: bool = False
     switch: bool = False
+    advanced: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name by which the parameter is set."""
+        return f"{_ADVANCED}{self.path}" if self.advanced else self.path
 
     def may_change(self, before: Any, after: Any) -> bool:
         """Whether the value may change so in flight; both are validated."""
@@ -87,7 +97,10 @@ class ParameterSpec:
                 return self._canonical(value)
             return self._elements(value if listed else None, self.length)
         except ValueError:
-            name = f"{owner}.{self.name}" if owner else self.name
+            node, _, group = owner.partition(".")
+            path = f"{group}.{self.path}" if group else self.path
+            name = dataclasses.replace(self, path=path).name
+            name = f"{node}.{name}" if node else name
             raise ConfigurationError(name, value, self.allowed()) from None
 
     def _elements(self, value: Any, length: int | None) -> tuple[Any, ...]:
@@ -126,8 +139,8 @@ def parameter(default: Any, *, doc: str, **constraints: Any) -> Any:
     """Declare a parameter as a dataclass field.
 
     ``constraints`` are the fields of :class:`ParameterSpec`: unit, minimum, maximum, above,
-    below, length, choices, live, switch. The name comes from the field and the type from its
-    annotation.
+    below, length, choices, live, switch, advanced. The name comes from the field and the type
+    from its annotation.
     """
     spec = ParameterSpec(default=default, doc=doc, **constraints)
     return dataclasses.field(default=default, metadata={_METADATA_KEY: spec})
@@ -142,6 +155,8 @@ class Configuration:
     """
 
     owner: ClassVar[str] = ""
+    pins: ClassVar[str] = ""
+    """Parameter with which a file states its whole share for this node by name."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -156,7 +171,7 @@ class Configuration:
 
     @classmethod
     def specs(cls) -> tuple[ParameterSpec, ...]:
-        """Return the specification of every parameter, groups flattened, in order."""
+        """Return the specification of every parameter, groups flattened, advanced ones last."""
         return _specs(cls)
 
     @classmethod
@@ -165,12 +180,19 @@ class Configuration:
 
         Raises :class:`ConfigurationError` for an unknown name or an unusable value.
         """
-        known = {spec.name for spec in cls.specs()}
+        paths = {spec.name: spec.path for spec in cls.specs()}
         for name, value in values.items():
-            if name not in known:
+            if name not in paths:
+                refuse_former_name(cls.owner, name)
+                known = set(paths)
                 raise ConfigurationError(
                     f"{cls.owner}.{name}", value, f"a known parameter{_suggestion(name, known)}"
                 )
+        return cls._built({paths[name]: value for name, value in values.items()})
+
+    @classmethod
+    def _built(cls, values: Mapping[str, object]) -> Self:
+        """Return the parameter set with values by the path of their field."""
         arguments: dict[str, Any] = {}
         for field in dataclasses.fields(cls):
             if _spec_of(cls, field) is not None:
@@ -179,23 +201,29 @@ class Configuration:
                 continue
             prefix = f"{field.name}."
             inner = {
-                name.removeprefix(prefix): value
-                for name, value in values.items()
-                if name.startswith(prefix)
+                path.removeprefix(prefix): value
+                for path, value in values.items()
+                if path.startswith(prefix)
             }
-            arguments[field.name] = _group_of(cls, field).build(inner)
+            arguments[field.name] = _group_of(cls, field)._built(inner)
         return cls(**arguments)
+
+    @classmethod
+    def share(cls, common: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
+        """Return what of parameters stated for every node is of use to this one, by its names.
+
+        ``own`` are those stated for this one.
+        """
+        known = {spec.name for spec in cls.specs()}
+        return {name: value for name, value in common.items() if name in known}
 
     def flattened(self) -> dict[str, Any]:
         """Return every parameter by its dotted name; arrays as tuples."""
-        flat: dict[str, Any] = {}
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, Configuration):
-                flat.update({f"{field.name}.{k}": v for k, v in value.flattened().items()})
-            else:
-                flat[field.name] = value
-        return flat
+        return {spec.name: operator.attrgetter(spec.path)(self) for spec in self.specs()}
+
+    def vehicle_values(self) -> dict[str, Any]:
+        """Return what this node was given of the vehicle, by the names of a vehicle file."""
+        return {name: value for name, value in self.flattened().items() if name in VEHICLE}
 
     def updated(self, changes: Mapping[str, object]) -> Self:
         """Return a copy with ``changes`` (dotted names) applied, validated as a whole."""
@@ -249,10 +277,10 @@ def _specs_of(cls: type[Configuration]) -> tuple[ParameterSpec, ...]:
         else:
             group = _group_of(cls, field)
             found.extend(
-                dataclasses.replace(inner, name=f"{field.name}.{inner.name}")
+                dataclasses.replace(inner, path=f"{field.name}.{inner.path}")
                 for inner in group.specs()
             )
-    return tuple(found)
+    return tuple(sorted(found, key=lambda spec: spec.advanced))
 
 
 def _spec_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> ParameterSpec | None:
@@ -265,7 +293,7 @@ def _own_specs_of(cls: type[Configuration]) -> dict[str, ParameterSpec]:
     declared = {field.name: field.metadata.get(_METADATA_KEY) for field in dataclasses.fields(cls)}
     return {
         name: dataclasses.replace(
-            spec, name=name, kind=_kind_of(hints[name]), per_axis=hints[name] == PerAxis
+            spec, path=name, kind=_kind_of(hints[name]), per_axis=hints[name] == PerAxis
         )
         for name, spec in declared.items()
         if spec is not None

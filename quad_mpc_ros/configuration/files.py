@@ -6,7 +6,8 @@ file serves ``ros2 run … --params-file`` and the command line of this package.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ import yaml
 
 from quad_mpc_ros.configuration.errors import ConfigurationError, UserError
 from quad_mpc_ros.configuration.fields import Configuration
+from quad_mpc_ros.configuration.renamed import refuse_former_name
+from quad_mpc_ros.configuration.vehicle import describes_vehicle
 
 Schema = Mapping[str, type[Configuration]]
 """The nodes that a file may speak of, and what each of them knows."""
@@ -50,17 +53,27 @@ def collected(
 ) -> dict[str, dict[str, Any]]:
     """Return what is said of the parameters of every node of the schema, not yet validated.
 
-    The arguments are those of :func:`load`. Raises :class:`UserError` for a file that cannot be
-    read.
+    The arguments are those of :func:`load`. Of what is stated for every node (``/**``) each gets
+    its share; what is stated for a node by name wins over it, whichever comes last. Raises
+    :class:`UserError` for a file that cannot be read.
     """
-    values: dict[str, dict[str, Any]] = {node: dict((base or {}).get(node, {})) for node in schema}
+    common: dict[str, Any] = {}
+    values: dict[str, dict[str, Any]] = {node: {} for node in schema}
     for source in sources:
-        for node, parameters in _read(_located(source), schema).items():
+        found = _read(_located(source), schema)
+        of_all = found.pop(_EVERY_NODE, {})
+        common.update(of_all)
+        for node, parameters in found.items():
+            if schema[node].pins in parameters:
+                values[node].update(schema[node].share(of_all, parameters))
             values[node].update(parameters)
     for assignment in assignments:
         node, name, value = _parsed(assignment, schema)
         values[node][name] = value
-    return values
+    return {
+        node: {**(base or {}).get(node, {}), **kind.share(common, values[node]), **values[node]}
+        for node, kind in schema.items()
+    }
 
 
 def dump(node: str, values: Mapping[str, Any]) -> str:
@@ -74,6 +87,12 @@ def dump(node: str, values: Mapping[str, Any]) -> str:
         if value not in ((), [])
     }
     return yaml.safe_dump({node: {"ros__parameters": listed}}, default_flow_style=None)
+
+
+def value_text(value: Any) -> str:
+    """Return a value as YAML reads it back exactly, which it does not with every ``repr``."""
+    listed = list(value) if isinstance(value, tuple) else value
+    return yaml.safe_dump([listed], default_flow_style=True, width=math.inf).strip()[1:-1]
 
 
 def presets() -> dict[str, Path]:
@@ -123,27 +142,38 @@ def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
     for key, section in content.items():
         if not isinstance(section, dict) or not isinstance(section.get("ros__parameters"), dict):
             raise UserError(f"{path}: {key}: expected 'ros__parameters:' below it")
-        for name, value in flattened(section["ros__parameters"]):
-            for node in _nodes_meant(str(key), name, value, schema, path):
-                found.setdefault(node, {})[name] = value
+        values = {
+            name: value
+            for name, value in flattened(section["ros__parameters"])
+            if name not in _FOREIGN
+        }
+        if key == _EVERY_NODE:
+            _refuse_unknown(values, schema, path)
+            found.setdefault(_EVERY_NODE, {}).update(values)
+        else:
+            found.setdefault(_node_meant(str(key), schema, path), {}).update(values)
     return found
 
 
-def _nodes_meant(key: str, name: str, value: Any, schema: Schema, path: Path) -> Iterable[str]:
-    """Return the nodes that a parameter under a key of the file is for."""
-    if name in _FOREIGN:
-        return []
-    if key == _EVERY_NODE:
-        knowing = [
-            node for node, kind in schema.items() if name in (spec.name for spec in kind.specs())
-        ]
-        if not knowing:
-            raise ConfigurationError(f"{path}: {key}: {name}", value, "a parameter of some node")
-        return knowing
+def _refuse_unknown(values: Mapping[str, Any], schema: Schema, path: Path) -> None:
+    """Refuse what no node knows."""
+    known = {spec.name for kind in schema.values() for spec in kind.specs()}
+    for name, value in values.items():
+        if name in known or describes_vehicle(name):
+            continue
+        for kind in schema.values():
+            refuse_former_name(kind.owner, name)
+        raise ConfigurationError(
+            f"{path}: {_EVERY_NODE}: {name}", value, "a parameter of some node"
+        )
+
+
+def _node_meant(key: str, schema: Schema, path: Path) -> str:
+    """Return the node that a key of the file is for."""
     node = key.rsplit("/", 1)[-1]
     if node not in schema:
         raise UserError(f"{path}: given node {key!r}, expected one of {', '.join(schema)}")
-    return [node]
+    return node
 
 
 def flattened(parameters: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, Any]]:

@@ -16,6 +16,10 @@ from quad_mpc_ros.configuration import (
 )
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
 
+_live = functools.partial(parameter, live=True)
+_advanced = functools.partial(parameter, advanced=True)
+_live_advanced = functools.partial(_live, advanced=True)
+
 
 @dataclass(frozen=True, kw_only=True)
 class OdometryParameters(Configuration):
@@ -37,15 +41,14 @@ class SolverParameters(Configuration):
 
     owner = "mpc.solver"
 
-    tolerance: float = parameter(
+    tolerance: float = _advanced(
         1e-3, doc="Absolute and relative tolerance of the scaled problem.", above=0.0, below=0.1
     )
-    max_iterations: int = parameter(
+    max_iterations: int = _advanced(
         1000, doc="Iterations until a solve counts as failed.", minimum=1
     )
 
 
-_live = functools.partial(parameter, live=True)
 _FAR = 1e6  # m: a fence that stands nowhere
 _corner = functools.partial(_live, unit="m", length=3, minimum=-_FAR, maximum=_FAR)
 _ACTIONS = ("warn", "hover", "stop")
@@ -95,22 +98,24 @@ class EnvelopeParameters(Configuration):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SwingingParameters(Configuration):
-    """What counts as a limit cycle: the thrust leans to one side and the other, time and again."""
+class OscillationParameters(Configuration):
+    """What counts as a limit cycle: thrust that tilts to one side and the other repeatedly."""
 
-    owner = "mpc.swinging"
+    owner = "mpc.oscillation"
 
-    tilt: float = _live(
+    tilt_amplitude: float = _live_advanced(
         0.2,
         doc="Angle to both sides of what the reference asks for, six changes of side within 3 s.",
         unit="rad",
         above=0.0,
         maximum=math.pi,
     )
-    action: str = _live("hover", doc="When it swings: as for fence.action.", choices=_ACTIONS)
-    hold_time: float = _live(
+    action: str = _live_advanced(
+        "hover", doc="On oscillation: as for fence.action.", choices=_ACTIONS
+    )
+    hold_time: float = _live_advanced(
         10.0,
-        doc="How long the action lasts; three times as long each time that it swings again after.",
+        doc="How long the action lasts; three times as long each time that it oscillates again.",
         unit="s",
         above=0.0,
     )
@@ -122,15 +127,16 @@ class SlewParameters(Configuration):
 
     owner = "mpc.slew"
 
-    throttle_max: float = _live(
+    throttle: float = _live_advanced(
         0.0, doc="Largest change of the throttle; 0 is any.", unit="1/s", minimum=0.0
     )
-    rate_max: float = _live(
+    body_rates: float = _live_advanced(
         0.0, doc="Largest change of each body rate; 0 is any.", unit="rad/s^2", minimum=0.0
     )
 
 
 _limit = functools.partial(_live, minimum=0.0, switch=True)
+_advanced_limit = functools.partial(_limit, advanced=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,18 +155,18 @@ class LimitParameters(Configuration):
         maximum=math.pi,
     )
     speed_max: float = _limit(0.0, doc="manifold: largest speed planned; 0 is any.", unit="m/s")
-    throttle_margin: float = _limit(
+    throttle_margin: float = _advanced_limit(
         0.0,
         doc="manifold: distance to throttle_min and throttle_max that is kept for control; 0 is "
         "none.",
         below=0.5,
     )
-    rate_slew: float = _limit(
+    rate_slew: float = _advanced_limit(
         0.0,
         doc="manifold: largest change planned of each body rate commanded; 0 is any.",
         unit="rad/s^2",
     )
-    pull_distance: float = _live(
+    pull_distance: float = _live_advanced(
         1.5,
         doc="manifold, with any of these limits: a reference further away than this, across or in "
         "height, pulls as if it were here. Sets the speed of an approach.",
@@ -181,17 +187,17 @@ class RealtimeParameters(Configuration):
 
     owner = "mpc.realtime"
 
-    scheduler_priority: int = parameter(
+    scheduler_priority: int = _advanced(
         0, doc="Priority under SCHED_FIFO; 0 is the normal scheduler.", minimum=0, maximum=99
     )
-    cpus: tuple[int, ...] = parameter(
+    cpus: tuple[int, ...] = _advanced(
         (), doc="Processors to run on, by number; none given is any.", minimum=0
     )
-    lock_memory: bool = parameter(False, doc="Keep all memory of the process from being swapped.")
-    keep_awake: bool = parameter(
+    lock_memory: bool = _advanced(False, doc="Keep all memory of the process from being swapped.")
+    keep_awake: bool = _advanced(
         False, doc="Keep processors from sleeping, from which they wake late; costs power."
     )
-    garbage_collection: str = parameter(
+    garbage_collection: str = _advanced(
         "between_ticks",
         doc="When Python collects garbage: between ticks, or automatic, at any moment.",
         choices=("between_ticks", "automatic"),
@@ -271,7 +277,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         doc="manifold: estimate an acceleration, the thrust's scale, the drag, the actuators' "
         "time constants where they lag and the bias of the measured velocity, and allow for them.",
     )
-    disturbance_max: float = _live(
+    disturbance_max: float = _live_advanced(
         5.0,
         doc="manifold: largest acceleration along the ground that the estimate may find; raise it "
         "where strong pushes are to be held.",
@@ -285,7 +291,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     odom_timeout: float = _live(
         0.1, doc="Odometry older than this is unusable.", unit="s", above=0.0
     )
-    odom_gap: float = _live(
+    odom_gap: float = _live_advanced(
         0.4,
         doc="How long after the last odometry the MPC plans on, from where its own commands "
         "should have brought the vehicle; 0 is no longer than odom_timeout.",
@@ -299,7 +305,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         unit="s",
         above=0.0,
     )
-    deadline: float = parameter(
+    deadline: float = _advanced(
         0.8,
         doc="Share of a control period within which a plan has to be ready, or it is dropped; "
         "not in lockstep.",
@@ -319,7 +325,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     solver: SolverParameters = dataclasses.field(default_factory=SolverParameters)
     fence: FenceParameters = dataclasses.field(default_factory=FenceParameters)
     envelope: EnvelopeParameters = dataclasses.field(default_factory=EnvelopeParameters)
-    swinging: SwingingParameters = dataclasses.field(default_factory=SwingingParameters)
+    oscillation: OscillationParameters = dataclasses.field(default_factory=OscillationParameters)
     slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
     limits: LimitParameters = dataclasses.field(default_factory=LimitParameters)
     realtime: RealtimeParameters = dataclasses.field(default_factory=RealtimeParameters)
@@ -352,7 +358,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         room = min(hover - self.throttle_min, self.throttle_max - hover)
         if not self.limits.throttle_margin < room:
             raise ConfigurationError(
-                f"{self.limits.owner}.throttle_margin",
+                f"{self.owner}.advanced.limits.throttle_margin",
                 self.limits.throttle_margin,
                 f"a number below {room:.4f}, the distance of the hover throttle to its bounds",
             )

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from quad_mpc_ros.configuration import BagError, Configuration, files
+from quad_mpc_ros.configuration.renamed import with_present_names
 from quad_mpc_ros.recordings.writer import BagWriter
 
 _PREFIX = "parameters:"
@@ -38,7 +39,7 @@ def read_parameters(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict
 def recorded_parameters(
     parameters: Mapping[str, Mapping[str, Any]], kind: type[Configuration]
 ) -> dict[str, Any]:
-    """Return the parameters of the node that ``kind`` configures, whatever its namespace.
+    """Return the parameters of the node that ``kind`` configures, in any namespace.
 
     Empty when none were recorded. ``parameters`` are those of a recording by node.
     """
@@ -46,5 +47,6 @@ def recorded_parameters(
     for node, values in parameters.items():
         if node.rsplit("/", 1)[-1] == kind.owner:
             # A node also has parameters of ROS itself, such as use_sim_time.
-            return {name: values[name] for name in values if name in known}
+            present = with_present_names(kind.owner, values)
+            return {name: value for name, value in present.items() if name in known}
     return {}

@@ -137,6 +137,7 @@ class ReferenceConfig(
         unit="m",
         above=0.0,
         maximum=1e3,
+        advanced=True,
     )
     publish_rate: float = parameter(
         50.0,
@@ -144,15 +145,17 @@ class ReferenceConfig(
         "twentieth of window_duration; in lockstep one per odometry.",
         unit="Hz",
         above=0.0,
+        advanced=True,
     )
     window_duration: float = parameter(
         2.0,
         doc="How far a window reaches; at least the horizon of the MPC and a tenth more.",
         unit="s",
         above=0.0,
+        advanced=True,
     )
     window_step: float = parameter(
-        0.05, doc="Time between the samples of a window.", unit="s", above=0.0
+        0.05, doc="Time between the samples of a window.", unit="s", above=0.0, advanced=True
     )
     frame_id: str = parameter("odom", doc="World frame of the trajectory.")
     lockstep: bool = parameter(
@@ -164,7 +167,7 @@ class ReferenceConfig(
         super().check()
         if not self.window_step <= self.window_duration <= 1000 * self.window_step:
             raise ConfigurationError(
-                f"{self.owner}.window_step",
+                f"{self.owner}.advanced.window_step",
                 self.window_step,
                 f"a number between {self.window_duration / 1000:g} and {self.window_duration:g} "
                 "(window_duration in 1 to 1000 steps)",

@@ -322,7 +322,7 @@ class Director:
                 self._config.max_speed, _VERTICAL_SPEED if _is_vertical(name) else np.inf
             ),
             max_acceleration=share * self._config.max_acceleration,
-            max_yaw_rate=_YAW_SHARE * self._config.omega_max[2],
+            max_yaw_rate=_YAW_SHARE * self._config.trajectory_omega_max[2],
         )
         return _flat(self._config, path, 0.0)
 

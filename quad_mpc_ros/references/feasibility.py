@@ -38,19 +38,28 @@ class LimitParameters(TrajectoryParameters):
         "it.",
         choices=("none", "auto"),
     )
-    throttle_min: float = parameter(
-        0.0, doc="Least throttle that a trajectory may need.", minimum=0.0, maximum=1.0
+    trajectory_throttle_min: float = parameter(
+        0.0,
+        doc="Least throttle that a trajectory may need.",
+        minimum=0.0,
+        maximum=1.0,
+        advanced=True,
     )
-    throttle_max: float = parameter(
-        1.0, doc="Most throttle that a trajectory may need.", minimum=0.0, maximum=1.0
+    trajectory_throttle_max: float = parameter(
+        1.0,
+        doc="Most throttle that a trajectory may need.",
+        minimum=0.0,
+        maximum=1.0,
+        advanced=True,
     )
-    omega_max: tuple[float, ...] = parameter(
+    trajectory_omega_max: tuple[float, ...] = parameter(
         (7.0 * math.pi, 7.0 * math.pi, 3.5 * math.pi),
-        doc="Most body rates that a trajectory may need (roll, pitch, yaw); a little above the "
-        "bound of the mpc, as a short peak beyond that is still flown.",
+        doc="Most body rates that a trajectory may need (roll, pitch, yaw); a sixth above "
+        "omega_max of the mpc by default, as a short peak beyond that bound is still flown.",
         unit="rad/s",
         length=3,
         above=0.0,
+        advanced=True,
     )
     limit_margin: float = parameter(
         0.0,
@@ -64,13 +73,13 @@ class LimitParameters(TrajectoryParameters):
         super().check()
         hover = self.vehicle().hover_throttle
         for name, side, fits in (
-            ("throttle_min", "below", self.throttle_min < hover),
-            ("throttle_max", "above", self.throttle_max > hover),
+            ("throttle_min", "below", self.trajectory_throttle_min < hover),
+            ("throttle_max", "above", self.trajectory_throttle_max > hover),
         ):
             if not fits:
                 raise ConfigurationError(
-                    f"{self.owner}.{name}",
-                    getattr(self, name),
+                    f"{self.owner}.advanced.trajectory_{name}",
+                    getattr(self, f"trajectory_{name}"),
                     f"a number {side} the hover throttle {hover:.4f}",
                 )
 
@@ -192,13 +201,13 @@ def _worst(
     needs: Needs, limits: LimitParameters, *, hover: float, ground: float
 ) -> tuple[Need, ...]:
     share = 1.0 - limits.limit_margin
-    highest = hover + share * (limits.throttle_max - hover)
-    lowest = hover + share * (limits.throttle_min - hover)
+    highest = hover + share * (limits.trajectory_throttle_max - hover)
+    lowest = hover + share * (limits.trajectory_throttle_min - hover)
     found = [
         _need("highest throttle", "", needs.throttle, needs, highest),
         _need("lowest throttle", "", needs.throttle, needs, lowest, least=True),
     ]
-    for axis, rates, bound in zip(_AXES, needs.w_WB_B.T, limits.omega_max, strict=True):
+    for axis, rates, bound in zip(_AXES, needs.w_WB_B.T, limits.trajectory_omega_max, strict=True):
         found.append(_need(f"{axis} rate", " rad/s", np.abs(rates), needs, share * bound))
     lowest = ground - _GROUND_TOLERANCE
     found.append(_need("lowest height", " m", needs.height, needs, lowest, least=True))

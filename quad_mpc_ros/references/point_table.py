@@ -49,6 +49,7 @@ class TableParameters(LegParameters):
         doc="csv, bag: how far the smooth curve may be from the points, root mean square.",
         unit="m",
         above=0.0,
+        advanced=True,
     )
 
 

@@ -7,7 +7,7 @@ which is later than when they exist.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
@@ -17,11 +17,13 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 from quad_mpc_ros.configuration import Configuration
-from quad_mpc_ros.messages.diagnostics import WARN, fill_status
+from quad_mpc_ros.messages import cdr
+from quad_mpc_ros.messages.diagnostics import WARN
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, Topic
 from quad_mpc_ros.ros.clocks import create_steady_timer
-from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
-from quad_mpc_ros.ros.parameters import declare
+from quad_mpc_ros.ros.messages import message_class, qos_of
+from quad_mpc_ros.ros.parameters import ParameterNode, declare
+from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, VehicleWatch, vehicle_text
 
 C = TypeVar("C", bound=Configuration)
 
@@ -56,6 +58,9 @@ class HealthReporter:
         self._reported_s = 0.0
         self._unmatched: set[str] = set()
         self._told: set[str] = set()
+        self.vehicle: Mapping[str, Any] = {}
+        """What the node was given of the vehicle, to be compared with the others'."""
+        self.watch: VehicleWatch | None = None
         self._publisher = self._create_publisher(DIAGNOSTICS)
         # Steady: when simulated time stands still, the health of a node matters most.
         create_steady_timer(node, _POLL_PERIOD, self._poll)
@@ -101,19 +106,14 @@ class HealthReporter:
 
     def report(self) -> None:
         """Publish the health now."""
-        health, peers = self._with_rivals(self._probe()), self._peers()
-        message = new_message(DIAGNOSTICS.type_name)
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        status = new_message("diagnostic_msgs/msg/DiagnosticStatus")
-        fill_status(
-            status,
-            name=self._node.get_fully_qualified_name(),
+        health, peers = self._with_faults(self._probe()), self._peers()
+        message = cdr.written_diagnostics(
+            stamp_ns=self._node.get_clock().now().nanoseconds,
             level=health.level,
+            name=self._node.get_fully_qualified_name(),
             text=health.text,
-            values=[*peers, *health.values],
-            new=new_message,
+            values=[*peers, *health.values, *self._vehicle()],
         )
-        message.status = [status]
         self._publisher.publish(message)
         self._reported_s, self._counted = time.monotonic(), peers
 
@@ -126,12 +126,13 @@ class HealthReporter:
         ]
         return f"{', '.join(rivals)}, where there must be one" if rivals else ""
 
-    def _with_rivals(self, health: Health) -> Health:
-        """Return the health with a warning of topics with two publishers where one is allowed."""
-        rivals = self.rivals()
-        if not rivals:
+    def _with_faults(self, health: Health) -> Health:
+        """Return the health with a warning of rival publishers and of different vehicles."""
+        vehicles = self.watch.fault() if self.watch is not None else ""
+        faults = [fault for fault in (self.rivals(), vehicles) if fault]
+        if not faults:
             return health
-        text = f"{rivals}; {health.text}"
+        text = "; ".join([*faults, health.text])
         return replace(health, level=max(health.level, WARN), text=text)
 
     def _create_publisher(self, topic: Topic) -> Publisher:
@@ -141,6 +142,9 @@ class HealthReporter:
             qos_of(topic),
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
         )
+
+    def _vehicle(self) -> list[tuple[str, str]]:
+        return [(VEHICLE_KEY, vehicle_text(self.vehicle))] if self.vehicle else []
 
     def _poll(self) -> None:
         due = time.monotonic() - self._reported_s >= _PERIOD
@@ -177,7 +181,7 @@ class HealthReporter:
         ]
 
 
-class ReportingNode(Node, Generic[C]):
+class ReportingNode(ParameterNode, Generic[C]):
     """A node without a lifecycle: it runs from its start to its end.
 
     A derived node makes its endpoints through ``health`` and overrides :meth:`report`. To end with
@@ -186,10 +190,11 @@ class ReportingNode(Node, Generic[C]):
 
     def __init__(self, name: str, configuration: type[C]) -> None:
         """Declare the parameters. Raises :class:`ConfigurationError` for what is given wrong."""
-        super().__init__(name)
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
         self.config = declare(self, configuration)
         self.health = HealthReporter(self, self.report)
+        self.health.vehicle = self.config.vehicle_values()
 
     def report(self) -> Health:
         """Return the health of the node."""

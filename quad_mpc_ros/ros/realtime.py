@@ -47,7 +47,7 @@ def _refusal(request: Callable[[], object], name: str, hint: str) -> list[str]:
     try:
         request()
     except OSError as error:
-        return [f"realtime.{name} is not granted ({error.strerror}); {hint}"]
+        return [f"advanced.realtime.{name} is not granted ({error.strerror}); {hint}"]
     return []
 
 

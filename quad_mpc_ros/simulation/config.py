@@ -6,9 +6,9 @@ base of :class:`OwnParameters`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from quad_mpc_ros.configuration import (
     Configuration,
@@ -101,8 +101,10 @@ class OwnParameters(BetaflightParameters, RotorpyParameters, InternalParameters)
 class SimulatorConfig(OwnParameters, ChoiceParameters):
     """The plant, on parameters of its own so that it can differ from the controller's model.
 
-    By default it has no lag, delay, wind, noise or losses.
+    By default it has no wind, noise or losses.
     """
+
+    pins = "plant"  # a file that chooses a plant describes the vehicle that this is
 
     odom_rate: float = parameter(50.0, doc="Odometry messages per second.", unit="Hz", above=0.0)
     position_noise: float = parameter(
@@ -167,6 +169,7 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
         "have started, which may be compiling.",
         unit="s",
         above=0.0,
+        advanced=True,
     )
     autostart: bool = parameter(
         True, doc="Start the clock at once; otherwise the service ~/start does."
@@ -174,6 +177,29 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
     duration: float = parameter(
         0.0, doc="Stop and exit after this much flight; 0 is never.", unit="s", minimum=0.0
     )
+
+    @classmethod
+    def share(cls, common: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
+        """Return the true vehicle as a vehicle file has it; a plant's own lags are not in it.
+
+        The vehicle's input delay counts from the stamp of the odometry to the command's effect.
+        """
+        share = super().share(common, own)
+        entry = plant_entry(str(own.get(cls.choice, "internal")))
+        for name in entry.has_own if entry is not None else ():
+            share.pop(name, None)
+        delay, of_odometry = common.get("input_delay"), own.get("odom_delay", 0.0)
+        if isinstance(delay, int | float) and isinstance(of_odometry, int | float):
+            share["command_delay"] = max(delay - of_odometry, 0.0)
+        return share
+
+    def vehicle_values(self) -> dict[str, Any]:
+        """Return what this plant was given of the vehicle, by the names of a vehicle file."""
+        values = super().vehicle_values()
+        has_own = self.entry().has_own
+        if "rate_time_constant" not in has_own:
+            values["input_delay"] = self.command_delay + self.odom_delay
+        return {name: value for name, value in values.items() if name not in has_own}
 
     def check(self) -> None:
         """Refuse to give a plant what it has of its own."""

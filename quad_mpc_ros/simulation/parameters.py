@@ -41,7 +41,12 @@ class PlantParameters(VehicleParameters):
     owner = "simulator"
 
     integration_step: float = parameter(
-        0.005, doc="Longest step of the integrator.", unit="s", minimum=1e-5, maximum=0.05
+        0.005,
+        doc="Longest step of the integrator.",
+        unit="s",
+        minimum=1e-5,
+        maximum=0.05,
+        advanced=True,
     )
     mass_scale: float = parameter(1.0, doc="True mass over the parameter mass.", above=0.0)
     thrust_scale: float = parameter(1.0, doc="True thrust over that of the curve.", above=0.0)

@@ -46,7 +46,7 @@ def test_figures_are_pictures(run: Path) -> None:
         assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_bag_opens_elsewhere_and_is_complete(run: Path) -> None:
+def test_bag_is_complete_and_opens_in_other_readers(run: Path) -> None:
     with AnyReader([run / "bag"]) as reader:
         counts = {topic: info.msgcount for topic, info in reader.topics.items()}
     for topic in ("/odom", "/reference", "/command", "/mpc/stats", "/mpc/predicted_path"):
@@ -70,5 +70,5 @@ def test_simulate_imports_no_ros(tmp_path: Path) -> None:
 
 
 def test_failsafe_flight_is_not_a_success(tmp_path: Path) -> None:
-    arguments = ["--set", "mpc.solver.max_iterations=1", "--duration", "1"]
+    arguments = ["--set", "mpc.advanced.solver.max_iterations=1", "--duration", "1"]
     assert main(["simulate", *arguments, "--out", str(tmp_path / "run")]) == 1

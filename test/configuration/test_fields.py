@@ -225,7 +225,7 @@ def test_specs_tell_everything_in_order() -> None:
     specs = {spec.name: spec for spec in Room.specs()}
     assert list(specs) == list(Room().flattened())
     assert specs["length"] == ParameterSpec(
-        name="length", kind="double", default=4.0, doc="Length.", unit="m", above=0.0, below=100.0
+        path="length", kind="double", default=4.0, doc="Length.", unit="m", above=0.0, below=100.0
     )
     kinds = {name: spec.kind for name, spec in specs.items()}
     assert kinds == {

@@ -69,12 +69,12 @@ REFUSED = [
     ("mpc", "mass", "0.4", "a number > 0"),
     ("mpc", "motor_count", True, "a whole number >= 1"),
     ("mpc", "odometry.twist_frame", "body", "one of child, world"),
-    ("mpc", "solver.max_iterations", 0, "a whole number >= 1"),
-    ("mpc", "solver.tolerance", 0.0, "a number > 0 and < 0.1"),
+    ("mpc", "advanced.solver.max_iterations", 0, "a whole number >= 1"),
+    ("mpc", "advanced.solver.tolerance", 0.0, "a number > 0 and < 0.1"),
     ("simulator", "dynamics", "newton", "one of rigid_body, paper"),
     ("simulator", "mass_scale", 0.0, "a number > 0"),
     ("simulator", "initial_position", (0.0, 0.0), "3 numbers"),
-    ("simulator", "integration_step", 0.0, "a number >= 1e-05 and <= 0.05"),
+    ("simulator", "advanced.integration_step", 0.0, "a number >= 1e-05 and <= 0.05"),
     ("reference", "trajectory", "triangle", "one of square"),
     ("reference", "side", 0.0, "a number > 0"),
     ("reference", "dwell_time", -2.0, "a number > 0"),
@@ -104,8 +104,8 @@ def test_a_wrong_value_is_refused_in_one_line(
         ("simulator", {"mass": 2.0}, r"simulator\.mass: given 2\.0, expected .* 18\.69 N"),
         (
             "mpc",
-            {"limits.throttle_margin": 0.3},
-            r"mpc\.limits\.throttle_margin: given 0\.3, .*0\.2923",
+            {"advanced.limits.throttle_margin": 0.3},
+            r"mpc\.advanced\.limits\.throttle_margin: given 0\.3, .*0\.2923",
         ),
         ("simulator", {"mass_scale": 9.0}, r"simulator\.mass_scale: given 9\.0, expected "),
         (
@@ -113,8 +113,16 @@ def test_a_wrong_value_is_refused_in_one_line(
             {"initial_position": (0.0, 0.0, -0.1)},
             r"simulator\.initial_position: given \[0\.0, 0\.0, -0\.1\], .*height",
         ),
-        ("reference", {"window_step": 3.0}, r"reference\.window_step: given 3\.0, .*and 2"),
-        ("reference", {"window_step": 0.001}, r"reference\.window_step: given 0\.001"),
+        (
+            "reference",
+            {"advanced.window_step": 3.0},
+            r"reference\.advanced\.window_step: given 3\.0, .*and 2",
+        ),
+        (
+            "reference",
+            {"advanced.window_step": 0.001},
+            r"reference\.advanced\.window_step: given 0\.001",
+        ),
     ],
 )
 def test_values_that_do_not_go_together_are_refused(
@@ -134,14 +142,20 @@ def test_live_parameters_are_weights_bounds_and_limits() -> None:
         "throttle_min",
         "throttle_max",
         "odom_timeout",
-        "odom_gap",
         "reference_timeout",
         "plan_hold_time",
         "blind_time",
-        "disturbance_max",
     }
-    groups = {name.split(".")[0] for name in live if "." in name}
-    assert groups == {"fence", "envelope", "slew", "swinging", "limits"}
+    groups = {name.rpartition(".")[0] for name in live if "." in name}
+    assert groups == {
+        "fence",
+        "envelope",
+        "limits",
+        "advanced",
+        "advanced.limits",
+        "advanced.oscillation",
+        "advanced.slew",
+    }
 
 
 def test_limits_of_the_plan_change_in_flight_but_are_not_switched() -> None:
@@ -151,6 +165,6 @@ def test_limits_of_the_plan_change_in_flight_but_are_not_switched() -> None:
     assert tilt.may_change(0.0, 0.0)
     assert not tilt.may_change(0.0, 0.6)
     assert not tilt.may_change(0.6, 0.0)
-    assert specs["limits.pull_distance"].may_change(1.5, 3.0)
+    assert specs["advanced.limits.pull_distance"].may_change(1.5, 3.0)
     assert not specs["horizon_steps"].may_change(10, 20)
     assert specs["throttle_min"].may_change(0.0, 0.1)

@@ -22,7 +22,7 @@ from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.soak.relay import PREFIX, Relay, odometry_relay, reference_relay
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.experiments.faults import distortions
-from quad_mpc_ros.messages.conversions import stamp_of_serialized as stamp_of
+from quad_mpc_ros.messages.cdr import header_stamp_ns as stamp_of
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.recording import Recording
@@ -169,7 +169,7 @@ def stepped(count: int) -> list[str]:
 
 FLIGHT = {
     "reference": {"trajectory": "lemniscate", "angular_frequency": 0.6},
-    "mpc": {"realtime.keep_awake": False},
+    "mpc": {"advanced.realtime.keep_awake": False},
     "simulator": {"duration": 0.0, "mass_scale": 1.1},
 }
 """Of the nodes, by parameter."""

@@ -49,18 +49,18 @@ def test_a_circle_needs_its_centripetal_force_and_its_drag(radius: float, speed:
 
 
 def test_what_is_exceeded_is_told_with_where_and_by_how_much() -> None:
-    found = verdict(trajectory="vertical_loop", throttle_max=0.5, omega_max=[10.0, 5.0, 10.0])
+    limits = {
+        "advanced.trajectory_throttle_max": 0.5,
+        "advanced.trajectory_omega_max": [10.0, 5.0, 10.0],
+    }
+    found = verdict(trajectory="vertical_loop", **limits)
     assert not found.feasible
     assert [need.name for need in found.exceeded] == ["highest throttle", "pitch rate"]
     worst = need(found, "pitch rate")
     assert worst.time == pytest.approx(1.32, abs=0.02)  # the top
     assert worst.margin == pytest.approx(5.0 - worst.worst)
     with pytest.raises(ConfigurationError) as told:
-        configured_trajectory(
-            ReferenceConfig(
-                trajectory="vertical_loop", throttle_max=0.5, omega_max=(10.0, 5.0, 10.0)
-            )
-        )
+        configured_trajectory(ReferenceConfig.build({"trajectory": "vertical_loop", **limits}))
     for word in ("highest throttle 0.62", "0.12", "pitch rate 7.1", "at 1.3", "rad/s beyond"):
         assert word in str(told.value)
 
@@ -139,7 +139,9 @@ def test_what_is_feasible_is_not_slowed() -> None:
 def test_no_slowing_helps_a_loop_or_a_place_below_the_ground() -> None:
     with pytest.raises(ConfigurationError, match="change the parameters of vertical_loop"):
         configured_trajectory(
-            ReferenceConfig(trajectory="vertical_loop", throttle_max=0.5, time_scaling="auto")
+            ReferenceConfig(
+                trajectory="vertical_loop", trajectory_throttle_max=0.5, time_scaling="auto"
+            )
         )
     with pytest.raises(ConfigurationError, match="however slow"):
         configured_trajectory(
@@ -160,10 +162,10 @@ def test_free_fall_is_refused_with_its_time() -> None:
         configured_trajectory(falling)
 
 
-@pytest.mark.parametrize(("name", "value"), [("throttle_min", 0.3), ("throttle_max", 0.2)])
+@pytest.mark.parametrize(("name", "value"), [("min", 0.3), ("max", 0.2)])
 def test_limits_that_forbid_hovering_are_refused(name: str, value: float) -> None:
-    with pytest.raises(ConfigurationError, match=rf"^reference\.{name}: given {value}"):
-        ReferenceConfig.build({name: value})
+    with pytest.raises(ConfigurationError, match=rf"trajectory_throttle_{name}: given {value}"):
+        ReferenceConfig.build({f"advanced.trajectory_throttle_{name}": value})
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_a_window_begins_with_what_is_to_be_flown_now(preview: bool, time_ns: in
 
 @pytest.mark.parametrize("stamp", [START + 100, START + 1_999_999_999, START + 2 * SECOND])
 def test_without_preview_the_present_waypoint_is_held_over_the_whole_window(stamp: int) -> None:
-    window = started(preview=False, window_duration=3.0).window(stamp)
+    window = started(preview=False, **{"advanced.window_duration": 3.0}).window(stamp)
     assert window.offset_ns[-1] == 3 * SECOND
     ahead = sample(window, stamp + np.arange(0, 3 * SECOND, 70_000_000))
     expected = corner_at((stamp - START) / SECOND)
@@ -73,7 +73,9 @@ def test_without_preview_the_present_waypoint_is_held_over_the_whole_window(stam
     step=st.sampled_from([0.05, 0.07, 0.3, 1.0]),
 )
 def test_with_preview_the_window_shows_what_will_be_flown(time_ns: int, step: float) -> None:
-    server = started(preview=True, window_step=step, window_duration=3.0)
+    server = started(
+        preview=True, **{"advanced.window_step": step, "advanced.window_duration": 3.0}
+    )
     stamp = START + time_ns
     window = server.window(stamp)
     assert_well_formed(window, stamp)
@@ -85,7 +87,7 @@ def test_with_preview_the_window_shows_what_will_be_flown(time_ns: int, step: fl
 
 @pytest.mark.parametrize("time_ns", [SECOND, SECOND + 1, SECOND + 33_000_001])
 def test_jumps_appear_as_two_samples_of_one_time(time_ns: int) -> None:
-    window = started(preview=True, window_duration=2.0).window(START + time_ns)
+    window = started(preview=True, **{"advanced.window_duration": 2.0}).window(START + time_ns)
     jump = 2 * SECOND - time_ns
     at_jump = window.p_WB[window.offset_ns == jump]
     assert len(at_jump) >= 2
@@ -141,7 +143,7 @@ def test_the_whole_trajectory_visits_every_corner_and_closes() -> None:
 
 @pytest.mark.parametrize("step", [0.05, 0.3])
 def test_the_whole_trajectory_has_every_step(step: float) -> None:
-    whole = started(window_step=step).whole()
+    whole = started(**{"advanced.window_step": step}).whole()
     assert len(whole.p_WB) >= 8.0 / step
     for name in ("q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W"):
         assert len(getattr(whole, name)) == len(whole.p_WB)

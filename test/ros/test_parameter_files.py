@@ -73,13 +73,18 @@ def no_node_is_left() -> Iterator[None]:
 @pytest.mark.usefixtures("no_node_is_left")
 @pytest.mark.parametrize("namespace", ["/", "/ns_dump"])
 def test_what_is_given_and_what_is_dumped_is_loaded(tmp_path: Path, namespace: str) -> None:
-    given = {"mass": 1, "realtime": {"cpus": []}, "use_sim_time": False, "autostart": False}
+    given = {
+        "mass": 1,
+        "advanced": {"realtime": {"cpus": []}},
+        "use_sim_time": False,
+        "autostart": False,
+    }
     path = written(tmp_path / "dumped.yaml", **{"/**/mpc": given})
     rclpy.init(args=["--ros-args", "-r", f"__ns:={namespace}", "--params-file", path])
     try:
         node = MpcNode()
         assert node.get_parameter("mass").value == 1.0
-        assert list(node.get_parameter("realtime.cpus").value) == []
+        assert list(node.get_parameter("advanced.realtime.cpus").value) == []
         # As ros2 param dump does it.
         dumped = {name: node.get_parameter(name).value for name in node._parameters}
         node.destroy_node()

@@ -125,7 +125,7 @@ def test_without_a_limit_on_speed_a_tilt_is_kept_as_well(weights: MpcConfig) -> 
 
 @pytest.mark.parametrize("jump", [(0.0, 0.0, 8.0), (0.0, 0.0, -8.0), (20.0, 20.0, 8.0)])
 def test_the_limit_on_speed_holds_in_every_direction(jump: tuple[float, ...]) -> None:
-    limits = {**TILT, **SPEED, "limits.pull_distance": 4.0}
+    limits = {**TILT, **SPEED, "advanced.limits.pull_distance": 4.0}
     flight = jumped(limits, jump, weights=MpcConfig())
     assert_calm(flight)
     assert 4.5 < flight.speed.max() <= 5.0 * 1.05
@@ -134,14 +134,14 @@ def test_the_limit_on_speed_holds_in_every_direction(jump: tuple[float, ...]) ->
 
 def test_commands_change_no_faster_than_their_limit() -> None:
     """Soft, so a little more where the plan is corrected; without it they jump by 6 rad/s."""
-    limited = jumped({**TILT, "limits.rate_slew": 50.0}, (2.0, 1.0, 0.0))
+    limited = jumped({**TILT, "advanced.limits.rate_slew": 50.0}, (2.0, 1.0, 0.0))
     assert_calm(limited)
     assert np.abs(np.diff(limited.commands[:, 1:], axis=0)).max() <= 50.0 * 0.02 * 1.5
     assert limited.distance[-1] < 0.02
 
 
 def test_throttle_keeps_its_margin() -> None:
-    limited = jumped({**TILT, "limits.throttle_margin": 0.15}, (5.0, 0.0, 2.0))
+    limited = jumped({**TILT, "advanced.limits.throttle_margin": 0.15}, (5.0, 0.0, 2.0))
     assert_calm(limited)
     throttle = limited.commands[:, 0]
     assert throttle.max() <= 0.87
@@ -176,14 +176,14 @@ def near_free_fall(tilt_max: float) -> float:
         assignments=(
             f"mpc.limits.tilt_max={tilt_max}",
             "mpc.lockstep=true",
-            "mpc.swinging.action=warn",
+            "mpc.advanced.oscillation.action=warn",
             "simulator.duration=4.0",
             "reference.trajectory=ellipse",
             "reference.ellipse_plane=vertical",
             "reference.ellipse_semi_axes=[5.0, 2.5]",
             "reference.ellipse_frequency=2.0",
             "reference.height=20.0",
-            "reference.omega_max=[1000.0, 1000.0, 1000.0]",
+            "reference.advanced.trajectory_omega_max=[1000.0, 1000.0, 1000.0]",
         ),
     )
     trajectory, _ = judged_trajectory(reference)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -67,30 +68,29 @@ def learned(ticks: Sequence[TickStats], given: MpcConfig) -> Learned:
     return Learned(thrust_scale=scale, drag=_drag(flying, given), ticks=len(flying), **lags)
 
 
-def learned_file(found: Learned, given: MpcConfig, *, head: str, keep: vehicle_file.Kept) -> str:
-    """Return a ROS parameter file of the whole vehicle, with what was learned in it.
+def learned_file(
+    found: Learned,
+    given: MpcConfig,
+    *,
+    head: str,
+    keep: vehicle_file.Kept,
+    bridge: Mapping[str, Any] = MappingProxyType({}),
+) -> str:
+    """Return the vehicle file with what was learned in it.
 
-    ``head`` is its first line, a remark. Raises ``ConfigurationError`` when the controller would
+    ``head`` is its first line, a remark; ``bridge`` are the parameters of the bridge that flies,
+    of which the file has the thrust map. Raises ``ConfigurationError`` when the controller would
     refuse the values.
     """
     entries = vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
     entries["rate_time_constant"] = _rate_entry(found, given)
-    for name in (
-        "rate_gain",
-        "thrust_time_constant",
-        "gravity",
-        "drag",
-        "rotor_drag",
-        "translational_lift",
-        "torque_curve",
-        "input_delay",
-    ):
-        entries[name] = (getattr(given, name), vehicle_file.KEPT)
     if found.thrust_time_constant is not None:
         entries["thrust_time_constant"] = vehicle_file.found_entry(found.thrust_time_constant)
     if found.drag is not None:
         entries["drag"] = _drag_entry(found.drag, given)
-    return vehicle_file.content(entries, given, remarks=[head])
+    scale = found.thrust_scale.value if keep == "mass" else 1.0
+    thrust_map = vehicle_file.map_entries(bridge, scale)
+    return vehicle_file.content(entries, given, remarks=[head], thrust_map=thrust_map)
 
 
 def _drag(ticks: Sequence[TickStats], given: MpcConfig) -> Estimate | None:

@@ -189,15 +189,23 @@ def measurements_of(
     )
 
 
+def recorded_bridge(parameters: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any]:
+    """Return the parameters of the bridge among recorded nodes; empty without one."""
+    for values in parameters.values():
+        if any(name.startswith("thrust_map.") for name in values):
+            return values
+    return {}
+
+
 def recorded_voltage_map(parameters: Mapping[str, Mapping[str, Any]]) -> VoltageMap:
     """Return what the bridge among recorded nodes made of the voltage; nothing without one."""
-    for values in parameters.values():
-        if values.get("thrust_map.battery_voltage"):
-            return VoltageMap(
-                battery_voltage=float(values["thrust_map.battery_voltage"]),
-                battery_exponent=float(values.get("thrust_map.battery_exponent", 0.0)),
-            )
-    return NO_VOLTAGE_MAP
+    values = recorded_bridge(parameters)
+    if not values.get("thrust_map.battery_voltage"):
+        return NO_VOLTAGE_MAP
+    return VoltageMap(
+        battery_voltage=float(values["thrust_map.battery_voltage"]),
+        battery_exponent=float(values.get("thrust_map.battery_exponent", 0.0)),
+    )
 
 
 def _usable_places(odometries: OdometryLog) -> NDArray[np.intp]:

@@ -6,9 +6,11 @@ import dataclasses
 import math
 import shlex
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from quad_mpc_ros.analysis.identification import vehicle_file
 from quad_mpc_ros.analysis.identification.result import Estimate, Identification
@@ -202,13 +204,19 @@ def refusal(found: Identification) -> str | None:
 
 
 def parameter_file(
-    found: Identification, given: MpcConfig, *, bag: Path, keep: vehicle_file.Kept
+    found: Identification,
+    given: MpcConfig,
+    *,
+    bag: Path,
+    keep: vehicle_file.Kept,
+    bridge: Mapping[str, Any] = MappingProxyType({}),
 ) -> str:
-    """Return a ROS parameter file for controller and reference, safe to be used alone.
+    """Return the vehicle file, safe to be used alone.
 
-    What the flight does not tell is written as given. With ``keep`` mass the thrust curve is
-    scaled, with curve the mass. Raises :class:`UserError` for a fit that explains too little, and
-    ``ConfigurationError`` when the controller would refuse the values.
+    What the flight does not show is written as given. With ``keep`` mass the thrust curve is
+    scaled, with curve the mass. ``bridge`` are the recorded parameters of the bridge that flew,
+    of which the file has the thrust map. Raises :class:`UserError` for a fit that explains too
+    little, and ``ConfigurationError`` when the controller would refuse the values.
     """
     if (reason := refusal(found)) is not None:
         raise UserError(f"nothing is written: {reason}")
@@ -223,29 +231,22 @@ def parameter_file(
             if estimate is None
             else vehicle_file.found_entry(estimate)
         )
-    entries["gravity"] = (given.gravity, vehicle_file.KEPT)
     if found.thrust_scale.observable:
         entries |= vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
     else:
         kept = ("mass", "thrust_curve", "motor_count")
         entries |= {name: (getattr(given, name), vehicle_file.UNTOLD) for name in kept}
     remark = f"Identified from {bag}, {found.flown:.1f} s of flight under commands; +- is 95 %."
-    remarks = [remark, *_for_the_bridge(found)]
-    return vehicle_file.content(entries, given, remarks=remarks, shared=True)
-
-
-def _for_the_bridge(found: Identification) -> list[str]:
-    """Return the lines that a bridge needs of the thrust over the voltage, if it falls with it."""
+    scales_curve = found.thrust_scale.observable and keep == "mass"
+    thrust_map = vehicle_file.map_entries(
+        bridge, found.thrust_scale.value if scales_curve else 1.0
+    )
     over = found.over_voltage
-    if over is None or not over.falls:
-        return []
-    volt, power = vehicle_file.rounded(over.reference), vehicle_file.found_entry(over.exponent)
-    return [
-        f"The thrust is that at {volt} V. For the section of the bridge, which makes up for it:",
-        "  thrust_map:",
-        f"    battery_voltage: {volt}",
-        f"    battery_exponent: {power[0]}  # {power[1]}",
-    ]
+    if over is not None and over.falls:
+        volt = vehicle_file.rounded(over.reference)
+        thrust_map["thrust_map.battery_voltage"] = (volt, "at which the thrust is as stated")
+        thrust_map["thrust_map.battery_exponent"] = vehicle_file.found_entry(over.exponent)
+    return vehicle_file.content(entries, given, remarks=[remark], thrust_map=thrust_map)
 
 
 def _told(estimate: Estimate) -> Estimate | None:

@@ -1,33 +1,34 @@
-"""A ROS parameter file of the vehicle for the controller: what was found, and what was kept."""
+"""The vehicle file, which every node reads its share of: what was found, and what was kept."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
 
 from quad_mpc_ros.analysis.identification.result import Estimate
 from quad_mpc_ros.configuration import PerAxis, per_axis
+from quad_mpc_ros.configuration.vehicle import VEHICLE
 from quad_mpc_ros.control.config import MpcConfig
 
 Kept = Literal["mass", "curve"]
-"""What is believed of thrust per mass, of which a flight shows the quotient only."""
+"""What is kept of thrust per mass, of which a flight shows the quotient only."""
 
 Entries = dict[str, tuple[Any, str]]
 """Values by the name of their parameter, each with a remark."""
 
 KEPT, UNTOLD = "kept", "kept, not told"
-# What a reference must know of the vehicle as well.
-_SHARED = (
-    "mass",
-    "gravity",
-    "drag",
-    "rotor_drag",
-    "translational_lift",
-    "motor_count",
-    "thrust_curve",
-)
+# What a bridge reads of its thrust map, and what of that scales with the thrust.
+_MAPS = {
+    "model": (),
+    "linear": ("full_thrust",),
+    "quadratic": ("motor_curve",),
+    "table": ("table_throttle", "table_thrust"),
+}
+_SCALED = ("full_thrust", "motor_curve", "table_thrust")
+_MAP = "thrust_map."
 _DIGITS, _DECIMALS = 4, 7  # of what is written
 
 
@@ -66,30 +67,53 @@ def thrust_entries(scale: Estimate, given: MpcConfig, *, keep: Kept) -> Entries:
     return entries | {"motor_count": (given.motor_count, KEPT)}
 
 
+def map_entries(recorded: Mapping[str, Any], scale: float) -> Entries:
+    """Return what of a bridge's recorded parameters is its thrust map, its thrust times a scale.
+
+    A throttle of the stack makes the thrust that the map states, so the map is scaled together
+    with the thrust curve. Empty where no map is recorded.
+    """
+    kind = recorded.get(f"{_MAP}kind")
+    if kind not in _MAPS:
+        return {}
+    entries: Entries = {f"{_MAP}kind": (kind, KEPT)}
+    for name in (*_MAPS[kind], "battery_voltage", "battery_exponent"):
+        value = recorded.get(f"{_MAP}{name}")
+        if value is None:
+            continue
+        if name in _SCALED and scale != 1.0:
+            scaled = (
+                rounded(scale * value)
+                if isinstance(value, int | float)
+                else [rounded(scale * v) for v in value]
+            )
+            entries[f"{_MAP}{name}"] = (scaled, f"x {scale:.4f}, as the thrust curve")
+        else:
+            entries[f"{_MAP}{name}"] = (value, KEPT)
+    return entries
+
+
 def content(
     entries: Mapping[str, tuple[Any, str]],
     given: MpcConfig,
     *,
     remarks: Sequence[str],
-    shared: bool = False,
+    thrust_map: Mapping[str, tuple[Any, str]] = MappingProxyType({}),
 ) -> str:
-    """Return the text of the file, below ``remarks``; ``shared`` with the part of a reference.
+    """Return the text of the file, below ``remarks``; what has no entry is kept as given.
 
     Raises ``ConfigurationError`` when the controller would refuse the values.
     """
     given.updated({name: value for name, (value, _) in entries.items()})
-    lines = [*(f"# {remark}" for remark in remarks), *_section("mpc", entries)]
-    if shared:
-        lines += _section("reference", {name: entries[name] for name in _SHARED})
+    lines = [*(f"# {remark}" for remark in remarks), "/**:", "  ros__parameters:"]
+    for name in VEHICLE:
+        value, note = entries.get(name, (getattr(given, name), KEPT))
+        lines.append(f"    {name}: {_written(value)}  # {note}")
+    if thrust_map:
+        lines.append(f"    {_MAP.rstrip('.')}:")
+    for name, (value, note) in thrust_map.items():
+        lines.append(f"      {name.removeprefix(_MAP)}: {_written(value)}  # {note}")
     return "\n".join(lines) + "\n"
-
-
-def _section(node: str, entries: Mapping[str, tuple[Any, str]]) -> list[str]:
-    return [
-        f"/**/{node}:",
-        "  ros__parameters:" + ("" if entries else " {}"),
-        *(f"    {name}: {_written(value)}  # {note}" for name, (value, note) in entries.items()),
-    ]
 
 
 def rounded(value: float) -> float:

@@ -1,12 +1,12 @@
 """Delay compensation: from an odometry to the state in which the next command will act.
 
 A command sent now acts after the delay of the input. The state is rolled forward over that time
-through the commands already sent, by the model as the disturbance EKF believes it, which follows
-the vehicle from odometry to odometry on the way.
+through the commands already sent, with the parameters that the disturbance EKF estimates, which
+follows the vehicle from odometry to odometry.
 
-All that is known of the vehicle is in one buffer, and a tick makes two calls into compiled code:
-one from the odometry before to this one, one from this to the state in which the command acts.
-What may be learned is decided before the first, what became of it is judged between the two.
+All that is known of the vehicle is in one record, and a tick makes two calls into compiled code:
+one from the previous odometry to this one, one from this to the state in which the command acts.
+The update mode is chosen before the first, its outcome is judged between the two.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ from quad_mpc_ros.control.ocp.problem import PredictedState, Prediction
 _LONGEST = 0.005
 # Beyond it what the vehicle did between two odometries is not known well enough to learn from.
 _LONGEST_GAP_NS = 500_000_000
-# How long commands must have acted before they teach something, once they had not acted: the
-# actuators are on their way from wherever another had them.
+# How long commands must have acted before something is learned, once they had not acted: the
+# actuators are still on their way from where something else had them.
 _SETTLING_NS = 300_000_000
 # How long it must have flown once it stood: at the lift-off throttle leaps as the ground lets go.
 _LIFTING_OFF_NS = 700_000_000
-# A landing is known only some time after the touchdown, and what was learned in between is of the
-# ground. So what is to be kept is from before: the oldest of so many states, one a second.
+# A landing is known only some time after the touchdown, and what was learned in between is wrong.
+# So the estimate that is kept is the oldest of so many, one a second.
 _MEMORY_NS, _MEMORIES = 1_000_000_000, 5
 
 
@@ -68,9 +68,9 @@ class Followed(Record):
 
 
 class EstimateStatus(NamedTuple):
-    """How the estimate fares: ``learning``, ``held``, ``at bounds``, ``jumped``, ``reset``.
+    """Status of the estimate: ``learning``, ``held``, ``at bounds``, ``jumped``, ``reset``.
 
-    ``resets`` is how often it was let go so far.
+    ``resets`` is how often it was reset so far.
     """
 
     text: str = "held"
@@ -145,10 +145,10 @@ class DelayCompensation:
         self._history.record(followed, stamp_ns=stamp_ns)
 
     def engage(self, engaged: bool) -> None:
-        """Tell whether commands act on the vehicle; they are supposed to.
+        """Set whether commands act on the vehicle; at the start they do.
 
-        While they do not, nothing is learned, and what was learned some seconds before the last of
-        them counts. What is sent in that time is remembered all the same: who tells may be late.
+        While they do not, nothing is learned, and the estimate of some seconds before the last of
+        them counts. What is sent in that time is remembered, for this call may be late.
         """
         if engaged and not self._engaged:
             self._history.forget()
@@ -243,7 +243,7 @@ class DelayCompensation:
         self._judge(outcome, at_bounds, stamp_ns, duration=1e-9 * (stamp_ns - previous_ns))
 
     def _judge(self, outcome: int, at_bounds: bool, stamp_ns: int, *, duration: float) -> None:
-        """Note what an odometry did to the estimate, which is let go if it fails for long."""
+        """Note what an odometry did to the estimate; reset one that fails for long."""
         text = "held"
         if outcome in (LEARNED, REFUSED):
             refused = outcome == REFUSED
@@ -278,13 +278,13 @@ class DelayCompensation:
         return LEARNED
 
     def _remember(self, now_ns: int) -> None:
-        """Keep what is believed, once a second."""
+        """Keep the estimate, once a second."""
         if self._memories and 0 <= now_ns - self._memories[-1][0] < _MEMORY_NS:
             return
         self._memories.append((now_ns, self._ekf.memory()))
 
     def _recall(self) -> None:
-        """Believe again what was believed in flight."""
+        """Return to the estimate of some seconds ago, in flight."""
         if self._memories:
             self._ekf.recall(self._memories[0][1])
             self._memories.clear()

@@ -13,29 +13,30 @@ x = (v, d, k, tau_s, mu):
     predict   x <- f(x),  P <- F P F' + Q      F = df/dx, differs from one in the rows of v, d_z, k
     update    K = P H' / (H P H' + r),  x <- x + K (z - H x),  P <- P - K H P      axis by axis
 
-**k and d_z look alike at hover**: only their sum k T/m + d_z = g is told, and they part company as
+**k and d_z look alike at hover**: only their sum k T/m + d_z = g is observable, and they differ as
 the vehicle tilts or accelerates. Left to themselves they drift apart, for commands answer the
 errors of the measured velocity: thrust that changes and moves nothing looks like little thrust. So
-the sum is believed, and of its parts what is likely: winds rise and fall, a lack of thrust lasts.
+the sum is estimated, and its parts by what is likely: winds change, a lack of thrust lasts.
 What of d_z lasts becomes a change of k, over some seconds, and their sum stays the same,
 
     dd_z/dt = -d_z / T + noise,   dk/dt = (d_z / T) / (T_s/m e3' z_B) + noise.
 
 All else but v are random walks, and everything is clamped to bounds.
 
-**Not every odometry teaches.** On the ground, and where nobody acts on commands, the measured
-velocity is believed and nothing learned. Where a command is saturated, or so little that the
-ground might carry the vehicle, the velocity alone is corrected. It must not be believed as
+**Not every odometry updates all.** On the ground, and where commands do not act, the measured
+velocity is taken and nothing learned. Where a command is saturated, or so little that the
+ground might carry the vehicle, the velocity alone is corrected. It must not be taken as
 measured then: which commands are little depends on the noise of the measurement before, and a
 filter that began anew from just those would find too much thrust, 0.1 of the scale with 0.2 m/s of
-noise. An odometry that jumps teaches nothing either.
+noise. An odometry that jumps updates nothing either.
 
-**Drag** is told from a wind by motion: it turns with the velocity, and is known ahead of a turn.
+**Drag** is distinguished from wind by motion: it turns with the velocity, and is known before
+a turn.
 At rest nothing is learned of it. The reference's attitudes were made with another drag, so the
 target tilts them by the difference (:mod:`.ocp.target`).
 
 A time constant of zero is no lag and stays. The throttle, which nobody measures, is followed
-through the lag. The noise of the velocity is found on the way (:mod:`.velocity_noise`), time
+through the lag. The noise of the velocity is estimated as well (:mod:`.velocity_noise`), time
 constants and offsets of the rates have filters of their own (:mod:`.rate_lags`,
 :mod:`.rate_offsets`). The delay of the input is not estimated: ``docs/tuning.md`` says why.
 """

@@ -13,7 +13,7 @@ m/s^2: 0.8 rad/s in a hover. What rates follow is their command and the offset; 
 off.
 
 As for the lags (:mod:`.rate_lags`) a model runs beside the vehicle and is led to the measured
-rates slowly; its derivatives by c and k tell a filter what measured - modelled says of them. **A
+rates slowly; by its derivatives by c and k a filter estimates them from measured - modelled. **A
 vehicle that answers later** than modelled is off as well, by -dw/dt times so much time: a third
 state D takes that, which nothing else uses. Without it an offset that follows each oscillation of
 a loop with hidden delay takes the loop's margin. The noise of the difference is estimated on the

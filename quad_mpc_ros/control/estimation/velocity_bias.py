@@ -3,8 +3,8 @@
 An autopilot's estimator corrects its position by GPS or vision more than its velocity, and the
 two disagree by tenths of a metre per second for seconds on end. A controller that weighs both
 holds the vehicle where their errors cancel, beside the reference: by some 0.4 m for each m/s, with
-position and velocity weighted 10 : 1. What is to be held is the position; so the velocity is
-believed in what changes quickly, and the position's motion in what changes slowly:
+position and velocity weighted 10 : 1. What is to be held is the position; so fast
+changes are taken from the velocity, and slow ones from the position's motion:
 
     d q / dt = v - b + 2 zeta omega (p - q)         q, the position as the velocity leads on
     d b / dt = -omega^2 (p - q)

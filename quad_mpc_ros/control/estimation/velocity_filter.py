@@ -1,4 +1,4 @@
-"""The steps of the disturbance EKF, compiled: predict, hand over, refuse a jump, correct.
+"""The steps of the disturbance EKF, compiled: predict, hand over, reject a jump, correct.
 
 :mod:`.disturbance_ekf` has the equations.
 """
@@ -51,7 +51,7 @@ _VERTICAL_WALK = 0.6  # of that; winds blow along the ground
 _SCALE_WALK = 0.01  # 1 / sqrt(s)
 _HANDOVER = 7.0  # s, in which what pushes up or down for so long is taken for thrust
 _LIFTING = 3.0  # m/s^2 of thrust upwards, below which nothing is handed over
-_WANDERING = 1.0  # s, for which the error of a velocity lasts whose source tells how large it is
+_WANDERING = 1.0  # s, for which the error of a velocity with a given variance lasts
 VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)
 LAG_SPREAD, _LAG_WALK = 0.5, 0.1  # of the time constant, relative; the walk 1 / sqrt(s)
@@ -63,8 +63,8 @@ _SLOWLY, _HIDDEN, _HIDDEN_BY_SPEED = 0.2, 0.05, 0.05
 DRAG_SPREAD, _DRAG_WALK = 0.3, 0.05  # 1/s; the walk 1/s / sqrt(s)
 # Of what is configured at least this, and at most the more of that and 1/s beyond it.
 _DRAG_LEAST, _DRAG_MOST, _DRAG_MORE = 0.1, 3.0, 0.8
-# It is learned where so much speed [m/s] tells it from wind.
-_TELLING = 1.0
+# It is learned above this speed [m/s], which distinguishes it from wind.
+_OBSERVABLE_SPEED = 1.0
 
 # An innovation beyond 5 sigma, and an attitude [rad] that the rates do not lead to, are jumps.
 _JUMP, _TURN_JUMP = 30.0, 0.2
@@ -139,7 +139,7 @@ def update(
         learned = TAU
         observable = (
             _lag_shows(modelled, by_lag, predicted, duration),
-            kernels.dot(predicted, predicted) > _TELLING**2,
+            kernels.dot(predicted, predicted) > _OBSERVABLE_SPEED**2,
         )
     for axis in range(3):
         _correct_velocity(x, P, axis, measured[axis], variance, learned, observable)
@@ -245,7 +245,7 @@ def _predict_covariance(
         P[D + i, D + i] += growth[1] * duration * (_VERTICAL_WALK**2 if i == 2 else 1.0)
     P[K, K] += _SCALE_WALK**2 * duration
     P[TAU, TAU] += (_LAG_WALK * modelled.thrust_time_constant) ** 2 * duration
-    if P[MU, MU] < DRAG_SPREAD**2:  # at rest nothing tells it
+    if P[MU, MU] < DRAG_SPREAD**2:  # unobservable at rest
         P[MU, MU] += _DRAG_WALK**2 * duration
 
 

@@ -97,7 +97,7 @@ class Discretisation(NamedTuple):
 
     After it an actuator keeps ``decay`` of its distance to the command, ``share`` on the average
     over it; the velocity keeps ``velocity_decay`` and gains ``phi1`` times the acceleration, the
-    position ``phi1`` times the velocity and ``phi2`` times the acceleration. ``uneven`` tells
+    position ``phi1`` times the velocity and ``phi2`` times the acceleration. ``uneven`` says
     whether the air does anything beyond that.
     """
 

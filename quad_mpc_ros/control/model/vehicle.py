@@ -24,41 +24,18 @@ _ROTOR_POINTS = 24
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class VehicleParameters(Configuration):
-    """What a node must know of the vehicle; the defaults are the paper's quadrotor."""
+class LiftParameters(Configuration):
+    """What carries the vehicle; the defaults are the paper's quadrotor."""
 
     mass: float = parameter(
         0.396893, doc="Mass M, the paper's 14 oz with battery.", unit="kg", above=0.0
     )
     gravity: float = parameter(9.81, doc="Gravity g.", unit="m/s^2", above=0.0)
-    drag: float | tuple[float, ...] = parameter(
-        0.2, doc="Linear drag mu: acceleration per velocity.", unit="1/s", minimum=0.0
-    )
-    rotor_drag: float | tuple[float, ...] = parameter(
-        0.0,
-        doc="Drag that grows with the speed of the rotors: acceleration per velocity, as much at "
-        "the speed of hover.",
-        unit="1/s",
-        minimum=0.0,
-    )
-    translational_lift: float = parameter(
-        0.0,
-        doc="Thrust gained by flying across the rotors, k_h: acceleration along body z per square "
-        "of the velocity along body x and y.",
-        unit="1/m",
-        minimum=0.0,
-    )
     motor_count: int = parameter(4, doc="Number of motors.", minimum=1)
     thrust_curve: tuple[float, ...] = parameter(
         (1.87953563, 2.79829004, -0.00514948),
         doc="Thrust of one motor a s^2 + b s + c at throttle s (Eq. 2, Table 1).",
         unit="N",
-        length=3,
-    )
-    torque_curve: tuple[float, ...] = parameter(
-        (0.0010008, 0.00533861, 0.00074126),
-        doc="Drag torque of one motor a s^2 + b s + c at throttle s (Table 1).",
-        unit="N m",
         length=3,
     )
 
@@ -89,16 +66,39 @@ class VehicleParameters(Configuration):
         a, b, c = self.thrust_curve
         return self.motor_count * ((a * throttle + b) * throttle + c)
 
+    def vehicle(self) -> Vehicle:
+        """Return the vehicle that these parameters describe; what they lack is the paper's."""
+        fields = dataclasses.fields(VehicleParameters)
+        return _vehicle(**{f.name: getattr(self, f.name) for f in fields if hasattr(self, f.name)})
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VehicleParameters(LiftParameters):
+    """What carries and brakes the vehicle; the defaults are the paper's quadrotor."""
+
+    drag: float | tuple[float, ...] = parameter(
+        0.2, doc="Linear drag mu: acceleration per velocity.", unit="1/s", minimum=0.0
+    )
+    rotor_drag: float | tuple[float, ...] = parameter(
+        0.0,
+        doc="Drag that grows with the speed of the rotors: acceleration per velocity, as much at "
+        "the speed of hover.",
+        unit="1/s",
+        minimum=0.0,
+    )
+    translational_lift: float = parameter(
+        0.0,
+        doc="Thrust gained by flying across the rotors, k_h: acceleration along body z per square "
+        "of the velocity along body x and y.",
+        unit="1/m",
+        minimum=0.0,
+    )
+
     @property
     def drags_alike(self) -> bool:
         """Whether the air acts alike along all body axes: attitude does not change its force."""
         alike = len(set(per_axis(self.drag))) == 1 and self.translational_lift == 0.0
         return alike and not any(per_axis(self.rotor_drag))
-
-    def vehicle(self) -> Vehicle:
-        """Return the vehicle that these parameters describe."""
-        fields = dataclasses.fields(VehicleParameters)
-        return _vehicle(**{field.name: getattr(self, field.name) for field in fields})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

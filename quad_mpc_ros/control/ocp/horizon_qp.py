@@ -40,7 +40,7 @@ _Places = NDArray[np.intp]
 class HorizonSolution(NamedTuple):
     """A solution in physical units: ``inputs`` (N, nu) and ``states`` 1 to N (N, nx).
 
-    ``finite`` tells whether all its numbers are, multipliers as well.
+    ``finite`` says whether all its numbers are, multipliers as well.
     """
 
     finite: bool

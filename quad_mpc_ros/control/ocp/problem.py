@@ -9,11 +9,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+import math
+from typing import NamedTuple, Protocol, cast
 
+import numpy as np
+
+from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector4
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.parameters import ModelParameters, rate_offset_at
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.samples import ReferenceWindow
@@ -38,33 +42,48 @@ class PredictedState(NamedTuple):
     stamp_ns: int
     prediction: RecordArray[Prediction]
 
+    @classmethod
+    def at_rest(cls, parameters: RecordArray[ModelParameters]) -> PredictedState:
+        """Return a state at the origin with the given parameters, before any command."""
+        prediction = Prediction.zeros()
+        predicted = prediction[()]
+        predicted.state.R_WB[:] = np.eye(3)
+        predicted.parameters = parameters[()]
+        predicted.since_sent = math.inf
+        return cls(0, prediction)
+
     @property
     def sent(self) -> Array:
         """What was commanded last (4,)."""
-        return self.prediction["sent"]
+        return cast(Array, self.prediction["sent"])
 
     @property
     def x(self) -> State:
         """The state as the paper has it, with the velocity in the body."""
-        state = self.prediction[()].state
-        rotation = state.R_WB
-        return State(p_WB=state.p_WB, v_WB_B=rotation.T @ state.v_WB_W, R_WB=rotation)
+        state = self.prediction["state"]
+        rotation = state["R_WB"]
+        return State(p_WB=state["p_WB"], v_WB_B=rotation.T @ state["v_WB_W"], R_WB=rotation)
 
     @property
     def w_WB_B(self) -> Array:
         """The body rates that it will have (3,) [rad/s]."""
-        return self.prediction[()].state.w_WB_B
+        return cast(Array, self.prediction["state"]["w_WB_B"])
 
     @property
     def rate_offset(self) -> tuple[float, float, float]:
         """What the rates have beyond their commands at the throttle of the state [rad/s]."""
-        prediction = self.prediction[()]
-        return rate_offset_at(prediction.parameters, prediction.state.throttle)
+        return _rate_offset(self.prediction)
 
     @property
-    def model(self) -> ModelParameters:
+    def parameters(self) -> RecordArray[ModelParameters]:
         """The parameters of the model."""
-        return self.prediction[()].parameters
+        return cast(RecordArray[ModelParameters], self.prediction["parameters"])
+
+
+@compiled
+def _rate_offset(prediction: RecordArray[Prediction]) -> kernels.Vector:
+    predicted = prediction[()]
+    return rate_offset_at(predicted.parameters, predicted.state.throttle)
 
 
 class TrackingProblem(Protocol):

@@ -10,14 +10,14 @@ from quad_mpc_ros.control.model.state import Input
 
 def rate_limited(u: Input, before: Input, limits: SlewParameters, *, duration: float) -> Input:
     """Return the input nearest to ``u`` that can be reached in ``duration`` [s] from another."""
-    if limits.throttle_max == limits.rate_max == 0.0:
+    if limits.throttle == limits.body_rates == 0.0:
         return u
     throttle, w_WB_B = u.throttle, u.w_WB_B
-    if limits.throttle_max > 0.0:
-        most = limits.throttle_max * duration
+    if limits.throttle > 0.0:
+        most = limits.throttle * duration
         throttle = min(max(throttle, before.throttle - most), before.throttle + most)
-    if limits.rate_max > 0.0:
-        most = limits.rate_max * duration
+    if limits.body_rates > 0.0:
+        most = limits.body_rates * duration
         w_WB_B = np.clip(w_WB_B, before.w_WB_B - most, before.w_WB_B + most)
     return Input(throttle=throttle, w_WB_B=w_WB_B)
 

@@ -39,7 +39,7 @@ class Swinging:
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed parameters."""
-        self._config = config.swinging
+        self._config = config.oscillation
         self._action = Action[self._config.action.upper()]
 
     def engage(self, engaged: bool) -> None:
@@ -78,7 +78,7 @@ class Swinging:
     def _is_swinging(self, odometry: OdometrySample, q_reference_xyzw: Array, now_ns: int) -> bool:
         leans = _lean(odometry.q_WB_xyzw, q_reference_xyzw)
         counts = [
-            reversals.count(lean, threshold=self._config.tilt, now_ns=now_ns)
+            reversals.count(lean, threshold=self._config.tilt_amplitude, now_ns=now_ns)
             for reversals, lean in zip(self._reversals, leans, strict=True)
         ]
         return max(counts) >= _REVERSALS

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
-from quad_mpc_ros.control.model.vehicle import VehicleParameters
+from quad_mpc_ros.control.model.vehicle import LiftParameters
+
+_advanced = functools.partial(parameter, advanced=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThrustParameters(Configuration):
     """How the stack's throttle u in [0, 1] makes thrust, when not as the MPC's model says."""
 
-    owner = "thrust_map"
+    owner = "bridge.thrust_map"
 
     kind: str = parameter(
         "model",
@@ -73,25 +76,25 @@ class ThrustParameters(Configuration):
 class HandoverParameters(Configuration):
     """What must hold before the MPC may fly, and when that ends."""
 
-    owner = "handover"
+    owner = "bridge.handover"
 
-    tilt_max: float = parameter(
+    engage_tilt_max: float = _advanced(
         0.35, doc="Engaging and arming are refused with more tilt.", unit="rad", above=0.0
     )
-    distance_max: float = parameter(
+    engage_distance_max: float = _advanced(
         1.0,
         doc="Engaging and arming are refused with a reference further away; on the ground it may "
         "be any way below.",
         unit="m",
         above=0.0,
     )
-    rate_max: float = parameter(
+    engage_rate_max: float = _advanced(
         2.0,
         doc="Engaging and arming are refused while the MPC commands faster turns.",
         unit="rad/s",
         above=0.0,
     )
-    release_after: float = parameter(
+    release_after: float = _advanced(
         0.5,
         doc="Without a fresh command for so long the vehicle is released, until it is engaged "
         "anew.",
@@ -102,28 +105,28 @@ class HandoverParameters(Configuration):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BridgeConfig(VehicleParameters):
+class BridgeConfig(LiftParameters):
     """What every bridge must know; the vehicle is that of the MPC's model."""
 
     owner = "bridge"
 
     frame_id: str = parameter("odom", doc="World frame of the odometry that the MPC gets.")
     child_frame_id: str = parameter("base_link", doc="Body frame of that odometry.")
-    mpc_command_topic: str = parameter(
+    mpc_command_topic: str = _advanced(
         "command",
         doc="Topic of the MPC's commands; another one is to be remapped for the mpc node as well.",
     )
-    command_timeout: float = parameter(
+    command_timeout: float = _advanced(
         0.1,
         doc="A command older than this, by its stamp, is not passed on.",
         unit="s",
         above=0.0,
         maximum=0.1,
     )
-    clock_tolerance: float = parameter(
+    clock_tolerance: float = _advanced(
         0.1,
-        doc="A state whose stamp differs by more from this node's clock is of another clock, of "
-        "which the fastest arrival tells how it differs.",
+        doc="A state whose stamp differs by more from this node's clock is of another clock; the "
+        "offset of that clock is taken from the fastest arrival.",
         unit="s",
         above=0.0,
     )

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.reference_window import sample
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.bridges.config import HandoverParameters
 
@@ -173,10 +172,10 @@ class Surroundings:
 
     def _tilted(self, odometry: OdometrySample) -> str:
         tilt = math.acos(min(max(odometry.up, -1.0), 1.0))
-        most = self._limits.tilt_max
+        most = self._limits.engage_tilt_max
         if tilt <= most:
             return ""
-        return f"the vehicle tilts by {math.degrees(tilt):.0f}°, handover.tilt_max is {most:g} rad"
+        return f"the vehicle tilts by {math.degrees(tilt):.0f}°, engage_tilt_max is {most:g} rad"
 
     def _reference_obstacle(
         self, odometry: OdometrySample, *, landed: bool | None, now_ns: int
@@ -186,16 +185,16 @@ class Surroundings:
         window, seen_ns = self._reference
         if _is_old(seen_ns, now_ns, _REFERENCE_FRESH_NS):
             return "the reference is old"
-        away = sample(window, odometry.stamp_ns).p_WB - odometry.p_WB
+        away = window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB
         if landed:  # it rests below the ground, so that the motors idle
             rises = float(window.p_WB[:, 2].max() - odometry.p_WB[2])
             if rises > _RISES:
                 return f"the reference leads {rises:.2f} m up: it would take off at once"
             away[2] = max(away[2], 0.0)
-        distance, most = float(np.linalg.norm(away)), self._limits.distance_max
+        distance, most = float(np.linalg.norm(away)), self._limits.engage_distance_max
         if distance <= most:
             return ""
-        return f"the reference is {distance:.2f} m away, handover.distance_max is {most:g} m"
+        return f"the reference is {distance:.2f} m away, engage_distance_max is {most:g} m"
 
     def _command_obstacle(self, *, landed: bool | None, now_ns: int) -> str:
         if self._command is None or _is_old(self._command[2], now_ns, _FRESH_NS):
@@ -212,10 +211,10 @@ class Surroundings:
                 f"{least:g} to {most:g} {'on the ground' if landed else 'in the air'}"
             )
         fastest = max(map(abs, command.w_WB_B.tolist()))
-        if fastest > self._limits.rate_max:
+        if fastest > self._limits.engage_rate_max:
             return (
-                f"the MPC would begin with a turn of {fastest:.1f} rad/s, handover.rate_max is "
-                f"{self._limits.rate_max:g} rad/s"
+                f"the MPC would begin with a turn of {fastest:.1f} rad/s, engage_rate_max is "
+                f"{self._limits.engage_rate_max:g} rad/s"
             )
         return ""
 

@@ -12,9 +12,7 @@ from rclpy.clock import Clock, ClockType
 from std_srvs.srv import SetBool
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.control.model.reference_window import sample
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import (
@@ -41,7 +39,6 @@ from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.telling import told
 
 _OURS = (ODOMETRY, ODOMETRY_RESET, REFERENCE, ENGAGED, LANDED)
 _WARNING_PERIOD = 5.0
@@ -59,9 +56,6 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         command = dataclasses.replace(COMMAND, name=self.config.mpc_command_topic)
         self._refuse_clashes(command)
         self._refuse_other_releases()
-        with told(self):  # compiled code is loaded when it is first called: not in flight
-            odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id="odom")
-            sample(ReferenceWindow.hover((0.0, 0.0, 0.0)), 0)
         self._silence = ""
         self._command_ns = 0
         self._odometry = self.health.publisher(ODOMETRY)
@@ -104,7 +98,8 @@ class BridgeNode(ReportingNode[BridgeConfig]):
                 raise UserError(
                     f"{self._bridge.name}: {topic.name} is the stack's, of type "
                     f"{topic.type_name}, and ours, of type {same.type_name}: start it in a "
-                    "namespace, or set mpc_command_topic and remap the mpc's topic command to it"
+                    "namespace, or set advanced.mpc_command_topic and remap the mpc's topic "
+                    "command to it"
                 )
 
     def _refuse_other_releases(self) -> None:

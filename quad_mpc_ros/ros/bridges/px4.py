@@ -18,7 +18,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.control.lie import so3
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, told_variance
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, given_variance
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.autopilot import LatestStatus
@@ -82,7 +82,7 @@ def odometry_from_vehicle_odometry(message: Any) -> OdometrySample:
         q_WB_xyzw=q_WB_xyzw,
         v_WB_B=v_WB_B,
         w_WB_B=flu_from_frd(message.angular_velocity),
-        v_variance=told_variance(message.velocity_variance),
+        v_variance=given_variance(message.velocity_variance),
     )
 
 
@@ -144,7 +144,9 @@ def _fill_command(
 
 
 def _version(kind: str) -> Any:
-    return parameter(_FROM_MESSAGE, doc=f"The same of {kind}.", minimum=_FROM_MESSAGE)
+    return parameter(
+        _FROM_MESSAGE, doc=f"The same of {kind}.", minimum=_FROM_MESSAGE, advanced=True
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,6 +166,7 @@ class Px4Config(BridgeConfig):
         doc="Version N of VehicleOdometry on the vehicle, whose topic then ends in _vN; 0 is no "
         "suffix and -1 that of the installed px4_msgs.",
         minimum=_FROM_MESSAGE,
+        advanced=True,
     )
     status_version: int = _version("VehicleStatus")
     rates_version: int = _version("VehicleRatesSetpoint")

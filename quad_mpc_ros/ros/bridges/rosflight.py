@@ -100,6 +100,7 @@ class RosflightConfig(BridgeConfig):
         "mpc/command",
         doc="Topic of the MPC's commands, to be remapped for the mpc node as well: in the root "
         "namespace /command is ROSflight's, of another type.",
+        advanced=True,
     )
     state: str = parameter(
         "estimator",

@@ -18,12 +18,13 @@ from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
 from quad_mpc_ros.ros import realtime
 from quad_mpc_ros.ros.clocks import SteadyTime
+from quad_mpc_ros.ros.compiling import reported
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import odometry_in, reference_in
 from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.telling import told
+from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
 _WARNING_PERIOD = 5.0
 _ESTIMATE_FAILS = {"at bounds": "is at its bounds", "reset": "was let go and begins anew"}
@@ -66,7 +67,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             )
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
-        with told(self):
+        with reported(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds)
         self._standby = Standby()
         self._in_lockstep = config.lockstep
@@ -82,6 +83,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
         if self._hears_reference:
             self.managed_subscription(topics.REFERENCE, self._on_reference, raw=True)
+        self.health.watch = watch = VehicleWatch(self, config.vehicle_values())
+        self.managed_subscription(topics.DIAGNOSTICS, watch.receive, raw=True, expected=False)
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)

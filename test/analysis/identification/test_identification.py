@@ -448,7 +448,7 @@ def test_drag_of_the_rotors_is_told_from_that_of_the_body() -> None:
         assert all(estimate.observable for estimate in estimates), name
         assert [estimate.value for estimate in estimates] == pytest.approx(truth, abs=0.05), name
     text = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
-    written = yaml.safe_load(text)["/**/reference"]["ros__parameters"]["rotor_drag"]
+    written = yaml.safe_load(text)["/**"]["ros__parameters"]["rotor_drag"]
     assert written == pytest.approx(ROTORS["rotor_drag"], abs=0.05)
     assert "rotor_drag x [1/s]" in identification_table(found, GIVEN, command_age=float("nan"))
 
@@ -483,7 +483,7 @@ def test_noise_is_not_taken_for_drag_of_the_rotors(seed: int) -> None:
     found = identified(noisy(flown(**EACH_AXIS, duration=20.0, seed=seed), seed=seed))
     assert not any(estimate.observable for estimate in found.rotor_drag)
     parameters = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
-    assert yaml.safe_load(parameters)["/**/mpc"]["ros__parameters"]["rotor_drag"] == 0.0
+    assert yaml.safe_load(parameters)["/**"]["ros__parameters"]["rotor_drag"] == 0.0
 
 
 def test_a_number_near_nothing_is_written_as_one() -> None:
@@ -492,7 +492,7 @@ def test_a_number_near_nothing_is_written_as_one() -> None:
     little = dataclasses.replace(found.drag[0], value=1.2e-7, observable=True)
     found = dataclasses.replace(found, drag=(little, *found.drag[1:]))
     text = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
-    assert yaml.safe_load(text)["/**/mpc"]["ros__parameters"]["drag"][0] == pytest.approx(1e-7)
+    assert yaml.safe_load(text)["/**"]["ros__parameters"]["drag"][0] == pytest.approx(1e-7)
 
 
 def test_a_rate_loop_that_does_not_reach_its_command_is_told() -> None:
@@ -501,7 +501,7 @@ def test_a_rate_loop_that_does_not_reach_its_command_is_told() -> None:
     assert gains == pytest.approx([0.9, 1.0, 0.8], abs=0.01)
     assert [e.value for e in found.rate_time_constant] == pytest.approx([0.03] * 3, rel=0.1)
     text = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
-    parameters = yaml.safe_load(text)["/**/mpc"]["ros__parameters"]
+    parameters = yaml.safe_load(text)["/**"]["ros__parameters"]
     assert parameters["rate_gain"] == pytest.approx([0.9, 1.0, 0.8], abs=0.01)
 
 

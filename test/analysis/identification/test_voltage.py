@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import yaml
 from fixtures.knocked import changed, knocked_about, noisy, received
 from fixtures.rotors import configured, plant
 from scipy.signal import lfilter
@@ -30,8 +31,7 @@ from quad_mpc_ros.analysis.identification.report import (
 )
 from quad_mpc_ros.analysis.identification.result import Identification
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.messages.codec import RosbagsMessages
-from quad_mpc_ros.messages.conversions import fill_battery
+from quad_mpc_ros.messages.cdr import written_battery
 from quad_mpc_ros.messages.topics import BATTERY
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import RecordedRun
@@ -137,11 +137,11 @@ def test_thrust_falls_with_the_square_of_the_voltage(seed: int) -> None:
         table, file = texts(found)
         told = f"power {over.exponent.value:.2f} at {over.reference:.2f} V, battery_exponent"
         assert f"thrust over voltage: {told} and battery_voltage of the bridge" in table
-        block = file.split("#   thrust_map:\n")[1].splitlines()[:2]
-        assert float(block[0].removeprefix("#     battery_voltage: ")) == pytest.approx(
-            over.reference, abs=0.01
-        )
-        assert float(block[1].split()[2]) == pytest.approx(over.exponent.value, abs=0.01)
+        thrust_map = yaml.safe_load(file)["/**"]["ros__parameters"]["thrust_map"]
+        assert thrust_map == {
+            "battery_voltage": pytest.approx(over.reference, abs=0.01),
+            "battery_exponent": pytest.approx(over.exponent.value, abs=0.01),
+        }
 
 
 def test_an_autopilot_that_compensates_leaves_nothing_to_the_bridge() -> None:
@@ -252,16 +252,15 @@ def test_a_recording_with_a_battery_is_identified(
     tmp_path: Path, make_bag: Callable[..., Any]
 ) -> None:
     run = flown(duration=15.0, capacity=CAPACITY * 15.0 / DURATION)
-    bag, messages = make_bag(), RosbagsMessages()
+    bag = make_bag()
     for odometry in run.odometries:
         bag.odometry(odometry.value)
     for command in run.commands:
         bag.command(command.value)
     as_told = []
     for told in run.voltages:
-        message = messages.new(BATTERY.type_name)
-        fill_battery(message, told.value, stamp_ns=told.log_time_ns)
-        bag.write("/power/any_name", BATTERY.type_name, message, told.log_time_ns)
+        data = written_battery(told.value, stamp_ns=told.log_time_ns)
+        bag.write("/power/any_name", BATTERY.type_name, data, told.log_time_ns)
         as_told.append(received(float(np.float32(told.value)), told.log_time_ns))
     bridge = {"thrust_map.battery_voltage": 16.0, "thrust_map.battery_exponent": 0.5}
     bag.parameters("px4_bridge", bridge)

@@ -23,7 +23,6 @@ def test_the_default_is_the_papers_quadrotor(vehicle: Vehicle) -> None:
     assert vehicle.mass == pytest.approx(14.0 * OUNCE, abs=5e-7)
     assert vehicle.drag == 0.2
     assert vehicle.thrust_curve == (1.87953563, 2.79829004, -0.00514948)
-    assert vehicle.torque_curve == (0.0010008, 0.00533861, 0.00074126)
 
 
 def test_hover_throttle_of_the_paper(vehicle: Vehicle) -> None:

@@ -31,8 +31,8 @@ EXACT = SolverParameters(tolerance=1e-10, max_iterations=50000)
 LIMITS = {
     "limits.tilt_max": 0.6,
     "limits.speed_max": 4.0,
-    "limits.throttle_margin": 0.1,
-    "limits.rate_slew": 60.0,
+    "advanced.limits.throttle_margin": 0.1,
+    "advanced.limits.rate_slew": 60.0,
 }
 LAGS = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
 PERIOD_NS = 20_000_000
@@ -168,7 +168,7 @@ def test_limits_yield_to_demanding_reference() -> None:
 
 def test_limits_that_are_off_are_not_in_the_problem() -> None:
     plain = HorizonQP(ManifoldProblem(agile()).pattern())
-    far_off = agile().updated({"limits.pull_distance": 0.1})
+    far_off = agile().updated({"advanced.limits.pull_distance": 0.1})
     other = HorizonQP(ManifoldProblem(far_off).pattern())
     assert plain.A.shape == other.A.shape == (10 * 13, 10 * 13)
     for name in LIMITS:
@@ -364,8 +364,8 @@ def a_random_case(seed: int) -> list[QpSolution]:
     limits: dict[str, object] = {
         "limits.tilt_max": rng.uniform(0.2, 1.2),
         "limits.speed_max": rng.uniform(1.0, 10.0),
-        "limits.throttle_margin": rng.uniform(0.02, 0.2),
-        "limits.rate_slew": rng.uniform(20.0, 300.0),
+        "advanced.limits.throttle_margin": rng.uniform(0.02, 0.2),
+        "advanced.limits.rate_slew": rng.uniform(20.0, 300.0),
     }
     shares = (0.8, 0.7, 0.4, 0.4)
     chosen = {

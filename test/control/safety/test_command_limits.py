@@ -20,9 +20,9 @@ FAR = Input(throttle=0.9, w_WB_B=np.array([-9.0, 0.1, -8.0]))
     ("limits", "throttle", "w_WB_B"),
     [
         (SlewParameters(), 0.9, [-9.0, 0.1, -8.0]),
-        (SlewParameters(throttle_max=5.0), 0.6, [-9.0, 0.1, -8.0]),
-        (SlewParameters(rate_max=100.0), 0.9, [-1.0, 0.1, -3.0]),
-        (SlewParameters(throttle_max=5.0, rate_max=100.0), 0.6, [-1.0, 0.1, -3.0]),
+        (SlewParameters(throttle=5.0), 0.6, [-9.0, 0.1, -8.0]),
+        (SlewParameters(body_rates=100.0), 0.9, [-1.0, 0.1, -3.0]),
+        (SlewParameters(throttle=5.0, body_rates=100.0), 0.6, [-1.0, 0.1, -3.0]),
     ],
 )
 def test_limits_change_of_command(
@@ -37,7 +37,7 @@ def test_limits_change_of_command(
 
 
 def test_keeps_command_within_rate_limits() -> None:
-    limits = SlewParameters(throttle_max=50.0, rate_max=1000.0)
+    limits = SlewParameters(throttle=50.0, body_rates=1000.0)
     u = rate_limited(FAR, BEFORE, limits, duration=0.02)
     assert u.throttle == FAR.throttle
     assert_allclose(u.w_WB_B, FAR.w_WB_B, atol=0.0)

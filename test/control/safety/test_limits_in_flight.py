@@ -124,7 +124,7 @@ def test_beyond_the_envelope_it_hovers_and_flies_on_after_a_second_of_calm() -> 
 
 
 def test_settles_with_rate_limited_commands() -> None:
-    limits = SlewParameters(throttle_max=10.0, rate_max=400.0)
+    limits = SlewParameters(throttle=10.0, body_rates=400.0)
     loop = Loop(MpcConfig(slew=limits))
     commands = [
         tick.command

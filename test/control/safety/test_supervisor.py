@@ -93,7 +93,7 @@ def test_nothing_is_sent_before_the_first_plan(make_flight: MakeFlight) -> None:
 def test_a_command_is_rate_limited_from_the_one_in_force_then_clamped(
     make_flight: MakeFlight,
 ) -> None:
-    config = MpcConfig(throttle_max=0.6, slew=SlewParameters(throttle_max=10.0, rate_max=50.0))
+    config = MpcConfig(throttle_max=0.6, slew=SlewParameters(throttle=10.0, body_rates=50.0))
     flight = make_flight(config)
     source, first = flight.tick(planned(0.3, 1.0, 0.0, 0.0))
     assert (source, first is not None and first.throttle) == ("MPC", 0.3)
@@ -109,7 +109,7 @@ def test_a_command_is_rate_limited_from_the_one_in_force_then_clamped(
 def test_rate_limit_ignores_replaced_command(
     make_flight: MakeFlight,
 ) -> None:
-    flight = make_flight(MpcConfig(slew=SlewParameters(throttle_max=10.0)))
+    flight = make_flight(MpcConfig(slew=SlewParameters(throttle=10.0)))
     flight.tick(planned(0.3))
     sent = Input(throttle=0.7, w_WB_B=np.zeros(3))
     flight.supervisor.note_sent(sent, now_ns=flight.now - PERIOD)

@@ -10,7 +10,7 @@ import pytest
 from fixtures.presets import agile, ideal
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.control.config import SwingingParameters
+from quad_mpc_ros.control.config import OscillationParameters
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.ladder import Action
 from quad_mpc_ros.control.safety.swinging import Swinging
@@ -69,7 +69,7 @@ def test_ignores_small_or_slow_oscillation(amplitude: float, frequency: float) -
 
 
 def test_repeated_oscillation_is_held_three_times_as_long() -> None:
-    config = agile(swinging=SwingingParameters(hold_time=1.0))
+    config = agile(oscillation=OscillationParameters(hold_time=1.0))
     found = np.array(breaches(Swinging(config), amplitude=0.3, frequency=2.0, seconds=30.0))
     ends = np.flatnonzero(np.diff(found) > 1)
     begins = found[np.insert(ends + 1, 0, 0)]
@@ -112,7 +112,7 @@ def flown_late(action: str) -> list[LoopStep]:
     start = {"initial_position": (0.4, -0.3, 2.2), "initial_throttle": 0.3}
     return [
         *fly(
-            mpc=agile(swinging=SwingingParameters(action=action)),
+            mpc=agile(oscillation=OscillationParameters(action=action)),
             simulator=ideal(**LATE, **start, duration=10.0),
             reference=ReferenceConfig(trajectory="hover", height=2.0),
         )

@@ -26,8 +26,7 @@ from rclpy.qos import qos_profile_sensor_data
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.messages import cdr, conversions
 
 # s: a client that has found its service may not have been found by it, and would get no answer.
 MATCHING = 0.3
@@ -38,7 +37,7 @@ def _node_process(
     name: str, *arguments: str, before: Sequence[str], log: Path
 ) -> Iterator[subprocess.Popen[bytes]]:
     """Run a node; it is ended by SIGINT at the end of the block, by force if need be."""
-    module = f"quad_mpc_ros.{'stack_node' if name == 'stack' else f'nodes.{name}_node'}"
+    module = f"quad_mpc_ros.ros.{'stack_node' if name == 'stack' else f'nodes.{name}_node'}"
     command = [sys.executable, "-m", module, *before, "--ros-args", *arguments]
     with log.open("wb") as output:
         process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
@@ -136,7 +135,7 @@ class Feed:
             )
             self._odometry.publish(odometry)
 
-    def _window(self, stamp_ns: int) -> MultiDOFJointTrajectory:
+    def _window(self, stamp_ns: int) -> bytes:
         held = np.array([[0.0, 0.0, 2.0]] * 2)
         window = ReferenceWindow(
             stamp_ns=stamp_ns,
@@ -147,9 +146,7 @@ class Feed:
             a_WB_W=0.0 * held,
             w_WB_W=0.0 * held,
         )
-        message = MultiDOFJointTrajectory()
-        conversions.fill_reference(message, window, child_frame_id="b", new=new_message)
-        return message
+        return cdr.written_reference(window, child_frame_id="b")
 
 
 @pytest.fixture

@@ -158,7 +158,7 @@ def test_parameters_are_free_until_they_are_configured(
     )
     assert "mpc.Q: given [1.0], expected 9 numbers >= 0" in mpc.set(Q=[1.0])
     for processors in ([0], []):  # a list that was declared empty takes numbers, and none again
-        assert mpc.set(**{"realtime.cpus": processors}) == ""
+        assert mpc.set(**{"advanced.realtime.cpus": processors}) == ""
     # One after the other, of which the first alone does not go with the weight.
     assert mpc.set(throttle_max=0.29) == ""
     assert not mpc.to("configure")
@@ -172,9 +172,9 @@ def test_parameters_are_free_until_they_are_configured(
     assert "clean up the node first" in refusal
     assert mpc.set(horizon_steps=7, mass=0.3, throttle_min=0.1) == "", "what is the same is fine"
     assert mpc.set(**{"limits.speed_max": 4.0}) == "", "on since it was configured"
-    refusal = mpc.set(**{"limits.rate_slew": 60.0})
+    refusal = mpc.set(**{"advanced.limits.rate_slew": 60.0})
     assert refusal.startswith(
-        "mpc.limits.rate_slew: given 60.0, expected 0.0 as long as the node is "
+        "mpc.advanced.limits.rate_slew: given 60.0, expected 0.0 as long as the node is "
     )
     refusal = mpc.set(**{"limits.speed_max": 0.0})
     assert refusal.startswith(

@@ -22,8 +22,7 @@ from rosbags.highlevel import AnyReader
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.messages import conversions, diagnostics
-from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.messages import cdr, conversions, diagnostics
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
@@ -202,9 +201,7 @@ class Stack:
             a_WB_W=0.0 * held,
             w_WB_W=0.0 * held,
         )
-        reference = new_message("trajectory_msgs/msg/MultiDOFJointTrajectory")
-        conversions.fill_reference(reference, window, child_frame_id="b", new=new_message)
-        self._reference.publish(reference)
+        self._reference.publish(cdr.written_reference(window, child_frame_id="b"))
         values = {
             "stamp_ns": stamp_ns,
             "p_WB": np.zeros(3),
@@ -348,7 +345,7 @@ def test_recorder_records_what_appears_later(start: Start, peer: Any, tmp_path: 
 
 
 def test_lockstep_without_a_controller_fails_loudly(start: Start, tmp_path: Path) -> None:
-    process = start("simulator", "-p", "lockstep:=true", "-p", "lockstep_timeout:=1.0")
+    process = start("simulator", "-p", "lockstep:=true", "-p", "advanced.lockstep_timeout:=1.0")
     assert process.wait(15) == 1
     log = (tmp_path / "simulator.log").read_text()
     assert "no command for the odometry" in log
@@ -359,7 +356,7 @@ def test_lockstep_waits_for_a_node_that_compiles_and_does_not_publish_yet(
     start: Start, peer: Any, tmp_path: Path
 ) -> None:
     compiling = rclpy.create_node("mpc")
-    process = start("simulator", "-p", "lockstep:=true", "-p", "lockstep_timeout:=3.0")
+    process = start("simulator", "-p", "lockstep:=true", "-p", "advanced.lockstep_timeout:=3.0")
 
     def log() -> str:
         return (tmp_path / "simulator.log").read_text()

@@ -30,7 +30,7 @@ SECOND = 1_000_000_000
 PERIOD = 0.005  # s, between odometries
 # Short windows, of which many come.
 ARGUMENTS = ["--ros-args", "-p", "trajectory:=circle", "-p", "circle_speed:=5.0"]
-ARGUMENTS += ["-p", "window_duration:=0.4"]
+ARGUMENTS += ["-p", "advanced.window_duration:=0.4"]
 
 
 class Flown:

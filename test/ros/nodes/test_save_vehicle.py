@@ -103,7 +103,7 @@ def test_the_lag_of_each_axis_is_saved_once_it_is_told(lags: Any, yaw: float, sa
     given = MpcConfig(rate_time_constant=lags)
     tick = dataclasses.replace(TICK, rate_time_constant_ms=40.0, yaw_time_constant_ms=yaw)
     text = learned_file(learned([tick] * 100, given), given, head="Learned.", keep="mass")
-    parameters = yaml.safe_load(text)["/**/mpc"]["ros__parameters"]
+    parameters = yaml.safe_load(text)["/**"]["ros__parameters"]
     assert MpcConfig.build(parameters).rate_time_constant == pytest.approx(saved, rel=1e-3)
 
 
@@ -120,7 +120,7 @@ def test_drag_is_saved_once_it_is_told(given: Any, learned_mean: float, saved: A
     config = MpcConfig(drag=given)
     tick = dataclasses.replace(TICK, drag=learned_mean)
     text = learned_file(learned([tick] * 100, config), config, head="Learned.", keep="mass")
-    parameters = yaml.safe_load(text)["/**/mpc"]["ros__parameters"]
+    parameters = yaml.safe_load(text)["/**"]["ros__parameters"]
     assert MpcConfig.build(parameters).drag == pytest.approx(saved)
     wandering = [dataclasses.replace(TICK, drag=0.3 + 0.003 * k) for k in range(100)]
     assert learned(wandering, config).drag is None

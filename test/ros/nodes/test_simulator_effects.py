@@ -46,7 +46,7 @@ def _payloads(run: Path, topic: str) -> list[bytes]:
 
 def test_lockstep_and_simulate_agree_with_every_effect(tmp_path: Path) -> None:
     # It knows nothing of the lags, and swings: nobody else is to command for that.
-    swinging = "--set=mpc.swinging.action=warn"
+    swinging = "--set=mpc.advanced.oscillation.action=warn"
     options = ["--config", "paper_rigid_body", "--duration", "4", swinging, *_assignments()]
     flown, simulated = tmp_path / "flown", tmp_path / "simulated"
     assert main(["fly", "--lockstep", *options, "--out", str(flown)]) == 0

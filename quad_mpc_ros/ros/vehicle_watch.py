@@ -1,0 +1,62 @@
+"""Whether the nodes of a vehicle were given the same one: each states its own in its health."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from rclpy.node import Node
+
+from quad_mpc_ros.configuration.vehicle import differences
+from quad_mpc_ros.messages.topics import DIAGNOSTICS
+from quad_mpc_ros.ros.messages import decoded
+
+VEHICLE_KEY = "vehicle"
+_MARK = b"vehicle\0"
+_STALE = 5.0  # s without a report: the node has ended
+
+
+def vehicle_text(values: Mapping[str, Any]) -> str:
+    """Return the vehicle of a node as the text of its diagnostic value."""
+    return json.dumps(values)
+
+
+class VehicleWatch:
+    """Compares a node's vehicle with those that the others of its namespace report."""
+
+    def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
+        self._node, self._values = node, values
+        self._found: dict[str, tuple[str, float]] = {}
+
+    def receive(self, data: bytes) -> None:
+        """Take a raw message of ``/diagnostics``; log what differs when it is new."""
+        if _MARK not in data:  # all sorts of nodes report there
+            return
+        for status in decoded(DIAGNOSTICS, data).status:
+            namespace, _, name = status.name.rpartition("/")
+            if (namespace or "/") != self._node.get_namespace() or name == self._node.get_name():
+                continue
+            for entry in status.values:
+                if entry.key == VEHICLE_KEY:
+                    self._compare(name, entry.value)
+
+    def fault(self) -> str:
+        """Return which nodes have another vehicle, and in what; empty if none has."""
+        now = time.monotonic()
+        return "; ".join(
+            text for text, seen in self._found.values() if text and now - seen < _STALE
+        )
+
+    def _compare(self, name: str, text: str) -> None:
+        try:
+            differ = differences(self._values, json.loads(text))
+        except (ValueError, TypeError, AttributeError):
+            return  # of another package
+        ours = self._node.get_name()
+        fault = f"{ours} and {name} were given different vehicles: {', '.join(differ)}"
+        before, _ = self._found.get(name, ("", 0.0))
+        if differ and fault != before:
+            self._node.get_logger().warning(f"{fault}; give every node the same vehicle file")
+        self._found[name] = (fault if differ else "", time.monotonic())
