@@ -46,7 +46,7 @@ def flown(*, learned: bool, ahead: float) -> tuple[float, list[float]]:
 
 
 @pytest.mark.parametrize("ahead", [0.014, -0.014])
-def test_a_centre_of_mass_that_is_off_is_learned(ahead: float) -> None:
+def test_learns_offset_centre_of_mass(ahead: float) -> None:
     error, offsets = flown(learned=True, ahead=ahead)
     without, none = flown(learned=False, ahead=ahead)
     assert error < 0.02
@@ -55,6 +55,6 @@ def test_a_centre_of_mass_that_is_off_is_learned(ahead: float) -> None:
     assert not np.any(none)
 
 
-def test_of_one_that_is_not_off_next_to_nothing_is_learned() -> None:
+def test_learns_almost_nothing_from_centred_mass() -> None:
     _, offsets = flown(learned=True, ahead=0.0)
     assert np.abs(offsets[250:]).max() < 0.1

@@ -26,7 +26,7 @@ HOVER = Input(throttle=0.3, w_WB_B=np.zeros(3))
 
 
 @pytest.mark.parametrize("shift", [-DAY, -100 * MS])
-def test_plan_from_before_the_change_is_no_trap(
+def test_plans_afresh_after_clock_change(
     shift: int, make_odometry: MakeOdometry, make_window: MakeWindow
 ) -> None:
     aside = np.array([-1.0, 0.5, 2.0])
@@ -40,7 +40,7 @@ def test_plan_from_before_the_change_is_no_trap(
     assert_allclose(step.plan.inputs[0], cold.plan.inputs[0], atol=0.2)
 
 
-def test_commands_from_the_future_are_forgotten() -> None:
+def test_forgets_commands_from_the_future() -> None:
     history = CommandHistory(delay_ns=0, initial=HOVER.vector())
     history.record(np.array([0.9, 0.0, 0.0, 0.0]), stamp_ns=START)
     sent = np.array([0.4, 0.0, 0.0, 0.0])

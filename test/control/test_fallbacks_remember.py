@@ -60,7 +60,7 @@ class Hover:
 
 
 @pytest.mark.parametrize("scale", [0.7, 1.3])
-def test_without_a_reference_the_height_is_held_with_the_thrust_that_was_learned(
+def test_hover_without_reference_uses_learned_thrust(
     scale: float,
 ) -> None:
     flight = Hover(thrust_scale=scale)
@@ -71,7 +71,7 @@ def test_without_a_reference_the_height_is_held_with_the_thrust_that_was_learned
     assert abs(held[-1] - learned[-1]) < 0.05
 
 
-def test_without_odometry_little_height_is_lost_with_the_thrust_that_was_learned() -> None:
+def test_blind_descent_uses_learned_thrust() -> None:
     flight = Hover(thrust_scale=0.7)
     learned = flight.fly(10.0)
     blind_time = flight.controller.config.blind_time
@@ -92,7 +92,7 @@ def failing_at(ticks: list[int], step: Callable[..., Any]) -> Callable[..., Any]
     return failing
 
 
-def test_an_error_in_the_step_keeps_what_was_learned(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_in_step_keeps_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(controller_module.Mpc, "step", failing_at([500], Mpc.step))
     flight = Hover(thrust_scale=0.7)
     learned = flight.fly(10.0)
@@ -102,7 +102,7 @@ def test_an_error_in_the_step_keeps_what_was_learned(monkeypatch: pytest.MonkeyP
     assert np.abs(after - learned[-1]).max() < 0.02
 
 
-def test_an_error_that_comes_again_begins_wholly_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_repeated_error_resets_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
     begin_anew = Mpc.begin_anew
 
@@ -119,7 +119,7 @@ def test_an_error_that_comes_again_begins_wholly_anew(monkeypatch: pytest.Monkey
     assert second == 1.0
 
 
-def test_an_error_keeps_the_engagement(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_keeps_engagement(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(controller_module.Mpc, "step", failing_at([100, 101], Mpc.step))
     flight = Hover(thrust_scale=0.7)
     flight.controller.engage(False)

@@ -79,7 +79,7 @@ def on_request(
 
 
 @pytest.mark.parametrize("noise", [0.05, 0.2])
-def test_standing_it_idles_turns_nothing_and_learns_nothing(noise: float) -> None:
+def test_standing_idles_and_learns_nothing(noise: float) -> None:
     moments = on_request(duration=15.0, requests={}, velocity_noise=noise)
     settled = [moment for moment in moments if moment.seconds > 1.0]
     assert np.mean([moment.contact == "standing" for moment in settled]) >= 0.99
@@ -98,7 +98,7 @@ FLIGHTS = pytest.mark.parametrize(("scale", "noise"), [(1.0, 0.2), (0.7, 0.05), 
 
 
 @FLIGHTS
-def test_asked_to_it_takes_off(scale: float, noise: float) -> None:
+def test_takes_off_when_reference_rises(scale: float, noise: float) -> None:
     moments = flight(scale, noise)
     above = [moment.truth.p_WB[2] for moment in moments if 7.0 < moment.seconds < 10.0]
     assert np.abs(np.array(above) - 1.5).max() < 0.35
@@ -107,9 +107,7 @@ def test_asked_to_it_takes_off(scale: float, noise: float) -> None:
 
 
 @FLIGHTS
-def test_landed_it_idles_level_and_still_knows_what_it_learned_in_flight(
-    scale: float, noise: float
-) -> None:
+def test_keeps_estimate_from_flight_after_landing(scale: float, noise: float) -> None:
     moments = flight(scale, noise)
     end = [moment for moment in moments if moment.seconds > 16.5]
     assert {moment.contact for moment in end} == {"standing"}
@@ -124,7 +122,7 @@ def test_landed_it_idles_level_and_still_knows_what_it_learned_in_flight(
     assert min(lifts) - 0.05 < again < max(lifts) + 0.05
 
 
-def test_a_reference_that_is_lost_on_the_ground_lifts_nobody() -> None:
+def test_lost_reference_on_ground_causes_no_lift_off() -> None:
     rng = np.random.default_rng(0)
     controller = Controller(ROBUST)
     throttles, sources = [], []
@@ -157,7 +155,7 @@ def flown(reference: ReferenceConfig, **plant: Any) -> list[LoopStep]:
 
 @pytest.mark.parametrize("scale", [0.6, 1.0, 1.5])
 @pytest.mark.parametrize("trajectory", ["hover", "flip", "split_s"])
-def test_in_the_air_nothing_is_taken_for_standing(trajectory: str, scale: float) -> None:
+def test_never_detects_standing_in_flight(trajectory: str, scale: float) -> None:
     """Upside down at the top of a flip the throttle is at its least, and nothing moves."""
     reference = ReferenceConfig(trajectory=trajectory, height=6.0, **_limits(trajectory))
     steps = flown(

@@ -23,7 +23,7 @@ SETTLING, DURATION = 5.0, 20.0
 
 
 class Learned(NamedTuple):
-    """What was believed once settled, over the ticks (n,), and the mean thrust axis (3,)."""
+    """What was estimated once settled, over the ticks (n,), and the mean thrust axis (3,)."""
 
     scale: Array
     a_W: Array
@@ -91,7 +91,7 @@ def test_scale_and_wind_are_learned(
 
 
 @FLIGHTS
-def test_nothing_is_at_its_bounds(
+def test_estimates_are_inside_their_bounds(
     scale: float, wind: tuple[float, float, float], noise: float
 ) -> None:
     learned = flown(scale, wind, noise)
@@ -101,8 +101,8 @@ def test_nothing_is_at_its_bounds(
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.2])
-def test_so_they_are_of_a_plant_of_rotors(noise: float) -> None:
-    """Whose lateral force in wind is told by how it has to lean."""
+def test_scale_and_wind_are_learned_of_rotor_plant(noise: float) -> None:
+    """Its lateral force in wind follows from how it has to lean."""
     pytest.importorskip("rotorpy")
     mpc = MpcConfig(**{**ROBUST, "rate_time_constant": 0.05}, input_delay=0.03)
     wind = (3.0, 0.0, 0.0)

@@ -37,7 +37,7 @@ def thousand_points() -> ReferenceWindow:
     )
 
 
-def test_a_trajectory_of_a_thousand_points_is_taken_up_in_flight() -> None:
+def test_accepts_long_trajectory_in_flight() -> None:
     """While it is planned no window comes at all, the worst that a busy node could do."""
     config = ReferenceConfig(mode="on_request", takeoff_height=2.0)
     live = LiveReference(

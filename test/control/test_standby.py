@@ -30,11 +30,11 @@ def standby(make_odometry: MakeOdometry, make_window: MakeWindow) -> Standby:
     return made
 
 
-def test_odometry_and_reference_are_enough(standby: Standby) -> None:
+def test_starts_with_odometry_and_reference(standby: Standby) -> None:
     assert standby.obstacle(CONFIG, now_ns=NOW) is None
 
 
-def test_what_has_not_come_is_named(make_odometry: MakeOdometry, make_window: MakeWindow) -> None:
+def test_names_missing_input(make_odometry: MakeOdometry, make_window: MakeWindow) -> None:
     standby = Standby()
     standby.receive_reference(make_window(NOW), now_ns=NOW)
     assert standby.obstacle(CONFIG, now_ns=NOW) == "no odometry yet"
@@ -43,7 +43,9 @@ def test_what_has_not_come_is_named(make_odometry: MakeOdometry, make_window: Ma
     assert standby.obstacle(CONFIG, now_ns=NOW) == "no reference yet"
 
 
-def test_each_may_be_as_old_as_its_timeout(standby: Standby, make_odometry: MakeOdometry) -> None:
+def test_accepts_inputs_up_to_their_timeouts(
+    standby: Standby, make_odometry: MakeOdometry
+) -> None:
     assert standby.obstacle(CONFIG, now_ns=NOW + 100 * MS) is None
     too_old = standby.obstacle(CONFIG, now_ns=NOW + 101 * MS)
     assert too_old is not None
@@ -53,16 +55,16 @@ def test_each_may_be_as_old_as_its_timeout(standby: Standby, make_odometry: Make
     for age_ms, fresh in ((500, True), (501, False)):
         later = NOW + age_ms * MS
         standby.receive_odometry(make_odometry(later), now_ns=later)
-        told = standby.obstacle(CONFIG, now_ns=later)
-        assert (told is None) == fresh
-        assert fresh or (told is not None and told.startswith("reference is 0.50 s old"))
+        obstacle = standby.obstacle(CONFIG, now_ns=later)
+        assert (obstacle is None) == fresh
+        assert fresh or (obstacle is not None and obstacle.startswith("reference is 0.50 s old"))
 
 
-def test_a_clock_that_was_set_back_makes_them_unusable(standby: Standby) -> None:
+def test_rejects_inputs_after_clock_was_set_back(standby: Standby) -> None:
     assert standby.obstacle(CONFIG, now_ns=NOW - 3_600_000 * MS) is not None
 
 
-def test_what_is_unusable_is_no_start(
+def test_does_not_start_with_unusable_input(
     standby: Standby, make_odometry: MakeOdometry, make_window: MakeWindow
 ) -> None:
     standby.receive_odometry(make_odometry(NOW, p_WB=np.full(3, np.nan)), now_ns=NOW)

@@ -32,7 +32,7 @@ def flown(
     model: Mapping[str, Any] = NONE,
     **reference: Any,
 ) -> tuple[float, Array]:
-    """Return the RMSE [m] of the true position, and the disturbances believed (n, 3) [m/s^2].
+    """Return the RMSE [m] of the true position, and the disturbances estimated (n, 3) [m/s^2].
 
     ``plant`` and ``model`` are what else the two have.
     """
@@ -52,31 +52,31 @@ def flown(
     times = [step.truth.stamp_ns - SIMULATION_START_NS for step in steps]
     off = [step.truth.p_WB for step in steps] - trajectory.at(times).p_WB
     stats = [step.tick.stats for step in steps if step.tick is not None]
-    believed = [[s.disturbance_x, s.disturbance_y, s.disturbance_z] for s in stats]
-    return float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), np.array(believed)
+    estimated = [[s.disturbance_x, s.disturbance_y, s.disturbance_z] for s in stats]
+    return float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), np.array(estimated)
 
 
 @pytest.mark.parametrize(("angular_frequency", "rmse"), [(1.0, 0.0003), (1.8, 0.001)])
-def test_air_that_is_known_costs_nothing(angular_frequency: float, rmse: float) -> None:
-    error, believed = flown(known=True, angular_frequency=angular_frequency)
+def test_known_uneven_air_is_compensated(angular_frequency: float, rmse: float) -> None:
+    error, estimated = flown(known=True, angular_frequency=angular_frequency)
     assert error < rmse
-    assert np.abs(believed).max() < 0.06
+    assert np.abs(estimated).max() < 0.06
 
 
-def test_air_that_is_not_known_is_taken_for_a_disturbance() -> None:
-    error, believed = flown(known=False, angular_frequency=2.0)
+def test_unknown_uneven_air_is_estimated_as_disturbance() -> None:
+    error, estimated = flown(known=False, angular_frequency=2.0)
     assert error > 0.005
-    assert np.abs(believed).max() > 0.5
+    assert np.abs(estimated).max() > 0.5
 
 
 @pytest.mark.parametrize(("known", "rmse"), [(True, 0.001), (False, 0.005)])
-def test_a_rate_loop_that_does_not_reach_its_command(known: bool, rmse: float) -> None:
+def test_rate_gain_compensates_incomplete_rate_loop(known: bool, rmse: float) -> None:
     gain = {"rate_gain": (0.85, 0.8, 0.9)}
     error, _ = flown(known=True, angular_frequency=1.8, plant=gain, model=gain if known else {})
     assert (error < rmse) == known
 
 
-def test_the_papers_formulation_flies_in_it_too() -> None:
+def test_paper_formulation_flies_in_uneven_air() -> None:
     known, _ = flown(known=True, formulation="paper", angular_frequency=1.0)
     unknown, _ = flown(known=False, formulation="paper", angular_frequency=1.0)
     assert known < 0.8 * unknown

@@ -1,4 +1,4 @@
-"""When an estimate is let go, and when not."""
+"""When an estimate is reset, and when not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MS = 1_000_000
 
 
 def resets(*, seconds: float, refused: float = 0.0, at_bounds: bool = False) -> list[float]:
-    """Return when the estimate is let go [s], if a share of the odometries is refused."""
+    """Return when the estimate is reset [s], if a share of the odometries is refused."""
     health, random, times = EstimateHealth(), np.random.default_rng(0), []
     for k in range(round(50 * seconds)):
         if health.fails(
@@ -26,15 +26,15 @@ def resets(*, seconds: float, refused: float = 0.0, at_bounds: bool = False) -> 
 
 
 @pytest.mark.parametrize("refused", [0.0, 0.05, 0.2])
-def test_jumps_now_and_then_are_forgiven(refused: float) -> None:
+def test_tolerates_occasional_jumps(refused: float) -> None:
     assert resets(seconds=100.0, refused=refused) == []
 
 
-def test_what_refuses_everything_is_let_go_within_a_second() -> None:
+def test_resets_within_a_second_of_continuous_rejection() -> None:
     assert resets(seconds=0.9, refused=1.0) == [pytest.approx(0.69, abs=0.05)]
 
 
-def test_at_its_bounds_it_is_let_go_after_seconds_and_not_again_for_long() -> None:
+def test_resets_once_after_seconds_at_bounds() -> None:
     """A truth beyond the bounds must not make the flight jump every few seconds."""
     first, second = resets(seconds=40.0, at_bounds=True)
     assert first == pytest.approx(3.0, abs=0.1)

@@ -1,4 +1,4 @@
-"""The time constants of rate loops that are none of a first order."""
+"""The time constants of rate loops that are not of first order."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ import pytest
 from scipy.signal import cont2discrete
 
 from quad_mpc_ros.control.estimation import rate_lags
+from quad_mpc_ros.control.estimation.rate_lags import RateLags
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.parameters import parameters_of
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.vehicle import Vehicle
 
 PERIOD = 0.02
 
 
-def nominal(lag: float) -> Array:
-    return parameters_of(Vehicle(), rate_time_constant=lag, thrust_time_constant=0.0)
+def nominal(lag: float) -> ModelParameters:
+    return parameters_of(Vehicle(), rate_time_constant=lag, thrust_time_constant=0.0)[()]
 
 
 def rates_of_a_loop(commands: Array, *, gain: float, rotor_lag: float) -> Array:
@@ -38,8 +39,9 @@ def rates_of_a_loop(commands: Array, *, gain: float, rotor_lag: float) -> Array:
 
 
 def learned(commands: Array, rates: Array, *, lag: float, slower: float = 1.0) -> Array:
-    """Return the time constants (3,) that commands (n,) and rates (n, 3) tell, from one lag on."""
-    lags = rate_lags.begun(nominal(lag), slower=slower)
+    """Return the time constants (3,) estimated from commands (n,) and rates (n, 3), starting at one lag."""
+    lags = RateLags.zeros()[()]
+    rate_lags.start(lags, nominal(lag), slower=slower)
     for k in range(1, len(commands)):
         rate_lags.follow(
             lags=lags,
@@ -54,7 +56,7 @@ def learned(commands: Array, rates: Array, *, lag: float, slower: float = 1.0) -
 
 @pytest.mark.parametrize("chatter", [0.0, 0.2])
 @pytest.mark.parametrize("gain", [15.0, 20.0, 30.0])
-def test_a_rate_loop_counts_as_what_it_is_for_slow_commands(gain: float, chatter: float) -> None:
+def test_second_order_rate_loop_has_its_low_frequency_lag(gain: float, chatter: float) -> None:
     seconds = PERIOD * np.arange(1500)
     slow = 0.8 * np.sin(2.0 * seconds) + 0.6 * np.sin(3.1 * seconds)
     commands = slow + chatter * np.random.default_rng(0).normal(size=len(slow))
@@ -67,7 +69,7 @@ def test_a_rate_loop_counts_as_what_it_is_for_slow_commands(gain: float, chatter
 
 
 @pytest.mark.parametrize(("slower", "longest"), [(1.0, 0.066), (0.25, 0.04125)])
-def test_a_longer_lag_is_learned_as_far_as_it_may(slower: float, longest: float) -> None:
+def test_lag_is_estimated_up_to_its_bound(slower: float, longest: float) -> None:
     seconds = PERIOD * np.arange(1500)
     commands = 0.8 * np.sin(2.0 * seconds) + 0.6 * np.sin(3.1 * seconds)
     rates = rates_of_a_loop(commands, gain=10.0, rotor_lag=0.001)

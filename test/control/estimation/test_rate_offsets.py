@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fixtures.records import changed
 
 from quad_mpc_ros.control.estimation import rate_offsets
+from quad_mpc_ros.control.estimation.rate_offsets import RateOffsets
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.parameters import (
-    RATE_OFFSET,
-    RATE_OFFSET_BY_THRUST,
-    RATE_TIME_CONSTANTS,
-    VECTOR_SIZE,
-)
+from quad_mpc_ros.control.model.parameters import ModelParameters
 
 PERIOD, FINE = 0.01, 0.0005  # s
 THRUST = 45.0  # m/s^2 at full throttle
@@ -20,11 +17,23 @@ GAIN, ROTOR_LAG = 60.0, 0.03  # 1/s, s
 MASS, OFF_CENTRE, INERTIA = 0.75, 0.014, 2.1e-3  # kg, m, kg m^2
 
 
-def nominal(lag: float = 0.033) -> Array:
-    parameters = np.zeros(VECTOR_SIZE)
-    parameters[1] = THRUST
-    parameters[RATE_TIME_CONSTANTS] = lag
-    return parameters
+def nominal(lag: float = 0.033) -> ModelParameters:
+    return changed(ModelParameters.zeros()[()], b=THRUST, rate_time_constants=lag)
+
+
+def started(*, lag: float = 0.033, share: float = 1.0) -> RateOffsets:
+    offsets = RateOffsets.zeros()[()]
+    rate_offsets.start(offsets, nominal(lag), share=share)
+    return offsets
+
+
+def pitch_offset(offsets: RateOffsets) -> tuple[float, float]:
+    """Return the offset of the pitch rate, fixed and by thrust; other rates have none."""
+    parameters = nominal()
+    rate_offsets.write(offsets, parameters)
+    fixed, by_thrust = parameters.rate_offset, parameters.rate_offset_by_thrust
+    assert not any((fixed[0], fixed[2], by_thrust[0], by_thrust[2]))
+    return float(fixed[1]), float(by_thrust[1])
 
 
 def rates_of_a_loop(
@@ -48,10 +57,10 @@ def rates_of_a_loop(
 
 
 def followed(
-    offsets: Array, throttle: Array, commands: Array, rates: Array, *, learns: bool = True
+    offsets: RateOffsets, throttle: Array, commands: Array, rates: Array, *, learns: bool = True
 ) -> list[tuple[float, float]]:
     """Tell of rates of pitch; return its offset, fixed and by thrust, over time."""
-    believed = []
+    estimated = []
     for k in range(1, len(rates)):
         rate_offsets.follow(
             offsets=offsets,
@@ -63,11 +72,8 @@ def followed(
             learns=learns,
             follows=k > 1,
         )
-        parameters = nominal()
-        rate_offsets.write(offsets, parameters)
-        assert parameters[RATE_OFFSET][0] == parameters[RATE_OFFSET][2] == 0.0
-        believed.append((parameters[RATE_OFFSET][1], parameters[RATE_OFFSET_BY_THRUST][1]))
-    return believed
+        estimated.append(pitch_offset(offsets))
+    return estimated
 
 
 def manoeuvre(seconds: float) -> tuple[Array, Array]:
@@ -77,62 +83,59 @@ def manoeuvre(seconds: float) -> tuple[Array, Array]:
     return throttle, 1.2 * np.sin(3.1 * t) + 0.7 * np.cos(5.3 * t)
 
 
-def test_a_centre_of_mass_off_is_what_physics_says_of_it() -> None:
+def test_offset_centre_of_mass_matches_physics() -> None:
     throttle, commands = manoeuvre(10.0)
     rates, beyond = rates_of_a_loop(throttle, commands, integral=0.0, off=OFF_CENTRE)
-    believed = np.array(followed(rate_offsets.begun(nominal()), throttle, commands, rates))
-    assert believed[-1, 1] == pytest.approx(MASS * OFF_CENTRE / INERTIA / GAIN, rel=0.1)
-    off = believed[:, 0] + believed[:, 1] * THRUST * throttle[:-1] - beyond[:-1]
+    estimated = np.array(followed(started(), throttle, commands, rates))
+    assert estimated[-1, 1] == pytest.approx(MASS * OFF_CENTRE / INERTIA / GAIN, rel=0.1)
+    off = estimated[:, 0] + estimated[:, 1] * THRUST * throttle[:-1] - beyond[:-1]
     assert np.abs(off[100:]).max() < 0.1  # of 0.8 to 1.5 rad/s
 
 
-def test_what_an_integral_has_found_of_it_is_learned_as_well() -> None:
+def test_learns_what_integral_compensates() -> None:
     throttle, commands = manoeuvre(10.0)
     rates, beyond = rates_of_a_loop(throttle, commands, integral=60.0, off=OFF_CENTRE)
-    believed = np.array(followed(rate_offsets.begun(nominal()), throttle, commands, rates))
-    off = believed[:, 0] + believed[:, 1] * THRUST * throttle[:-1] - beyond[:-1]
+    estimated = np.array(followed(started(), throttle, commands, rates))
+    off = estimated[:, 0] + estimated[:, 1] * THRUST * throttle[:-1] - beyond[:-1]
     assert np.std(off[200:]) < 0.5 * np.std(beyond[200:])
 
 
-def test_a_vehicle_that_answers_late_has_no_offset() -> None:
-    """A loop with 80 ms of hidden delay swings so; throttle and rates go together."""
+def test_delay_is_not_learned_as_offset() -> None:
+    """A loop with 80 ms of hidden delay oscillates like this; throttle and rates go together."""
     t = np.arange(0.0, 10.0, PERIOD)
     commands = 1.5 * np.sin(6.0 * t)
     throttle = 9.81 / THRUST * (1.0 + 0.1 * np.sin(6.0 * t + 0.4))
     late = np.concatenate((np.zeros(8), commands[:-8]))
     rates, _ = rates_of_a_loop(throttle, late, integral=0.0, off=0.0)
-    believed = np.array(followed(rate_offsets.begun(nominal()), throttle, commands, rates))
-    total = believed[:, 0] + believed[:, 1] * THRUST * throttle[:-1]
+    estimated = np.array(followed(started(), throttle, commands, rates))
+    total = estimated[:, 0] + estimated[:, 1] * THRUST * throttle[:-1]
     hidden = np.abs(commands - late).max()
     assert np.abs(total[50:]).max() < 0.25 * hidden
 
 
-def test_where_nothing_is_learned_and_without_lags_there_is_none() -> None:
+def test_no_offset_without_learning_or_lags() -> None:
     throttle, commands = manoeuvre(3.0)
     rates, _ = rates_of_a_loop(throttle, commands, integral=0.0, off=OFF_CENTRE)
     for lag, share, learns in ((0.033, 1.0, False), (0.0, 1.0, True), (0.033, 0.0, True)):
-        offsets = rate_offsets.begun(nominal(lag), share=share)
+        offsets = started(lag=lag, share=share)
         assert not np.any(followed(offsets, throttle, commands, rates, learns=learns))
 
 
-def test_what_is_recalled_is_believed_again_and_a_reset_lets_it_go() -> None:
+def test_reset_clears_offsets_and_recall_restores_them() -> None:
     throttle, commands = manoeuvre(3.0)
     rates, _ = rates_of_a_loop(throttle, commands, integral=0.0, off=OFF_CENTRE)
-    offsets = rate_offsets.begun(nominal())
-    believed = followed(offsets, throttle, commands, rates)[-1]
-    kept = rate_offsets.believed_in(offsets).copy()
+    offsets = started()
+    estimated = followed(offsets, throttle, commands, rates)[-1]
+    kept = offsets.estimate.copy()
     rate_offsets.reset(offsets)
-    parameters = nominal()
-    rate_offsets.write(offsets, parameters)
-    assert not np.any(parameters[RATE_OFFSET_BY_THRUST])
-    rate_offsets.believed_in(offsets)[:] = kept
-    rate_offsets.write(offsets, parameters)
-    assert (parameters[RATE_OFFSET][1], parameters[RATE_OFFSET_BY_THRUST][1]) == believed
+    assert pitch_offset(offsets) == (0.0, 0.0)
+    offsets.estimate = kept
+    assert pitch_offset(offsets) == estimated
 
 
 def test_offsets_are_bounded() -> None:
     steady = np.full(500, 9.81 / THRUST)
-    offsets = rate_offsets.begun(nominal())
+    offsets = started()
     fixed, slope = followed(offsets, steady, np.zeros(500), np.full(500, 50.0))[-1]
     assert abs(fixed) <= 3.0
     assert abs(slope) <= 0.2

@@ -40,52 +40,52 @@ def in_world(odometry: OdometrySample) -> OdometrySample:
     return dataclasses.replace(odometry, v_WB_B=rotation.apply(odometry.v_WB_B))
 
 
-def told(check: TwistFrameCheck, samples: list[OdometrySample]) -> list[str]:
+def reported(check: TwistFrameCheck, samples: list[OdometrySample]) -> list[str]:
     return [frame for frame in map(check.suspect, samples) if frame is not None]
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.005])
-def test_the_wrong_frame_is_told_once(noise: float) -> None:
+def test_reports_wrong_frame_once(noise: float) -> None:
     body = circling(1500, noise=noise)
     world = [in_world(odometry) for odometry in body]
-    assert told(TwistFrameCheck(twist_frame="child"), world) == ["world"]
-    assert told(TwistFrameCheck(twist_frame="world"), body) == ["child"]
+    assert reported(TwistFrameCheck(twist_frame="child"), world) == ["world"]
+    assert reported(TwistFrameCheck(twist_frame="world"), body) == ["child"]
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
-def test_the_right_frame_is_never_suspected(noise: float) -> None:
+def test_never_reports_right_frame(noise: float) -> None:
     body = circling(1500, noise=noise)
     world = [in_world(odometry) for odometry in body]
-    assert told(TwistFrameCheck(twist_frame="child"), body) == []
-    assert told(TwistFrameCheck(twist_frame="world"), world) == []
+    assert reported(TwistFrameCheck(twist_frame="child"), body) == []
+    assert reported(TwistFrameCheck(twist_frame="world"), world) == []
 
 
-def test_it_is_not_told_again_when_the_source_is_put_right() -> None:
+def test_does_not_report_again_after_correction() -> None:
     check = TwistFrameCheck(twist_frame="child")
     found: list[str] = []
     for odometry in circling(1500):
-        # The wrong frame until it is told, then the right one, then the wrong one again.
+        # The wrong frame until it is reported, then the right one, then the wrong one again.
         right = bool(found) and odometry.stamp_ns < 20_000_000_000
-        found += told(check, [odometry if right else in_world(odometry)])
+        found += reported(check, [odometry if right else in_world(odometry)])
     assert found == ["world"]
 
 
-def test_it_is_told_within_a_few_seconds() -> None:
+def test_reports_within_a_few_seconds() -> None:
     world = [in_world(odometry) for odometry in circling(250)]
-    assert told(TwistFrameCheck(twist_frame="child"), world) == ["world"]
+    assert reported(TwistFrameCheck(twist_frame="child"), world) == ["world"]
 
 
-def test_a_jump_of_the_position_alone_is_not_evidence_enough() -> None:
+def test_position_jump_is_not_evidence() -> None:
     body = circling(1000)
     for i in (200, 600):
         body[i] = dataclasses.replace(body[i], p_WB=body[i].p_WB + 50.0)
-    assert told(TwistFrameCheck(twist_frame="child"), body) == []
+    assert reported(TwistFrameCheck(twist_frame="child"), body) == []
 
 
-def test_stamps_that_repeat_or_run_backwards_are_passed_over() -> None:
+def test_skips_repeated_and_backwards_stamps() -> None:
     samples = circling(10)
     repeated = [samples[5], samples[5], samples[2], samples[3]] * 50
-    assert told(TwistFrameCheck(twist_frame="child"), repeated) == []
+    assert reported(TwistFrameCheck(twist_frame="child"), repeated) == []
 
 
 def test_standing_still_gives_no_evidence() -> None:
@@ -93,4 +93,4 @@ def test_standing_still_gives_no_evidence() -> None:
         dataclasses.replace(odometry, p_WB=np.zeros(3), v_WB_B=np.array([3.0, 0.0, 0.0]))
         for odometry in circling(500)
     ]
-    assert told(TwistFrameCheck(twist_frame="child"), still) == []
+    assert reported(TwistFrameCheck(twist_frame="child"), still) == []

@@ -28,7 +28,7 @@ def flying(rng: np.random.Generator) -> OdometrySample:
     )
 
 
-def test_poses_change_as_by_the_rotation_matrix() -> None:
+def test_reset_transforms_poses_rigidly() -> None:
     rng = np.random.default_rng(0)
     before = flying(rng)
     x, after = state_from_odometry(before), state_from_odometry(RESET.odometry(before))
@@ -38,7 +38,7 @@ def test_poses_change_as_by_the_rotation_matrix() -> None:
     assert_allclose(after.v_WB_W, R @ x.v_WB_W, atol=1e-12)
 
 
-def test_the_motion_between_two_odometries_is_none_of_the_step() -> None:
+def test_motion_between_odometries_is_not_part_of_the_reset() -> None:
     """A body that turns and moves evenly for 10 ms, and then other coordinates."""
     rng = np.random.default_rng(1)
     for _ in range(20):
@@ -56,7 +56,7 @@ def test_the_motion_between_two_odometries_is_none_of_the_step() -> None:
         assert_allclose(found.step_W, STEP_W, atol=1e-4)
 
 
-def test_a_window_keeps_its_shape_seen_from_the_vehicle() -> None:
+def test_window_is_unchanged_relative_to_the_vehicle() -> None:
     """Distances, accelerations and rates in body axes are what they were."""
     rng = np.random.default_rng(2)
     t = np.linspace(0.0, 2.0, 9)

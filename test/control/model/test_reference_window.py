@@ -1,4 +1,4 @@
-"""Sampling a reference window at times that are not its own."""
+"""Sampling a reference window between its samples."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FIELDS = tuple(field.name for field in dataclasses.fields(ReferencePoints))
 
 
 def a_window(offsets_ns: list[int], seed: int = 0) -> ReferenceWindow:
-    """Return a window that means nothing, but whose every number is its own."""
+    """Return a window of random numbers."""
     rng = np.random.default_rng(seed)
     count = len(offsets_ns)
     q = rng.normal(size=(count, 4))

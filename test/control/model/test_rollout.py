@@ -6,22 +6,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from fixtures.records import actuators_of, changed, numbers, state_of
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.configuration import per_axis
+from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.jacobians import STATE_SIZE, jacobians
-from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_in, parameters_of
-from quad_mpc_ros.control.model.rollout import (
-    ACTUATORS,
-    P_WB,
-    R_WB,
-    ROW_SIZE,
-    SUBSTEPS,
-    V_WB_W,
-    roll_out,
-)
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, roll_out
 from quad_mpc_ros.control.model.vehicle import Vehicle
 
 VEHICLE = Vehicle()
@@ -35,41 +29,29 @@ ROTORS = Vehicle(drag=(0.1, 0.1, 0.1), rotor_drag=(0.4, 0.3, 0.6), translational
 VEHICLES = [VEHICLE, UNEVEN, ROTORS, Vehicle(drag=(0.0, 0.8, 1.5), translational_lift=0.05)]
 
 
-def start(seed: int) -> Array:
+def start(seed: int) -> StateRecord:
     rng = np.random.default_rng(seed)
-    return row(
-        p=rng.normal(size=3),
-        v=3.0 * rng.normal(size=3),
-        R=so3.exp(rng.normal(size=3)),
-        actuators=np.array([0.4, *(2.0 * rng.normal(size=3))]),
+    return state_of(
+        p_WB=rng.normal(size=3),
+        v_WB_W=3.0 * rng.normal(size=3),
+        R_WB=so3.exp(rng.normal(size=3)),
+        actuators=[0.4, *(2.0 * rng.normal(size=3))],
     )
-
-
-def row(*, p: Array, v: Array, R: Array, actuators: Array) -> Array:
-    state = np.zeros(ROW_SIZE)
-    state[P_WB], state[V_WB_W], state[R_WB], state[ACTUATORS] = p, v, R.ravel(), actuators
-    return state
-
-
-def rotation(state: Array) -> Array:
-    return state[R_WB].reshape(3, 3)
 
 
 def model_of(
     lags: tuple[float, float], *, vehicle: Vehicle = VEHICLE, disturbed: bool = True
 ) -> ModelParameters:
-    model = parameters_in(
-        parameters_of(vehicle, rate_time_constant=lags[0], thrust_time_constant=lags[1])
-    )
-    model = model._replace(rate_time_constants=(lags[0], lags[0], SLOWER_YAW * lags[0]))
-    return model._replace(a_W=A_W, thrust_scale=THRUST_SCALE) if disturbed else model
+    model = parameters_of(vehicle, rate_time_constant=lags[0], thrust_time_constant=lags[1])[()]
+    model.rate_time_constants[2] = SLOWER_YAW * lags[0]
+    return changed(model, a_W=A_W, thrust_scale=THRUST_SCALE) if disturbed else model
 
 
-def rolled_out(x: Array, inputs: Array, model: ModelParameters) -> Array:
+def rolled_out(x: StateRecord, inputs: Array, model: ModelParameters) -> RecordArray[StateRecord]:
     """Return the states that inputs (N, 4) held over whole stages, or (N, M, 4), lead to."""
     if inputs.ndim == 2:
         inputs = np.repeat(inputs[:, None, :], SUBSTEPS, axis=1)
-    states = np.zeros((len(inputs) + 1, ROW_SIZE))
+    states = StateRecord.zeros(len(inputs) + 1)
     roll_out(model, STEP, inputs, x, states)
     return states
 
@@ -81,15 +63,17 @@ def commands(steps: int, seed: int, *, rate: float = 4.0) -> Array:
     )
 
 
-def integrated(x: Array, inputs: Array, lags: tuple[float, float], vehicle: Vehicle) -> Array:
+def integrated(
+    x: StateRecord, inputs: Array, lags: tuple[float, float], vehicle: Vehicle
+) -> Array:
     """Return position, velocity and quaternion after the inputs, by scipy on a quaternion."""
     y = np.concatenate(
         (
-            x[P_WB],
-            x[V_WB_W],
-            Rotation.from_matrix(rotation(x)).as_quat(),
-            x[ACTUATORS][1:],
-            x[ACTUATORS][:1],
+            x.p_WB,
+            x.v_WB_W,
+            Rotation.from_matrix(x.R_WB).as_quat(),
+            x.w_WB_B,
+            [x.throttle],
         )
     )
     a, b, c = vehicle.thrust_curve
@@ -131,21 +115,22 @@ def test_rollout_agrees_with_an_independent_integrator(
     x, inputs = start(1), commands(10, 2)
     states = rolled_out(x, inputs, model_of(lags, vehicle=vehicle))
     exact = integrated(x, inputs, lags, vehicle)
-    np.testing.assert_allclose(states[-1, P_WB], exact[0:3], atol=2e-3)
-    np.testing.assert_allclose(states[-1, V_WB_W], exact[3:6], atol=8e-3)
-    difference = rotation(states[-1]).T @ Rotation.from_quat(exact[6:10]).as_matrix()
+    end = states[-1]
+    np.testing.assert_allclose(end.p_WB, exact[0:3], atol=2e-3)
+    np.testing.assert_allclose(end.v_WB_W, exact[3:6], atol=8e-3)
+    difference = end.R_WB.T @ Rotation.from_quat(exact[6:10]).as_matrix()
     assert np.linalg.norm(so3.log(difference)) < 3e-3
     if lags[0]:
-        np.testing.assert_allclose(states[-1, ACTUATORS][1:], exact[10:13], rtol=1e-7)
+        np.testing.assert_allclose(end.w_WB_B, exact[10:13], rtol=1e-7)
     if lags[1]:
-        assert states[-1, ACTUATORS][0] == pytest.approx(exact[13], rel=1e-7)
+        assert end.throttle == pytest.approx(exact[13], rel=1e-7)
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
 @pytest.mark.parametrize("lags", LAGS)
 @pytest.mark.parametrize("held", [(), (1,), (0, 3)])
 @pytest.mark.parametrize("stage", [0, 4, 9])
-def test_jacobians_are_the_derivatives_through_box_plus(
+def test_jacobians_equal_finite_differences_through_box_plus(
     lags: tuple[float, float], held: tuple[int, ...], stage: int, vehicle: Vehicle
 ) -> None:
     """Also where a bound holds the commands of some substeps."""
@@ -156,28 +141,27 @@ def test_jacobians_are_the_derivatives_through_box_plus(
     free[:, list(held)] = 0.0
     model = model_of(lags, vehicle=vehicle)
     # The pitch rate lags more than the roll rate.
-    roll, pitch, yaw = model.rate_time_constants
-    model = model._replace(rate_time_constants=(roll, 1.4 * pitch, yaw))
+    model.rate_time_constants[1] *= 1.4
     states = rolled_out(start(3), inputs, model)
     A, B = np.zeros((10, STATE_SIZE, STATE_SIZE)), np.zeros((10, STATE_SIZE, 4))
     jacobians(model, STEP, inputs, free, states[0].copy(), states, A, B)
 
     def next_state(dx: Array, du: Array) -> Array:
         now = states[stage]
-        moved = row(
-            p=now[P_WB] + dx[0:3],
-            v=now[V_WB_W] + dx[3:6],
-            R=rotation(now) @ so3.exp(dx[6:9]),
-            actuators=now[ACTUATORS] + dx[[12, 9, 10, 11]],
+        moved = state_of(
+            p_WB=now.p_WB + dx[0:3],
+            v_WB_W=now.v_WB_W + dx[3:6],
+            R_WB=now.R_WB @ so3.exp(dx[6:9]),
+            actuators=actuators_of(now) + dx[[12, 9, 10, 11]],
         )
         end = rolled_out(moved, (inputs[stage] + free[stage] * du)[None], model)[1]
         return np.concatenate(
             (
-                end[P_WB],
-                end[V_WB_W],
-                so3.log(rotation(states[stage + 1]).T @ rotation(end)),
-                end[ACTUATORS][1:],
-                end[ACTUATORS][:1],
+                end.p_WB,
+                end.v_WB_W,
+                so3.log(states[stage + 1].R_WB.T @ end.R_WB),
+                end.w_WB_B,
+                [end.throttle],
             )
         )
 
@@ -193,7 +177,7 @@ def test_jacobians_are_the_derivatives_through_box_plus(
 
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
-def test_without_lags_the_small_jacobians_are_those_of_the_large(vehicle: Vehicle) -> None:
+def test_jacobians_without_actuators_equal_the_full_ones(vehicle: Vehicle) -> None:
     inputs = np.repeat(commands(3, 4)[:, None, :], SUBSTEPS, axis=1)
     model, free = model_of((0.0, 0.0), vehicle=vehicle), np.ones_like(inputs)
     states = rolled_out(start(3), inputs, model)
@@ -207,37 +191,39 @@ def test_without_lags_the_small_jacobians_are_those_of_the_large(vehicle: Vehicl
 
 
 @pytest.mark.parametrize("lags", LAGS)
-def test_a_horizon_is_its_stages_one_after_another(lags: tuple[float, float]) -> None:
+def test_rollout_equals_stage_by_stage_rollout(lags: tuple[float, float]) -> None:
     x, inputs = start(5), commands(6, 6)
     model = model_of(lags)
     whole = rolled_out(x, inputs, model)
     for u in inputs:
         x = rolled_out(x, u[None], model)[-1]
-    np.testing.assert_allclose(whole[-1, :15], x[:15], atol=1e-12)
+    for name in ("p_WB", "v_WB_W", "R_WB"):
+        np.testing.assert_allclose(getattr(whole[-1], name), getattr(x, name), atol=1e-12)
 
 
-def test_drag_of_three_equal_numbers_is_drag_of_one() -> None:
+def test_equal_drag_per_axis_equals_scalar_drag() -> None:
     three = dataclasses.replace(VEHICLE, drag=(0.2, 0.2, 0.2))
-    assert model_of((0.03, 0.04), vehicle=three) == model_of((0.03, 0.04))
+    lags = (0.03, 0.04)
+    np.testing.assert_array_equal(numbers(model_of(lags, vehicle=three)), numbers(model_of(lags)))
 
 
-def test_air_that_is_hardly_uneven_is_that_which_is_not() -> None:
+def test_uneven_air_converges_to_even_air() -> None:
     """The two ways through the code agree where they meet."""
     hardly = dataclasses.replace(VEHICLE, drag=(0.2, 0.2, 0.2 + 1e-9), translational_lift=1e-10)
     x, inputs = start(9), commands(10, 8)
     lags = (0.03, 0.04)
     np.testing.assert_allclose(
-        rolled_out(x, inputs, model_of(lags, vehicle=hardly)),
-        rolled_out(x, inputs, model_of(lags)),
+        numbers(rolled_out(x, inputs, model_of(lags, vehicle=hardly))),
+        numbers(rolled_out(x, inputs, model_of(lags))),
         atol=1e-8,
     )
 
 
-def test_a_vanishing_lag_is_no_lag() -> None:
+def test_vanishing_lag_equals_no_lag() -> None:
     x, inputs = start(7), commands(10, 8)
     none = rolled_out(x, inputs, model_of((0.0, 0.0)))
     tiny = rolled_out(x, inputs, model_of((1e-7, 1e-7)))
-    np.testing.assert_allclose(tiny[:, P_WB], none[:, P_WB], atol=1e-5)
+    np.testing.assert_allclose(tiny["p_WB"], none["p_WB"], atol=1e-5)
 
 
 def test_without_drag_the_motion_is_ballistic() -> None:
@@ -245,5 +231,5 @@ def test_without_drag_the_motion_is_ballistic() -> None:
     x = start(9)
     model = model_of((0.0, 0.0), vehicle=vehicle, disturbed=False)
     states = rolled_out(x, np.zeros((10, 4)), model)
-    fallen = x[P_WB] + 0.5 * x[V_WB_W] + np.array([0.0, 0.0, -0.5 * 9.81 * 0.25])
-    np.testing.assert_allclose(states[-1, P_WB], fallen, atol=1e-12)
+    fallen = x.p_WB + 0.5 * x.v_WB_W + np.array([0.0, 0.0, -0.5 * 9.81 * 0.25])
+    np.testing.assert_allclose(states[-1].p_WB, fallen, atol=1e-12)

@@ -53,26 +53,26 @@ def assert_same(x: State, y: State) -> None:
 
 @thorough
 @given(states)
-def test_nothing_added_changes_nothing(x: State) -> None:
+def test_adding_zero_changes_nothing(x: State) -> None:
     assert_same(boxplus(x, np.zeros(9)), x)
     assert_allclose(boxminus(x, x), np.zeros(9), atol=1e-15)
 
 
 @thorough
 @given(states, states)
-def test_the_difference_leads_from_one_state_to_the_other(x: State, y: State) -> None:
+def test_boxplus_inverts_boxminus(x: State, y: State) -> None:
     assert_same(boxplus(y, boxminus(x, y)), x)
 
 
 @thorough
 @given(states, tangents())
-def test_what_was_added_is_the_difference(x: State, d: Array) -> None:
+def test_boxminus_inverts_boxplus(x: State, d: Array) -> None:
     assert_allclose(boxminus(boxplus(x, d), x), d, rtol=0.0, atol=1e-13)
 
 
 @thorough
 @given(states, states)
-def test_the_way_back_is_the_opposite(x: State, y: State) -> None:
+def test_swapped_difference_is_negated(x: State, y: State) -> None:
     assert_allclose(boxminus(x, y)[:6], -boxminus(y, x)[:6], atol=1e-14)
     forth, back = boxminus(x, y)[6:], boxminus(y, x)[6:]
     if np.linalg.norm(forth) < math.pi - 1e-6:
@@ -117,6 +117,6 @@ def test_odometry_carries_the_state(x: State) -> None:
     assert_same(state_from_odometry(odometry), x)
 
 
-def test_parts_of_a_state_are_named_not_counted() -> None:
+def test_slices_name_the_parts_of_the_tangent() -> None:
     with pytest.raises(TypeError):
         State(np.zeros(3), np.zeros(3), np.eye(3))  # type: ignore[misc]

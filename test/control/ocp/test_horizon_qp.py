@@ -123,13 +123,13 @@ def test_variables_are_divided_by_their_size() -> None:
     assert_array_equal(states, np.tile(pattern.state_size, (2, 1)))
 
 
-def test_stages_of_another_horizon_are_refused() -> None:
+def test_rejects_stages_of_other_sizes() -> None:
     qp = HorizonQP(a_pattern(3))
     with pytest.raises(ValueError, match=r"stages: \(4, 4, 2, 0, 0\), expected \(3, 4, 2, 0, 0\)"):
         qp.update(a_horizon(4, seed=0))
 
 
-def test_zeros_keep_their_place() -> None:
+def test_zeros_stay_in_the_pattern() -> None:
     horizon = a_horizon(3, seed=4)
     full, sparse = HorizonQP(a_pattern(3)), HorizonQP(a_pattern(3))
     full.update(horizon)

@@ -12,22 +12,16 @@ from fixtures.presets import agile
 from fixtures.stages import changed
 from numpy.testing import assert_allclose, assert_array_equal
 
+from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.config import MpcConfig, SolverParameters
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.control.model.rollout import (
-    R_WB,
-    ROW_SIZE,
-    SUBSTEPS,
-    V_WB_W,
-    roll_forward,
-    roll_out,
-)
+from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, roll_forward, roll_out
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.mpc import Mpc
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
-from quad_mpc_ros.control.ocp.limits import penalty
+from quad_mpc_ros.control.ocp.limits import Allowed, penalty
 from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
 from quad_mpc_ros.control.ocp.problem import PredictedState
 from quad_mpc_ros.control.ocp.qp_solver import QpSolution, QpSolver
@@ -72,11 +66,12 @@ def begun(
     return problem, compensation
 
 
-def held(state: PredictedState) -> Array:
-    """Return the states 1 to N (N, 19) where the reference's inputs lead: the first iterate."""
-    inputs, states = np.zeros((10, SUBSTEPS, 4)), np.zeros((11, ROW_SIZE))
+def held(predicted: PredictedState) -> RecordArray[StateRecord]:
+    """Return the states 1 to N (N,) where the reference's inputs lead: the first iterate."""
+    inputs, states = np.zeros((10, SUBSTEPS, 4)), StateRecord.zeros(11)
     inputs[:, :, 0] = agile().vehicle().hover_throttle
-    roll_out(state.model, 0.05, inputs=inputs, start=state.row, states=states)
+    start = predicted.prediction[()].state
+    roll_out(predicted.model, 0.05, inputs=inputs, start=start, states=states)
     return states[1:]
 
 
@@ -95,8 +90,9 @@ def test_rows_are_the_derivatives_of_tilt_and_speed(seed: int) -> None:
     seen = odometry(R0, p_WB=np.zeros(3), v_WB_W=rng.uniform(2.0, 8.0) * unit(rng))
     problem, compensation = begun(agile().updated(LIMITS), seen, np.array([1.0, 2.0, 0.5]))
     stages = problem.linearise()
-    for i, row in enumerate(held(compensation.predict(seen))):
-        R, v = row[R_WB].reshape(3, 3), row[V_WB_W]
+    states = held(compensation.predict(seen))
+    for i in range(len(states)):
+        R, v = states[i].R_WB, states[i].v_WB_W
         h = 1e-6
         turned = [
             (tilt(R @ so3.exp(h * e)) - tilt(R @ so3.exp(-h * e))) / (2 * h) for e in np.eye(3)
@@ -115,7 +111,7 @@ def test_rows_are_the_derivatives_of_tilt_and_speed(seed: int) -> None:
         assert_allclose(offsets[4], 4.0 - np.linalg.norm(v), atol=1e-9)
 
 
-def test_level_the_square_faces_where_the_cost_falls() -> None:
+def test_tilt_rows_of_level_vehicle_face_descent_direction() -> None:
     """To go east the thrust turns east: about the body's y axis."""
     level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
     problem, _ = begun(agile().updated(LIMITS), level, np.array([5.0, 0.0, 0.0]))
@@ -125,7 +121,7 @@ def test_level_the_square_faces_where_the_cost_falls() -> None:
     assert_allclose(stages.normals[0, 4, 8 + 3 : 8 + 6] @ [1.0, 0.0, 0.0], 1.0, atol=1e-6)
 
 
-def test_rows_on_inputs_count_from_what_was_sent() -> None:
+def test_input_rows_start_from_last_command() -> None:
     level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
     config = agile().updated(LIMITS)
     problem, _ = begun(config, level, np.zeros(3))
@@ -138,7 +134,7 @@ def test_rows_on_inputs_count_from_what_was_sent() -> None:
     assert_allclose(stages.offsets[1:, 7:], 60.0 * 0.05, atol=1e-9)
 
 
-def test_nothing_was_sent_yet() -> None:
+def test_rates_are_unlimited_before_first_command() -> None:
     level = odometry(np.eye(3), p_WB=np.zeros(3), v_WB_W=np.zeros(3))
     config = agile().updated(LIMITS)
     problem = ManifoldProblem(config)
@@ -147,7 +143,7 @@ def test_nothing_was_sent_yet() -> None:
     assert problem.linearise().offsets[0, 7:].min() > 1e6
 
 
-def test_a_reference_that_asks_for_more_may_have_it() -> None:
+def test_limits_yield_to_demanding_reference() -> None:
     """Inverted, at 9 m/s: what is flown is not forbidden, and a little more neither."""
     rest = np.zeros((2, 3))
     window = ReferenceWindow(
@@ -232,7 +228,7 @@ def a_soft_horizon(
     stages.lower[:], stages.upper[:] = -1.0, 1.0
     stages.normals[:] = rng.normal(size=(n, nr, 2 * nu + nx))
     stages.offsets[:] = room
-    stages.slack_cost[:] = price, 0.1 * price
+    stages.linear[:], stages.quadratic[:] = price, 0.1 * price
     return pattern, stages
 
 
@@ -241,7 +237,7 @@ def exactly_solved(
 ) -> tuple[Array, Array, Array]:
     """Return inputs, states and slacks by PIQP, in physical units; or with no slack allowed."""
     n, nx, nu = stages.B.shape
-    nr, ns = stages.shape[3:]
+    nr, ns = stages.sizes[3:]
     soft = pattern.soft
     U, X, S = 0, n * nu, n * (nu + nx)
     size = S + n * ns
@@ -253,8 +249,8 @@ def exactly_solved(
         u, x, s = U + i * nu, X + i * nx, S + i * ns
         P[u : u + nu, u : u + nu], c[u : u + nu] = np.diag(stages.R[i]), stages.r[i]
         P[x : x + nx, x : x + nx], c[x : x + nx] = stages.H[i], stages.g[i]
-        P[s : s + ns, s : s + ns] = np.diag(stages.slack_cost[i, :, 1])
-        c[s : s + ns] = stages.slack_cost[i, :, 0]
+        P[s : s + ns, s : s + ns] = np.diag(stages.quadratic[i])
+        c[s : s + ns] = stages.linear[i]
         rows = slice(i * nx, (i + 1) * nx)
         A[rows, x : x + nx], A[rows, u : u + nu] = np.eye(nx), -stages.B[i]
         b[rows] = stages.c[i]
@@ -296,7 +292,7 @@ def solved(qp: HorizonQP, parameters: SolverParameters = EXACT) -> QpSolution:
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("price", [0.3, 30.0])
-def test_the_sparse_problem_has_the_solution_of_another_solver(seed: int, price: float) -> None:
+def test_sparse_solution_equals_that_of_another_solver(seed: int, price: float) -> None:
     pattern, stages = a_soft_horizon(seed, price=price, room=0.3)
     qp = HorizonQP(pattern)
     qp.update(stages)
@@ -316,15 +312,13 @@ def test_limits_that_can_be_kept_are_kept_exactly(seed: int) -> None:
     qp.update(stages)
     solution = solved(qp)
     hard, _, _ = exactly_solved(pattern, stages, eased=False)
-    free = changed(stages)
-    free.offsets[:] = 1e6
-    unlimited, _, _ = exactly_solved(pattern, free)
+    unlimited, _, _ = exactly_solved(pattern, changed(stages, offsets=1e6))
     assert np.abs(hard - unlimited).max() > 1e-3, "a limit holds"
     assert qp.slacks(solution.z).max() < 1e-7
     assert_allclose(solution.inputs, hard, atol=1e-5)
 
 
-def test_soft_rows_of_other_shapes_are_refused() -> None:
+def test_rejects_soft_rows_of_other_sizes() -> None:
     pattern, stages = a_soft_horizon(0, price=1.0, room=1.0)
     qp = HorizonQP(dataclasses.replace(pattern, limits=None))
     with pytest.raises(ValueError, match=r"stages: \(5, 4, 2, 6, 2\), expected \(5, 4, 2, 0, 0\)"):
@@ -334,14 +328,17 @@ def test_soft_rows_of_other_shapes_are_refused() -> None:
 # --- the merit of the line search
 
 
-def test_the_penalty_is_that_of_the_true_excess() -> None:
-    allowed = np.array([[0.5, 4.0, 0.1, 0.9, -1.0, -1.0, -1.0, 1.0, 1.0, 1.0]])
+def test_penalty_equals_price_of_true_excess() -> None:
+    allowed = Allowed.zeros(1)
+    allowed["tilt"], allowed["speed"] = 0.5, 4.0
+    allowed["throttle_min"], allowed["throttle_max"] = 0.1, 0.9
+    allowed["rate_change_min"], allowed["rate_change_max"] = -1.0, 1.0
     prices = np.array([10.0, 20.0, 30.0, 40.0])
 
     def cost(angle: float, speed: float, throttle: float, rate: float) -> float:
-        states = np.zeros((2, 19))
-        states[:, R_WB] = so3.exp(np.array([0.6 * angle, -0.8 * angle, 0.0])).ravel()
-        states[:, V_WB_W] = 0.0, speed, 0.0
+        states = StateRecord.zeros(2)
+        states["R_WB"] = so3.exp(np.array([0.6 * angle, -0.8 * angle, 0.0]))
+        states["v_WB_W"] = 0.0, speed, 0.0
         return penalty(states, np.array([[throttle, 0.2, rate, 0.1]]), allowed, prices)
 
     assert cost(0.5, 4.0, 0.9, 1.0) == pytest.approx(0.0, abs=1e-12)
@@ -393,16 +390,16 @@ def a_random_case(seed: int) -> list[QpSolution]:
         assert step.plan is not None, (seed, step.solution.status)
         u = step.plan.command_over(0.0, 0.02)
         mpc.sent(u, stamp_ns=stamp_ns)
-        row = step.state.row.copy()
+        state = step.state.prediction[()].state.copy()
         roll_forward(
-            parameters=step.state.parameters,
+            step.state.model,
             commands=u.vector()[None],
             durations=np.array([0.02]),
             longest=0.005,
-            start=row,
-            end=row,
+            start=state,
+            end=state,
         )
-        p_WB, v_WB_W, R = row[:3].copy(), row[V_WB_W].copy(), row[R_WB].reshape(3, 3)
+        p_WB, v_WB_W, R = state.p_WB, state.v_WB_W, state.R_WB
         stamp_ns += PERIOD_NS
     return solutions
 

@@ -41,7 +41,7 @@ def square() -> list[LoopStep]:
     return flown(MANIFOLD)
 
 
-def test_the_square_on_the_true_rigid_body(square: list[LoopStep]) -> None:
+def test_flies_square_on_true_rigid_body(square: list[LoopStep]) -> None:
     error = errors(square)
     assert np.sqrt(np.mean(error**2)) <= 0.712
     assert max(error[k] for k in (99, 199, 299, 399, 499)) <= 0.005
@@ -60,7 +60,7 @@ def test_two_flights_command_the_same(square: list[LoopStep]) -> None:
         np.testing.assert_array_equal(a.tick.command.w_WB_B, b.tick.command.w_WB_B)
 
 
-def test_plans_come_true(square: list[LoopStep]) -> None:
+def test_plans_match_true_rigid_body(square: list[LoopStep]) -> None:
     """Where a plan says it ends is where its inputs really lead.
 
     At 19 rad/s a substep turns by 0.24 rad, for which the direction half way is off by 0.24^2 / 24
@@ -87,7 +87,7 @@ def test_plans_come_true(square: list[LoopStep]) -> None:
 
 
 @pytest.mark.parametrize("mass_scale", [0.85, 1.2])
-def test_a_wrong_mass_leaves_no_error(mass_scale: float) -> None:
+def test_wrong_mass_leaves_no_steady_error(mass_scale: float) -> None:
     """Offset-free: what is left just before each switch is that of the right mass."""
     steps = flown(MANIFOLD, mass_scale=mass_scale)
     assert max(errors(steps)[k] for k in (199, 299, 399, 499)) <= 0.005
@@ -96,13 +96,13 @@ def test_a_wrong_mass_leaves_no_error(mass_scale: float) -> None:
     assert last.stats.thrust_scale == pytest.approx(1.0 / mass_scale, abs=0.03)
 
 
-def test_without_the_estimate_a_wrong_mass_does_leave_an_error() -> None:
+def test_wrong_mass_without_estimate_leaves_steady_error() -> None:
     mpc = MANIFOLD.updated({"estimate_disturbance": False})
     assert max(errors(flown(mpc, mass_scale=1.2))[k] for k in (299, 399)) > 0.02
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_any_attitude_at_10_m_per_s_5_m_away_comes_back(seed: int) -> None:
+def test_recovers_from_any_attitude_at_10_m_per_s_5_m_away(seed: int) -> None:
     rng = np.random.default_rng(seed)
     R = so3.exp(rng.uniform(0.0, np.pi) * _unit(rng))
     goal = np.array([0.0, 0.0, 50.0])

@@ -63,7 +63,7 @@ def test_a_warm_start_from_the_solution_is_at_once_done(
     assert warm.primal_residual < cold.primal_residual or warm.primal_residual < 1e-6
 
 
-def test_a_solution_stays_what_it_is(qp: HorizonQP, stages: list[HorizonStages]) -> None:
+def test_solution_is_not_overwritten(qp: HorizonQP, stages: list[HorizonStages]) -> None:
     """OSQP hands out copies: the next solve does not overwrite what it found before."""
     solver, found = QpSolver(qp, SolverParameters()), []
     for horizon in stages[:3]:
@@ -75,7 +75,7 @@ def test_a_solution_stays_what_it_is(qp: HorizonQP, stages: list[HorizonStages])
     assert not np.array_equal(found[0][0], found[2][0])
 
 
-def test_forgetting_starts_from_zero_again(qp: HorizonQP, stages: list[HorizonStages]) -> None:
+def test_forgetting_restarts_from_zero(qp: HorizonQP, stages: list[HorizonStages]) -> None:
     qp.update(stages[0])
     solver = QpSolver(qp, SolverParameters())
     cold = solver.solve()

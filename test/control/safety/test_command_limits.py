@@ -25,7 +25,7 @@ FAR = Input(throttle=0.9, w_WB_B=np.array([-9.0, 0.1, -8.0]))
         (SlewParameters(throttle=5.0, body_rates=100.0), 0.6, [-1.0, 0.1, -3.0]),
     ],
 )
-def test_a_command_changes_by_no_more_than_it_may(
+def test_limits_change_of_command(
     limits: SlewParameters, throttle: float, w_WB_B: list[float]
 ) -> None:
     u = rate_limited(FAR, BEFORE, limits, duration=0.02)
@@ -36,7 +36,7 @@ def test_a_command_changes_by_no_more_than_it_may(
     assert_allclose(back.w_WB_B - FAR.w_WB_B, BEFORE.w_WB_B - w_WB_B)
 
 
-def test_what_is_within_reach_is_not_touched() -> None:
+def test_keeps_command_within_rate_limits() -> None:
     limits = SlewParameters(throttle=50.0, body_rates=1000.0)
     u = rate_limited(FAR, BEFORE, limits, duration=0.02)
     assert u.throttle == FAR.throttle

@@ -168,7 +168,7 @@ def test_dead_reckoning_turns_with_the_body_rates() -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_hover_holds_vehicles_whose_lags_delay_and_thrust_nobody_knows(seed: int) -> None:
+def test_hover_stabilises_vehicles_with_unknown_lags_delay_and_thrust(seed: int) -> None:
     rng = np.random.default_rng(seed)
     lags = rng.uniform(0.02, 0.08, size=2)
     simulator = ideal(

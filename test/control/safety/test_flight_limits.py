@@ -73,13 +73,13 @@ def flying(x: float, y: float, z: float) -> dict[str, Any]:
         (at(z=-1.0), at(z=-2.0), "z is -2.00 m"),
     ],
 )
-def test_each_wall_of_the_fence(
+def test_detects_breach_of_each_fence_wall(
     watch: Watch, inside: dict[str, Any], outside: dict[str, Any], reason: str
 ) -> None:
     assert watch.look(0, **inside) == ("", "")
-    action, told = watch.look(20, **outside)
+    action, reported = watch.look(20, **outside)
     assert action == "HOVER"
-    assert reason in told
+    assert reason in reported
 
 
 @pytest.mark.parametrize(
@@ -91,17 +91,17 @@ def test_each_wall_of_the_fence(
         (flying(6.0, 7.9, 0.0), flying(0.0, 6.0, -8.1), "speed is 10.1 m/s, limit 10"),
     ],
 )
-def test_each_limit_of_the_envelope(
+def test_detects_breach_of_each_envelope_limit(
     make_odometry: MakeOdometry, inside: dict[str, Any], outside: dict[str, Any], reason: str
 ) -> None:
     watch = Watch(dataclasses.replace(CONFIG, fence=FenceParameters()), make_odometry)
     assert watch.look(0, **inside) == ("", "")
-    action, told = watch.look(20, **outside)
+    action, reported = watch.look(20, **outside)
     assert action == "WARN"
-    assert reason in told
+    assert reason in reported
 
 
-def test_by_default_it_may_fly_anywhere_and_upside_down(make_odometry: MakeOdometry) -> None:
+def test_default_limits_allow_any_position_and_attitude(make_odometry: MakeOdometry) -> None:
     watch = Watch(MpcConfig(), make_odometry)
     changes = {**at(1e5, -1e5, 1e5), **tilted(math.pi), **turning(20, 20, 20), **flying(30, 0, 0)}
     assert watch.look(0, **changes) == ("", "")
@@ -117,7 +117,7 @@ def test_by_default_it_may_fly_anywhere_and_upside_down(make_odometry: MakeOdome
         (flying(0.0, 0.0, 5.0), False),
     ],
 )
-def test_the_action_hover_comes_in_time_to_stop_inside(
+def test_hover_action_leaves_room_to_stop_inside(
     make_odometry: MakeOdometry, velocity: dict[str, Any], *, broken: bool
 ) -> None:
     for action in ("warn", "stop"):
@@ -125,19 +125,19 @@ def test_the_action_hover_comes_in_time_to_stop_inside(
         watch = Watch(dataclasses.replace(CONFIG, fence=fence), make_odometry)
         assert watch.look(0, **at(x=2.0), **velocity) == ("", "")
     watch = Watch(CONFIG, make_odometry)
-    action, told = watch.look(0, **at(x=2.0), **velocity)
+    action, reported = watch.look(0, **at(x=2.0), **velocity)
     assert (action == "HOVER") == broken
-    assert ("come to a stop" in told) == broken
+    assert ("come to a stop" in reported) == broken
 
 
-def test_the_graver_of_two_breaches_is_told(watch: Watch) -> None:
+def test_reports_most_severe_breach(watch: Watch) -> None:
     assert watch.look(0, **tilted(1.2))[0] == "WARN"
     assert watch.look(20, **tilted(1.2), **at(x=6.0))[0] == "HOVER"
     # Still in force although only the lesser one is left.
     assert watch.look(40, **tilted(1.2)) == ("HOVER", watch.look(60, **tilted(1.2))[1])
 
 
-def test_a_breach_is_over_after_a_second_well_inside(watch: Watch) -> None:
+def test_breach_ends_after_a_second_well_inside(watch: Watch) -> None:
     assert watch.look(0, **at(x=5.5))[0] == "HOVER"
     assert watch.look(100, **at(x=4.95))[0] == "HOVER"  # inside, but at the wall
     assert watch.look(5000, **at(x=4.95))[0] == "HOVER"
@@ -149,7 +149,7 @@ def test_a_breach_is_over_after_a_second_well_inside(watch: Watch) -> None:
     assert watch.look(7100) == ("", "")
 
 
-def test_it_is_not_over_while_the_reference_is_outside(watch: Watch) -> None:
+def test_breach_lasts_while_reference_is_outside(watch: Watch) -> None:
     assert watch.look(0, **at(x=5.5))[0] == "HOVER"
     for time in range(100, 5000, 100):
         assert watch.look(time, reference=5.2)[0] == "HOVER"
@@ -158,7 +158,7 @@ def test_it_is_not_over_while_the_reference_is_outside(watch: Watch) -> None:
     assert watch.look(6100) == ("", "")
 
 
-def test_where_to_hover_is_well_inside(watch: Watch) -> None:
+def test_hover_position_is_well_inside(watch: Watch) -> None:
     inside = watch.limits.inside
     assert_allclose(inside(np.array([1.0, -2.0, 3.0])), [1.0, -2.0, 3.0])
     assert_allclose(inside(np.array([9.0, -9.0, -9.0])), [4.5, -2.5, -0.5])

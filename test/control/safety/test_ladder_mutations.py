@@ -29,12 +29,12 @@ def _is_noticed(changed: ModuleType) -> bool:
     return False
 
 
-def test_the_stories_hold_for_the_ladder_as_it_is() -> None:
+def test_scenarios_hold_for_unmutated_ladder() -> None:
     assert len(STORIES) > 10
     assert not _is_noticed(ladder)
 
 
-def test_every_changed_condition_is_noticed() -> None:
+def test_detects_every_mutated_condition() -> None:
     source = Path(inspect.getfile(ladder)).read_text(encoding="utf-8")
     found = list(mutation.mutants(source))
     assert len(found) > 50

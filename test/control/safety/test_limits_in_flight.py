@@ -74,7 +74,7 @@ def fence(action: str) -> MpcConfig:
 
 
 @pytest.mark.parametrize("distance", [3.0, 6.0, 20.0])
-def test_a_reference_beyond_the_fence_is_not_followed_beyond_it(distance: float) -> None:
+def test_stays_inside_fence_when_reference_leaves_it(distance: float) -> None:
     loop = Loop(fence("hover"))
     beyond = (distance, 0.0, 2.0)
     flown = list(loop.fly(8.0, to=beyond))
@@ -89,7 +89,7 @@ def test_a_reference_beyond_the_fence_is_not_followed_beyond_it(distance: float)
     assert x == pytest.approx(0.0, abs=0.02)
 
 
-def test_with_the_action_stop_it_falls_silent_and_stays_so() -> None:
+def test_stop_action_stops_publishing_for_good() -> None:
     loop = Loop(fence("stop"))
     ticks = [tick for _, tick in loop.fly(4.0, to=(6.0, 0.0, 2.0))]
     sources = [tick.stats.source for tick in ticks]
@@ -100,7 +100,7 @@ def test_with_the_action_stop_it_falls_silent_and_stays_so() -> None:
     assert "outside the fence: x is 2." in ticks[-1].stats.reason
 
 
-def test_with_the_action_warn_it_flies_on_and_tells() -> None:
+def test_warn_action_warns_and_flies_on() -> None:
     loop = Loop(fence("warn"))
     *_, (odometry, tick) = loop.fly(4.0, to=(6.0, 0.0, 2.0))
     assert tick.stats.source == "mpc"
@@ -123,7 +123,7 @@ def test_beyond_the_envelope_it_hovers_and_flies_on_after_a_second_of_calm() -> 
     assert again - calm == pytest.approx(50, abs=1)
 
 
-def test_commands_change_no_faster_than_they_may_and_it_still_settles() -> None:
+def test_settles_with_rate_limited_commands() -> None:
     limits = SlewParameters(throttle=10.0, body_rates=400.0)
     loop = Loop(MpcConfig(slew=limits))
     commands = [
@@ -179,7 +179,7 @@ def test_a_late_plan_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatch) -> 
     assert loop.last(0.02)[0] == "mpc"
 
 
-def test_the_solver_stops_by_itself_and_goes_on_from_there() -> None:
+def test_solver_stops_at_time_limit_and_resumes() -> None:
     """With no time at all no plan is ever ready; the first tick waits."""
     loop = Loop(MpcConfig())
     loop.controller = Controller(MpcConfig(), deadline=1e-9)

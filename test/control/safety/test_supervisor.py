@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from fixtures.records import state_of
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.config import FenceParameters, MpcConfig, SlewParameters
@@ -15,7 +16,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.ocp.plan import Plan
-from quad_mpc_ros.control.ocp.problem import PREDICTION_SIZE, PredictedState
+from quad_mpc_ros.control.ocp.problem import PredictedState, Prediction
 from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.control.safety.supervisor import Supervisor
 
@@ -105,7 +106,7 @@ def test_a_command_is_rate_limited_from_the_one_in_force_then_clamped(
     assert third.throttle == 0.6
 
 
-def test_a_command_that_was_replaced_is_not_what_the_next_one_changes_from(
+def test_rate_limit_ignores_replaced_command(
     make_flight: MakeFlight,
 ) -> None:
     flight = make_flight(MpcConfig(slew=SlewParameters(throttle=10.0)))
@@ -117,7 +118,7 @@ def test_a_command_that_was_replaced_is_not_what_the_next_one_changes_from(
     assert command.throttle == pytest.approx(0.9)
 
 
-def test_without_a_plan_it_is_held_then_the_place_where_hover_was_engaged(
+def test_without_plan_holds_last_plan_then_position(
     make_flight: MakeFlight,
 ) -> None:
     config = MpcConfig(plan_hold_time=0.1)
@@ -133,7 +134,7 @@ def test_without_a_plan_it_is_held_then_the_place_where_hover_was_engaged(
     assert flight.supervisor.counts.fallbacks == 11
 
 
-def test_blind_it_levels_what_the_last_command_turned(make_flight: MakeFlight) -> None:
+def test_blind_levels_attitude_propagated_from_last_command(make_flight: MakeFlight) -> None:
     flight = make_flight(MpcConfig(odom_timeout=0.04, plan_hold_time=0.04))
     flight.tick(planned(0.3, 1.0, 0.0, 0.0))
     flight.now += 2 * PERIOD
@@ -153,7 +154,7 @@ def test_blind_it_levels_what_the_last_command_turned(make_flight: MakeFlight) -
 
 
 @pytest.mark.parametrize("age", [0 * MS, 7 * MS, 39 * MS, 40 * MS, 41 * MS, 900 * MS])
-def test_nobody_needs_to_look_before_it_is_blind(make_flight: MakeFlight, age: int) -> None:
+def test_states_time_until_odometry_is_too_old(make_flight: MakeFlight, age: int) -> None:
     flight = make_flight(MpcConfig(odom_timeout=0.04))
     assert flight.supervisor.seconds_until_unseen(now_ns=START) > 0.0
     seen = flight.now
@@ -183,7 +184,7 @@ def test_a_plan_must_be_there_and_finite_and_in_time(
     assert counted == ({counter} if counter else set())
 
 
-def test_what_is_refused_is_counted_told_once_and_not_kept(
+def test_rejected_input_is_counted_reported_once_and_dropped(
     make_flight: MakeFlight, make_odometry: MakeOdometry, make_window: MakeWindow
 ) -> None:
     flight = make_flight(MpcConfig())
@@ -218,14 +219,17 @@ def test_a_reference_is_followed_while_it_is_fresh_or_reaches_over_the_horizon(
     assert fault == "reference begins 0.60 s after the odometry's stamp"
 
 
-@pytest.mark.parametrize(("action", "told"), [("warn", False), ("hover", True), ("stop", True)])
-def test_what_is_foreseen_ends_before_a_limit_that_would_act(action: str, told: bool) -> None:
+@pytest.mark.parametrize(
+    ("action", "rejected"), [("warn", False), ("hover", True), ("stop", True)]
+)
+def test_prediction_is_rejected_beyond_acting_limit(action: str, rejected: bool) -> None:
     fence = FenceParameters(maximum=(2.0, 9.0, 9.0), action=action)
     supervisor = Supervisor(MpcConfig(fence=fence))
 
     def state(x: float) -> PredictedState:
-        row = np.concatenate(([x, 0.0, 1.0, 0.5, 0.0, 0.0], np.eye(3).ravel()))
-        return PredictedState(0, np.pad(row, (0, PREDICTION_SIZE - len(row))))
+        prediction = Prediction.zeros()
+        prediction[()].state = state_of(p_WB=(x, 0.0, 1.0), v_WB_W=(0.5, 0.0, 0.0))
+        return PredictedState(0, prediction)
 
     assert supervisor.foreseen_fault(state(0.0)) == ""
-    assert ("outside the fence" in supervisor.foreseen_fault(state(2.1))) == told
+    assert ("outside the fence" in supervisor.foreseen_fault(state(2.1))) == rejected

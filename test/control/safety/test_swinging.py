@@ -41,7 +41,7 @@ def breaches(
     seconds: float,
     about: Rotation | None = None,
 ) -> list[int]:
-    """Return the ticks with a breach while the vehicle swings about the reference's attitude."""
+    """Return the ticks with a breach while the vehicle oscillates about the reference's attitude."""
     asked = about or Rotation.identity()
     found = []
     for tick in range(round(seconds * 50)):
@@ -57,18 +57,18 @@ def breaches(
 
 
 @pytest.mark.parametrize("about", [Rotation.identity(), Rotation.from_euler("yz", [0.7, 2.0])])
-def test_swings_are_found_within_three_seconds_and_held(about: Rotation) -> None:
+def test_detects_oscillation_within_three_seconds_and_holds(about: Rotation) -> None:
     found = breaches(Swinging(agile()), amplitude=0.3, frequency=1.5, seconds=5.0, about=about)
     assert 50 < found[0] < 150
     assert found == [*range(found[0], 250)]
 
 
 @pytest.mark.parametrize(("amplitude", "frequency"), [(0.15, 2.0), (0.6, 0.5), (0.0, 1.0)])
-def test_small_or_slow_swings_are_none(amplitude: float, frequency: float) -> None:
+def test_ignores_small_or_slow_oscillation(amplitude: float, frequency: float) -> None:
     assert not breaches(Swinging(agile()), amplitude=amplitude, frequency=frequency, seconds=20.0)
 
 
-def test_what_comes_again_is_held_three_times_as_long() -> None:
+def test_repeated_oscillation_is_held_three_times_as_long() -> None:
     config = agile(oscillation=OscillationParameters(hold_time=1.0))
     found = np.array(breaches(Swinging(config), amplitude=0.3, frequency=2.0, seconds=30.0))
     ends = np.flatnonzero(np.diff(found) > 1)
@@ -78,7 +78,7 @@ def test_what_comes_again_is_held_three_times_as_long() -> None:
     assert len(held) == 3
 
 
-def test_a_pilot_may_swing_as_he_likes() -> None:
+def test_ignores_oscillation_under_a_pilot() -> None:
     swinging = Swinging(agile())
     assert breaches(swinging, amplitude=0.3, frequency=1.5, seconds=5.0)
     swinging.engage(False)
@@ -97,7 +97,7 @@ def test_a_pilot_may_swing_as_he_likes() -> None:
     ],
     ids=lambda reference: reference["trajectory"],
 )
-def test_agile_flight_is_not_taken_for_it(reference: dict[str, Any]) -> None:
+def test_agile_flight_is_not_an_oscillation(reference: dict[str, Any]) -> None:
     lags = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
     steps = fly(
         mpc=agile(**lags, input_delay=0.02),
@@ -119,7 +119,7 @@ def flown_late(action: str) -> list[LoopStep]:
     ]
 
 
-def test_a_vehicle_later_than_modelled_is_caught() -> None:
+def test_detects_oscillation_of_delayed_vehicle() -> None:
     """Without it this vehicle is lost."""
     caught, lost = flown_late("hover"), flown_late("warn")
     assert max(tilt(step) for step in lost[-100:]) > math.radians(60.0)
