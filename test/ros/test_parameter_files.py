@@ -73,7 +73,12 @@ def no_node_is_left() -> Iterator[None]:
 @pytest.mark.usefixtures("no_node_is_left")
 @pytest.mark.parametrize("namespace", ["/", "/ns_dump"])
 def test_what_is_given_and_what_is_dumped_is_loaded(tmp_path: Path, namespace: str) -> None:
-    given = {"mass": 1, "advanced": {"realtime": {"cpus": []}}, "use_sim_time": False, "autostart": False}
+    given = {
+        "mass": 1,
+        "advanced": {"realtime": {"cpus": []}},
+        "use_sim_time": False,
+        "autostart": False,
+    }
     path = written(tmp_path / "dumped.yaml", **{"/**/mpc": given})
     rclpy.init(args=["--ros-args", "-r", f"__ns:={namespace}", "--params-file", path])
     try:
