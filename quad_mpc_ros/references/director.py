@@ -6,9 +6,8 @@ refused with the reason and changes nothing: a transition is judged against the 
 as a trajectory is. Only to come to rest and to land is never refused in the air: what exceeds a
 limit least is flown then, and what is upside down first flies on until it is not.
 
-On the ground the reference rests ``IDLE_DEPTH`` below it. That is more than a controller needs to
-give up all thrust, and so the motors idle; should the vehicle not stand there after all, it sinks
-by that depth and no further.
+On the ground the reference rests below it, so that the motors idle
+(``control/estimation/ground.py``).
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quad_mpc_ros.control.estimation.ground import stay_down
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.references.config import ReferenceConfig
@@ -32,7 +32,6 @@ from quad_mpc_ros.references.transition import FlatState, flat_state_of, transit
 
 GROUND, TAKEOFF, HOLD = "ground", "takeoff", "hold"
 GOING, TRACKING, LANDING = "going", "tracking", "landing"
-IDLE_DEPTH = 0.5  # m; with 0.3 m both formulations command no throttle
 _VERTICAL_SPEED = 1.0  # m/s, from and to the ground
 _FLARE = 0.5  # m above the ground: from here on down at the touchdown speed
 _YAW_SHARE = 0.5  # of the limit
@@ -74,7 +73,7 @@ class Director:
     @classmethod
     def standing(cls, config: ReferenceConfig, *, p_WB: Array, yaw: float) -> Director:
         """Return the director of a vehicle that stands on the ground at ``p_WB`` (3,) [m]."""
-        rest = _at_rest(config, _below(p_WB), yaw)
+        rest = _at_rest(config, stay_down(p_WB), yaw)
         first = Phase(start_ns=_BEFORE_ALL, name=GROUND, trajectory=rest)
         return cls(config, first, ground=float(p_WB[2]))
 
@@ -111,7 +110,7 @@ class Director:
         """Tell where the vehicle stands that was carried over the ground."""
         if self.mode(now_ns) == GROUND:
             self.ground = float(p_WB[2])
-            rest = _at_rest(self._config, _below(p_WB), yaw)
+            rest = _at_rest(self._config, stay_down(p_WB), yaw)
             self.timeline.follow([Phase(start_ns=now_ns, name=GROUND, trajectory=rest)])
 
     def reset_estimate(self, now_ns: int, reset: EstimateReset) -> bool:
@@ -191,7 +190,7 @@ class Director:
             return self._refused(now_ns, "touchdown")
         self.ground = float(p_WB[2])
         start = flat_state_of(self.timeline, now_ns)
-        below = FlatState.at_rest(_below(p_WB), yaw=start.yaw)
+        below = FlatState.at_rest(stay_down(p_WB), yaw=start.yaw)
         return self._go(now_ns, [(LANDING, start, below)], then=GROUND)
 
     def is_sinking(self, now_ns: int) -> bool:
@@ -336,11 +335,6 @@ class Director:
 def _is_vertical(name: str) -> bool:
     """Return whether a leg leads from or to the ground, and slowly."""
     return name in (TAKEOFF, LANDING)
-
-
-def _below(p_WB: Array) -> Array:
-    """Return where the reference rests while the vehicle stands on the ground."""
-    return np.asarray(p_WB - [0.0, 0.0, IDLE_DEPTH])
 
 
 def _at_rest(config: ReferenceConfig, p_WB: Array, yaw: float) -> FlatTrajectory:

@@ -17,6 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.estimation.ground import LEFT_GROUND_UNPOWERED, StandingHeight
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
@@ -34,8 +35,6 @@ from quad_mpc_ros.references.transition import FlatState
 _CARRIED = 0.1  # m
 _MOST_DRAWN = 500  # poses: a path is drawn between two windows
 _STEP_NS = 50_000_000
-
-_LEFT = 0.3  # m of height from where it stood: it flies
 
 _NOT_YET = Reply(accepted=False, text="no usable odometry yet")
 _NOT_ENGAGED = Reply(
@@ -65,8 +64,7 @@ class LiveReference:
         self._newest: OdometrySample | None = None
         self._engaged: bool | None = None
         self._landed: bool | None = None
-        self._ground_height: float | None = None
-        self._left_ground = False
+        self._stood = StandingHeight(LEFT_GROUND_UNPOWERED)
         self.too_late: Callable[[int], bool] = lambda start_ns: False
         """Whether it is too late to begin at a time: then a request is not accepted."""
         self._touchdown = Touchdown(config.touchdown_speed)
@@ -99,8 +97,8 @@ class LiveReference:
         """Take an announced step of the estimate; return what follows for the reference."""
         if self._newest is not None:
             self._newest, self._home = reset.odometry(self._newest), reset.points(self._home)
-        if self._ground_height is not None:
-            self._ground_height += float(reset.step_W[2])
+        if self._stood.height is not None:
+            self._stood.height += float(reset.step_W[2])
         self._touchdown = Touchdown(self._config.touchdown_speed)
         moves = self._director is None or self._director.reset_estimate(now_ns, reset)
         stepped = f"the estimate steps by {np.linalg.norm(reset.step_W):.2f} m"
@@ -129,7 +127,7 @@ class LiveReference:
         if self._director.is_sinking(now_ns):
             height = float(self._director.timeline.at([now_ns]).p_WB[0, 2])
             if self._touchdown.felt(odometry, reference_height=height):
-                self._stood(odometry)
+                self._stood.stand(float(odometry.p_WB[2]))
                 return self._director.touched(now_ns, p_WB=odometry.p_WB)
         return None
 
@@ -291,7 +289,7 @@ class LiveReference:
         yaw = _heading(odometry)
         if self._stands:
             return Director.standing(self._config, p_WB=odometry.p_WB, yaw=yaw)
-        ground = self._ground_height
+        ground = self._stood.height
         rest = FlatState.at_rest(odometry.p_WB, yaw=yaw)
         R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
         end = dataclasses.replace(rest.end, v_WB_W=R_WB @ odometry.v_WB_B)
@@ -305,20 +303,17 @@ class LiveReference:
     @property
     def _stands(self) -> bool:
         """Whether the vehicle stands on the ground: as the stack tells, or as its height does."""
-        return not self._left_ground if self._landed is None else self._landed
+        return not self._stood.left if self._landed is None else self._landed
 
     def _see_height(self, odometry: OdometrySample) -> None:
         """Note where the ground is, and that the vehicle has left it."""
+        height = float(odometry.p_WB[2])
         if self._landed:
-            self._stood(odometry)
-        elif self._landed is None and self._ground_height is None:
-            self._stood(odometry)  # where it is seen first
-        elif self._ground_height is not None:
-            risen = abs(float(odometry.p_WB[2]) - self._ground_height)
-            self._left_ground = self._left_ground or risen > _LEFT
-
-    def _stood(self, odometry: OdometrySample) -> None:
-        self._ground_height, self._left_ground = float(odometry.p_WB[2]), False
+            self._stood.stand(height)
+        elif self._landed is None and self._stood.height is None:
+            self._stood.stand(height)  # where it is seen first
+        else:
+            self._stood.see(height)
 
     def _done(self, reply: Reply) -> Reply:
         if reply.accepted and self._at_once and self._director is not None:

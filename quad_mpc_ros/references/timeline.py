@@ -9,11 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.safety.clock_offset import PersistentOffset
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples, combined
 
 _KEPT = 8  # phases that are over, for windows from a little while ago
-# Stamps that are further away from the clock are of another one, if they are alike for a while.
-_APART_NS, _ALIKE_NS, _WHILE_NS = 200_000_000, 100_000_000, 50_000_000
+# Stamps further from the clock than the first are of another clock, if they keep within the second
+# for as long as the third.
+_APART_NS, _SAME_NS, _LASTING_NS = 200_000_000, 100_000_000, 50_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,23 +128,23 @@ class FlightTime:
 
 
 class StampClock:
-    """How far the clock of the odometry's stamps is ahead of the clock by which is flown.
+    """How far the clock of the odometry's stamps is ahead of the flight's own.
 
-    Zero as long as they agree. Where the stamps are of another clock, or their clock is set, the
-    flight goes on by its own, and its windows are stamped by theirs.
+    Zero as long as they agree. Otherwise, or when the former is set, the flight goes on by its own
+    clock, and its windows are stamped by that of the odometry.
     """
 
     def __init__(self) -> None:
         self.ahead_ns = 0
-        self._odd: tuple[int, int] | None = None  # since when, and how far ahead then
+        self._misfits = PersistentOffset()
 
     def note(self, stamp_ns: int, *, now_ns: int) -> None:
         """Take the stamp of an odometry that arrives now."""
         ahead_ns = stamp_ns - now_ns
         if abs(ahead_ns - self.ahead_ns) <= _APART_NS:
-            self._odd = None
-        elif self._odd is None or abs(ahead_ns - self._odd[1]) > _ALIKE_NS:
-            self._odd = now_ns, ahead_ns
-        elif now_ns - self._odd[0] >= _WHILE_NS:
+            self._misfits.clear()
+            return
+        lasting_ns = self._misfits.duration_ns(ahead_ns, now_ns=now_ns, tolerance_ns=_SAME_NS)
+        if lasting_ns >= _LASTING_NS:
             self.ahead_ns = 0 if abs(ahead_ns) <= _APART_NS else ahead_ns
-            self._odd = None
+            self._misfits.clear()

@@ -1,7 +1,6 @@
-"""Whether a vehicle that is to land has reached the ground: it stays although it should sink.
+"""Whether a landing vehicle has reached the ground: it stays although it should sink.
 
-Apart from ``control/estimation/contact.py``, which goes by the commands: here they are not known,
-but how far below the vehicle the reference is.
+Commands are not known here (``control/estimation/ground.py`` compares the judges of the ground).
 """
 
 from __future__ import annotations
@@ -10,10 +9,10 @@ from collections import deque
 
 import numpy as np
 
+from quad_mpc_ros.control.estimation.ground import SINKING_IN_VAIN
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
 
-_GAP = 0.15  # m that the reference must be below the vehicle
 _DURATION_NS = 500_000_000
 _LEAST_SAMPLES = 5
 # Shares of the touchdown speed that count as none: as measured, and as the heights change.
@@ -35,7 +34,7 @@ class Touchdown:
     def felt(self, odometry: OdometrySample, *, reference_height: float) -> bool:
         """Take the next odometry; return whether the ground carries the vehicle."""
         height = float(odometry.p_WB[2])
-        if not height - reference_height > _GAP:
+        if not height - reference_height > SINKING_IN_VAIN:
             self._kept.clear()
             return False
         self._kept.append((odometry.stamp_ns, height, odometry.v_WB_B))

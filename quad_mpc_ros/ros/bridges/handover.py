@@ -17,6 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quad_mpc_ros.control.estimation.ground import (
+    LEFT_GROUND,
+    NO_LIFT,
+    TAKING_OFF,
+    StandingHeight,
+)
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.reference_window import sample
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
@@ -27,10 +33,7 @@ _PATIENCE_NS = 5 * _SECOND  # until the stack has switched
 _LASTING_NS = 300_000_000  # what is in the way while nobody flies yet has to last so long
 _FRESH_NS = 500_000_000
 _REFERENCE_FRESH_NS = _SECOND
-_IDLE_SHARE = 0.4  # of the weight as thrust: no more lifts off
-_HOLDING_SHARES = (0.5, 1.6)  # and between these it keeps its height for a moment
-_RISES = 0.3  # m that a reference leads above a vehicle on the ground
-_LEFT = 0.15  # m of height: it no longer stands where it was armed
+_HOLDING_SHARES = (0.5, 1.6)  # of the weight as thrust: keeps its height for a moment
 
 
 class State(enum.Enum):
@@ -119,21 +122,24 @@ class Handover:
 class Ground:
     """Whether a vehicle stands on the ground, of a stack that only says whether it is armed.
 
-    It stands while it is disarmed, and then until it has left that height.
+    It stands while it is disarmed, and then until it has left that height
+    (``control/estimation/ground.py`` compares the judges of the ground).
     """
 
     def __init__(self) -> None:
         self.landed: bool | None = None
         """Whether it stands; None as long as nothing is known."""
-        self._height = 0.0
+        self._stood = StandingHeight(LEFT_GROUND)
 
     def update(self, p_WB: Array, *, armed: bool) -> None:
         """Take a position (3,) [m] and whether the vehicle is armed."""
         height = float(p_WB[2])
         if not armed:
-            self.landed, self._height = True, height
-        elif self.landed is None or abs(height - self._height) > _LEFT:
-            self.landed = False
+            self.landed = True
+            self._stood.stand(height)
+        else:
+            self._stood.see(height)
+            self.landed = self.landed is True and not self._stood.left
 
 
 class Surroundings:
@@ -187,9 +193,9 @@ class Surroundings:
         if _is_old(seen_ns, now_ns, _REFERENCE_FRESH_NS):
             return "the reference is old"
         away = sample(window, odometry.stamp_ns).p_WB - odometry.p_WB
-        if landed:  # it rests below the ground, so that the motors idle
+        if landed:  # the reference may ask to stay down, by resting below the ground
             rises = float(window.p_WB[:, 2].max() - odometry.p_WB[2])
-            if rises > _RISES:
+            if rises > TAKING_OFF:
                 return f"the reference leads {rises:.2f} m up: it would take off at once"
             away[2] = max(away[2], 0.0)
         distance, most = float(np.linalg.norm(away)), self._limits.distance_max
@@ -205,7 +211,7 @@ class Surroundings:
         if landed is not False:
             least = 0.0
         if landed:
-            most = _IDLE_SHARE
+            most = NO_LIFT
         if not least <= share <= most:
             return (
                 f"the MPC would begin with {share:.2f} of the weight as thrust, expected "
