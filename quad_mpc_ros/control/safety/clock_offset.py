@@ -11,10 +11,12 @@ class ClockOffset:
     """Tracks by how much a source's clock is behind ours.
 
     The fastest arrival is taken to have come without latency; what takes longer is late. The
-    fastest arrival is forgotten as fast as the clocks may drift apart, but never beyond the last.
+    fastest arrival is forgotten as fast as the clocks may drift apart.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, until_last: bool = False) -> None:
+        """With ``until_last`` nothing is forgotten that the last arrival has confirmed."""
+        self._until_last = until_last
         self.behind_ns = 0
         self.last_age_ns = 0
         """The latency of the last arrival."""
@@ -26,8 +28,10 @@ class ClockOffset:
 
     def follow(self, stamp_ns: int, *, now_ns: int) -> int:
         """Take an arrival, which may be the fastest, and return its age before that is known."""
-        drift_ns = round(_DRIFT * max(now_ns - self._arrived_ns, 0))
-        self.behind_ns += min(drift_ns, max(self.last_age_ns, 0))
+        drift_ns = round(_DRIFT * (now_ns - self._arrived_ns))
+        if self._until_last:
+            drift_ns = min(max(drift_ns, 0), max(self.last_age_ns, 0))
+        self.behind_ns += drift_ns
         age_ns = self.age_ns(stamp_ns, now_ns=now_ns)
         self.set(self.behind_ns + min(age_ns, 0), stamp_ns=stamp_ns, now_ns=now_ns)
         return age_ns

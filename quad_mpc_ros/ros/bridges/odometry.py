@@ -65,7 +65,7 @@ class OdometryStamps:
 
     def __init__(self, *, tolerance: float) -> None:
         self._tolerance_ns = round(tolerance * 1e9)
-        self._offset = ClockOffset()
+        self._offset = ClockOffset(until_last=True)
         self._last: tuple[int, int] | None = None  # the stack's time of it, and its arrival
         self._late = PersistentOffset()
         self._newest_ns: int | None = None
@@ -76,15 +76,14 @@ class OdometryStamps:
         Should the node's clock be set back by more than the tolerance, older stamps are accepted.
         """
         offset, last_age_ns = self._offset, self._offset.last_age_ns
-        if offset.behind_ns != 0:
+        agrees, age_ns = offset.behind_ns == 0, now_ns - stack_ns
+        if not agrees:
             age_ns = offset.follow(stack_ns, now_ns=now_ns)
-        else:
-            age_ns = now_ns - stack_ns
         if self._was_set(stack_ns, now_ns) or age_ns < -self._tolerance_ns:
             self._set(stack_ns, now_ns, age_ns=min(last_age_ns, self._tolerance_ns))
-        elif self._has_been_late(age_ns, now_ns):
+        elif (agrees or age_ns >= 0) and self._has_been_late(age_ns, now_ns):
             self._set(stack_ns, now_ns, age_ns=0)
-        elif offset.behind_ns == 0:
+        elif agrees:
             offset.set(0, stamp_ns=stack_ns, now_ns=now_ns)
         self._last = stack_ns, now_ns
         stamp_ns, newest_ns = stack_ns + offset.behind_ns, self._newest_ns
