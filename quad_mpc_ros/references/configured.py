@@ -103,13 +103,7 @@ def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]
 
 def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
     try:
-        trajectory = FlatTrajectory(
-            path,
-            gravity=config.gravity,
-            drag=config.drag,
-            rotor_drag=config.rotor_drag,
-            yaw=config.yaw,
-        )
+        trajectory = FlatTrajectory.of(config, path, yaw=config.yaw)
     except ValueError as error:
         raise _refusal(config, str(error)) from error
     return trajectory, judged(trajectory, config)
@@ -164,10 +158,7 @@ def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> Fla
         raise UserError(f"it takes {seconds[-1] - seconds[0]:g} s, expected at most {_LONGEST:g}")
     R_WB = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw)
     yaw = np.unwrap([yaw_of(R) for R in R_WB])
-    path = _through(seconds - seconds[0], window.p_WB, yaw, config)
-    return FlatTrajectory(
-        path, gravity=config.gravity, drag=config.drag, rotor_drag=config.rotor_drag
-    )
+    return FlatTrajectory.of(config, _through(seconds - seconds[0], window.p_WB, yaw, config))
 
 
 def _through(seconds: Array, p_WB: Array, yaw: Array, config: ReferenceConfig) -> Path:

@@ -25,7 +25,7 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.feasibility import Verdict, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.minimum_snap import End, Leg
-from quad_mpc_ros.references.path import Path, Rest, Straight
+from quad_mpc_ros.references.path import Rest, Straight
 from quad_mpc_ros.references.timeline import Phase, Timeline
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.transition import FlatState, flat_state_of, transition
@@ -97,7 +97,7 @@ class Director:
         if speed > _RESTS:  # at once and not as quickly as can be: asked for at every window
             seconds = max(_STOP_PEAK * speed / config.max_acceleration, _SHORTEST_STOP)
             path = Leg(start.end, End.at_rest(None), duration=seconds)
-            leg = _flat(config, path, start.yaw)
+            leg = FlatTrajectory.of(config, path, yaw=start.yaw)
             phase = Phase(start_ns=start_ns, name=GOING, trajectory=leg)
             director._follow(start_ns, [phase], HOLD, None)
         return director
@@ -177,7 +177,9 @@ class Director:
         # A leg that is too low for a descent ends wherever it has the speed to sink.
         lowest = planned[-1].trajectory.at([planned[-1].trajectory.period_ns - 1]).p_WB[0]
         down = Straight(lowest, v_WB_W=sinking.end.v_WB_W)
-        reply = self._follow(now_ns, planned, LANDING, _flat(self._config, down, above.yaw))
+        reply = self._follow(
+            now_ns, planned, LANDING, FlatTrajectory.of(self._config, down, yaw=above.yaw)
+        )
         if not reply.accepted:
             return reply
         still = max(float(lowest[2]) - self.ground, 0.0) / self._config.touchdown_speed
@@ -323,7 +325,7 @@ class Director:
             max_acceleration=share * self._config.max_acceleration,
             max_yaw_rate=_YAW_SHARE * self._config.omega_max[2],
         )
-        return _flat(self._config, path, 0.0)
+        return FlatTrajectory.of(self._config, path)
 
     def _airborne(self, now_ns: int) -> bool:
         return self.mode(now_ns) != GROUND
@@ -338,13 +340,7 @@ def _is_vertical(name: str) -> bool:
 
 
 def _at_rest(config: ReferenceConfig, p_WB: Array, yaw: float) -> FlatTrajectory:
-    return _flat(config, Rest(p_WB, duration=1.0), yaw)
-
-
-def _flat(config: ReferenceConfig, path: Path, yaw: float) -> FlatTrajectory:
-    return FlatTrajectory(
-        path, gravity=config.gravity, drag=config.drag, rotor_drag=config.rotor_drag, yaw=yaw
-    )
+    return FlatTrajectory.of(config, Rest(p_WB, duration=1.0), yaw=yaw)
 
 
 def _end_of(trajectory: Trajectory) -> FlatState:

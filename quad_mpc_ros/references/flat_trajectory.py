@@ -8,12 +8,8 @@ import numpy as np
 
 from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.references.flatness import (
-    FlatInputs,
-    ThrustFrames,
-    flat_inputs,
-    thrust_axis,
-)
+from quad_mpc_ros.control.model.vehicle import VehicleParameters
+from quad_mpc_ros.references.flatness import FlatInputs, ThrustFrames, flat_inputs, thrust_axis
 from quad_mpc_ros.references.path import Path, PathSamples
 from quad_mpc_ros.references.trajectory import TrajectorySamples, at_rest, combined
 
@@ -54,6 +50,17 @@ class FlatTrajectory:
             max(np.abs(start.v_WB_W).max(), np.abs(start.a_WB_W).max()) > _AT_REST
         )
 
+    @classmethod
+    def of(cls, vehicle: VehicleParameters, path: Path, *, yaw: float = 0.0) -> FlatTrajectory:
+        """Return a path as a vehicle flies it; raises as the constructor."""
+        return cls(
+            path,
+            gravity=vehicle.gravity,
+            drag=vehicle.drag,
+            rotor_drag=vehicle.rotor_drag,
+            yaw=yaw,
+        )
+
     @property
     def period_ns(self) -> int:
         """The path's duration, once round if it is periodic."""
@@ -75,12 +82,7 @@ class FlatTrajectory:
         waiting = at_rest(moving.p_WB, yaw=self._heading)
         over = dataclasses.replace(waiting, q_WB_xyzw=moving.q_WB_xyzw)
         when = [before[:, None], after[:, None]]
-        return combined(
-            lambda *parts: np.select(when, parts[:2], parts[2]),
-            waiting,
-            over,
-            moving,
-        )
+        return combined(lambda *parts: np.select(when, parts[:2], parts[2]), waiting, over, moving)
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the start if it is from rest into motion and in (start, end]."""

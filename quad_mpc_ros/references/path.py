@@ -47,7 +47,7 @@ class Path(Protocol):
 
     @property
     def periodic(self) -> bool:
-        """Whether it goes on for ever; otherwise it ends at rest."""
+        """Whether it repeats; otherwise it ends at rest."""
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the path at times (n,) [s] from 0 to its duration, or without end."""
@@ -126,13 +126,11 @@ class SplinePath:
 
 
 class Moved:
-    """A path elsewhere: displaced by ``offset`` (3,) [m]."""
+    """A path displaced by ``offset`` (3,) [m]."""
 
     def __init__(self, path: Path, offset: Array) -> None:
-        self._path = path
-        self._offset = offset
-        self.duration = path.duration
-        self.periodic = path.periodic
+        self._path, self._offset = path, offset
+        self.duration, self.periodic = path.duration, path.periodic
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the displaced path at times (n,) [s]."""
@@ -144,10 +142,8 @@ class Slowed:
     """A path that takes ``factor`` times as long: uniform time scaling."""
 
     def __init__(self, path: Path, factor: float) -> None:
-        self._path = path
-        self._factor = factor
-        self.duration = factor * path.duration
-        self.periodic = path.periodic
+        self._path, self._factor = path, factor
+        self.duration, self.periodic = factor * path.duration, path.periodic
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the path at times (n,) [s]; the n-th derivative shrinks by factor^n."""
@@ -166,10 +162,8 @@ class Turned:
     """A path with another's first coordinate for its yaw [rad]."""
 
     def __init__(self, path: Path, yaw: Path) -> None:
-        self._path = path
-        self._yaw = yaw
-        self.duration = path.duration
-        self.periodic = path.periodic
+        self._path, self._yaw = path, yaw
+        self.duration, self.periodic = path.duration, path.periodic
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the path at times (n,) [s]."""
