@@ -1,14 +1,21 @@
-"""Time that runs on steadily, though the system's clock is set or simulated time stands still."""
+"""Steady time, though the system's clock is set or simulated time stands still."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.timer import Timer
+
+COMPILING = (
+    "compiling: this takes long only at the first start after an installation, and not at all "
+    "after quad_mpc compile"
+)
+_PROGRESS_PERIOD = 3.0
 
 
 def create_steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
@@ -17,9 +24,9 @@ def create_steady_timer(node: Node, period: float, callback: Callable[[], None])
 
 
 class Metronome:
-    """Calls back every ``period`` seconds, in a thread of its own, until it is stopped.
+    """Calls back every ``period`` seconds, in its own thread, until stopped.
 
-    Beats that were missed are not made up for.
+    Missed beats are skipped.
     """
 
     def __init__(self, period: float, callback: Callable[[], None]) -> None:
@@ -41,10 +48,27 @@ class Metronome:
             due = max(due + self._period, time.monotonic())
 
 
-class SteadyTime:
-    """Nanoseconds of the node's clock as it was at the start, from then on without jumps.
+@contextmanager
+def progress_logged(
+    node: Node, what: str = COMPILING, *, period: float = _PROGRESS_PERIOD
+) -> Iterator[None]:
+    """Log every ``period`` seconds what the node is busy with, and for how long, until done."""
+    begun = time.monotonic()
 
-    Simulated time (``use_sim_time``) is taken as it comes: it may stand still or run slowly.
+    def log() -> None:
+        node.get_logger().info(f"{what} ({time.monotonic() - begun:.0f} s so far)")
+
+    metronome = Metronome(period, log)
+    try:
+        yield
+    finally:
+        metronome.stop()
+
+
+class SteadyTime:
+    """Nanoseconds of the node's clock at the start, from then on without jumps.
+
+    Simulated time (``use_sim_time``) is used as it is: it may stand still or run slowly.
     """
 
     def __init__(self, clock: Clock) -> None:

@@ -32,7 +32,7 @@ class PoseDifferentiator:
         self._v_WB_W: Array = np.zeros(3)
 
     def completed(self, odometry: OdometrySample) -> OdometrySample | None:
-        """Return an odometry with what it lacks, or None for the first and after a gap.
+        """Return an odometry with its twist, or None for the first and after a gap.
 
         Raises ``ValueError`` for a quaternion without a rotation.
         """
@@ -121,12 +121,12 @@ class PositionJumps:
     def __init__(self) -> None:
         self.count = 0
         self.announced: EstimateReset | None = None
-        """What the stack said of the newest odometry, if it is the first after a reset."""
+        """The announced reset, if the newest odometry is the first after it."""
         self._before: OdometrySample | None = None
         self._v_WB_W: Array = np.zeros(3)
 
     def check(self, odometry: OdometrySample, *, cause: str | None) -> str | None:
-        """Return a warning if the position jumped; ``cause`` is what the stack said of a reset."""
+        """Return a warning if the position jumped; ``cause`` is an announced reset, if any."""
         before, v_before = self._before, self._v_WB_W
         self.announced = None
         self._before, self._v_WB_W = odometry, state_from_odometry(odometry).v_WB_W

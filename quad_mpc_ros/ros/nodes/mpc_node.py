@@ -17,13 +17,12 @@ from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
 from quad_mpc_ros.ros import realtime
-from quad_mpc_ros.ros.clocks import SteadyTime
+from quad_mpc_ros.ros.clocks import SteadyTime, progress_logged
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import odometry_in, reference_in
 from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.telling import told
 
 _WARNING_PERIOD = 5.0
 _ESTIMATE_FAILS = {"at bounds": "is at its bounds", "reset": "was let go and begins anew"}
@@ -66,7 +65,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             )
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
-        with told(self):
+        with progress_logged(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds)
         self._standby = Standby()
         self._in_lockstep = config.lockstep

@@ -15,18 +15,8 @@ from std_srvs.srv import Trigger
 
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.safety.validation import odometry_fault
-from quad_mpc_ros.messages import cdr, conversions
+from quad_mpc_ros.messages import cdr, conversions, topics
 from quad_mpc_ros.messages.diagnostics import OK, WARN
-from quad_mpc_ros.messages.topics import (
-    ENGAGED,
-    GOAL_POSE,
-    LANDED,
-    ODOMETRY,
-    ODOMETRY_RESET,
-    REFERENCE,
-    REFERENCE_PATH,
-    TRAJECTORY,
-)
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
 from quad_mpc_ros.references.director import TOO_LATE, Reply
@@ -34,12 +24,11 @@ from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.references.timeline import FlightTime, StampClock
 from quad_mpc_ros.references.trajectory import TrajectorySamples
-from quad_mpc_ros.ros.clocks import SteadyTime
+from quad_mpc_ros.ros.clocks import SteadyTime, progress_logged
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import new_message, odometry_in, stamp_of
 from quad_mpc_ros.ros.spin import run
-from quad_mpc_ros.ros.telling import told
 
 _BODY_FRAME = "base_link"
 # What is asked for begins a little later, as it has to be planned first; what takes longer is
@@ -88,7 +77,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         """Prepare the trajectory and listen."""
         self._config = config
         # Compiled code is loaded when it is first called: now, not when the flight begins.
-        with told(self):
+        with progress_logged(self):
             odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id=config.frame_id)
             self._live = self._prepared()
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
@@ -96,14 +85,14 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._request = ""
         self._shown: _Shown | None = None
         self._renewal_ns = round(_RENEWAL * config.window_duration * 1e9)
-        self._reference = self.health.publisher(REFERENCE)
-        self._path = self.health.publisher(REFERENCE_PATH)
-        self.managed_subscription(ODOMETRY, self._on_odometry, raw=True)
-        self.managed_subscription(ENGAGED, self._on_engaged, expected=False)
-        self.managed_subscription(LANDED, self._on_landed, expected=False)
-        self.managed_subscription(ODOMETRY_RESET, self._on_odometry_reset, expected=False)
-        self.managed_subscription(GOAL_POSE, self._on_goal)
-        self.managed_subscription(TRAJECTORY, self._on_trajectory)
+        self._reference = self.health.publisher(topics.REFERENCE)
+        self._path = self.health.publisher(topics.REFERENCE_PATH)
+        self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
+        self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
+        self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
+        self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
+        self.managed_subscription(topics.GOAL_POSE, self._on_goal)
+        self.managed_subscription(topics.TRAJECTORY, self._on_trajectory)
         for name, request in (
             ("takeoff", self._live.take_off),
             ("start", self._live.start),
@@ -276,7 +265,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def _publish_path(self, samples: TrajectorySamples) -> None:
         stamp_ns = int(self.get_clock().now().nanoseconds)
-        message = new_message(REFERENCE_PATH.type_name)
+        message = new_message(topics.REFERENCE_PATH.type_name)
         conversions.fill_path(
             message,
             stamp_ns=stamp_ns,

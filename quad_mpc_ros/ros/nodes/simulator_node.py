@@ -14,11 +14,10 @@ from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.messages.diagnostics import ERROR, OK
 from quad_mpc_ros.messages.topics import BATTERY, CLOCK, COMMAND, ODOMETRY, REFERENCE
-from quad_mpc_ros.ros.clocks import create_steady_timer
+from quad_mpc_ros.ros.clocks import create_steady_timer, progress_logged
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.spin import run, stop
-from quad_mpc_ros.ros.telling import told
 from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import Plant, Powered
@@ -148,7 +147,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         self._fault: str | None = None
         self._running = False
 
-        with told(self):
+        with progress_logged(self):
             warm_up(self.config)
         pacing = Lockstep if self.config.lockstep else RealTime
         plant = make_plant(self.config)

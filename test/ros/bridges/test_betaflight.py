@@ -30,7 +30,7 @@ from numpy.testing import assert_allclose
 
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.ros.bridges.betaflight import BetaflightBridge, crsf
-from quad_mpc_ros.ros.bridges.betaflight.lines import CrsfSpeech, Telemetry
+from quad_mpc_ros.ros.bridges.betaflight.lines import CrsfProtocol, Telemetry
 from quad_mpc_ros.ros.bridges.betaflight.rates import Curve, Stick
 from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
 
@@ -144,7 +144,7 @@ def test_no_bytes_are_too_much_for_crsf(line: bytes) -> None:
         (b"ACRO", {ARM}, ()),
         (b"AIR", {ARM}, ()),
         (b"AIR*", set(), ()),
-        (b"AIR!", set(), ("it says so",)),
+        (b"AIR!", set(), ("arming is blocked",)),
         (b"!FS!", {FAILSAFE}, ()),
         (b"ANGL", {ARM, ANGLE}, ()),
         (b"ANGL*", {ANGLE}, ()),
@@ -154,15 +154,15 @@ def test_the_flight_mode_tells_whether_it_is_armed(
     text: bytes, modes: set[int], blocks: tuple[str, ...]
 ) -> None:
     told = Telemetry()
-    CrsfSpeech(told).hear(crsf.frame(0x21, text + b"\0"), now_ns=T0)
+    CrsfProtocol(told).receive(crsf.frame(0x21, text + b"\0"), now_ns=T0)
     assert (told.modes, told.blocks, told.state_ns) == (modes, blocks, T0)
 
 
 def test_attitude_and_voltage_of_crsf() -> None:
     told = Telemetry()
-    speech = CrsfSpeech(told)
-    speech.hear(crsf.frame(0x1E, struct.pack(">hhh", 1000, -2000, 0)), now_ns=T0)
-    speech.hear(crsf.frame(0x08, bytes.fromhex("00a0 0000 000000 00")), now_ns=T0)
+    protocol = CrsfProtocol(told)
+    protocol.receive(crsf.frame(0x1E, struct.pack(">hhh", 1000, -2000, 0)), now_ns=T0)
+    protocol.receive(crsf.frame(0x08, bytes.fromhex("00a0 0000 000000 00")), now_ns=T0)
     assert (told.pitch, told.roll, told.voltage) == pytest.approx((0.1, -0.2, 16.0))
 
 

@@ -183,7 +183,7 @@ def test_nothing_is_in_the_way_of_holding(scene: Scene) -> None:
         (Scene(share=2.5), "2.50 of the weight"),
         (Scene(w_WB_B=(0.0, -16.0, 0.0)), "16.0 rad/s"),
         (Scene(landed=True), "of the weight as thrust"),
-        (Scene(landed=True, share=0.0, rises=1.0), "it would take off at once"),
+        (Scene(landed=True, share=0.0, rises=1.0), "the vehicle would take off at once"),
         (Scene(landed=True, share=0.0, away=(3.0, 0.0, -0.5)), "3.00 m away"),
         (Scene(landed=None, share=2.5), "of the weight as thrust"),
     ],

@@ -426,7 +426,7 @@ def test_px4_refusals_are_told(new: New) -> None:
     ack = new("px4_msgs/msg/VehicleCommandAck")
     ack.command, ack.result = 400, 1
     tell(bridge, "/fmu/out/vehicle_command_ack_v1", ack, T0)
-    assert bridge.take_warnings() == ["PX4 answers command 400 with result 1"]
+    assert bridge.take_warnings() == ["PX4 answered command 400 with result 1"]
 
 
 def test_commands_take_the_newest_battery_into_account(new: New) -> None:

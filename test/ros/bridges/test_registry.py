@@ -59,7 +59,9 @@ def test_other_packages_add_theirs(
 
 
 def test_the_bridge_of_contributing_passes_commands_on() -> None:
-    diff = (ROOT / "CONTRIBUTING.md").read_text().split("+++ b/quad_mpc_ros/ros/bridges/kite.py\n")[1]
+    diff = (
+        (ROOT / "CONTRIBUTING.md").read_text().split("+++ b/quad_mpc_ros/ros/bridges/kite.py\n")[1]
+    )
     lines = itertools.takewhile(lambda line: line.startswith("+"), diff.splitlines())
     module = types.ModuleType("kite")
     sys.modules["kite"] = module  # where dataclasses look

@@ -6,13 +6,13 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
-from quad_mpc_ros.ros.telling import COMPILING, told
+from quad_mpc_ros.ros.clocks import COMPILING, progress_logged
 
 
-def test_what_takes_long_is_told_again_and_again_and_then_no_more() -> None:
+def test_logs_progress_until_done() -> None:
     lines: list[str] = []
     node: Any = SimpleNamespace(get_logger=lambda: SimpleNamespace(info=lines.append))
-    with told(node, period=0.02):
+    with progress_logged(node, period=0.02):
         deadline = time.monotonic() + 10.0
         while len(lines) < 3 and time.monotonic() < deadline:
             time.sleep(0.01)
