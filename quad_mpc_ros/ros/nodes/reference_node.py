@@ -1,4 +1,4 @@
-"""The reference node: publishes windows of what is to be flown, and takes requests."""
+"""The reference node: publishes windows of the reference, and takes requests."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ from quad_mpc_ros.ros.messages import new_message, odometry_in, stamp_of
 from quad_mpc_ros.ros.spin import run
 
 _BODY_FRAME = "base_link"
-# What is asked for begins a little later, as it has to be planned first; what takes longer is
-# planned once more, to begin later by how long it took, and a half.
+# A request begins after a lead, as it has to be planned first; if planning takes longer, it is
+# repeated with a lead of 1.5 times its duration more.
 _LEAD_NS = 100_000_000
 _LONGER = 1.5
 _TRIALS = 3
-_RENEWAL = 0.05  # of a window's length: so soon the next goes out, though it shows the same
+_RENEWAL = 0.05  # of a window's length: then it is published again, though unchanged
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
 
 
 class _Shown(NamedTuple):
-    """What the last window showed, stamped how far ahead, and when it went out."""
+    """What the last window showed, its stamps' offset, and when it was published."""
 
     outlook: tuple[object, ...]
     ahead_ns: int
@@ -52,20 +52,20 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     """Wires the reference of a live flight to its topics and services.
 
     The trajectory begins with the first odometry; until then its first sample is held. In the mode
-    ``on_request`` nothing is published until then, and the vehicle stands. Where somebody tells
-    that commands do not act, it waits at the vehicle. While the node is inactive the time of the
-    flight stands still.
+    ``on_request`` nothing is published until then, and the vehicle stands. While commands are
+    reported not to act, it waits at the vehicle. While the node is inactive the time of the flight
+    stands still.
 
-    The flight goes by a clock that is never set, and windows come out of a thread of their own,
-    while the executor plans: one as soon as something is to be flown otherwise than the last one
-    showed, and else when a twentieth of that has passed.
+    The flight follows a clock that is never set. Windows are published by a separate thread, while
+    the executor plans: as soon as the reference changes, and otherwise every twentieth of a
+    window's length.
     """
 
     _config: ReferenceConfig
     _live: LiveReference
 
     def __init__(self, *, hand_over: Callable[[ReferenceWindow], None] | None = None) -> None:
-        """Make it; windows are handed over to another node of the process as well."""
+        """Make it; ``hand_over`` passes windows to another node of the process."""
         super().__init__("reference", ReferenceConfig)
         self._hand_over = hand_over
         self._newest_ns = 0
@@ -76,8 +76,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def configure(self, config: ReferenceConfig) -> None:
         """Prepare the trajectory and listen."""
         self._config = config
-        # Compiled code is loaded when it is first called: now, not when the flight begins.
-        with progress_logged(self):
+        with progress_logged(self):  # loads compiled code now, not when the flight begins
             odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id=config.frame_id)
             self._live = self._prepared()
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
@@ -105,14 +104,14 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self.managed_beat(1.0 / config.publish_rate, self._on_beat)
 
     def activate(self) -> None:
-        """Begin, or go on where it stopped."""
+        """Begin, or continue where it stopped."""
         self._time.resume(self._now_ns())
         self._shown = None
         self._publish_path(self._live.course(self._flight_ns()))
 
     def deactivate(self) -> None:
         """Stop the time of the flight."""
-        with self._publishing:  # what is being published now still belongs to it
+        with self._publishing:  # a window in progress still belongs to the flight
             self._time.pause(self._now_ns())
 
     def cleanup(self) -> None:
@@ -136,18 +135,18 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if not self._config.lockstep:
             self._stamps.note(stamp_of(data), now_ns=self._now_ns())
             if not self._live.needs_odometry(self._flight_ns()):
-                return  # not decoded: in real time most are not needed
+                return  # in real time most need not be decoded
         try:
             odometry = odometry_in(data)
         except ValueError:
-            return  # the controller warns of it
+            return  # the controller warns about it
         if odometry_fault(odometry, frame_id=self._config.frame_id) is not None:
-            return  # the controller warns of it
+            return  # the controller warns about it
         starting = not self._live.started
         now_ns = odometry.stamp_ns - self._stamps.ahead_ns
         reply = self._live.observe(replace(odometry, stamp_ns=self._time.at(now_ns)))
         if reply is not None:
-            self._tell_request("touchdown" if reply.accepted else "odometry", reply)
+            self._report_request("touchdown" if reply.accepted else "odometry", reply)
         if starting or self._config.lockstep:
             self._newest_ns = odometry.stamp_ns
             with self._publishing:
@@ -159,7 +158,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
                 self._publish(self._now_ns())
 
     def _is_due(self, now_ns: int) -> bool:
-        """Whether the last window says no more what is to come, or not for long enough."""
+        """Whether the last window is out of date, or ends too soon."""
         outlook, ahead_ns = self._live.outlook(), self._stamps.ahead_ns
         shown, self._shown = self._shown, _Shown(outlook, ahead_ns, now_ns)
         if (
@@ -177,7 +176,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def _on_engaged(self, message: Any) -> None:
         reply = self._live.engage(bool(message.data))
         if reply is not None:
-            self._tell_request("handover", reply)
+            self._report_request("handover", reply)
 
     def _on_landed(self, message: Any) -> None:
         self._live.landed(bool(message.data))
@@ -194,7 +193,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             reply = self._live.reset_estimate(self._flight_ns(), reset)
             if not self._config.lockstep:
                 self._publish(self._now_ns())
-        self._tell_request("reset", reply)
+        self._report_request("reset", reply)
 
     def _serve(self, name: str, request: Callable[[int], Reply], _: Any, response: Any) -> Any:
         reply = self._handle(name, request)
@@ -214,20 +213,20 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         try:
             window = conversions.reference_from_message(message)
         except ValueError as error:
-            self._tell_request("trajectory", Reply(accepted=False, text=str(error)))
+            self._report_request("trajectory", Reply(accepted=False, text=str(error)))
             return
         self._handle("trajectory", lambda now_ns: self._live.follow(now_ns, window))
 
     def _handle(self, name: str, request: Callable[[int], Reply]) -> Reply:
-        """Pass a request to the flight, tell its result, and show the new course."""
+        """Pass a request to the flight, report its result, and publish the new path."""
         reply = self._planned(request) if self.active else _INACTIVE
-        self._tell_request(name, reply)
+        self._report_request(name, reply)
         if reply.accepted:
             self._publish_path(self._live.course(self._flight_ns()))
         return reply
 
     def _planned(self, request: Callable[[int], Reply]) -> Reply:
-        """Ask the flight for what shall begin so late that it is planned by then."""
+        """Make a request that begins late enough to be planned by then."""
         if self._config.lockstep:  # time waits
             return request(self._flight_ns())
         lead_ns = _LEAD_NS
@@ -240,8 +239,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             lead_ns = _LEAD_NS + round(_LONGER * (time.monotonic_ns() - begun_ns))
         return reply
 
-    def _tell_request(self, name: str, reply: Reply) -> None:
-        """Log and report the result of a request, but the same refusal only once."""
+    def _report_request(self, name: str, reply: Reply) -> None:
+        """Log and report the result of a request; a repeated refusal only once."""
         before = self._request
         self._request = f"{name} {'accepted' if reply.accepted else 'refused'}: {reply.text}"
         if reply.accepted:
@@ -281,7 +280,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         return self._time.at(self._now_ns())
 
     def _now_ns(self) -> int:
-        """Return the time by which is flown: in lockstep the stamp of the newest odometry."""
+        """Return the time of the flight's clock: in lockstep the stamp of the newest odometry."""
         return self._newest_ns if self._config.lockstep else self._steady.now_ns()
 
     def report(self) -> Health:

@@ -165,7 +165,7 @@ def test_nobody_is_handed_over_to_two_sources_of_commands(peer: Peer, tmp_path: 
         asked = peer.engage.call_async(SetBool.Request(data=True))
         assert peer.fly(asked.done)
         assert not asked.result().success
-        assert "2 publishers on command, where there must be one" in asked.result().message
+        assert "2 publishers on command, expected one" in asked.result().message
         peer.node.destroy_publisher(rival)
         assert peer.fly(lambda: peer.asked_to_engage())
     finally:

@@ -76,7 +76,7 @@ def test_two_sources_of_odometry_and_lags_of_zero_are_warned_of(
     peer.node.destroy_publisher(rivals[1])
     assert peer.wait(lambda: not warned())
     log = (tmp_path / "mpc.log").read_text()
-    assert "input_delay = 0: no real vehicle answers at once" in log
+    assert "input_delay = 0: every real vehicle lags" in log
 
 
 @pytest.mark.parametrize("node", NODES)

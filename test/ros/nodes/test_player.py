@@ -256,14 +256,14 @@ BAD_BAGS: dict[str, tuple[Callable[[Path], None], str]] = {
     "text": (lambda bag: only(bag, b"no bag at all"), "is not an MCAP file"),
     "cut at once": (lambda bag: only(bag, b"\x89MCAP0\r\n"), "there is no message in it"),
     "without messages": (without_messages, "there is no message in it"),
-    "not of ROS": (lambda bag: foreign(bag, type_name="Pose", encoding="json"), "not 'cdr'"),
+    "not of ROS": (lambda bag: foreign(bag, type_name="Pose", encoding="json"), "expected 'cdr'"),
     "unknown type": (
         lambda bag: foreign(bag, type_name="px4_msgs/msg/VehicleOdometry"),
         "'px4_msgs/msg/VehicleOdometry' is not installed",
     ),
     "another definition": (
         lambda bag: foreign(bag, type_hash="RIHS01_0"),
-        "was another one when it was recorded",
+        "has changed since it was recorded",
     ),
 }
 

@@ -64,11 +64,9 @@ class BetaflightBridge(Bridge):
             self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
         ]
         self._telemetry = Telemetry()
-        is_msp = config.transport == "msp"
-        self._protocol: LineProtocol = (
-            MspProtocol(self._telemetry) if is_msp else CrsfProtocol(self._telemetry)
-        )
-        if not is_msp:
+        self._protocol: LineProtocol = MspProtocol(self._telemetry)
+        if config.transport == "crsf":
+            self._protocol = CrsfProtocol(self._telemetry)
             self._telemetry.curves = _configured(config)
         self._curves: tuple[Curve, ...] = ()
         self._sticks: tuple[Stick, ...] = ()

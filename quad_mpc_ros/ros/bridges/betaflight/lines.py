@@ -121,10 +121,8 @@ class MspProtocol:
         flags |= int.from_bytes(payload[16 : 16 + more], "little") << 32
         (blocks,) = struct.unpack_from("<I", payload, 17 + more)
         telemetry = self._telemetry
-        telemetry.modes = frozenset(box for bit, box in enumerate(self._boxes) if flags >> bit & 1)
-        telemetry.blocks = tuple(
-            reason for bit, reason in enumerate(_REASONS) if blocks >> bit & 1
-        )
+        telemetry.modes = frozenset(_flagged(self._boxes, flags))
+        telemetry.blocks = tuple(_flagged(_REASONS, blocks))
         telemetry.state_ns = now_ns
 
     def _on_attitude(self, payload: bytes, now_ns: int) -> None:
@@ -180,11 +178,8 @@ class CrsfProtocol:
                 self._on_flight_mode(payload, now_ns)
             elif kind == crsf.ATTITUDE and len(payload) >= 6:
                 pitch, roll, _ = struct.unpack_from(">hhh", payload)
-                telemetry.roll, telemetry.pitch, telemetry.attitude_ns = (
-                    1e-4 * roll,
-                    1e-4 * pitch,
-                    now_ns,
-                )
+                telemetry.roll, telemetry.pitch = 1e-4 * roll, 1e-4 * pitch
+                telemetry.attitude_ns = now_ns
             elif kind == crsf.BATTERY and len(payload) >= 2:
                 (tenths,) = struct.unpack_from(">H", payload)
                 telemetry.voltage = 0.1 * tenths
@@ -199,6 +194,5 @@ class CrsfProtocol:
         modes |= {mode for name, mode in (("ANGL", ANGLE), ("HOR", HORIZON)) if name in text}
         telemetry = self._telemetry
         telemetry.modes, telemetry.state_ns = frozenset(modes), now_ns
-        telemetry.blocks = (
-            ("arming is blocked",) if FAILSAFE not in modes and text[-1:] == "!" else ()
-        )
+        blocked = FAILSAFE not in modes and text[-1:] == "!"
+        telemetry.blocks = ("arming is blocked",) if blocked else ()
