@@ -1,4 +1,4 @@
-"""A path made a reference: attitude and body rates added by differential flatness."""
+"""A path with attitude and body rates by differential flatness: a trajectory."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _FRAME_ROUNDS = 3
 class FlatTrajectory:
     """A path, flown with the nose at ``yaw`` while level.
 
-    A path whose thrust stays above the horizon is flown in one chart of the Hopf fibration, any
-    other by rotation-minimising frames. Before its start it rests where it begins, level; one
-    that is not periodic rests after its end with the heading that it arrived with.
+    If the thrust stays above the horizon it uses one chart of the Hopf fibration, otherwise
+    rotation-minimising frames. Before its start it rests where it begins, level; if not periodic,
+    it rests after its end with its last heading.
     """
 
     smooth = True
@@ -118,7 +118,7 @@ class FlatTrajectory:
         duration = self._path.duration
         steps = np.clip(np.ceil(duration / _KNOT_STEP), _LEAST_KNOTS, _MOST_KNOTS)
         knots = np.linspace(0.0, duration, int(steps) + 1)
-        # What it is at the speed of hover: the charts only have to be near.
+        # The drag at the speed of hover: the charts need not be exact.
         total = np.add(per_axis(self._drag), per_axis(self._rotor_drag))
         x_drag, y_drag = float(total[0]), float(total[1])
         depends_on_frame = x_drag != y_drag or any(per_axis(self._rotor_drag))

@@ -1,4 +1,4 @@
-"""Trajectories one after the other on a clock, and the time by which they are flown."""
+"""Trajectories one after the other on a clock, and the time of a flight."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.safety.clock_offset import PersistentOffset
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples, combined
 
-_KEPT = 8  # phases that are over, for windows from a little while ago
+_KEPT = 8  # phases that are over, for slightly older windows
 # Stamps further from the clock than the first are of another clock, if they keep within the second
 # for as long as the third.
 _APART_NS, _SAME_NS, _LASTING_NS = 200_000_000, 100_000_000, 50_000_000
@@ -20,7 +20,7 @@ _APART_NS, _SAME_NS, _LASTING_NS = 200_000_000, 100_000_000, 50_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
-    """A trajectory that begins at a time of the clock, and what it is called."""
+    """A trajectory, its name, and the time at which it begins."""
 
     start_ns: int
     name: str
@@ -37,17 +37,17 @@ class Timeline:
         self._phases = [first]
 
     def phase(self, time_ns: int) -> Phase:
-        """Return the phase of a time, the first one before all."""
+        """Return the phase at a time; the first one before its beginning."""
         phases = self._phases
         return phases[_owner(phases, time_ns)]
 
     @property
     def last(self) -> Phase:
-        """The phase that nothing follows yet."""
+        """The last phase."""
         return self._phases[-1]
 
     def follow(self, phases: list[Phase]) -> None:
-        """Let phases, in order of time, take the place of all that was to begin with or after."""
+        """Replace all phases from the beginning of the first of these on; in order of time."""
         start_ns = phases[0].start_ns
         kept = [phase for phase in self._phases if phase.start_ns < start_ns]
         self._phases = [*kept[-_KEPT:], *phases]
@@ -61,7 +61,7 @@ class Timeline:
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:
         """Return the samples at these times."""
-        phases = self._phases  # as it is now: another thread may follow something else meanwhile
+        phases = self._phases  # another thread may replace them meanwhile
         owners = np.array([_owner(phases, time_ns) for time_ns in times_ns])
         parts, places = [], []
         for number in np.unique(owners).tolist():
@@ -102,10 +102,10 @@ def _owner(phases: list[Phase], time_ns: int) -> int:
 
 
 class FlightTime:
-    """The time by which a reference is flown: it stands still while nothing is published.
+    """The time of a flight, which stands still while nothing is published.
 
-    After a pause the flight goes on where it stopped, and does not jump ahead. All times
-    are nanoseconds of the clock of the stamps.
+    After a pause the flight continues where it stopped. All times are nanoseconds of the clock of
+    the stamps.
     """
 
     def __init__(self) -> None:
@@ -117,7 +117,7 @@ class FlightTime:
         self._since_ns = now_ns
 
     def resume(self, now_ns: int) -> None:
-        """Go on, when it stood still; a clock that was set back meanwhile pauses nothing."""
+        """Continue after a pause, which counts as none if the clock was set back meanwhile."""
         if self._since_ns is not None:
             self._paused_ns += max(0, now_ns - self._since_ns)
             self._since_ns = None

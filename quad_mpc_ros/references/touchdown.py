@@ -15,16 +15,15 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 
 _DURATION_NS = 500_000_000
 _LEAST_SAMPLES = 5
-# Shares of the touchdown speed that count as none: as measured, and as the heights change.
+# Shares of the touchdown speed that count as still: measured, and by the change of height.
 _SLOW, _STILL = 0.5, 1.0 / 3.0
 
 
 class Touchdown:
     """Watches one landing.
 
-    Over half a second the reference must have been below the vehicle, and both the velocities and
-    the heights of its odometry must say that it stays: either may be wrong. Both are averaged, as
-    they are noisy.
+    For half a second the reference must be below the vehicle, and both the velocities and the
+    heights of its odometry, averaged because of their noise, must show that it stays.
     """
 
     def __init__(self, touchdown_speed: float) -> None:
