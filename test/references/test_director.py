@@ -130,9 +130,7 @@ REQUESTS: dict[str, Callable[[Director, int], Reply]] = {
         max_size=4,
     ),
 )
-def test_nothing_jumps_whatever_is_asked_for_in_the_middle_of_anything(
-    trajectory: str, requests: list[tuple[str, int]]
-) -> None:
+def test_no_request_causes_a_jump(trajectory: str, requests: list[tuple[str, int]]) -> None:
     director, now = airborne()
     assert director.fly(now, flown(trajectory)).accepted
     begun = now
@@ -143,7 +141,7 @@ def test_nothing_jumps_whatever_is_asked_for_in_the_middle_of_anything(
     assert_nothing_jumps(director.timeline, begun - SECOND // 10, now + 3 * SECOND)
 
 
-def test_what_makes_no_sense_now_is_refused_and_changes_nothing() -> None:
+def test_refuses_impossible_request_without_effect() -> None:
     director = directed()
     for request in REQUESTS.values():
         answer = request(director, START)
@@ -195,7 +193,7 @@ def test_upside_down_it_flies_on_until_it_can_stop() -> None:
 
 @pytest.mark.parametrize("request_", ["hold", "land"])
 @pytest.mark.parametrize("moment", np.linspace(0.0, 4.0, 9))
-def test_to_hold_and_to_land_a_way_is_always_found(request_: str, moment: float) -> None:
+def test_hold_and_land_always_find_a_way(request_: str, moment: float) -> None:
     """Though the trajectory itself already needs more than the limits leave."""
     changes = {"trajectory": "lemniscate", "angular_frequency": 2.2}
     trajectory = configured_trajectory(ReferenceConfig.build(changes))
@@ -210,7 +208,7 @@ def test_to_hold_and_to_land_a_way_is_always_found(request_: str, moment: float)
     assert speed == pytest.approx(0.3 if request_ == "land" else 0.0, abs=1e-6)
 
 
-def test_what_is_planned_too_late_is_not_begun() -> None:
+def test_drops_late_plan() -> None:
     director, now = airborne()
     director.too_late = lambda start_ns: start_ns < now + SECOND
     for request in REQUESTS.values():

@@ -68,7 +68,7 @@ def test_at_rest_without_thrust_it_stands_after_a_while(judge: Judge) -> None:
 
 
 @pytest.mark.parametrize("share", [1.0 / 1.5, 1.0 / 1.4, 1.0, 1.0 / 0.6])
-def test_a_hover_is_no_standing_whatever_the_thrust_really_is(judge: Judge, share: float) -> None:
+def test_hover_is_not_standing_for_any_thrust_scale(judge: Judge, share: float) -> None:
     said = judge.see(20.0, thrust=share, height=2.0)
     assert Contact.STANDING not in said
 
@@ -79,7 +79,7 @@ def test_a_hover_teaches_after_the_time_that_motors_spool_up_for(judge: Judge) -
     assert judge.ground.flies
 
 
-def test_odometry_that_drifts_lifts_nothing(standing: Judge) -> None:
+def test_drifting_odometry_does_not_lift_off(standing: Judge) -> None:
     """PX4's estimate climbs by 0.1 m/s while it stands; motors spool up half a second."""
     said, height = [], 0.0
     for k in range(300):
@@ -94,13 +94,13 @@ def test_a_curve_that_is_negative_without_throttle_is_no_thrust(judge: Judge) ->
     assert judge.see(2.0, thrust=-0.05)[-1] is Contact.STANDING
 
 
-def test_what_leaves_its_place_flies(judge: Judge) -> None:
+def test_leaving_its_position_means_flying(judge: Judge) -> None:
     judge.see(0.2, thrust=0.7, height=2.0)
     said = judge.see(0.4, thrust=0.7, height=1.8)
     assert said[-1] is Contact.FLYING
 
 
-def test_little_thrust_teaches_nothing(judge: Judge) -> None:
+def test_learns_nothing_with_little_thrust(judge: Judge) -> None:
     judge.see(3.0, thrust=1.0, height=2.0)
     judge.see(thrust=0.2, height=2.0)
     assert judge.ground.flies
@@ -137,7 +137,7 @@ def test_it_stands_until_it_has_risen(standing: Judge) -> None:
     assert 0.1 < 0.01 * said.index(Contact.FLYING) < 0.3
 
 
-def test_who_takes_off_flies_though_the_estimate_has_sunk_before(standing: Judge) -> None:
+def test_takeoff_counts_after_sunken_estimate(standing: Judge) -> None:
     """As that of PX4, by 0.2 m as its motors spool up; then it climbs by 0.5 m/s^2."""
     for k in range(50):
         standing.see(thrust=0.01 * k + 0.45, height=-0.004 * k, window=ABOVE)
@@ -155,7 +155,7 @@ def test_who_takes_off_flies_though_the_estimate_has_sunk_before(standing: Judge
     assert 0.05 < lifted < 0.15
 
 
-def test_speeds_that_are_noisy_lift_nobody(standing: Judge) -> None:
+def test_noisy_speeds_do_not_lift_off(standing: Judge) -> None:
     noise = np.random.default_rng(7)
     for _ in range(500):
         velocity = 0.3 * noise.normal(size=3)
@@ -164,7 +164,7 @@ def test_speeds_that_are_noisy_lift_nobody(standing: Judge) -> None:
         assert said == [Contact.STANDING]
 
 
-def test_what_takes_off_from_a_slope_is_turned_before_it_has_risen(standing: Judge) -> None:
+def test_takeoff_from_slope_gets_rates_early(standing: Judge) -> None:
     """Leaning by 13 degrees it goes aside by 2 m/s^2 as soon as its thrust carries it."""
     said = []
     for k in range(50):
@@ -173,17 +173,17 @@ def test_what_takes_off_from_a_slope_is_turned_before_it_has_risen(standing: Jud
     assert 0.25 < said.index(Contact.FLYING) * PERIOD < 0.45
 
 
-def test_one_that_idles_may_be_pushed_about(standing: Judge) -> None:
+def test_idle_vehicle_may_be_moved(standing: Judge) -> None:
     pushed = np.array([0.9, 0.0, 0.0])
     assert set(standing.see(1.0, thrust=0.0, velocity=pushed)) == {Contact.STANDING}
 
 
-def test_drifting_odometry_lifts_nobody(standing: Judge) -> None:
+def test_drifting_odometry_is_no_takeoff(standing: Judge) -> None:
     said = [standing.see(height=0.004 * k)[0] for k in range(500)]
     assert set(said) == {Contact.STANDING}
 
 
-def test_it_falls_so_it_did_not_stand(standing: Judge) -> None:
+def test_falling_vehicle_was_not_standing(standing: Judge) -> None:
     """However it came to be believed: it is over within 0.3 s."""
     speeds = -9.81 * PERIOD * np.arange(60)
     heights = np.cumsum(speeds) * PERIOD
@@ -194,7 +194,7 @@ def test_it_falls_so_it_did_not_stand(standing: Judge) -> None:
     assert said.index(Contact.FLYING) * PERIOD <= 0.3
 
 
-def test_what_comes_down_where_it_stood_is_not_turned_any_more(standing: Judge) -> None:
+def test_no_rates_when_descending_to_ground(standing: Judge) -> None:
     standing.see(1.0, thrust=1.1, height=1.0, window=ABOVE)
     assert standing.ground.contact is Contact.FLYING
     for height, thrust, touching in [
@@ -211,9 +211,7 @@ def test_what_comes_down_where_it_stood_is_not_turned_any_more(standing: Judge) 
 
 
 @pytest.mark.parametrize("carrying", [0.7, 1.0, 1.5])
-def test_what_is_carried_with_less_thrust_than_it_flew_with_is_not_turned(
-    standing: Judge, carrying: float
-) -> None:
+def test_no_rates_when_carried_by_the_ground(standing: Judge, carrying: float) -> None:
     """Whatever share of its weight that is by the model."""
     down = land(standing, carrying)
     for _ in range(20):
@@ -223,7 +221,7 @@ def test_what_is_carried_with_less_thrust_than_it_flew_with_is_not_turned(
 
 
 @pytest.mark.parametrize("carrying", [0.7, 1.0, 1.5])
-def test_what_falls_with_less_thrust_is_turned(standing: Judge, carrying: float) -> None:
+def test_rates_continue_in_a_fall(standing: Judge, carrying: float) -> None:
     down, height, speed, share = land(standing, carrying), 0.3, -0.3, 0.65
     for _ in range(20):
         speed -= 9.81 * (1.0 - share) * PERIOD
@@ -246,9 +244,7 @@ def land(judge: Judge, carrying: float) -> ReferenceWindow:
 
 
 @pytest.mark.parametrize("says", [False, None])
-def test_the_stack_is_believed_that_it_has_landed_not_that_it_has_not(
-    judge: Judge, says: bool | None
-) -> None:
+def test_accepts_reported_landed_but_not_its_absence(judge: Judge, says: bool | None) -> None:
     judge.ground.tell_landed(True)
     said = judge.see(1.0)
     assert said.index(Contact.STANDING) * PERIOD == pytest.approx(0.2, abs=0.021)
@@ -259,13 +255,13 @@ def test_the_stack_is_believed_that_it_has_landed_not_that_it_has_not(
 @pytest.mark.parametrize(
     ("thrust", "speed"), [(1.0, 0.0), (0.0, 2.0)], ids=["with thrust", "in motion"]
 )
-def test_the_stack_is_not_believed_in_flight(judge: Judge, thrust: float, speed: float) -> None:
+def test_ignores_reported_landed_in_flight(judge: Judge, thrust: float, speed: float) -> None:
     judge.ground.tell_landed(True)
     said = judge.see(5.0, thrust=thrust, height=2.0, velocity=np.array([0.0, 0.0, -speed]))
     assert Contact.STANDING not in said
 
 
-def test_what_is_commanded_while_another_flies_says_nothing(judge: Judge) -> None:
+def test_commands_are_ignored_while_disengaged(judge: Judge) -> None:
     judge.ground.engage(False)
     assert set(judge.see(5.0, height=2.0)) == {Contact.UNKNOWN}
     judge.ground.engage(True)
@@ -312,7 +308,7 @@ def test_no_fall_is_ever_taken_for_standing(
         assert not judge.ground.standing
 
 
-def test_before_commands_act_the_stack_is_believed_and_in_the_moment_when_they_do(
+def test_accepts_reported_landed_until_engaged(
     judge: Judge,
 ) -> None:
     judge.ground.engage(False)
@@ -328,7 +324,7 @@ def test_before_commands_act_the_stack_is_believed_and_in_the_moment_when_they_d
     assert judge.see(thrust=1.0, height=2.0)[-1] is Contact.UNKNOWN
 
 
-def test_who_is_engaged_in_the_air_lands_as_carefully_as_who_took_off(judge: Judge) -> None:
+def test_landing_after_engaging_in_air_is_careful(judge: Judge) -> None:
     judge.ground.engage(False)
     judge.ground.tell_landed(True)
     judge.see(1.0)

@@ -93,7 +93,7 @@ def test_hover_holds_where_it_was_engaged_until_released(paper_config: MpcConfig
     assert_allclose(hover.command(east).w_WB_B, np.zeros(3), atol=1e-12)
 
 
-def test_hover_leaves_the_heading_alone(paper_config: MpcConfig) -> None:
+def test_hover_keeps_heading(paper_config: MpcConfig) -> None:
     x = State(
         p_WB=np.zeros(3),
         v_WB_B=np.array([4.0, 3.0, 0.0]),
@@ -168,7 +168,7 @@ def test_dead_reckoning_turns_with_the_body_rates() -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_hover_holds_vehicles_whose_lags_delay_and_thrust_nobody_knows(seed: int) -> None:
+def test_hover_holds_vehicles_with_unknown_lags_and_thrust(seed: int) -> None:
     rng = np.random.default_rng(seed)
     lags = rng.uniform(0.02, 0.08, size=2)
     simulator = ideal(

@@ -130,7 +130,7 @@ def test_the_action_hover_comes_in_time_to_stop_inside(
     assert ("come to a stop" in told) == broken
 
 
-def test_the_graver_of_two_breaches_is_told(watch: Watch) -> None:
+def test_reports_graver_breach(watch: Watch) -> None:
     assert watch.look(0, **tilted(1.2))[0] == "WARN"
     assert watch.look(20, **tilted(1.2), **at(x=6.0))[0] == "HOVER"
     # Still in force although only the lesser one is left.

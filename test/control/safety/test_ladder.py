@@ -152,13 +152,13 @@ def test_lost_odometry_goes_down_every_rung_and_comes_back(ladder: ModuleType) -
             assert (at, *decision) == (at, rung, reason)
 
 
-def test_a_new_plan_while_the_odometry_is_old_is_none(ladder: ModuleType) -> None:
+def test_plan_with_old_odometry_does_not_count(ladder: ModuleType) -> None:
     flight = Flight(ladder)
     flight.decide(0)
     flight.follow([(101, PLAN), (201, BLIND)], odometry=0)
 
 
-def test_what_is_foreseen_is_flown_for_a_while_and_gives_the_plan_no_more_time(
+def test_predicted_flight_is_limited_and_does_not_extend_plan_hold(
     ladder: ModuleType,
 ) -> None:
     flight = Flight(ladder)
@@ -173,7 +173,7 @@ def test_what_is_foreseen_is_flown_for_a_while_and_gives_the_plan_no_more_time(
     assert flight.decide(1500) == (MPC, "")
 
 
-def test_what_cannot_be_foreseen_any_more_is_the_plan_as_long_as_it_holds(
+def test_falls_back_to_plan_when_prediction_ends(
     ladder: ModuleType,
 ) -> None:
     flight = Flight(ladder)
@@ -204,7 +204,7 @@ def test_hover_goes_blind_when_odometry_stops_too(ladder: ModuleType) -> None:
     flight.follow([(500, HOVER), (501, BLIND)], odometry=400, fault=FAILED)
 
 
-def test_the_first_reason_is_the_one_told(ladder: ModuleType) -> None:
+def test_reports_first_reason(ladder: ModuleType) -> None:
     flight = Flight(ladder)
     flight.decide(0)
     known: dict[str, Any] = {"odometry": 0, "reference": 0, "fault": FAILED}
@@ -330,7 +330,7 @@ _MOMENT = st.fixed_dictionaries(
 
 @settings(max_examples=300, deadline=None)
 @given(moments=st.lists(_MOMENT, min_size=1, max_size=20))
-def test_in_any_story(moments: list[dict[str, Any]]) -> None:
+def test_invariants_hold_in_random_scenarios(moments: list[dict[str, Any]]) -> None:
     """What holds at every moment, whatever came before."""
     flight, at, stopped, flown = Flight(real_ladder), 0, False, False
     for moment in moments:

@@ -29,7 +29,7 @@ def _is_noticed(changed: ModuleType) -> bool:
     return False
 
 
-def test_the_stories_hold_for_the_ladder_as_it_is() -> None:
+def test_scenarios_hold_for_the_ladder() -> None:
     assert len(STORIES) > 10
     assert not _is_noticed(ladder)
 

@@ -100,7 +100,7 @@ def test_with_the_action_stop_it_falls_silent_and_stays_so() -> None:
     assert "outside the fence: x is 2." in ticks[-1].stats.reason
 
 
-def test_with_the_action_warn_it_flies_on_and_tells() -> None:
+def test_action_warn_continues_and_reports() -> None:
     loop = Loop(fence("warn"))
     *_, (odometry, tick) = loop.fly(4.0, to=(6.0, 0.0, 2.0))
     assert tick.stats.source == "mpc"

@@ -64,7 +64,7 @@ def test_clocks_may_drift_apart(source: Source, drift: float) -> None:
     assert all(source.send(at, stamped=at * (1.0 + drift)) is None for at in range(0, 10**6, 500))
 
 
-def test_late_by_less_than_the_timeout_is_taken_and_by_more_is_not(source: Source) -> None:
+def test_rejects_odometry_later_than_timeout(source: Source) -> None:
     source.send_all(regularly(0, 1000))
     assert source.send(1090, stamped=1000) is None
     reason = source.send(1200, stamped=1020)
@@ -74,22 +74,20 @@ def test_late_by_less_than_the_timeout_is_taken_and_by_more_is_not(source: Sourc
 
 
 @pytest.mark.parametrize("waited", [90, 270, 2000, 60_000])
-def test_after_a_first_one_that_waited_long_the_punctual_ones_are_taken(
-    source: Source, waited: int
-) -> None:
+def test_accepts_punctual_odometry_after_delayed_first(source: Source, waited: int) -> None:
     assert source.send(0, stamped=-waited) is None
     assert all(source.send_all(regularly(20, 1000)))
     # How long they take is known now, and what is late is refused.
     assert "behind its arrival" in str(source.send(1120, stamped=990))
 
 
-def test_one_from_the_future_is_refused_and_spoils_nothing(source: Source) -> None:
+def test_rejects_future_stamp_without_side_effect(source: Source) -> None:
     source.send_all(regularly(0, 1000))
     assert "60.00 s ahead of" in str(source.send(1000, stamped=61_000))
     assert all(source.send_all(regularly(1020, 2000)))
 
 
-def test_one_from_the_past_is_refused_and_spoils_nothing(source: Source) -> None:
+def test_rejects_past_stamp_without_side_effect(source: Source) -> None:
     source.send_all(regularly(0, 1000))
     for stamped in (990, 979, 0, -60_000):
         assert source.send(1000, stamped=stamped) in (None, "odometry stamp runs backwards")
@@ -97,7 +95,7 @@ def test_one_from_the_past_is_refused_and_spoils_nothing(source: Source) -> None
     assert all(source.send_all(regularly(1020, 2000)))
 
 
-def test_what_was_queued_while_this_process_stood_still_is_refused(source: Source) -> None:
+def test_rejects_odometry_queued_during_pause(source: Source) -> None:
     source.send_all(regularly(0, 1000))
     queued = [source.send(2000 + 0.001 * k, stamped=1000 + 20 * k) is None for k in range(50)]
     # The last four are younger than the timeout.
@@ -106,7 +104,7 @@ def test_what_was_queued_while_this_process_stood_still_is_refused(source: Sourc
 
 
 @pytest.mark.parametrize("jump", [-3_600_000, -150, 150, 3_600_000])
-def test_a_clock_that_was_set_is_believed_after_the_timeout(source: Source, jump: int) -> None:
+def test_accepts_set_clock_after_timeout(source: Source, jump: int) -> None:
     source.send_all(regularly(0, 1000))
     taken = source.send_all(regularly(1000, 2000), later=jump)
     assert taken == [False] * 6 + [True] * 44
@@ -114,14 +112,14 @@ def test_a_clock_that_was_set_is_believed_after_the_timeout(source: Source, jump
     assert source.send_all(regularly(2000, 3000)) == [False] * 6 + [True] * 44
 
 
-def test_stamps_without_order_are_never_believed(source: Source) -> None:
+def test_never_accepts_unordered_stamps(source: Source) -> None:
     source.send_all(regularly(0, 1000))
     rng = np.random.default_rng(1)
     for at in regularly(1000, 3000):
         assert source.send(at, stamped=at + float(rng.uniform(-1e6, -1e3))) is not None
 
 
-def test_the_same_stamp_again_brings_nothing_new(source: Source) -> None:
+def test_rejects_repeated_stamp(source: Source) -> None:
     source.send_all(regularly(0, 1000))
     for at in regularly(1000, 3000):
         assert source.send(at, stamped=980) == "odometry repeats its stamp"
@@ -129,16 +127,14 @@ def test_the_same_stamp_again_brings_nothing_new(source: Source) -> None:
 
 
 @pytest.mark.parametrize("moving", [MOVING, {"w_WB_B": np.array([0.0, 0.01, 0.0])}])
-def test_an_estimator_that_froze_in_motion_is_refused_after_the_timeout(
-    source: Source, moving: dict[str, Any]
-) -> None:
+def test_rejects_frozen_estimator_after_timeout(source: Source, moving: dict[str, Any]) -> None:
     source.send_all(regularly(0, 1000))
     frozen = source.send_all(regularly(1000, 2000), p_WB=np.ones(3), **moving)
     assert frozen == [True] * 6 + [False] * 44
     assert source.send(2000, **moving) is None
 
 
-def test_republished_faster_than_it_is_estimated_is_no_freeze(source: Source) -> None:
+def test_accepts_republished_odometry(source: Source) -> None:
     for at in range(0, 2000, 5):
         assert source.send(at, p_WB=np.array([at // 50, 0.0, 2.0]), **MOVING) is None
 
@@ -147,7 +143,7 @@ def test_at_rest_nothing_needs_to_change(source: Source) -> None:
     assert all(source.send_all(regularly(0, 2000), p_WB=np.ones(3)))
 
 
-def test_in_lockstep_the_same_may_come_again_and_time_begin_anew(
+def test_lockstep_accepts_repetition_and_restart(
     make_odometry: MakeOdometry,
 ) -> None:
     gate = OdometryGate(MpcConfig(odom_timeout=0.1, lockstep=True))
@@ -163,7 +159,7 @@ def test_in_lockstep_the_same_may_come_again_and_time_begin_anew(
     assert taken(5000)
 
 
-def test_a_longer_timeout_in_flight_is_taken_over(make_odometry: MakeOdometry) -> None:
+def test_applies_changed_timeout(make_odometry: MakeOdometry) -> None:
     config = MpcConfig(odom_timeout=0.1)
     gate = OdometryGate(config)
     gate.reconfigure(dataclasses.replace(config, odom_timeout=1.0))

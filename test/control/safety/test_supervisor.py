@@ -105,7 +105,7 @@ def test_a_command_is_rate_limited_from_the_one_in_force_then_clamped(
     assert third.throttle == 0.6
 
 
-def test_a_command_that_was_replaced_is_not_what_the_next_one_changes_from(
+def test_slew_starts_from_replaced_command(
     make_flight: MakeFlight,
 ) -> None:
     flight = make_flight(MpcConfig(slew=SlewParameters(throttle_max=10.0)))
@@ -153,7 +153,7 @@ def test_blind_it_levels_what_the_last_command_turned(make_flight: MakeFlight) -
 
 
 @pytest.mark.parametrize("age", [0 * MS, 7 * MS, 39 * MS, 40 * MS, 41 * MS, 900 * MS])
-def test_nobody_needs_to_look_before_it_is_blind(make_flight: MakeFlight, age: int) -> None:
+def test_watchdog_may_pause_until_timeout(make_flight: MakeFlight, age: int) -> None:
     flight = make_flight(MpcConfig(odom_timeout=0.04))
     assert flight.supervisor.seconds_until_unseen(now_ns=START) > 0.0
     seen = flight.now
@@ -174,7 +174,7 @@ def test_nobody_needs_to_look_before_it_is_blind(make_flight: MakeFlight, age: i
         (planned(0.3), 0.011, "late: the plan took 11.0 ms", "deadline_misses"),
     ],
 )
-def test_a_plan_must_be_there_and_finite_and_in_time(
+def test_refuses_missing_nonfinite_or_late_plan(
     plan: Plan | None, step_time: float, fault: str, counter: str
 ) -> None:
     supervisor = Supervisor(MpcConfig(), deadline=0.01)
@@ -183,7 +183,7 @@ def test_a_plan_must_be_there_and_finite_and_in_time(
     assert counted == ({counter} if counter else set())
 
 
-def test_what_is_refused_is_counted_told_once_and_not_kept(
+def test_refused_input_is_counted_reported_and_dropped(
     make_flight: MakeFlight, make_odometry: MakeOdometry, make_window: MakeWindow
 ) -> None:
     flight = make_flight(MpcConfig())
@@ -219,7 +219,7 @@ def test_a_reference_is_followed_while_it_is_fresh_or_reaches_over_the_horizon(
 
 
 @pytest.mark.parametrize(("action", "told"), [("warn", False), ("hover", True), ("stop", True)])
-def test_what_is_foreseen_ends_before_a_limit_that_would_act(action: str, told: bool) -> None:
+def test_prediction_ends_before_an_active_limit(action: str, told: bool) -> None:
     fence = FenceParameters(maximum=(2.0, 9.0, 9.0), action=action)
     supervisor = Supervisor(MpcConfig(fence=fence))
 

@@ -125,7 +125,7 @@ def test_an_empty_reference_is_refused(make_window: MakeWindow) -> None:
         (60_000, "reference ended 58.00 s before"),
     ],
 )
-def test_a_reference_has_to_speak_of_the_time_of_the_odometry(
+def test_reference_must_cover_odometry_stamp(
     make_window: MakeWindow, stamp_ms: int, expected: str | None
 ) -> None:
     start = 10**18

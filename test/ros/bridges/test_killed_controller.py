@@ -108,7 +108,7 @@ def processes(start: Callable[..., Process]) -> dict[str, Process]:
 
 @pytest.mark.timeout(3 * _PATIENCE)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_stack_hears_nothing_more_when_the_controller_is_killed_or_hangs(
+def test_stack_gets_nothing_from_killed_or_hanging_controller(
     number: int, listener: Listener, processes: dict[str, Process], matching: float
 ) -> None:
     listener.take_over(matching=matching)

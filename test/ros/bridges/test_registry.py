@@ -80,7 +80,7 @@ def test_the_bridge_of_contributing_passes_commands_on() -> None:
     assert [each.topic.name for each in bridge.subscriptions] == ["/kite/odometry"]
 
 
-def test_bridges_know_no_ros() -> None:
+def test_bridges_import_no_ros() -> None:
     # Whoever tests or simulates with a codec needs none of it.
     script = (
         "import sys\n"

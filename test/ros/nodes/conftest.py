@@ -38,7 +38,7 @@ def _node_process(
     name: str, *arguments: str, before: Sequence[str], log: Path
 ) -> Iterator[subprocess.Popen[bytes]]:
     """Run a node; it is ended by SIGINT at the end of the block, by force if need be."""
-    module = f"quad_mpc_ros.{'stack_node' if name == 'stack' else f'nodes.{name}_node'}"
+    module = f"quad_mpc_ros.ros.{'stack_node' if name == 'stack' else f'nodes.{name}_node'}"
     command = [sys.executable, "-m", module, *before, "--ros-args", *arguments]
     with log.open("wb") as output:
         process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)

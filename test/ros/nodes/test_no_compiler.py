@@ -25,7 +25,7 @@ def has_compiler(process: subprocess.Popen[bytes]) -> bool:
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="elsewhere Numba is in every node")
 @pytest.mark.parametrize("trajectory", ["square", "lemniscate"])
-def test_no_node_has_a_compiler_once_its_code_is_kept(
+def test_nodes_import_no_compiler_with_cached_code(
     trajectory: str, start: Start, peer: Any, tmp_path: Path
 ) -> None:
     commands: list[TwistStamped] = []

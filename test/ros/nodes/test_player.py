@@ -88,7 +88,7 @@ class Listener:
         return lambda message: self.heard[topic].append(message.data)
 
 
-def test_what_is_recorded_again_is_what_was_recorded(tmp_path: Path) -> None:
+def test_replayed_bag_records_the_same_messages(tmp_path: Path) -> None:
     bag = write_numbers(tmp_path / "bag", 150)
     result = script_module("bench/replay.py").replay_and_record(bag, tmp_path / "again")
     assert result.different == []
@@ -100,7 +100,7 @@ def test_what_is_recorded_again_is_what_was_recorded(tmp_path: Path) -> None:
             assert (word in after[topic].qos_profiles) == (word in before[topic].qos_profiles)
 
 
-def test_a_late_joiner_hears_what_was_latched(start: Start, peer: Any, tmp_path: Path) -> None:
+def test_late_joiner_receives_latched_messages(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = write_numbers(tmp_path / "bag")
     start("player", "-p", f"bag:={bag}", "-p", "loop:=true")
     listener = Listener(peer, "/fast")
