@@ -12,18 +12,16 @@ controller, ``--families``, ``--rows`` and ``--trials`` choose part of it. It ne
 from __future__ import annotations
 
 import argparse
-import concurrent.futures
-import csv
 import dataclasses
 import importlib
 import math
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import published_table
 from scipy import signal
 
 from quad_mpc_ros import load_config
@@ -75,11 +73,11 @@ VEHICLE = {
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """What is flown, and what the controller is not told.
+    """What is flown, and what the controller does not know.
 
     ``goal`` (3, 3) are position [m], velocity and acceleration after 5 s; ``force`` [N] in the
-    world, ``torque`` [N m] in the body and the payload come and go at ``toggles`` [s]; ``told``
-    are factors on what is believed of the vehicle.
+    world, ``torque`` [N m] in the body and the payload come and go at ``toggles`` [s];
+    ``assumed`` are factors on the vehicle's parameters as the controller has them.
     """
 
     goal: Array
@@ -90,7 +88,7 @@ class Trial:
     payload_at: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
     toggles: tuple[float, ...] = ()
     efficiency: Array = dataclasses.field(default_factory=lambda: np.ones(4))
-    told: dict[str, float] = dataclasses.field(default_factory=dict)
+    assumed: dict[str, float] = dataclasses.field(default_factory=dict)
     noise_seed: int = 0
 
 
@@ -116,7 +114,7 @@ def trials(family: str, count: int = TRIALS, seed: int = SEED) -> list[Trial]:
     elif family == "rotor efficiency":
         drawn = [{"efficiency": 1.0 + each} for each in random.uniform(-0.3, 0.3, (count, 4))]
     elif family == "uncertainty":
-        drawn = [{"told": _misbelief(random)} for _ in range(count)]
+        drawn = [{"assumed": _assumed(random)} for _ in range(count)]
     if family in TOGGLED:
         drawn = [{**each, "toggles": _toggles(random)} for each in drawn]
     return [
@@ -154,7 +152,7 @@ def _gusty(*, seed: int, steady: Array, intensity: Array) -> Array:
     return np.asarray(steady + gusts)
 
 
-def _misbelief(random: np.random.RandomState) -> dict[str, float]:
+def _assumed(random: np.random.RandomState) -> dict[str, float]:
     names = ("mass", "Ixx", "Iyy", "Izz", "arm", "-", "-", "-", "thrust", "torque", "k_d", "k_z")
     drawn = 1.0 + random.uniform(-0.1, 0.1, 15)  # the last three do nothing here
     return {name: float(each) for name, each in zip(names, drawn[:12], strict=True)}
@@ -204,13 +202,13 @@ class Craft:
     The wind changes, and the noise of the motors is added, every 10 ms as in the suite.
     """
 
-    def __init__(self, told: SimulatorConfig, trial: Trial) -> None:
-        """``told`` is the vehicle as the autopilot believes it."""
+    def __init__(self, assumed: SimulatorConfig, trial: Trial) -> None:
+        """``assumed`` is the vehicle as the autopilot has it."""
         self._trial = trial
-        self._loop, self._mix = rate_loop.loop_vector(told), mixing(told.rotors)
+        self._loop, self._mix = rate_loop.loop_vector(assumed), mixing(assumed.rotors)
         self._memory = np.zeros(rate_loop.MEMORY_SHAPE)
         self._command, self._speeds = np.zeros(4), np.zeros(4)
-        self._turn_ns = round(1e9 / told.rate_loop.rate)
+        self._turn_ns = round(1e9 / assumed.rate_loop.rate)
         self._random = np.random.RandomState(trial.noise_seed)
         self._body = multirotor(trial.efficiency)
         self._time_ns = 0
@@ -347,6 +345,11 @@ class Flown:
     largest: float
     heading: float
 
+    @property
+    def name(self) -> str:
+        """What was flown."""
+        return f"{self.job.family}, {self.job.row}, trial {self.job.trial}"
+
     def cells(self) -> dict[str, Any]:
         """Return it as a row of ``flights.csv``."""
         return {
@@ -371,7 +374,7 @@ def jobs(arguments: argparse.Namespace) -> Iterator[Job]:
 def flown(job: Job) -> Flown:
     """Fly it, from rest at the start of the reference with rotors that stand still."""
     trial = trials(job.family)[job.trial]
-    config = believed(load_config(*job.sources, assignments=job.assignments), trial.told)
+    config = misjudged(load_config(*job.sources, assignments=job.assignments), trial.assumed)
     reference = config.reference
     errors, headings = [], []
     for step in fly(
@@ -394,27 +397,27 @@ def flown(job: Job) -> Flown:
     return Flown(job, rmse, max(errors), float(np.mean(headings)))
 
 
-def believed(config: FlightConfig, told: dict[str, float]) -> FlightConfig:
-    """Return the configuration of a controller and an autopilot that are told other numbers."""
-    if not told:
+def misjudged(config: FlightConfig, assumed: dict[str, float]) -> FlightConfig:
+    """Return the configuration of a controller and an autopilot with other parameters."""
+    if not assumed:
         return config
     mpc, simulator, reference = config
-    sideways, along = told["k_d"], told["k_z"]
-    rotor_drag = np.multiply(mpc.rotor_drag, (sideways, sideways, along)) / told["mass"]
+    sideways, along = assumed["k_d"], assumed["k_z"]
+    rotor_drag = np.multiply(mpc.rotor_drag, (sideways, sideways, along)) / assumed["mass"]
     vehicle = {
-        "mass": told["mass"] * mpc.mass,
-        "thrust_curve": [told["thrust"] * each for each in mpc.thrust_curve],
+        "mass": assumed["mass"] * mpc.mass,
+        "thrust_curve": [assumed["thrust"] * each for each in mpc.thrust_curve],
         "rotor_drag": rotor_drag.tolist(),
     }
     rotors = simulator.rotors
     inertia = np.multiply(
-        simulator.airframe.inertia[:3], [told[name] for name in ("Ixx", "Iyy", "Izz")]
+        simulator.airframe.inertia[:3], [assumed[name] for name in ("Ixx", "Iyy", "Izz")]
     )
     autopilot = {
-        "rotors.x": [told["arm"] * each for each in rotors.x],
-        "rotors.y": [told["arm"] * each for each in rotors.y],
-        "rotors.thrust_coefficient": told["thrust"] * rotors.thrust_coefficient,
-        "rotors.torque_coefficient": told["torque"] * rotors.torque_coefficient,
+        "rotors.x": [assumed["arm"] * each for each in rotors.x],
+        "rotors.y": [assumed["arm"] * each for each in rotors.y],
+        "rotors.thrust_coefficient": assumed["thrust"] * rotors.thrust_coefficient,
+        "rotors.torque_coefficient": assumed["torque"] * rotors.torque_coefficient,
         "airframe.inertia": [*inertia.tolist(), 0.0, 0.0, 0.0],
     }
     return FlightConfig(
@@ -422,18 +425,6 @@ def believed(config: FlightConfig, told: dict[str, float]) -> FlightConfig:
         simulator.updated({**vehicle, **autopilot}),
         reference.updated(vehicle),
     )
-
-
-def all_flown(wanted: Sequence[Job], workers: int) -> list[Flown]:
-    """Fly in parallel processes, and tell how far it is."""
-    done: list[Flown] = []
-    with concurrent.futures.ProcessPoolExecutor(workers) as pool:
-        for each in pool.map(flown, wanted, chunksize=2):
-            done.append(each)
-            if len(done) % 20 == 0:
-                told = f"{len(done)}/{len(wanted)}: {each.job.family}, {each.job.row}"
-                print(told, file=sys.stderr, flush=True)
-    return done
 
 
 def table(flights: Sequence[Flown]) -> list[list[str]]:
@@ -455,42 +446,19 @@ def table(flights: Sequence[Flown]) -> list[list[str]]:
     return lines
 
 
-def as_markdown(lines: Sequence[Sequence[str]]) -> str:
-    """Return the table as Markdown."""
-    rows = [f"| {' | '.join(line)} |" for line in lines]
-    return "\n".join([rows[0], "|---" * len(lines[0]) + "|", *rows[1:], ""])
-
-
 def parsed(given: Sequence[str] | None = None) -> argparse.Namespace:
     """Return the arguments of a command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, default=Path("runs/adaptive_quad_bench"))
-    parser.add_argument("--workers", type=int, default=2)
+    parser = published_table.parser(__doc__, name="adaptive_quad_bench", rows=ROWS)
     parser.add_argument("--families", nargs="*", choices=FAMILIES, default=[*FAMILIES])
-    parser.add_argument("--rows", nargs="*", choices=[*ROWS], default=[*ROWS])
     parser.add_argument("--trials", type=int, default=TRIALS, choices=range(1, TRIALS + 1))
-    parser.add_argument("--config", nargs="*", default=[])
-    parser.add_argument("--set", nargs="*", default=[])
     return parser.parse_args(given)
 
 
 def main() -> None:
     """Fly and write."""
     arguments = parsed()
-    done = all_flown([*jobs(arguments)], arguments.workers)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    with (arguments.out / "flights.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, done[0].cells())
-        writer.writeheader()
-        writer.writerows(each.cells() for each in done)
-    lines = table(done)
-    (arguments.out / "table.md").write_text(as_markdown(lines), encoding="utf-8")
-    print(as_markdown(lines), end="")
-    for each in sorted(done, key=lambda flight: -flight.rmse)[:5]:
-        job = each.job
-        print(f"{each.rmse:.4f} m  {job.family}, {job.row}, trial {job.trial}")
+    done = published_table.all_flown(flown, [*jobs(arguments)], arguments.workers)
+    published_table.write(arguments.out, done, table(done))
 
 
 if __name__ == "__main__":

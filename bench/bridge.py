@@ -2,11 +2,11 @@
 
 python bench/bridge.py [--seconds S] [--rate R]
 
-The rates bridge, whose messages are installed with ROS, takes commands over DDS from a process of
-its own, and publishes to a subscriber that is there. Its callback is timed: the whole of it, and
+The rates bridge, whose messages are installed with ROS, takes commands over DDS from another
+process, and publishes to a subscriber that is there. Its callback is timed: the whole of it, and
 without ROS's publishing, which leaves decoding, clock, checks, units, and message; by the clock,
 and by the processor, which stands still while another process runs. A relay, which publishes what
-it hears and does nothing else, is timed before and after it: that is ROS's and the machine's part.
+it receives and does nothing else, is timed before and after it, for the part of ROS and machine.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class TimedBridge(BridgeNode):
 
 
 class TimedRelay(Node):
-    """Publishes the commands that it hears."""
+    """Publishes the commands that it receives."""
 
     def __init__(self) -> None:
         super().__init__("bench_relay")
@@ -89,7 +89,7 @@ class TimedRelay(Node):
 
 
 def command_and_listen(rate: float, stopping: Any) -> None:
-    """Publish commands, and be the stack that hears the setpoints."""
+    """Publish commands, and subscribe to the setpoints as a stack does."""
     rclpy.init()
     node = rclpy.create_node("bench_peer")
     publisher = node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)

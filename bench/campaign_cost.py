@@ -4,7 +4,7 @@ python bench/campaign_cost.py [--workers N | --scheduler ADDRESS] [--flights N]
 
 Flies many flights of one step, of which little is left but what is asked for, and subtracts what
 as many take in this process. *Once* is what it takes until each worker has flown one: processes
-that start, imports, compiled code that is loaded. Both are told as shares of a campaign of 500
+that start, imports, compiled code that is loaded. Both are printed as shares of a campaign of 500
 hover flights of 12 s, of which some are flown in this process, as well. All is processor time, of
 every process that takes part, so that other work on the machine does not count.
 """
@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from quad_mpc_ros.commands.engines import add_engine_options, engine_of
+from quad_mpc_ros.commands.campaign_options import add_engine_options, engine_of
 from quad_mpc_ros.experiments.campaigns.campaign import Campaign
 from quad_mpc_ros.experiments.campaigns.campaign_file import campaign_from
 from quad_mpc_ros.experiments.campaigns.engine import Engine

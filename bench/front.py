@@ -4,8 +4,8 @@ python bench/front.py [--flights 40] [--workers 2] [--image docs/images/tuning_f
 
 Each configuration flies: ``delay.yaml`` with 0 to 120 ms more delay than modelled, for its
 margin; vehicles of ``hover.yaml`` and ``lemniscate.yaml``, of which it knows the mass; those of
-``told.yaml``, whose lags, delay and drag it is told; the square and the lemniscate at 2.6 rad/s
-on a vehicle as modelled. Prints the table that the page has.
+``configured.yaml``, of which it knows lags, delay and drag; the square and the lemniscate at
+2.6 rad/s on a vehicle as modelled. Prints the table that the page has.
 """
 
 from __future__ import annotations
@@ -21,16 +21,17 @@ import numpy as np
 import yaml
 
 from quad_mpc_ros.analysis.figures import style
+from quad_mpc_ros.configuration.text_tables import markdown_table
 from quad_mpc_ros.experiments.campaigns.campaign_file import Overrides, campaign_from
 from quad_mpc_ros.experiments.campaigns.flying import fly
 from quad_mpc_ros.experiments.campaigns.local_workers import LocalWorkers
 
 CAMPAIGNS = Path(__file__).with_name("campaigns")
 DELAYS = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12)  # s, more than modelled
-CALM = 0.175  # rad: it swings where it tilts further in hover, long after its start
+CALM = 0.175  # rad: it oscillates where it tilts further in hover, long after its start
 
 GUESSED = {"rate_time_constant": 0.07, "thrust_time_constant": 0.04, "input_delay": 0.02}
-TOLD = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03, "input_delay": 0.02}
+CONFIGURED = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03, "input_delay": 0.02}
 PLANT = {"input_delay": "command_delay"}  # where the simulator has another name for it
 
 
@@ -64,8 +65,8 @@ class Flown:
     """Of the vehicles of which it knows the mass, on the lemniscate and in hover."""
     rmse: float
     """Of those on the lemniscate that were not lost, 95 % of them."""
-    lost_told: float
-    rmse_told: float
+    lost_configured: float
+    rmse_configured: float
     square: float
     fast: float
     """The lemniscate at 2.6 rad/s."""
@@ -76,14 +77,14 @@ class Flown:
         margin = "none" if self.margin < 0.0 else f"{1e3 * self.margin:.0f} ms"
         return [
             *(self.front.name, margin, f"{self.lost:.0%}", f"{100 * self.rmse:.1f} cm"),
-            *(f"{self.lost_told:.0%}", f"{100 * self.rmse_told:.1f} cm"),
+            *(f"{self.lost_configured:.0%}", f"{100 * self.rmse_configured:.1f} cm"),
             *(f"{self.square:.2f} m", f"{100 * self.fast:.1f} cm"),
         ]
 
 
 HEADER = (
-    *("configuration", "margin of delay", "lost, mass told", "RMSE, p95"),
-    *("lost, all told", "RMSE, p95", "square", "lemniscate 2.6"),
+    *("configuration", "margin of delay", "lost, mass configured", "RMSE, p95"),
+    *("lost, all configured", "RMSE, p95", "square", "lemniscate 2.6"),
 )
 
 
@@ -99,17 +100,17 @@ class Flights:
         print(f"{front.name} ...", file=sys.stderr, flush=True)
         hover = self._rows(front, _content("hover.yaml"))
         unknown = self._rows(front, _content("lemniscate.yaml"))
-        told = self._rows(front, _content("told.yaml"))
+        configured = self._rows(front, _content("configured.yaml"))
         (square,) = self._rows(front, _alone("square", 16.0, GUESSED), flights=1)
-        fast = _alone("lemniscate", 10.0, TOLD, {"reference.angular_frequency": 2.6})
+        fast = _alone("lemniscate", 10.0, CONFIGURED, {"reference.angular_frequency": 2.6})
         (lemniscate,) = self._rows(front, fast | {"start": "reference"}, flights=1)
         return Flown(
             front=front,
             margin=self._margin(front),
             lost=_lost([*hover, *unknown]),
             rmse=_rmse(unknown),
-            lost_told=_lost(told),
-            rmse_told=_rmse(told),
+            lost_configured=_lost(configured),
+            rmse_configured=_rmse(configured),
             square=float(square["position_rmse_m"]),
             fast=float(lemniscate["position_rmse_m"]),
         )
@@ -152,11 +153,11 @@ def _alone(
 ) -> dict[str, Any]:
     """Return the campaign of one vehicle that lags as the model."""
     plant = {f"simulator.{PLANT.get(name, name)}": value for name, value in model.items()}
-    told = {f"mpc.{name}": value for name, value in model.items()}
+    modelled = {f"mpc.{name}": value for name, value in model.items()}
     return {
         "reference": reference,
         "duration": duration,
-        "set": {**told, **plant, **(given or {})},
+        "set": {**modelled, **plant, **(given or {})},
     }
 
 
@@ -172,23 +173,17 @@ def _rmse(rows: Sequence[Mapping[str, Any]]) -> float:
     return float(np.quantile([float(row["position_rmse_m"]) for row in rows if _flew(row)], 0.95))
 
 
-def as_markdown(flown: Sequence[Flown]) -> str:
-    """Return the table as Markdown."""
-    lines = [HEADER, ("---",) * len(HEADER), *(each.cells for each in flown)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
 def draw(flown: Sequence[Flown], path: Path) -> None:
-    """Draw the accuracy on vehicles told, against the margin of delay and against what is lost."""
+    """Draw the accuracy where all is configured against the margin of delay and the losses."""
     figure = style.new_figure(9.0, 3.2, dpi=130)
-    accuracy = [100 * each.rmse_told for each in flown]
+    accuracy = [100 * each.rmse_configured for each in flown]
     for axes, places, unit in zip(
         figure.subplots(1, 2, sharey=True),
         (
             [1e3 * max(each.margin, 0.0) for each in flown],
             [100 * each.lost for each in flown],
         ),
-        ("delay beyond the modelled that it holds [ms]", "lost, told the mass alone [%]"),
+        ("delay beyond the modelled that it holds [ms]", "lost, only the mass configured [%]"),
         strict=True,
     ):
         axes.plot(places, accuracy, "o", color="#0072B2")
@@ -205,7 +200,7 @@ def draw(flown: Sequence[Flown], path: Path) -> None:
         axes.set_xlim(-0.05 * max(places), 1.3 * max(places))
         axes.set_ylim(0.0, 1.15 * max(accuracy))
         style.tidy(axes)
-        axes.set_ylabel("RMSE, all told, p95 [cm]", fontsize=9, color=style.INK)
+        axes.set_ylabel("RMSE, all configured, p95 [cm]", fontsize=9, color=style.INK)
     style.save(figure, path)
 
 
@@ -214,14 +209,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--flights", type=int, default=40, help="of unknown and of told vehicles")
+    parser.add_argument("--flights", type=int, default=40, help="of each campaign")
     parser.add_argument("--workers", type=int)
     parser.add_argument("--image", type=Path, default=Path("docs/images/tuning_front.png"))
     arguments = parser.parse_args()
     with LocalWorkers(arguments.workers) as workers:
         flights = Flights(workers, flights=arguments.flights)
         flown = [flights.flown(front) for front in FRONT]
-    print(as_markdown(flown))
+    print(markdown_table(HEADER, [each.cells for each in flown]))
     draw(flown, arguments.image)
 
 

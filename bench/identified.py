@@ -101,7 +101,7 @@ def recorded(config: FlightConfig) -> RecordedRun:
 
 
 def identified(config: FlightConfig) -> Identification:
-    """Return what a flight tells."""
+    """Return what is identified from a flight."""
     mpc = config.mpc
     data = measurements_of(
         recorded(config), vehicle=mpc.vehicle(), twist_frame=mpc.odometry.twist_frame
@@ -175,12 +175,12 @@ def answered(vehicle: str, channel: str) -> float:
     return float(np.sum(1.0 - np.array(seen) / seen[-1])) * 1e-3
 
 
-def table(vehicle: str, told: Sequence[Identification]) -> Iterator[str]:
+def table(vehicle: str, found: Sequence[Identification]) -> Iterator[str]:
     """Yield the lines about a vehicle, one for each number that a flight claims."""
-    own, all_told = truth(vehicle), [dict(estimates(each)) for each in told]
-    yield f"{vehicle:26} {'truth':>8} {'mean':>8} {'off most':>8} {'+- 95 %':>8}  held  told"
-    for name in dict.fromkeys(name for each in all_told for name in each):
-        claims = [each[name] for each in all_told if name in each and each[name].observable]
+    own, every = truth(vehicle), [dict(estimates(each)) for each in found]
+    yield f"{vehicle:26} {'truth':>8} {'mean':>8} {'off most':>8} {'+- 95 %':>8}  held  of"
+    for name in dict.fromkeys(name for each in every for name in each):
+        claims = [each[name] for each in every if name in each and each[name].observable]
         if not claims:
             continue
         values = np.array([claim.value for claim in claims])
@@ -228,9 +228,9 @@ def main(given: Sequence[str]) -> int:
             excited(vehicle, (*extra, *NOISE, f"simulator.seed={seed}"))
             for seed in range(options.seeds)
         ]
-        told = [identified(config) for config in noisy]
-        print("\n".join(table(vehicle, told)))
-        flights = [flown(vehicle, *each) for each in zip(told, noisy, strict=True)]
+        found = [identified(config) for config in noisy]
+        print("\n".join(table(vehicle, found)))
+        flights = [flown(vehicle, *each) for each in zip(found, noisy, strict=True)]
         name, errors = flights[0][0], 100.0 * np.array([error for _, error in flights])
         print(f"  {name}: RMSE {errors.min():.2f} to {errors.max():.2f} cm\n", flush=True)
     return 0

@@ -13,13 +13,14 @@ import argparse
 import struct
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from quad_mpc_ros.messages.codec import RosbagsMessages
-from quad_mpc_ros.messages.conversions import fill_time, nanoseconds
+from quad_mpc_ros.messages.diagnostics import written_stats
 from quad_mpc_ros.messages.topics import ODOMETRY, STATS
+from quad_mpc_ros.recordings.logs import tick_stats
 from quad_mpc_ros.recordings.parameters import write_parameters
 from quad_mpc_ros.recordings.qos_profile import parse_qos_profiles
 from quad_mpc_ros.recordings.reader import RecordedMessage
@@ -78,11 +79,10 @@ def _shift_of(recording: Recording) -> Shift:
         if info.type_name.split("/")[0] in ("nav_msgs", "geometry_msgs", "trajectory_msgs")
     }
     stats = {name for name in recording.bag.topics if name.endswith(f"/{STATS.name}")}
-    codec = RosbagsMessages()
 
     def shift(message: RecordedMessage, later_ns: int) -> bytes:
-        if message.topic in stats:  # whose stamp is a figure too
-            return _later_stats(codec, message, later_ns)
+        if message.topic in stats:  # their stamp is a figure, too
+            return _later_stats(message, later_ns)
         if message.topic not in stamped:
             return message.data
         data = bytearray(message.data)
@@ -94,14 +94,9 @@ def _shift_of(recording: Recording) -> Shift:
     return shift
 
 
-def _later_stats(codec: RosbagsMessages, message: RecordedMessage, later_ns: int) -> bytes:
-    figures = codec.decode(message.type_name, message.data)
-    fill_time(figures.header.stamp, nanoseconds(figures.header.stamp) + later_ns)
-    for status in figures.status:
-        for pair in status.values:
-            if pair.key == "stamp_ns":
-                pair.value = str(int(pair.value) + later_ns)
-    return codec.encode(message.type_name, figures)
+def _later_stats(message: RecordedMessage, later_ns: int) -> bytes:
+    stats = tick_stats(message.message)
+    return written_stats(replace(stats, stamp_ns=stats.stamp_ns + later_ns))
 
 
 def main() -> int:

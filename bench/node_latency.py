@@ -3,7 +3,7 @@
 python bench/node_latency.py [--rate HZ] [--duration S] [--set NODE.PARAM=VALUE ...]
 
 Starts what ``quad_mpc fly`` starts, and ``bench/relay.py``: an ordinary rclpy node with its
-default executor that answers each odometry with an empty command. Both hear the same odometries
+default executor that answers each odometry with an empty command. Both receive the same odometries
 on the same machine at the same time: what the machine costs is in both. Latency is from the
 publication of the odometry to that of the command, as DDS stamps them.
 """
@@ -28,7 +28,7 @@ from quad_mpc_ros.commands.processes import NodeProcess, start_all, stop_all
 from quad_mpc_ros.commands.run_configuration import RunConfig, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.configuration.text_tables import text_table
-from quad_mpc_ros.messages.conversions import stamp_of_serialized
+from quad_mpc_ros.messages.cdr import header_stamp_ns
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY
 from quad_mpc_ros.recordings.reader import BagReader
 
@@ -101,7 +101,7 @@ def fly(config: RunConfig, *, together: bool) -> tuple[dict[str, Load], dict[str
 
 
 def await_readiness(monitor: FlightMonitor) -> None:
-    """Wait until all hear each other, the relay and the recorder of its commands included."""
+    """Wait until all are connected, the relay and the recorder of its commands included."""
     deadline = time.monotonic() + _READY_TIMEOUT
     while not (monitor.ready() and monitor.node.count_subscribers(_RELAYED)):
         if time.monotonic() > deadline:
@@ -126,7 +126,7 @@ def latencies(bag: Path, *, period_ms: float) -> str:
     sent: dict[str, dict[int, int]] = {ODOMETRY.name: {}, COMMAND.name: {}, _RELAYED: {}}
     for message in BagReader(bag).messages([f"/{topic}" for topic in sent]):
         stamps = sent[message.topic.removeprefix("/")]
-        stamps.setdefault(stamp_of_serialized(message.data), message.publish_time_ns)
+        stamps.setdefault(header_stamp_ns(message.data), message.publish_time_ns)
     odometries = sent[ODOMETRY.name]
     first_ns = min(odometries) + _WARM_UP_NS
     rows = [["odometry to command [ms]", "answered", "p50", "p99", "max", "late by a period"]]

@@ -83,7 +83,7 @@ def record(bag: Path, *, duration: float, rate: float, arguments: Sequence[str] 
 
 
 def _watch(recorder: subprocess.Popen[bytes], senders: Sequence[subprocess.Popen[bytes]]) -> Load:
-    """Sample the recorder once a second while somebody sends."""
+    """Sample the recorder once a second while messages are sent."""
     time.sleep(3.0)  # what starting takes is not of interest
     memory = []
     started, cpu_before = time.monotonic(), _cpu_s(recorder.pid)
@@ -131,7 +131,7 @@ def _send(name: str, *, count: int, rate: float) -> None:
     deadline = time.monotonic() + _WAIT_S
     while not all(publisher.get_subscription_count() for publisher in messages):
         if time.monotonic() > deadline:
-            sys.exit(f"{name}: nobody listens")
+            sys.exit(f"{name}: no subscriber")
         time.sleep(0.05)
     time.sleep(0.5)
     started = time.monotonic()

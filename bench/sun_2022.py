@@ -11,18 +11,15 @@ counted as 5 m: docs/benchmarks.md. ``flights.csv`` has every flight, ``table.cs
 from __future__ import annotations
 
 import argparse
-import concurrent.futures
-import csv
 import functools
 import itertools
-import sys
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import published_table
 
 from quad_mpc_ros import load_config
 from quad_mpc_ros.control.warm_up import warmed_up
@@ -99,7 +96,7 @@ def _push(force: float) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Condition:
-    """What the controller is not told, and their RMSE [m] and crashes [%] for it."""
+    """What the controller does not know, and their RMSE [m] and crashes [%] for it."""
 
     name: str
     effects: tuple[str, ...] = ()
@@ -147,7 +144,7 @@ ROWS = {
     "on": "mpc.estimate_disturbance=true",
     "declared": "mpc.estimate_disturbance=true",
 }
-"""Estimator off, on, and on with true stamps and the latency told, where there is any."""
+"""Estimator off, on, and on with true stamps and the latency configured, if there is any."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +167,11 @@ class Flown:
     largest: float
     crashed: bool
     fallbacks: int
+
+    @property
+    def name(self) -> str:
+        """What was flown."""
+        return f"{self.job.condition}, {self.job.row}: {self.job.course}"
 
     def cells(self) -> dict[str, Any]:
         """Return it as a row of ``flights.csv``."""
@@ -269,24 +271,6 @@ def _start(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, Any]
     return start
 
 
-def all_flown(wanted: Sequence[Job], workers: int) -> list[Flown]:
-    """Fly in parallel processes, and tell how far it is."""
-    done: list[Flown] = []
-    begun = time.monotonic()
-    with concurrent.futures.ProcessPoolExecutor(workers) as pool:
-        for each in pool.map(flown, wanted, chunksize=4):
-            done.append(each)
-            if len(done) % 38 == 0 or len(done) == len(wanted):
-                job = each.job
-                print(
-                    f"{len(done)}/{len(wanted)} after {time.monotonic() - begun:.0f} s: "
-                    f"{job.condition}, estimator {job.row}",
-                    file=sys.stderr,
-                    flush=True,
-                )
-    return done
-
-
 def cell(flights: list[Flown]) -> str:
     """Return the mean RMSE of a cell, with the share of crashes if there are any."""
     if not flights:
@@ -298,7 +282,15 @@ def cell(flights: list[Flown]) -> str:
 
 def table(flights: list[Flown]) -> list[list[str]]:
     """Return header and rows of the table."""
-    header = ["condition", "NMPC", "NMPC + INDI", "DFBC + INDI", "off", "on", "on, latency told"]
+    header = [
+        "condition",
+        "NMPC",
+        "NMPC + INDI",
+        "DFBC + INDI",
+        "off",
+        "on",
+        "on, latency known",
+    ]
     lines = [header]
     for condition in CONDITIONS:
         cells = [
@@ -310,44 +302,20 @@ def table(flights: list[Flown]) -> list[list[str]]:
     return lines
 
 
-def as_markdown(lines: list[list[str]]) -> str:
-    """Return the table as Markdown."""
-    rows = [f"| {' | '.join(line)} |" for line in lines]
-    return "\n".join([rows[0], "|---" * len(lines[0]) + "|", *rows[1:], ""])
-
-
 def parsed(given: Sequence[str] | None = None) -> argparse.Namespace:
     """Return the arguments of a command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--out", type=Path, default=Path("runs/sun_2022"))
-    parser.add_argument("--workers", type=int, default=2)
+    parser = published_table.parser(__doc__, name="sun_2022", rows=ROWS)
     parser.add_argument("--duration", type=float, default=10.0, help="of a flight [s]")
     parser.add_argument("--conditions", nargs="*", choices=[c.name for c in CONDITIONS])
-    parser.add_argument("--rows", nargs="*", choices=[*ROWS], default=[*ROWS])
     parser.add_argument("--infeasible", action="store_true")
-    parser.add_argument("--config", nargs="*", default=[])
-    parser.add_argument("--set", nargs="*", default=[])
     return parser.parse_args(given)
 
 
 def main() -> None:
     """Fly and write."""
     arguments = parsed()
-    done = all_flown([*jobs(arguments)], arguments.workers)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    with (arguments.out / "flights.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, done[0].cells())
-        writer.writeheader()
-        writer.writerows(each.cells() for each in done)
-    lines = table(done)
-    with (arguments.out / "table.csv").open("w", newline="") as file:
-        csv.writer(file).writerows(lines)
-    (arguments.out / "table.md").write_text(as_markdown(lines), encoding="utf-8")
-    print(as_markdown(lines), end="")
-    for each in sorted(done, key=lambda flight: -flight.rmse)[:5]:
-        print(f"{each.rmse:.3f} m  {each.job.condition}, {each.job.row}: {each.job.course}")
+    done = published_table.all_flown(flown, [*jobs(arguments)], arguments.workers)
+    published_table.write(arguments.out, done, table(done))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""The controller in a flight stack: mpc, reference and the bridge to the stack.
+"""The controller in a flight stack: mpc, reference and the bridge to the stack, in one process.
 
 ros2 launch quad_mpc_ros bridge.launch.py bridge:=px4 config:=my_vehicle.yaml
 ros2 launch quad_mpc_ros bridge.launch.py bridge:=mavros config:=my_vehicle.yaml namespace:=uav1
+ros2 launch quad_mpc_ros bridge.launch.py bridge:=px4 one_process:=false
 Nothing is armed, no mode switched and nothing flown until asked for: ros2 service call
 /px4_bridge/engage, /px4_bridge/arm and /reference/takeoff.
 """
@@ -9,9 +10,8 @@ Nothing is armed, no mode switched and nothing flown until asked for: ros2 servi
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
-from launch.substitutions import EqualsSubstitution, LaunchConfiguration, NotEqualsSubstitution
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
@@ -20,23 +20,19 @@ from quad_mpc_ros.ros.bridges.registry import bridge_packages
 
 PACKAGE = "quad_mpc_ros"
 SUFFIX = "_bridge"  # of executable and node
+SWITCH = ["true", "false"]
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return bridge, mpc, and the reference unless told not to."""
+    """Return bridge, mpc, and the reference unless it is left out."""
     default_config = Path(get_package_share_directory(PACKAGE), "config", "default.yaml")
-    common = {
-        "namespace": LaunchConfiguration("namespace"),
-        "parameters": [LaunchConfiguration("config")],
-        "output": "screen",
-    }
-    bridge = LaunchConfiguration("bridge")
-    mode = ParameterValue(LaunchConfiguration("mode"), value_type=str)
-    bridges = bridge_packages()
-    choices = [name.removesuffix(SUFFIX) for name in bridges]
     return LaunchDescription(
         [
-            DeclareLaunchArgument("bridge", description="the flight stack", choices=choices),
+            DeclareLaunchArgument(
+                "bridge",
+                description="the flight stack, none for mpc and reference alone",
+                choices=["none", *(name.removesuffix(SUFFIX) for name in bridge_packages())],
+            ),
             DeclareLaunchArgument(
                 "config",
                 default_value=str(default_config),
@@ -52,40 +48,67 @@ def generate_launch_description() -> LaunchDescription:
                 description="of the reference: what is flown once engaged",
             ),
             DeclareLaunchArgument(
-                "with_reference", default_value="true", description="start the reference node"
+                "with_reference",
+                default_value="true",
+                choices=SWITCH,
+                description="start the reference node",
             ),
-            *(
-                Node(
-                    package=package,
-                    executable=name,
-                    name=name,
-                    condition=IfCondition(EqualsSubstitution(bridge, name.removesuffix(SUFFIX))),
-                    **common,
-                )
-                for name, package in bridges.items()
+            DeclareLaunchArgument(
+                "one_process",
+                default_value="true",
+                choices=SWITCH,
+                description="run the nodes in one process, which takes a third of the memory",
             ),
-            # ROSflight has a topic /command of its own, of another type.
+            OpaqueFunction(function=_nodes),
+        ]
+    )
+
+
+def _nodes(context) -> list:
+    def given(name: str) -> str:
+        return LaunchConfiguration(name).perform(context)
+
+    bridge, mode, with_reference = given("bridge"), given("mode"), given("with_reference")
+    common = {
+        "namespace": given("namespace"),
+        "parameters": [given("config")],
+        "output": "screen",
+    }
+    # ROSflight has a topic /command of its own, of another type.
+    moved = bridge == "rosflight"
+    if given("one_process") == "true":
+        return [
             Node(
                 package=PACKAGE,
-                executable="mpc_node",
-                name="mpc",
-                condition=IfCondition(NotEqualsSubstitution(bridge, "rosflight")),
+                executable="stack_node",
+                arguments=["--bridge", bridge, "--reference", with_reference],
+                # The nodes have their own names, and this parameter is of one of them.
+                ros_arguments=["-p", f"reference:mode:={mode}"],
+                remappings=[("mpc:command", "mpc/command")] if moved else [],
                 **common,
-            ),
-            Node(
-                package=PACKAGE,
-                executable="mpc_node",
-                name="mpc",
-                remappings=[("command", "mpc/command")],
-                condition=IfCondition(EqualsSubstitution(bridge, "rosflight")),
-                **common,
-            ),
+            )
+        ]
+    nodes = [
+        Node(
+            package=PACKAGE,
+            executable="mpc_node",
+            name="mpc",
+            remappings=[("command", "mpc/command")] if moved else [],
+            **common,
+        )
+    ]
+    if with_reference == "true":
+        parameters = [*common["parameters"], {"mode": ParameterValue(mode, value_type=str)}]
+        nodes.append(
             Node(
                 package=PACKAGE,
                 executable="reference_node",
                 name="reference",
-                condition=IfCondition(LaunchConfiguration("with_reference")),
-                **{**common, "parameters": [*common["parameters"], {"mode": mode}]},
-            ),
-        ]
-    )
+                **{**common, "parameters": parameters},
+            )
+        )
+    if bridge != "none":
+        name = f"{bridge}{SUFFIX}"
+        package = bridge_packages()[name]
+        nodes.append(Node(package=package, executable=name, name=name, **common))
+    return nodes

@@ -2,6 +2,8 @@
 
 ros2 launch quad_mpc_ros fleet.launch.py vehicles:=4
 ros2 launch quad_mpc_ros fleet.launch.py vehicles:=8 config:=my_vehicle.yaml duration:=60.0
+ros2 launch quad_mpc_ros fleet.launch.py one_process:=false
+The mpc and the reference of a vehicle are in one process, unless they are kept apart.
 """
 
 from pathlib import Path
@@ -44,6 +46,12 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "record", default_value="false", description="record a bag of each vehicle"
             ),
+            DeclareLaunchArgument(
+                "one_process",
+                default_value="true",
+                choices=["true", "false"],
+                description="run mpc and reference of a vehicle in one process",
+            ),
             OpaqueFunction(function=_vehicles),
         ]
     )
@@ -54,14 +62,18 @@ def _vehicles(context) -> list:
     count = int(LaunchConfiguration("vehicles").perform(context))
     if count < 1:
         raise ValueError(f"vehicles: given {count}, expected 1 or more")
+    together = LaunchConfiguration("one_process").perform(context) == "true"
     duration = ParameterValue(LaunchConfiguration("duration"), value_type=float)
     actions = []
     for number in range(1, count + 1):
         namespace = f"uav{number}"
         simulator = _node("simulator", namespace, {"duration": duration})
         actions += [
-            _node("mpc", namespace),
-            _node("reference", namespace),
+            *(
+                [_node("", namespace, executable="stack_node")]
+                if together
+                else [_node("mpc", namespace), _node("reference", namespace)]
+            ),
             _node("recorder", namespace, condition="record"),
             simulator,
             RegisterEventHandler(
@@ -75,12 +87,17 @@ def _vehicles(context) -> list:
 
 
 def _node(
-    name: str, namespace: str, parameters: dict | None = None, condition: str | None = None
+    name: str,
+    namespace: str,
+    parameters: dict | None = None,
+    *,
+    executable: str | None = None,
+    condition: str | None = None,
 ) -> Node:
     return Node(
         package=PACKAGE,
-        executable=f"{name}_node",
-        name=name,
+        executable=executable or f"{name}_node",
+        **({"name": name} if name else {}),
         namespace=namespace,
         parameters=[LaunchConfiguration("config"), parameters or {}],
         output="screen",

@@ -12,24 +12,24 @@ from quad_mpc_ros.commands import EXIT_BAD_INPUT, EXIT_INTERRUPTED
 from quad_mpc_ros.configuration import UserError
 
 COMMANDS = {
-    "fly": "fly over DDS: simulator, reference, mpc and recorder as processes of their own",
+    "fly": "fly over DDS: simulator, reference, mpc and recorder as separate processes",
     "simulate": "fly the same in one process without ROS, faster than real time",
     "campaign": "fly many flights with parameters that vary, on every core or a cluster",
-    "tune": "search parameters of the controller by campaigns, with Optuna: a Pareto front",
+    "tune": "search controller parameters by campaigns, with Optuna: a Pareto front",
     "check-reference": "judge a reference before it is flown: throttle and body rates against the "
     "limits",
     "report": "show recorded runs, or campaigns, on one page: path, errors, solver; crashes",
     "identify": "fit lags, delay, thrust and drag of the vehicle to a recorded flight",
-    "save-vehicle": "save what a flying controller has learned of thrust and lags to a parameter "
-    "file",
+    "save-vehicle": "save the thrust and lags that a flying controller has estimated as a "
+    "parameter file",
     "resolve": "feed a recorded flight to the controller: what would it have commanded?",
     "replay": "publish a recorded bag again",
     "bag": "look into a bag, or repair one",
     "params": "print every parameter: type, default, unit, range, whether live, meaning",
     "bridges": "list the bridges to flight stacks and what is installed for them",
-    "compile": "make all machine code now, so that no node has to when it starts",
-    "soak": "does it hold: fly for half an hour, or inject faults one after another",
-    "bench": "measure this controller beside acados, cvxpy and OSQP's own time",
+    "compile": "compile everything now, so that no node has to when it starts",
+    "soak": "endurance test: fly for half an hour, or inject faults one after another",
+    "bench": "measure what a step costs, beside OSQP's own time and other controllers",
 }
 """What each command does; the module of that name does it."""
 

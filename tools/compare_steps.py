@@ -5,7 +5,7 @@
 Both Pythons have quad_mpc_ros installed, in environments of their own. Each pair of runs of
 ``quad_mpc simulate`` flies the same flight, the old one first in every other pair, and gives the
 ratios new / old of the p50 and the p99 of its step times. A machine that is busy for a while is so
-for both runs of a pair, hence the median of the ratios tells a change from the machine.
+for both runs of a pair, hence the median of the ratios separates a change from the machine.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def package_of(python: Path) -> str:
 
 
 def step_times(python: Path, options: list[str]) -> StepTimes:
-    """Fly once, and return the step times that its summary tells."""
+    """Fly once, and return the step times of its summary."""
     with tempfile.TemporaryDirectory() as folder:
         summary = Path(folder) / "run" / "summary.json"
         command = ("-m", "quad_mpc_ros.cli", "simulate", *options, "--out", str(summary.parent))

@@ -107,9 +107,9 @@ class Pilot:
                 continue
             self._last_ns = odometry.stamp_ns
             self._follow()
-            told = self._live.observe(odometry)
-            if told is not None:
-                print(f"  {told.text}", flush=True)
+            event = self._live.observe(odometry)
+            if event is not None:
+                print(f"  {event.text}", flush=True)
             window = self._live.window(odometry.stamp_ns)
             if window is None:
                 continue

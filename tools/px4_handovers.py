@@ -4,7 +4,7 @@
 
 PX4 and its uXRCE-DDS agent run already, in real time, disarmed on the ground, and px4_msgs is
 there (docs/stacks/px4.md). The nodes are started here, each a process: mpc, reference and
-px4_bridge. Not for a real vehicle: in the air the MPC is killed, and PX4 told to hold.
+px4_bridge. Not for a real vehicle: in the air the MPC is killed, and PX4 is switched to hold.
 
 Each line is one handover: who flies after it, and by how much [deg] the vehicle tilted more than
 the reference asks for, from it until the next. The exit code is 1 where one was not as expected.
@@ -49,7 +49,7 @@ from quad_mpc_ros.ros.messages import (
     qos_of,
     reference_in,
 )
-from quad_mpc_ros.ros.rclpy_internals import fastest_executor
+from quad_mpc_ros.ros.spin import fastest_executor
 
 NODES = {  # what runs each
     "mpc": "from quad_mpc_ros.ros.nodes.mpc_node import main",
@@ -74,7 +74,7 @@ class Handover(NamedTuple):
 
 
 class Rig:
-    """The nodes, and a node that asks, tells PX4 what a pilot would, and watches."""
+    """The nodes, and a node that calls services, sends PX4 a pilot's commands, and watches."""
 
     def __init__(
         self, config: list[str], *, bridge: Px4Bridge, target_system: int, out: Path
@@ -87,25 +87,27 @@ class Rig:
         self._target, self._window = target_system, ReferenceWindow.hover((0.0, 0.0, 0.0))
         self.tilt, self.height, self.nav_state = 0.0, 0.0, -1
         self.armed = self.engaged = False
-        self._heard, self.where = 0, ""
-        self._hear(ODOMETRY, self._on_odometry, raw=True)
-        self._hear(REFERENCE, self._on_reference, raw=True)
-        self._hear(ENGAGED, lambda message: setattr(self, "engaged", bool(message.data)))
+        self._received, self.where = 0, ""
+        self._subscribe(ODOMETRY, self._on_odometry, raw=True)
+        self._subscribe(REFERENCE, self._on_reference, raw=True)
+        self._subscribe(ENGAGED, lambda message: setattr(self, "engaged", bool(message.data)))
         topics = {each.topic.name.rpartition("/")[2]: each.topic for each in bridge.subscriptions}
         (status,) = (topic for name, topic in topics.items() if name.startswith("vehicle_status"))
-        self._hear(status, self._on_status)
+        self._subscribe(status, self._on_status)
         (command,) = (each for each in bridge.publications if "vehicle_command" in each.name)
         self._commands = self._node.create_publisher(
             message_class(command.type_name), command.name, qos_of(command)
         )
 
-    def _hear(self, topic: Any, callback: Callable[[Any], None], *, raw: bool = False) -> None:
+    def _subscribe(
+        self, topic: Any, callback: Callable[[Any], None], *, raw: bool = False
+    ) -> None:
         kind = message_class(topic.type_name)
         self._node.create_subscription(kind, topic.name, callback, qos_of(topic), raw=raw)
 
     def _on_odometry(self, data: bytes) -> None:
-        self._heard += 1
-        if self._heard % 8:  # nothing turns that fast
+        self._received += 1
+        if self._received % 8:  # nothing turns that fast
             return
         odometry = odometry_in(data)
         self.height = float(odometry.p_WB[2])
@@ -156,7 +158,7 @@ class Rig:
         kind = Trigger if wanted is None else SetBool
         client = self._node.create_client(kind, service)
         request = kind.Request() if wanted is None else kind.Request(data=wanted)
-        give_up, answer, told = time.monotonic() + PATIENCE, None, ""
+        give_up, answer, reason = time.monotonic() + PATIENCE, None, ""
         while answer is None or not answer.success:
             if time.monotonic() > give_up:
                 raise TimeoutError(f"{service}: {getattr(answer, 'message', 'no answer')}")
@@ -165,12 +167,12 @@ class Rig:
                 future = client.call_async(request)
                 self._executor.spin_until_future_complete(future, timeout_sec=5.0)
                 answer = future.result()
-                if answer is not None and not answer.success and answer.message != told:
-                    told = answer.message
-                    print(f"  {service}: {told}", flush=True)
+                if answer is not None and not answer.success and answer.message != reason:
+                    reason = answer.message
+                    print(f"  {service}: {reason}", flush=True)
 
-    def tell(self, command: int, *parameters: float) -> None:
-        """Tell PX4 what a ground station would."""
+    def send(self, command: int, *parameters: float) -> None:
+        """Send PX4 a command as a ground station does."""
         message = new_message("px4_msgs/msg/VehicleCommand")
         message.command = command
         for number, value in enumerate(parameters, start=1):
@@ -220,13 +222,13 @@ def kill(rig: Rig) -> None:
 
 
 def restart(rig: Rig) -> None:
-    """Start the MPC again; nobody asks for anything."""
+    """Start the MPC again; nothing is requested."""
     rig.start("mpc")
 
 
 def pilot_takes_over(rig: Rig) -> None:
     """Switch to hold, as a pilot or a ground station does."""
-    rig.tell(VEHICLE_CMD_DO_SET_MODE, *HOLD)
+    rig.send(VEHICLE_CMD_DO_SET_MODE, *HOLD)
     rig.wait(lambda: rig.nav_state == LOITER and not rig.engaged, "in hold")
 
 
@@ -238,9 +240,9 @@ def land(rig: Rig) -> None:
 
 def px4_takes_off(rig: Rig) -> None:
     """Let PX4 take off by itself."""
-    rig.tell(TAKE_OFF, 0.0, 0.0, 0.0, float("nan"), float("nan"), float("nan"), float("nan"))
+    rig.send(TAKE_OFF, 0.0, 0.0, 0.0, float("nan"), float("nan"), float("nan"), float("nan"))
     rig.spin(0.5)
-    rig.tell(VEHICLE_CMD_COMPONENT_ARM_DISARM, 1.0)
+    rig.send(VEHICLE_CMD_COMPONENT_ARM_DISARM, 1.0)
     rig.wait(lambda: rig.height > 1.5 and rig.nav_state == LOITER, "hovering by itself")
 
 
@@ -298,8 +300,8 @@ def main() -> int:
             good = rig.is_offboard is each.offboard and rig.tilt <= MOST_TILT
             wrong += not good
             flies = "MPC" if rig.is_offboard else f"PX4 ({rig.nav_state})"
-            told = f"{each.name:32} {flies:>10} {rig.tilt:18.1f}  {rig.where}"
-            print(f"{told}{'' if good else '  <-'}", flush=True)
+            line = f"{each.name:32} {flies:>10} {rig.tilt:18.1f}  {rig.where}"
+            print(f"{line}{'' if good else '  <-'}", flush=True)
     return 1 if wrong else 0
 
 

@@ -10,9 +10,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 
 from quad_mpc_ros.analysis.figures import write_comparison, write_figures
+from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.recordings.recording import Recording, flown_points
 from quad_mpc_ros.references.config import TRAJECTORIES, ReferenceConfig

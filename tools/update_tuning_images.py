@@ -18,7 +18,8 @@ from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.commands.run_configuration import run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly
+from quad_mpc_ros.simulation.closed_loop import fly
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -20,14 +20,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="command")
     info = commands.add_parser("info", help="what is in a bag: topics, counts, duration")
     info.add_argument("bag", type=Path, metavar="BAG", help="bag directory, or one .mcap file")
-    mending = commands.add_parser(
+    repairing = commands.add_parser(
         "repair",
         help="complete a recording that was cut short",
-        description="Restore the index and metadata.yaml of a bag whose recorder was killed or "
-        "lost its power. Damaged files stay beside the repaired ones as <name>.broken. A complete "
+        description="Restore the index and metadata.yaml after the recorder was killed or lost "
+        "power. Damaged files stay beside the repaired ones as <name>.broken. A complete "
         "bag is left alone.",
     )
-    mending.add_argument("bag", type=Path, metavar="DIR", help="bag directory")
+    repairing.add_argument("bag", type=Path, metavar="DIR", help="bag directory")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, 
 from quad_mpc_ros.commands.run_options import add_config, add_out, add_set, check_duration
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.experiments.bench import page as pages
-from quad_mpc_ros.experiments.bench.peers import PEERS, SWEPT
+from quad_mpc_ros.experiments.bench.peers import OWN, peer_kinds
 
 if TYPE_CHECKING:
     from quad_mpc_ros.control.config import MpcConfig
@@ -28,18 +28,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what to compare, and for how long."""
     parser.description = (
         "Fly the square on the true rigid body with each peer in turn, in one process, and "
-        "tell what a step costs: this controller, acados (SQP_RTI, HPIPM), the same QP "
-        "through cvxpy rebuilt at every step, and the solvers' own times; then the cost "
-        "against the length of the horizon. The peers are optional: pip install "
-        "'quad_mpc_ros[bench]'. Exit code 2 for bad input."
+        "report what a step costs: this controller, others that a file defines, and the solvers' "
+        "own times; then the cost against the length of the horizon. bench/peers in the sources "
+        "has acados (SQP_RTI, HPIPM) and the same QP through cvxpy, rebuilt at every step; they "
+        "need: pip install 'quad_mpc_ros[bench]'. Exit code 2 for bad input."
     )
     parser.add_argument(
         "--peers",
         nargs="+",
-        default=list(PEERS),
-        metavar="NAME",
-        help=f"what to compare: {', '.join(PEERS)} (default: all; what is not installed is "
-        "skipped with a note)",
+        default=list(OWN),
+        metavar="PEER",
+        help=f"what to compare: {', '.join(OWN)}, or the path of a Python file that defines a "
+        "peer, such as bench/peers/acados.py; what it needs and is not installed is skipped with "
+        f"a note (default: {' '.join(OWN)})",
     )
     parser.add_argument(
         "--duration",
@@ -61,8 +62,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=list(_STEPS),
         metavar="N",
-        help=f"lengths of the horizon to fly {' and '.join(SWEPT)} with as well; without a "
-        f"number that table is left out (default: {' '.join(map(str, _STEPS))})",
+        help="lengths of the horizon to fly the controller with as well, and peers that say so; "
+        f"without a number that table is left out (default: {' '.join(map(str, _STEPS))})",
     )
     add_config(parser)
     add_set(parser, "set one parameter for all peers, for example mpc.terminal_weight=10")
@@ -75,18 +76,18 @@ def run(options: argparse.Namespace) -> int:
     from quad_mpc_ros.simulation.config import make_plant
 
     config = _configuration(options)
-    make_plant(config.simulator)  # one that is not installed is told before anything flies
+    make_plant(config.simulator)  # refuses one that is not installed before anything flies
     out = prepared_out(options.out or default_out("bench"), holds=(RESULT, PAGE, PICTURE))
     print(f"measuring into {out}", file=sys.stderr)
     with tempfile.TemporaryDirectory(prefix="quad_mpc_bench_") as scratch:
-        measured = fly_peers(config, scratch=Path(scratch), tell=_tell)
+        measured = fly_peers(config, scratch=Path(scratch), report=_report)
     result = {"command": _command_again(options), **measured}
     _write(result, out)
     _show(result, out)
     return 0
 
 
-def _tell(line: str) -> None:
+def _report(line: str) -> None:
     print(f"  {line}", file=sys.stderr, flush=True)
 
 
@@ -134,7 +135,7 @@ def _configuration(options: argparse.Namespace) -> BenchConfig:
         mpc=config.mpc,
         simulator=config.simulator,
         reference=config.reference,
-        peers=list(dict.fromkeys(options.peers)),
+        peers=peer_kinds(options.peers),
         steps=sorted(set(options.steps)),
         repeats=options.repeats,
     )
@@ -143,7 +144,7 @@ def _configuration(options: argparse.Namespace) -> BenchConfig:
 def _command_again(options: argparse.Namespace) -> str:
     """Return the command that measures the same again; where results go is left out."""
     words = ["quad_mpc bench"]
-    if options.peers != list(PEERS):
+    if options.peers != list(OWN):
         words += ["--peers", *options.peers]
     words += [f"--duration {options.duration:g}", f"--repeats {options.repeats}"]
     words += ["--steps", *map(str, options.steps)]
@@ -153,9 +154,6 @@ def _command_again(options: argparse.Namespace) -> str:
 
 
 def _check_options(options: argparse.Namespace) -> None:
-    for name in options.peers:
-        if name not in PEERS:
-            raise UserError(f"--peers: given {name!r}, expected some of {', '.join(PEERS)}")
     check_duration(options.duration)
     if options.repeats < 1:
         raise UserError(f"--repeats: given {options.repeats}, expected an integer >= 1")

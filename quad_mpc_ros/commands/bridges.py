@@ -12,8 +12,8 @@ from quad_mpc_ros.ros.bridges.registry import GROUP, RegisteredBridge, registere
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add nothing."""
     parser.description = (
-        "List every registered bridge, and for those whose message package is missing how to "
-        "get it. Start one with: ros2 run quad_mpc_ros NAME."
+        "List every registered bridge, and how to get the message packages that are missing."
+        " Start one with: ros2 run quad_mpc_ros NAME."
     )
 
 

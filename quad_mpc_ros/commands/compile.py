@@ -4,8 +4,15 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import multiprocessing
+import os
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+
+from quad_mpc_ros.configuration.kept_code import KeptCode
 
 _PRESETS = ("default", "agile", "paper", "paper_rigid_body", "vehicles/racer", "vehicles/sun_2022")
 _EFFECTS = (
@@ -24,66 +31,95 @@ _EFFECTS = (
 _IDEAL = ("mpc.rate_time_constant=0.0", "mpc.thrust_time_constant=0.0", "mpc.input_delay=0.0")
 _NOT_ESTIMATING = ("mpc.estimate_disturbance=false",)
 _DURATION = "simulator.duration=0.4"
-_OF_FILES = ("csv", "bag")
+_PROGRESS_PERIOD = 5.0  # s
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command is."""
     parser.description = (
         "Compile whatever the controller, the simulator and the references call as machine code, "
-        "and keep it on disk. It is for these sources, this Python, these libraries and this "
-        "processor; when one of them changes, run it again. A node that finds code missing "
-        "compiles it itself, and says so."
+        "on all cores, and keep it on disk. It is for these sources, this Python, these libraries "
+        "and this processor; when one of them changes, run it again. Damaged files are found and "
+        "compiled again. A node that finds code missing compiles it itself, and says so."
+    )
+    parser.add_argument(
+        "--again", action="store_true", help="compile everything, whatever is there already"
     )
 
 
 def run(options: argparse.Namespace) -> int:
-    """Fly a little of everything; return the exit code."""
-    from quad_mpc_ros.configuration import compilation
-
-    if compilation.is_complete():
-        print("all is compiled")
-        return 0
-    begun = time.monotonic()
-    print("compiling; the first time takes a minute or two", flush=True)
-    for what in _flown():
-        made = len(compilation.left_to_numba())
-        print(f"  {what}: {made} functions compiled so far", flush=True)
-    compilation.note_complete()
-    made, taken = len(compilation.left_to_numba()), time.monotonic() - begun
-    print(f"all is compiled: {made} functions now, in {taken:.0f} s")
+    """Compile what is missing; return the exit code."""
+    try:
+        kept = KeptCode()
+    except OSError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    with kept.locked():
+        if options.again:
+            kept.remove_all()
+        if kept.is_complete():
+            print("all is compiled")
+            return 0
+        removed = kept.remove_damaged()
+        if removed:
+            print(f"removed {removed} files that are damaged or of an unfinished compilation")
+        begun = time.monotonic()
+        if not _compile(kept, begun):
+            # A file may be damaged in a way that no mark knows of.
+            print("  failed; once more from the beginning", flush=True)
+            kept.remove_all()
+            if not _compile(kept, begun):
+                print("error: the code does not compile, see above", file=sys.stderr)
+                return 1
+        kept.mark_complete()
+        print(f"all is compiled: {kept.count()} functions, {time.monotonic() - begun:.0f} s")
     return 0
 
 
-def _flown() -> Iterator[str]:
-    """Fly what there is to fly, piece by piece, and yield what it was."""
-    from quad_mpc_ros.references.config import TRAJECTORIES
+def _compile(kept: KeptCode, begun: float) -> bool:
+    """Compile in a process a core, the parts first that share least; return whether it worked.
 
-    yield from _presets()
-    yield from _plants()
-    for name in TRAJECTORIES:
-        if name not in _OF_FILES:
-            _follow(name)
-            yield f"reference {name}"
+    What two of them compile at the same time one may lose, so the last part is everything.
+    """
+    cores = len(os.sched_getaffinity(0))
+    stages: list[list[Callable[[], None]]] = [[_everything]]
+    if cores > 1:
+        stages.insert(0, [_problem, _estimation, _plants])
+    print(f"compiling on {cores} cores; the first time takes most of a minute", flush=True)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(cores, len(stages[0])), mp_context=context) as pool:
+        for stage in stages:
+            running: set[Future[None]] = {pool.submit(part) for part in stage}
+            while running:
+                done, running = wait(running, timeout=_PROGRESS_PERIOD)
+                seconds = time.monotonic() - begun
+                print(f"  {kept.count()} functions after {seconds:.0f} s", flush=True)
+                for part in done:
+                    if (error := part.exception()) is not None:
+                        what = (
+                            "a process crashed" if isinstance(error, BrokenProcessPool) else error
+                        )
+                        print(f"  {what}", flush=True)
+                        return False
+    return True
 
 
-def _presets() -> Iterator[str]:
-    from quad_mpc_ros.recordings.evaluation.simulated import load_config
-    from quad_mpc_ros.simulation.closed_loop import fly
+def _problem() -> None:
+    from quad_mpc_ros.control.config import MpcConfig
+    from quad_mpc_ros.control.warm_up import compile_problem
 
-    for preset in _PRESETS:
-        for more in (), _IDEAL, _NOT_ESTIMATING:
-            mpc, simulator, reference = load_config(
-                preset, assignments=(_DURATION, *more, "mpc.lockstep=true")
-            )
-            for _ in fly(mpc=mpc, simulator=simulator, reference=reference):
-                pass
-        yield f"preset {preset}"
+    compile_problem(MpcConfig())
 
 
-def _plants() -> Iterator[str]:
+def _estimation() -> None:
+    from quad_mpc_ros.control.config import MpcConfig
+    from quad_mpc_ros.control.warm_up import compile_estimation
+
+    compile_estimation(MpcConfig())
+
+
+def _plants() -> None:
     from quad_mpc_ros.configuration import UserError
-    from quad_mpc_ros.control.warm_up import warmed_up
     from quad_mpc_ros.recordings.evaluation.simulated import load_config
     from quad_mpc_ros.simulation.config import PLANTS
     from quad_mpc_ros.simulation.warm_up import warm_up
@@ -97,38 +133,19 @@ def _plants() -> Iterator[str]:
                 assignments=(f"simulator.plant={name}", _DURATION, *assignments),
             )
             warm_up(config.simulator)
-            warmed_up(config.mpc)
         except (ImportError, UserError):  # it is not installed
             continue
-        yield f"plant {name}"
 
 
-def _follow(name: str) -> None:
-    """Fly a trajectory, and to it, as the reference node does."""
-    import functools
+def _everything() -> None:
+    """Fly a little of everything."""
+    from quad_mpc_ros.recordings.evaluation.simulated import load_config
+    from quad_mpc_ros.simulation.closed_loop import fly
 
-    import numpy as np
-
-    from quad_mpc_ros.control.model.samples import OdometrySample
-    from quad_mpc_ros.references.config import ReferenceConfig
-    from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
-    from quad_mpc_ros.references.live import LiveReference
-
-    high, level = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0])
-    for mode in ("at_once", "on_request"):
-        config = ReferenceConfig(trajectory=name, mode=mode)
-        joined = functools.partial(joined_trajectory, config)
-        live = LiveReference(config, configured_trajectory(config), joined=joined)
-        live.observe(OdometrySample.at_rest([0.0, 0.0, 0.0]))
-        live.engage(True)
-        for now_ns, request in (
-            (100_000_000, live.take_off),
-            (10_000_000_000, live.start),
-            (25_000_000_000, live.hold),
-            (40_000_000_000, live.land),
-        ):
-            live.window(now_ns)
-            request(now_ns)
-        live.go_to(50_000_000_000, frame_id="odom", p_WB=high, q_WB_xyzw=level)
-        live.window(51_000_000_000)
-        live.course(51_000_000_000)
+    for preset, more in itertools.product(_PRESETS, ((), _IDEAL, _NOT_ESTIMATING)):
+        mpc, simulator, reference = load_config(
+            preset, assignments=(_DURATION, *more, "mpc.lockstep=true")
+        )
+        for _ in fly(mpc=mpc, simulator=simulator, reference=reference):
+            pass
+    _plants()

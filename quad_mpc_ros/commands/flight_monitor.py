@@ -1,15 +1,19 @@
-"""Watching a flight from the process that started it: are the nodes ready, how far are they."""
+"""Watching a flight from the process that started it: are its nodes connected, how far is it."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Sequence
+import sys
+import time
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
 from std_srvs.srv import Trigger
 
 from quad_mpc_ros.commands.observer import Observer, subscribe
+from quad_mpc_ros.commands.processes import FlightError, NodeProcess
+from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.topics import (
     CLOCK,
@@ -24,9 +28,12 @@ from quad_mpc_ros.messages.topics import (
 from quad_mpc_ros.ros.health import PEERS_KEY
 from quad_mpc_ros.ros.messages import decoded
 
-# Who must hear whom before the clock starts, by node and topic: the number of peers of the
-# node's endpoint. Publishers count subscribers: the odometry's are mpc, reference, recorder and
-# this monitor. Subscribers count publishers, of which there must be exactly one.
+# The first start after an installation compiles, on a small computer for minutes.
+_READY_TIMEOUT = 240.0
+_PATIENCE = 5.0
+# How many peers an endpoint must have matched before the clock starts, by node and topic.
+# Publishers count subscribers: the odometry's are mpc, reference, recorder and this monitor.
+# Subscribers count publishers, of which there must be exactly one.
 _PEERS: dict[str, dict[str, int]] = {
     "simulator": {ODOMETRY.name: 4, COMMAND.name: 1},
     "reference": {REFERENCE.name: 3, REFERENCE_PATH.name: 1, ODOMETRY.name: 1},
@@ -54,7 +61,7 @@ _CLOCK_PEERS = 4
 def _expected(
     recorded: Collection[str] | None, *, watched: bool, together: bool
 ) -> dict[str, dict[str, int]]:
-    """Return who must hear whom of a vehicle, of which a monitor hears as well if ``watched``.
+    """Return the peers of a vehicle's endpoints; if ``watched``, the monitor is one of them.
 
     MPC and reference ``together`` in one process need no DDS.
     """
@@ -75,9 +82,9 @@ def _expected(
 
 
 class FlightMonitor(Observer):
-    """A small node of its own, spun from the main thread of ``quad_mpc fly``.
+    """A small node, spun from the main thread of ``quad_mpc fly``.
 
-    It looks after the vehicles in ``namespaces``, of which it watches the first one fly.
+    It waits for the vehicles in ``namespaces`` and shows the progress of the first one.
     ``recorded`` are the topics that are, if not all; ``together`` are MPC and reference in one
     process.
     """
@@ -112,7 +119,7 @@ class FlightMonitor(Observer):
     def __enter__(self) -> Self:
         super().__enter__()
         subscribe(self.node, DIAGNOSTICS, self._on_diagnostics)
-        # Raw: they are decoded only when somebody looks, not fifty times a second.
+        # Raw: decoded only when progress is shown, not fifty times a second.
         first = self._prefixes[0]
         for topic, callback in ((ODOMETRY, self._on_odometry), (REFERENCE, self._on_reference)):
             named = dataclasses.replace(topic, name=first + topic.name)
@@ -128,7 +135,7 @@ class FlightMonitor(Observer):
         self.executor.spin_once(timeout_sec=seconds)
 
     def ready(self) -> bool:
-        """Whether every node hears the others and the recorder has everybody's parameters."""
+        """Whether all endpoints are matched and the recorders have the parameters of all nodes."""
         return not self.missing() and all(start.service_is_ready() for start in self._starts)
 
     def missing(self) -> list[str]:
@@ -147,7 +154,7 @@ class FlightMonitor(Observer):
         return missing
 
     def intruders(self) -> str:
-        """Return a topic that somebody else publishes as well, or nothing."""
+        """Return a topic that has more than one publisher, or nothing."""
         for prefix in self._prefixes:
             for node, topics in _ONLY_ONE.items():
                 for topic in topics:
@@ -164,8 +171,8 @@ class FlightMonitor(Observer):
         if not lost:
             return ""
         return (
-            f"{lost} messages were lost on their way into the bag, for which this machine was "
-            "too busy"
+            f"{lost} messages were not recorded: the machine was too busy; fly fewer vehicles or "
+            "record fewer topics (recorder.topics)"
         )
 
     def progress(self) -> tuple[float, float | None]:
@@ -196,3 +203,77 @@ class FlightMonitor(Observer):
 
     def _on_odometry(self, data: bytes) -> None:
         self._odometry = data
+
+
+def watch_flight(
+    monitor: FlightMonitor, vehicles: Mapping[str, Mapping[str, NodeProcess]], duration: float
+) -> float:
+    """Wait until all nodes are connected, start the clock, and wait for the end.
+
+    ``vehicles`` are the processes by namespace and node; ``duration`` [s] is that of the flight.
+    Returns the seconds flown on the wall clock. Raises :class:`FlightError`.
+    """
+    _await_readiness(monitor, vehicles)
+    monitor.start_simulator()
+    flying = {namespace: dict(processes) for namespace, processes in vehicles.items()}
+    simulators = [processes.pop("simulator") for processes in flying.values()]
+    started, progress = time.monotonic(), Progress(duration)
+    while any(simulator.exit_code is None for simulator in simulators):
+        monitor.spin(0.05)
+        if progress.due:
+            progress.show(*monitor.progress())
+        for processes in flying.values():
+            _drop_ended_recorder(processes)
+        _check_alive(flying)
+    progress.close()
+    if monitor.lost():
+        print(f"warning: {monitor.lost()}", file=sys.stderr)
+    for simulator in simulators:
+        if simulator.exit_code != 0:
+            raise FlightError(
+                f"the simulator failed (exit code {simulator.exit_code})\n{simulator.last_words()}"
+            )
+    return time.monotonic() - started
+
+
+def _await_readiness(
+    monitor: FlightMonitor, vehicles: Mapping[str, Mapping[str, NodeProcess]]
+) -> None:
+    print("  waiting for the nodes to connect", file=sys.stderr, flush=True)
+    started = time.monotonic()
+    patient = False
+    while not monitor.ready():
+        _check_alive(vehicles)
+        if monitor.intruders():
+            raise FlightError(
+                f"{monitor.intruders()}: another flight on this ROS domain; "
+                "end it or set ROS_DOMAIN_ID to another number"
+            )
+        waited = time.monotonic() - started
+        if waited > _PATIENCE and not patient:
+            patient = True
+            print("  the first start compiles, which takes a while", file=sys.stderr, flush=True)
+        if waited > _READY_TIMEOUT:
+            raise FlightError(
+                f"the nodes did not connect within {_READY_TIMEOUT:g} s, missing: "
+                f"{', '.join(monitor.missing())}"
+            )
+        monitor.spin(0.02)
+
+
+def _drop_ended_recorder(processes: dict[str, NodeProcess]) -> None:
+    """Report a recorder that has ended, whose disk may be full, and fly on without it."""
+    recorder = processes.get("recorder")
+    if recorder is not None and recorder.exit_code is not None:
+        print(
+            f"\nerror: {recorder.obituary()}\n  the flight continues", file=sys.stderr, flush=True
+        )
+        del processes["recorder"]
+
+
+def _check_alive(vehicles: Mapping[str, Mapping[str, NodeProcess]]) -> None:
+    for namespace, processes in vehicles.items():
+        for process in processes.values():
+            if process.exit_code is not None:
+                where = f"{namespace}: " if namespace else ""
+                raise FlightError(f"{where}{process.obituary()}")

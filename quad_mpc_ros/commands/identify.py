@@ -21,7 +21,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the bag, and where to write what was found."""
     parser.description = (
         "Fit the lags of body rates and thrust, the input delay, the thrust per mass, over the "
-        "battery's voltage where that was recorded, and the drag to the commands and the odometry "
+        "battery's voltage if that was recorded, and the drag to the commands and the odometry "
         "of a flight. Prints a ROS parameter file for "
         "--config on standard output, and what was found with its 95 %% intervals on standard "
         "error."
@@ -38,7 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Fit, tell (the table on standard error), write; return the exit code."""
+    """Fit, print the table on standard error, write; return the exit code."""
     from quad_mpc_ros.analysis.identification.figure import write_fit_figure
     from quad_mpc_ros.analysis.identification.fit import fit
     from quad_mpc_ros.analysis.identification.measurements import RECORDED, measurements_of
@@ -58,9 +58,12 @@ def run(options: argparse.Namespace) -> int:
         voltage_map=_voltage_map(options, run),
     )
     if run.voltages and not data.knows_voltage:
-        print("the voltage is left out: it is not known all the flight\n", file=sys.stderr)
+        print(
+            "the voltage is ignored: it was not recorded during the whole flight\n",
+            file=sys.stderr,
+        )
     found = fit(data, given=mpc)
-    # In lockstep a command takes no time of its own.
+    # In lockstep a command takes no time.
     lockstep = bag.parameters_of(MpcConfig).get("lockstep", False)
     age = float("nan") if lockstep else data.command_age
     table = identification_table(found, mpc, command_age=age, file=options.out)
@@ -94,7 +97,7 @@ def _add_battery_options(parser: argparse.ArgumentParser) -> None:
         "--battery-voltage",
         type=float,
         metavar="V",
-        help="voltage at which to tell the thrust (default: thrust_map.battery_voltage of a "
+        help="voltage at which to state the thrust (default: thrust_map.battery_voltage of a "
         "bridge whose parameters are in the bag, else the mean of the flight)",
     )
     parser.add_argument(

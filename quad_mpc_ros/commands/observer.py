@@ -1,4 +1,4 @@
-"""A command's own small node, spun from its main thread beside the nodes that fly."""
+"""A small node of a command, spun from its main thread beside the nodes that fly."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from quad_mpc_ros.ros.messages import message_class, qos_of
 
 
 class Observer:
-    """Base of what watches a flight: ``node`` and ``executor`` exist inside of ``with``.
+    """Base of nodes that watch a flight: ``node`` and ``executor`` exist inside of ``with``.
 
-    Ctrl-C stays Python's own, for the command to end the nodes in order.
+    Python handles Ctrl-C, so that the command can end the nodes in order.
     """
 
     def __init__(self, name: str) -> None:
@@ -38,7 +38,7 @@ class Observer:
 def subscribe(
     node: Node, topic: Topic, callback: Callable[..., None], *, raw: bool = False
 ) -> None:
-    """Hear a topic; ``raw`` messages come as bytes."""
+    """Subscribe to a topic; ``raw`` messages come as bytes."""
     node.create_subscription(
         message_class(topic.type_name), topic.name, callback, qos_of(topic), raw=raw
     )

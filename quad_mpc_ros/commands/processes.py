@@ -68,7 +68,7 @@ class NodeProcess:
             }
             texts.append(files.dump(f"/{namespace}/{name}" if namespace else name, values))
         parameters.write_text("".join(texts), encoding="utf-8")
-        # In simulated time, which waits for all, nobody need go first.
+        # Simulated time waits for all nodes: no priorities are needed.
         waits = node == "recorder" and not use_sim_time
         # Appended: a node may be started more than once in a run.
         with self._log.open("ab") as log:
@@ -99,7 +99,7 @@ class NodeProcess:
             self._process.send_signal(number)
 
     def stop(self) -> int:
-        """End the node as Ctrl-C would, by force when it does not listen; return the exit code."""
+        """End the node as Ctrl-C would, by force when it does not end; return the exit code."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
         try:
@@ -197,6 +197,6 @@ def _die_with_parent() -> None:
 
 
 def _prepare_recorder() -> None:
-    """Let recording wait for control where both want the processor; its queue is long."""
+    """Give control priority over recording; the recorder's queue is long."""
     _die_with_parent()
     os.nice(_RECORDER_NICENESS)

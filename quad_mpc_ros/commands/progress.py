@@ -76,9 +76,9 @@ class StudyProgress(_Line):
     """Prints how far a study is, the best objectives so far, and the time left."""
 
     def show(self, how_far: str, *, best: Sequence[float], left: float) -> None:
-        """Show how far it is, objectives, and the seconds left, NaN where nobody knows."""
+        """Show the progress, the best objectives, and the seconds left, NaN if unknown."""
         if not self.due:
             return
-        told = f"   best {' '.join(f'{value:.3g}' for value in best)}" if best else ""
+        so_far = f"   best {' '.join(f'{value:.3g}' for value in best)}" if best else ""
         when = f"   {left:5.0f} s left" if math.isfinite(left) else ""
-        self.write(f"  {how_far}{told}{when}")
+        self.write(f"  {how_far}{so_far}{when}")

@@ -17,7 +17,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options; those left out are the defaults of the player node."""
     parser.description = (
         "Publish the messages of a bag on their topics again, in the time in which they were "
-        "recorded. Pause and go on by the services /player/pause and /player/resume. Exit "
+        "recorded. Pause and resume by the services /player/pause and /player/resume. Exit "
         "code 2 for a bag that cannot be played."
     )
     parser.add_argument("bag", metavar="BAG", help="bag directory, or one .mcap file")

@@ -59,7 +59,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Read, draw, write, tell; return the exit code."""
+    """Read, draw and write; return the exit code."""
     from quad_mpc_ros.experiments.campaign_report import is_campaign
 
     campaigns = [path for path in options.runs if is_campaign(path)]

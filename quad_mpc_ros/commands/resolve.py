@@ -49,7 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Feed, record, compare, tell; return the exit code."""
+    """Feed, record and compare; return the exit code."""
     from quad_mpc_ros.messages.topics import REFERENCE
     from quad_mpc_ros.recordings.recording import Recording
 
@@ -114,7 +114,7 @@ def _recorded(
         for node, values in run.parameters.items()
         if node.rsplit("/", 1)[-1] != mpc.owner
     }
-    told = _Warnings()
+    warnings = _Warnings()
     steps = []
     with RunRecorder(
         bag,
@@ -137,7 +137,7 @@ def _recorded(
                 answered_ns=sent.publish_time_ns,
             )
         window = None
-        for step in resolve(run, mpc, windows=windows, warn=told.take):
+        for step in resolve(run, mpc, windows=windows, warn=warnings.take):
             steps.append(step)
             if step.odometry is not None:
                 recorder.odometry(step.odometry.value, time_ns=step.log_time_ns)
@@ -163,7 +163,7 @@ class _Warnings:
 
 
 def _compared(run: RecordedRun, steps: Iterable[Resolved]) -> CommandComparison:
-    """Compare up to the end of the flight, after which the watchdog rightly acts."""
+    """Compare up to the end of the flight; afterwards the watchdog acts, as it must."""
     from quad_mpc_ros.analysis.figures.command_comparison import compare_commands
 
     end_ns = max(odometry.value.stamp_ns for odometry in run.odometries)

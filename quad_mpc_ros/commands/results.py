@@ -1,4 +1,4 @@
-"""What a run leaves behind: summary, figures, the table on the screen, the exit code."""
+"""The results of a run: summary, figures, the table on the screen, the exit code."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def finish(out: Path, *, wall_seconds: float) -> int:
 
 
 def _failure(summary: dict[str, Any]) -> str:
-    """Return why a flight was not one of the MPC's alone, or nothing."""
+    """Return why the MPC did not give every command, or nothing."""
     if not summary["commands"]:
         return "No command was given: see the solver status in mpc/stats."
     if summary["fallbacks"]:

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
-
-import yaml
 
 from quad_mpc_ros.commands.output import default_out, prepared_out
 from quad_mpc_ros.commands.run_options import DEFAULT_DURATION, check_duration
@@ -64,7 +61,9 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
         # What a file says of the start wins, unless the option is given.
         base = {"simulator": start if options.start is None else {}}
         if options.start is not None:
-            made += [f"simulator.{name}={_yaml(value)}" for name, value in start.items()]
+            made += [
+                f"simulator.{name}={files.value_text(value)}" for name, value in start.items()
+            ]
         loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA, base=base)
     make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
     out = prepared_out(options.out or default_out(reference.trajectory))
@@ -116,10 +115,10 @@ def _duration(options: argparse.Namespace, sources: Sequence[str]) -> str:
     duration = options.duration
     if duration is None:
         given = files.collected(sources, [], schema=SCHEMA)["simulator"].get("duration")
-        duration = given or DEFAULT_DURATION  # 0, for ever, is for a simulator by itself
+        duration = given or DEFAULT_DURATION  # 0, endless, is for a simulator by itself
     else:
         check_duration(duration)
-    return f"simulator.duration={_yaml(duration)}"
+    return f"simulator.duration={files.value_text(duration)}"
 
 
 def _start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, Any]:
@@ -131,8 +130,3 @@ def _start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, A
         return start_on(trajectory, simulator)
     except ValueError as error:
         raise UserError(f"--start reference: {error}; --start ground needs none") from error
-
-
-def _yaml(value: float | list[float]) -> str:
-    """Return a value as YAML reads it back exactly, which it does not with every ``repr``."""
-    return yaml.safe_dump([value], default_flow_style=True, width=math.inf).strip()[1:-1]

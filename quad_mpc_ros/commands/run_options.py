@@ -29,7 +29,7 @@ def add_configuration_options(
 
 
 def add_config(parser: argparse.ArgumentParser, which: str = "") -> None:
-    """Add ``--config``; ``which`` is said of the files."""
+    """Add ``--config``; ``which`` describes the files."""
     parser.add_argument(
         "--config",
         action="append",
@@ -40,7 +40,7 @@ def add_config(parser: argparse.ArgumentParser, which: str = "") -> None:
 
 
 def add_set(parser: argparse.ArgumentParser, meaning: str) -> None:
-    """Add ``--set``, whose values are ``assignments``."""
+    """Add ``--set``; its values are ``assignments``."""
     parser.add_argument(
         "--set",
         action="append",

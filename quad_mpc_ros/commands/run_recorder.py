@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import Tick
-from quad_mpc_ros.messages import conversions, diagnostics, topics
-from quad_mpc_ros.messages.codec import RosbagsMessages
+from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.recordings.parameters import write_parameters
 from quad_mpc_ros.recordings.qos_profile import QosProfile
@@ -35,7 +34,6 @@ class RunRecorder:
         ``frame_id`` is the world's. Raises :class:`BagError` when it cannot be begun, or exists.
         """
         self._frame_id = frame_id
-        self._messages = RosbagsMessages()
         self._writer = BagWriter(bag, compression=compression)  # type: ignore[arg-type]
         self._offered: set[Topic] = set()
         for topic in offered:
@@ -51,69 +49,46 @@ class RunRecorder:
 
     def reference_path(self, whole: TrajectorySamples, *, stamp_ns: int) -> None:
         """Write the whole reference, as the reference node latches it."""
-        self._write(
-            topics.REFERENCE_PATH,
-            stamp_ns,
-            lambda m: conversions.fill_path(
-                m,
-                stamp_ns=stamp_ns,
-                frame_id=self._frame_id,
-                p_WB=whole.p_WB,
-                q_WB_xyzw=whole.q_WB_xyzw,
-                new=self._messages.new,
-            ),
+        path = cdr.written_path(
+            stamp_ns=stamp_ns,
+            step_ns=0,
+            frame_id=self._frame_id,
+            p_WB=whole.p_WB,
+            q_WB_xyzw=whole.q_WB_xyzw,
         )
+        self._write(topics.REFERENCE_PATH, stamp_ns, path)
 
     def odometry(self, odometry: OdometrySample, *, time_ns: int) -> None:
         """Write an odometry."""
-        self._write(topics.ODOMETRY, time_ns, lambda m: conversions.fill_odometry(m, odometry))
+        self._write(topics.ODOMETRY, time_ns, cdr.written_odometry(odometry))
 
     def battery(self, voltage: float, *, time_ns: int) -> None:
-        """Write the voltage of a battery [V]; who has none does not offer its topic."""
+        """Write the voltage of a battery [V]; without one the topic is not offered."""
         self._offer(topics.BATTERY)
-        self._write(
-            topics.BATTERY,
-            time_ns,
-            lambda m: conversions.fill_battery(m, voltage, stamp_ns=time_ns),
-        )
+        self._write(topics.BATTERY, time_ns, cdr.written_battery(voltage, stamp_ns=time_ns))
 
     def reference(self, window: ReferenceWindow, *, child_frame_id: str, time_ns: int) -> None:
         """Write a window of the reference."""
-        self._write(
-            topics.REFERENCE,
-            time_ns,
-            lambda m: conversions.fill_reference(
-                m, window, child_frame_id=child_frame_id, new=self._messages.new
-            ),
-        )
+        data = cdr.written_reference(window, child_frame_id=child_frame_id)
+        self._write(topics.REFERENCE, time_ns, data)
 
     def command(
         self, command: CommandSample, *, topic: Topic, time_ns: int, answered_ns: int
     ) -> None:
         """Write a command that came at a time and was published a little later."""
-        self._write(
-            topic,
-            time_ns,
-            lambda m: conversions.fill_command(m, command),
-            publish_time_ns=answered_ns,
-        )
+        self._write(topic, time_ns, cdr.written_command(command), publish_time_ns=answered_ns)
 
     def tick(self, tick: Tick, *, time_ns: int) -> None:
-        """Write what the controller gave and told of itself."""
-        command, plan, new = tick.command, tick.plan, self._messages.new
+        """Write the command, the statistics and the plan of a tick."""
+        command, plan = tick.command, tick.plan
         if command is not None:
             # Answered at once in the time of the loop; what it took is on the wall clock.
             answered_ns = time_ns + round(1e3 * tick.stats.step_time_us)
             self.command(command, topic=topics.COMMAND, time_ns=time_ns, answered_ns=answered_ns)
-        self._write(
-            topics.STATS, time_ns, lambda m: diagnostics.fill_stats(m, tick.stats, new=new)
-        )
+        self._write(topics.STATS, time_ns, diagnostics.written_stats(tick.stats))
         if plan is not None:
-            self._write(
-                topics.PREDICTED_PATH,
-                time_ns,
-                lambda m: conversions.fill_plan(m, plan, frame_id=self._frame_id, new=new),
-            )
+            data = conversions.written_plan(plan, frame_id=self._frame_id)
+            self._write(topics.PREDICTED_PATH, time_ns, data)
 
     def flush_if_due(self) -> None:
         """Hand what has gathered to the operating system now and then."""
@@ -122,30 +97,19 @@ class RunRecorder:
     def _offer(self, topic: Topic) -> None:
         if topic not in self._offered:
             self._offered.add(topic)
-            name, profile = f"/{topic.name}", _profile(topic)
-            self._writer.add_topic(name, topic.type_name, qos_profiles=[profile])
+            profile = QosProfile(
+                depth=topic.depth,
+                reliability="reliable" if topic.reliable else "best_effort",
+                durability="transient_local" if topic.latched else "volatile",
+            )
+            self._writer.add_topic(f"/{topic.name}", topic.type_name, qos_profiles=[profile])
 
     def _write(
-        self,
-        topic: Topic,
-        time_ns: int,
-        fill: Callable[[Any], None],
-        *,
-        publish_time_ns: int | None = None,
+        self, topic: Topic, time_ns: int, data: bytes, *, publish_time_ns: int | None = None
     ) -> None:
-        message = self._messages.new(topic.type_name)
-        fill(message)
         self._writer.write(
             f"/{topic.name}",
-            self._messages.encode(topic.type_name, message),
+            data,
             log_time_ns=time_ns,
             publish_time_ns=time_ns if publish_time_ns is None else publish_time_ns,
         )
-
-
-def _profile(topic: Topic) -> QosProfile:
-    return QosProfile(
-        depth=topic.depth,
-        reliability="reliable" if topic.reliable else "best_effort",
-        durability="transient_local" if topic.latched else "volatile",
-    )

@@ -21,7 +21,7 @@ _ANSWER_TIMEOUT = 5.0  # s, discovery included
 
 
 class RunningMpc(Observer):
-    """A small node of its own beside the MPC node ``name``, a full name like ``/uav1/mpc``."""
+    """A small node beside the MPC node ``name``, a full name like ``/uav1/mpc``."""
 
     def __init__(self, name: str) -> None:
         super().__init__("quad_mpc_save_vehicle")

@@ -10,14 +10,15 @@ import numpy as np
 
 from quad_mpc_ros.commands.progress import Progress
 from quad_mpc_ros.commands.results import finish
-from quad_mpc_ros.commands.run_configuration import SCHEMA, RunConfig, run_configuration
+from quad_mpc_ros.commands.run_configuration import SCHEMA, run_configuration
 from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.commands.run_recorder import RunRecorder
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.messages import topics
 from quad_mpc_ros.references.server import ReferenceServer
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
+from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import PLANTS
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +46,14 @@ def run(options: argparse.Namespace) -> int:
     progress = Progress(config.simulator.duration)
     print(f"simulating the {config.reference.trajectory} into {config.out}", file=sys.stderr)
     started = time.monotonic()
-    with _recorder(config) as recorder:
+    recorded = (topics.ODOMETRY, topics.REFERENCE, topics.COMMAND)
+    with RunRecorder(
+        config.bag,
+        offered=(*recorded, topics.PREDICTED_PATH, topics.REFERENCE_PATH, topics.STATS),
+        parameters={node: getattr(config, node).flattened() for node in SCHEMA},
+        frame_id=config.mpc.odometry.frame_id,
+        compression=config.recorder.compression,
+    ) as recorder:
         whole = ReferenceServer(config.reference, config.trajectory).whole()
         recorder.reference_path(whole, stamp_ns=SIMULATION_START_NS)
         for step in fly(
@@ -63,23 +71,6 @@ def run(options: argparse.Namespace) -> int:
     wall_seconds = time.monotonic() - started
     progress.close()
     return finish(config.out, wall_seconds=wall_seconds)
-
-
-def _recorder(config: RunConfig) -> RunRecorder:
-    return RunRecorder(
-        config.bag,
-        offered=(
-            topics.ODOMETRY,
-            topics.REFERENCE,
-            topics.COMMAND,
-            topics.PREDICTED_PATH,
-            topics.REFERENCE_PATH,
-            topics.STATS,
-        ),
-        parameters={node: getattr(config, node).flattened() for node in SCHEMA},
-        frame_id=config.mpc.odometry.frame_id,
-        compression=config.recorder.compression,
-    )
 
 
 def _record(recorder: RunRecorder, step: LoopStep) -> None:

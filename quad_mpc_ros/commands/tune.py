@@ -11,10 +11,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from quad_mpc_ros.commands.engines import add_engine_options, engine_of
-from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
+from quad_mpc_ros.commands.campaign_options import (
+    add_campaign_options,
+    engine_of,
+    new_or_resumed,
+)
+from quad_mpc_ros.commands.output import prepared_out, results_in
 from quad_mpc_ros.commands.progress import StudyProgress
-from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
 from quad_mpc_ros.configuration import UserError
 
 if TYPE_CHECKING:
@@ -26,28 +29,17 @@ if TYPE_CHECKING:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add which study, from where, with which workers, into what."""
     parser.description = (
-        "Search parameters of the controller with which campaigns of flights go best "
+        "Search the controller parameters with the best campaigns of flights "
         "(docs/tuning.md). The first trial is the configuration that the campaigns have. Writes "
         "front.png, trials.csv, front.csv, and parameter files for --config: front/NUMBER.yaml "
         "for each trial that none is better than in every objective, best.yaml for the one that "
-        "is chosen. Exit code 0 when all trials were flown, whatever was found. Ctrl-C or a kill "
-        "loses the trial under way, no more. Needs Optuna: pip install 'quad_mpc_ros[campaign]'."
+        "is chosen. Exit code 0 when all trials were flown. Ctrl-C or a kill "
+        "loses only the trial under way. Needs Optuna: pip install 'quad_mpc_ros[campaign]'."
     )
+    add_campaign_options(parser, "study")
     parser.add_argument(
-        "file",
-        type=Path,
-        nargs="?",
-        metavar="FILE",
-        help="file of the study; may be left out with --resume",
+        "--trials", type=int, metavar="N", help="number of trials, instead of the file's"
     )
-    add_out(parser, "the study; must not hold one", "<name of the file>")
-    parser.add_argument(
-        "--resume", type=Path, metavar="DIR", help="go on with the study in a folder"
-    )
-    add_engine_options(parser)
-    add_config(parser, "over what the campaigns say: where the study begins")
-    add_set(parser, "set one parameter over what the campaigns say")
-    parser.add_argument("--trials", type=int, metavar="N", help="so many, whatever the file says")
     parser.add_argument(
         "--timeout",
         type=float,
@@ -57,7 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Fly what is left to fly, tell what was found, and return the exit code."""
+    """Fly what is left to fly, print what was found, and return the exit code."""
     from quad_mpc_ros.experiments.tuning.optimiser import optuna_module
     from quad_mpc_ros.experiments.tuning.study import Study
     from quad_mpc_ros.experiments.tuning.tune_results import (
@@ -71,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
 
     _check_limits(options)
     optuna_module()
-    tuning, out = _resumed(options) if options.resume is not None else _new(options)
+    tuning, out = _tuning(options)
     trials = options.trials or tuning.trials
     timeout = tuning.timeout if options.timeout is None else options.timeout
     tuning = dataclasses.replace(tuning, trials=trials, timeout=timeout)
@@ -86,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
         try:
             study.run(engine, observe)
         except KeyboardInterrupt:
-            print(f"\nto go on: quad_mpc tune --resume {out}", file=sys.stderr)
+            print(f"\nto continue: quad_mpc tune --resume {out}", file=sys.stderr)
             raise
         finally:
             progress.close()
@@ -104,7 +96,7 @@ def _held(path: Path) -> Iterator[None]:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise UserError(
-                f"{path.parent}: another quad_mpc tune is at it: wait for it"
+                f"{path.parent}: another quad_mpc tune is running on it: wait for its end"
             ) from None
         yield
 
@@ -131,45 +123,21 @@ def _observer(progress: StudyProgress, tuning: Tuning) -> Observer:
     return observe
 
 
-def _new(options: argparse.Namespace) -> tuple[Tuning, Path]:
-    """Return the study that is asked for and where it is to go."""
-    if options.file is None:
-        raise UserError("FILE: expected the file of a study, or --resume DIR")
-    tuning = _read(options)
-    out = options.out or default_out(options.file.stem)
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise UserError(
-            f"--out: {out} exists and is not overwritten; give a new folder, or go on with "
-            f"--resume {out}"
-        )
-    return tuning, out
-
-
-def _resumed(options: argparse.Namespace) -> tuple[Tuning, Path]:
-    """Return the study of a folder; refuse to go on with another one."""
-    from quad_mpc_ros.experiments.tuning.tune_file import identity_text
+def _tuning(options: argparse.Namespace) -> tuple[Tuning, Path]:
+    """Return the study that is asked for and its folder."""
+    from quad_mpc_ros.experiments.campaigns.campaign_file import Overrides
+    from quad_mpc_ros.experiments.tuning.tune_file import identity_text, read_tuning
     from quad_mpc_ros.experiments.tuning.tune_results import tuning_of
 
-    if options.out is not None:
-        raise UserError("--out: --resume says where: leave one out")
-    tuning = tuning_of(options.resume)
-    if options.file is not None:
-        if identity_text(_read(options)) != identity_text(tuning):
-            raise UserError(
-                f"--resume: {options.file} is not, or is no longer, the study of "
-                f"{options.resume}: leave the file out, or begin anew with --out"
-            )
-    elif options.config or options.assignments:
-        raise UserError("--resume: a study goes on as it began: leave --config and --set out")
-    return tuning, options.resume
-
-
-def _read(options: argparse.Namespace) -> Tuning:
-    from quad_mpc_ros.experiments.campaigns.campaign_file import Overrides
-    from quad_mpc_ros.experiments.tuning.tune_file import read_tuning
-
     overrides = Overrides(config=options.config, assignments=options.assignments)
-    return read_tuning(options.file, overrides)
+    return new_or_resumed(
+        options,
+        "study",
+        read=lambda: read_tuning(options.file, overrides),
+        read_folder=tuning_of,
+        text=identity_text,
+        overrides=bool(options.config or options.assignments),
+    )
 
 
 def _check_limits(options: argparse.Namespace) -> None:

@@ -16,14 +16,14 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-_PACKAGE = Path(__file__).resolve().parents[1]
+PACKAGE = Path(__file__).resolve().parents[1]
 
 SHARED = (
     "configuration/compilation.py",
@@ -35,6 +35,9 @@ SHARED = (
 )
 """From where compiled code takes functions and constants, beside its own folder: a test looks."""
 
+FUNCTIONS: list[Any] = []
+"""Numba's dispatchers of all compiled functions that have been imported."""
+
 
 def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
     """Compile a function when it is first called, and keep the machine code on disk.
@@ -43,8 +46,14 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
     """
     folder = cache_folder(Path(function.__code__.co_filename).resolve().parent)
     with _cached_in(folder):
-        jit = numba.njit(cache=folder is not None, error_model="numpy")
-        return cast(Callable[_P, _T], jit(function))
+        dispatcher = numba.njit(cache=folder is not None, error_model="numpy")(function)
+    FUNCTIONS.append(dispatcher)
+    return cast(Callable[_P, _T], dispatcher)
+
+
+def compiled_here() -> int:
+    """Return how many functions this process has compiled, because no machine code was kept."""
+    return sum(sum(function.stats.cache_misses.values()) for function in FUNCTIONS)
 
 
 @functools.cache
@@ -55,7 +64,7 @@ def cache_folder(room: Path) -> Path | None:
     """
     given = os.environ.get("NUMBA_CACHE_DIR")
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    places = [Path(given)] if given else [_PACKAGE / "__pycache__", user / "quad_mpc_ros"]
+    places = [Path(given)] if given else [PACKAGE / "__pycache__", user / "quad_mpc_ros"]
     for place in places:
         folder = place / f"compiled-{digest_of_sources(room)}"
         try:
@@ -73,26 +82,27 @@ def digest_of_sources(room: Path) -> str:
     digest = hashlib.blake2b(digest_size=10)
     for name in ("numba", "llvmlite", "numpy"):
         digest.update(f"{name} {importlib.metadata.version(name)}\0".encode())
-    for file in sorted(_sources(room)):
+    for file in sorted(sources(room)):
         digest.update(f"{file.name}\0".encode() + file.read_bytes())
     return digest.hexdigest()
 
 
-def _sources(room: Path) -> Iterator[Path]:
+def sources(room: Path) -> Iterator[Path]:
     """Yield the files that a room's machine code may be made of: shared ones, and its door's."""
     for name in SHARED:
-        place = _PACKAGE / name
-        yield from place.glob("*.py") if place.is_dir() else [place]
-    is_inner = room.parent.parent == _PACKAGE and room.parent.name != "control"
+        place = PACKAGE / name
+        yield from [place] if place.suffix else place.glob("*.py")
+    is_inner = room.parent.parent == PACKAGE and room.parent.name != "control"
     yield from (room.parent if is_inner else room).rglob("*.py")
 
 
 @contextmanager
 def _cached_in(folder: Path | None) -> Iterator[None]:
     """Let Numba keep what is decorated meanwhile in a folder."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(folder or before)
+    config: Any = numba.config
+    before = config.CACHE_DIR
+    config.CACHE_DIR = str(folder or before)
     try:
         yield
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before

@@ -6,6 +6,7 @@ file serves ``ros2 run … --params-file`` and the command line of this package.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -74,6 +75,12 @@ def dump(node: str, values: Mapping[str, Any]) -> str:
         if value not in ((), [])
     }
     return yaml.safe_dump({node: {"ros__parameters": listed}}, default_flow_style=None)
+
+
+def value_text(value: Any) -> str:
+    """Return a value as YAML reads it back exactly, which it does not with every ``repr``."""
+    listed = list(value) if isinstance(value, tuple) else value
+    return yaml.safe_dump([listed], default_flow_style=True, width=math.inf).strip()[1:-1]
 
 
 def presets() -> dict[str, Path]:

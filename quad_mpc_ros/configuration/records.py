@@ -56,12 +56,22 @@ class Record:
 
     dtype: ClassVar[np.dtype[Any]]
 
+    if TYPE_CHECKING:
+
+        def copy(self) -> Self:
+            """Return a copy, in memory of its own."""
+
     def __init_subclass__(cls) -> None:
         hints = get_type_hints(cls, include_extras=True)
         fields = [
             (name, *_format(hint)) for name, hint in hints.items() if get_origin(hint) != ClassVar
         ]
-        cls.dtype = np.dtype((np.record, fields))
+        cls.dtype = np.dtype((np.record, np.dtype(fields, align=True)))
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Return the names of the fields."""
+        return cls.dtype.names or ()
 
     @classmethod
     def zeros(cls, *shape: int) -> RecordArray[Self]:
@@ -92,11 +102,11 @@ if TYPE_CHECKING:
         @overload
         def __getitem__(self, index: slice) -> RecordArray[R]: ...
         @overload
-        def __getitem__(self, index: str) -> NDArray[np.float64]: ...
+        def __getitem__(self, index: str) -> Any: ...
         def __getitem__(self, index: Any) -> Any: ...
         def __setitem__(self, index: Any, value: Any) -> None: ...
         def copy(self) -> RecordArray[R]: ...
-        def tobytes(self) -> bytes: ...
+        def reshape(self, shape: tuple[int, ...]) -> RecordArray[R]: ...
 
 else:
 

@@ -24,12 +24,12 @@ from quad_mpc_ros.control.tick import Tick, figures_of
 
 _SECOND = 1_000_000_000
 _NOT_RUN = "not run without odometry"
-# So many periods away from when it is due, an odometry is of another clock.
+# An odometry so many periods away from when it is due means that the clock was set.
 _PERIODS_AWAY = 3
 
 _RESET = (
-    "what was learned of thrust, wind and lags did not fit the vehicle and was let go: are mass, "
-    "thrust_curve and lags right, does the odometry jump?"
+    "the estimate of thrust, wind and lags did not fit the vehicle and was reset: check mass, "
+    "thrust_curve and lags, and whether the odometry jumps"
 )
 
 
@@ -49,8 +49,8 @@ class Controller:
         sum_i x_i' Q x_i + u_i' R u_i,
 
     where x_i and u_i are the errors to the reference on the manifold R^6 x SO(3), and gives the
-    first input. It keeps its own account of what was sent: nothing has to be told but
-    :meth:`replace_last_command`, when something else acted.
+    first input. It remembers what was sent; only when something else acted, call
+    :meth:`replace_last_command`.
 
     In lockstep an odometry waits for the reference of its own stamp
     and a repeated odometry gets the same answer again, so that lost messages can be sent again.
@@ -79,7 +79,7 @@ class Controller:
         self._answered: _Answered | None = None
         self._unseen_ns: int | None = None  # the stamp up to which was commanded without odometry
         self._acts_ns = 0  # by which the last command is remembered
-        self._resets_told = 0
+        self._resets_reported = 0
 
     @property
     def config(self) -> MpcConfig:
@@ -97,30 +97,30 @@ class Controller:
         self._supervisor.reconfigure(config)
 
     def engage(self, engaged: bool) -> None:
-        """Tell whether commands act on the vehicle: armed, and in the mode that takes them."""
+        """Set whether commands act on the vehicle: armed, and in the mode that takes them."""
         self._mpc.engage(engaged)
         self._ground.engage(engaged)
         self._supervisor.engage(engaged)
 
     def landed(self, landed: bool | None) -> None:
-        """Tell what the flight stack says of the ground, if it does: landed, or not."""
+        """Set whether the flight stack reports the vehicle landed; None where it does not say."""
         self._ground.tell_landed(landed)
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Take an announced step of the estimate: the vehicle stays, its coordinates change.
 
         What is held and the reference move along at once, the reference for as long as no other
-        comes. It is to be told before the first odometry in the new coordinates.
+        comes. Call it before the first odometry in the new coordinates.
         """
         self._ground.reset_estimate(reset)
         self._mpc.reset_estimate(reset)
         self._supervisor.reset_estimate(reset)
 
     def take_warnings(self) -> list[str]:
-        """Return what there is to tell the log since the last call."""
+        """Return the warnings for the log since the last call."""
         warnings = self._supervisor.take_warnings()
-        resets, before = self._mpc.estimate.resets, self._resets_told
-        self._resets_told = resets
+        resets, before = self._mpc.estimate.resets, self._resets_reported
+        self._resets_reported = resets
         return [*warnings, _RESET] if resets > before else warnings
 
     def step(self, odometry: OdometrySample, reference: ReferenceWindow) -> Tick | None:
@@ -347,7 +347,7 @@ class Decimation:
     """Which odometries are due: of those around each tick of the control rate the nearest.
 
     Half the distance between odometries is forgiven, so jitter costs no tick when they come at the
-    control rate, and faster ones are still told apart.
+    control rate, and faster ones are still distinguished.
     """
 
     def __init__(self, period_ns: int) -> None:

@@ -30,7 +30,7 @@ FORMULATIONS: dict[str, Callable[[MpcConfig], TrackingProblem]] = {
 class MpcStep(NamedTuple):
     """Outcome of one cycle; ``plan`` is None when the solver failed. ``step_time`` in seconds.
 
-    ``state`` is what it began with, ``estimate`` how the estimate in it fares; ``solution`` is the
+    ``state`` is what it began with, ``estimate`` the status of its estimate; ``solution`` is the
     last solve's, ``iterations`` and ``solve_time`` [s] are summed over all.
     """
 
@@ -73,7 +73,7 @@ class Mpc:
     def step(self, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
         """Compute the plan for an odometry (twist in the body frame) and a reference window."""
         started = time.perf_counter()
-        return self._solve(self._delay_compensation.predict(odometry), window, started=started)
+        return self.solve(self._delay_compensation.predict(odometry), window, started=started)
 
     def step_unseen(self, stamp_ns: int, window: ReferenceWindow) -> MpcStep | None:
         """Compute the plan from where the vehicle should be at a time without odometry.
@@ -82,9 +82,13 @@ class Mpc:
         """
         started = time.perf_counter()
         state = self._delay_compensation.foresee(stamp_ns)
-        return None if state is None else self._solve(state, window, started=started)
+        return None if state is None else self.solve(state, window, started=started)
 
-    def _solve(self, state: PredictedState, window: ReferenceWindow, *, started: float) -> MpcStep:
+    def solve(
+        self, state: PredictedState, window: ReferenceWindow, *, started: float | None = None
+    ) -> MpcStep:
+        """Compute the plan from a predicted state; ``started`` is when the step did [s]."""
+        started = time.perf_counter() if started is None else started
         problem, qp, solver = self._problem, self._qp, self._solver
         plan: Plan | None = None
         iterations, solve_time = 0, 0.0
@@ -114,7 +118,7 @@ class Mpc:
         )
 
     def begin_anew(self) -> None:
-        """Begin with a new problem and solver after an error in the step.
+        """Start again with a new problem and solver after an error in the step.
 
         What was learned, the commands sent and the engagement stay, unless the step before ended
         with an error, too: then the error may be there.
@@ -127,20 +131,20 @@ class Mpc:
 
     def learned(self) -> Learned:
         """Return what has been learned of the vehicle that a fallback can use."""
-        believed = self._delay_compensation.believed()
-        return Learned(thrust_scale=believed.thrust_scale, a_W=believed.a_W)
+        model = self._delay_compensation.estimated()
+        return Learned(thrust_scale=float(model.thrust_scale), a_W=tuple(model.a_W.tolist()))
 
     @property
     def estimate(self) -> EstimateStatus:
-        """How what is learned fares."""
+        """The status of the estimate."""
         return self._delay_compensation.status
 
     def sent(self, command: Input, *, stamp_ns: int) -> None:
-        """Tell the controller which command was sent, by whichever rung of the ladder."""
+        """Record which command was sent, by whichever rung of the ladder."""
         self._delay_compensation.record(command, stamp_ns=stamp_ns)
 
     def engage(self, engaged: bool) -> None:
-        """Tell the controller whether what is sent acts on the vehicle."""
+        """Set whether what is sent acts on the vehicle."""
         self._delay_compensation.engage(engaged)
 
     def reset_estimate(self, reset: EstimateReset) -> None:

@@ -1,4 +1,4 @@
-"""What a controller that does not command yet has heard, and whether it is enough to begin."""
+"""The newest inputs of a controller that does not command yet, and whether it may begin."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Generic, NamedTuple, TypeVar
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.safety.validation import odometry_fault, reference_fault
+from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.control.tick import Tick
 
 _SECOND = 1_000_000_000
@@ -22,7 +23,7 @@ class _Received(NamedTuple, Generic[M]):
 
 
 class Standby:
-    """Keeps the newest odometry and reference; times are those the controller would be told."""
+    """Keeps the newest odometry and reference; times are those the controller would be given."""
 
     def __init__(self) -> None:
         self._odometry: _Received[OdometrySample] | None = None

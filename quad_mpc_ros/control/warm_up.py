@@ -10,8 +10,13 @@ import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.parameters import parameters_of
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.control.mpc import Mpc
+from quad_mpc_ros.control.ocp.problem import PredictedState
 
 # No further apart than odometries that something is learned between, and longer than any delay
 # of the input: learning compiles as well.
@@ -41,6 +46,29 @@ def warmed_up(config: MpcConfig, *, deadline: float = math.inf) -> Controller:
         )
     )
     return Controller(config, deadline=deadline)
+
+
+def compile_problem(config: MpcConfig) -> None:
+    """Compile what is solved in a tick, without the estimation before it."""
+    mpc = Mpc(config)
+    state = PredictedState.at_rest(
+        parameters_of(
+            config.vehicle(),
+            rate_time_constant=config.rate_time_constant,
+            thrust_time_constant=config.thrust_time_constant,
+        )
+    )
+    for stamp_ns in _TICKS_NS:
+        window = ReferenceWindow.hover(_position(stamp_ns), stamp_ns=stamp_ns)
+        mpc.solve(state._replace(stamp_ns=stamp_ns), window)
+
+
+def compile_estimation(config: MpcConfig) -> None:
+    """Compile what is estimated in a tick, without the problem that is solved then."""
+    compensation = DelayCompensation(config)
+    for stamp_ns in _TICKS_NS:
+        compensation.predict(_moving_at(stamp_ns, config))
+        compensation.record(Input(throttle=0.3, w_WB_B=np.zeros(3)), stamp_ns=stamp_ns)
 
 
 @functools.cache

@@ -1,20 +1,20 @@
 """The bytes of the messages that come and go at every tick, without an object for each field.
 
-CDR as DDS has it (OMG DDSI-RTPS, 10.2; XCDR version 1): four bytes that say which byte comes
-first, then the fields one after another, numbers aligned to their size from there on, a text with
-its length and a zero at its end.
+CDR as DDS has it (OMG DDSI-RTPS, 10.2; XCDR version 1): four bytes that state the byte order, then
+the fields one after another, numbers aligned to their size from there on, a text with its length
+and a zero at its end.
 
-A reader returns None for whatever it does not know at a glance, however right it may be: another
-encapsulation, a text without its end, a point of a trajectory with two transforms. Then rclpy has
-to decode it. A writer leaves zeros where rclpy leaves what was in memory before.
+A reader returns None for what it does not know, valid or not: big-endian bytes, a text without its
+end, a trajectory point with two transforms. Then rclpy has to decode it. A writer leaves zeros in
+gaps, where rclpy leaves what was in memory before.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 import struct
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from quad_mpc_ros.control.model.samples import (
     CommandSample,
     OdometrySample,
     ReferenceWindow,
-    told_variance,
+    given_variance,
 )
 
 _SECOND = 1_000_000_000
@@ -36,64 +36,46 @@ _TWIST = 7 + 36
 _VARIANCES = (_TWIST + 6, _TWIST + 6 + 7, _TWIST + 6 + 14)
 
 
-class _Order(NamedTuple):
-    """How numbers are read, the first byte the smallest or the largest."""
-
-    stamp_and_length: struct.Struct
-    length: struct.Struct
-    double: np.dtype[np.float64]
-    point: np.dtype[np.void]
-
-
-def _order(sign: str) -> _Order:
-    fields = {
-        "p": (f"(3,){sign}f8", 0),
-        "q": (f"(4,){sign}f8", 24),
-        "velocities": (f"{sign}u4", 56),
-        "v": (f"(3,){sign}f8", 64),
-        "w": (f"(3,){sign}f8", 88),
-        "accelerations": (f"{sign}u4", 112),
-        "a": (f"(3,){sign}f8", 120),
-        "sec": (f"{sign}i4", 168),
-        "nanosec": (f"{sign}u4", 172),
-        "transforms_of_next": (f"{sign}u4", 176),
+_STAMP_AND_LENGTH = struct.Struct("<iII")
+_LENGTH = struct.Struct("<I")
+_POINT_FIELDS = {
+    "p": ("(3,)<f8", 0),
+    "q": ("(4,)<f8", 24),
+    "velocities": ("<u4", 56),
+    "v": ("(3,)<f8", 64),
+    "w": ("(3,)<f8", 88),
+    "accelerations": ("<u4", 112),
+    "a": ("(3,)<f8", 120),
+    "sec": ("<i4", 168),
+    "nanosec": ("<u4", 172),
+    "transforms_of_next": ("<u4", 176),
+}
+_POINT = np.dtype(
+    {
+        "names": [*_POINT_FIELDS],
+        "formats": [kind for kind, _ in _POINT_FIELDS.values()],
+        "offsets": [offset for _, offset in _POINT_FIELDS.values()],
+        "itemsize": 184,
     }
-    point = np.dtype(
-        {
-            "names": [*fields],
-            "formats": [kind for kind, _ in fields.values()],
-            "offsets": [offset for _, offset in fields.values()],
-            "itemsize": 184,
-        }
-    )
-    return _Order(
-        stamp_and_length=struct.Struct(f"{sign}iII"),
-        length=struct.Struct(f"{sign}I"),
-        double=np.dtype(f"{sign}f8"),
-        point=point,
-    )
-
-
-_ORDERS = {b"\x00\x00": _order(">"), b"\x00\x01": _order("<")}
-_POINT = _ORDERS[b"\x00\x01"].point
-_ENDS_BEFORE = 8  # the transforms of the next, which the last point has not
+)
+_ENDS_BEFORE = 8  # the last point has no transforms of a next one
 
 
 class _UnknownError(Exception):
-    """The bytes are not what is known at a glance."""
+    """The bytes are left to rclpy."""
 
 
 def read_odometry(data: bytes) -> OdometrySample | None:
     """Return a ``nav_msgs/Odometry``, or None where rclpy has to decode it."""
     try:
-        order, stamp_ns, frame_id, at = _header(data)
-        child_frame_id, at = _text(data, at, order)
+        stamp_ns, frame_id, at = _header(data)
+        child_frame_id, at = _text(data, at)
     except (_UnknownError, struct.error):
         return None
     at = _aligned(at, 8)
     if len(data) < at + 8 * _ODOMETRY_NUMBERS:
         return None
-    numbers = np.frombuffer(data, order.double, _ODOMETRY_NUMBERS, at).astype(np.float64)
+    numbers = np.frombuffer(data, "<f8", _ODOMETRY_NUMBERS, at).astype(np.float64)
     return OdometrySample(
         stamp_ns=stamp_ns,
         frame_id=frame_id,
@@ -102,31 +84,31 @@ def read_odometry(data: bytes) -> OdometrySample | None:
         q_WB_xyzw=numbers[3:7],
         v_WB_B=numbers[_TWIST : _TWIST + 3],
         w_WB_B=numbers[_TWIST + 3 : _TWIST + 6],
-        v_variance=told_variance([float(numbers[place]) for place in _VARIANCES]),
+        v_variance=given_variance([float(numbers[place]) for place in _VARIANCES]),
     )
 
 
 def read_reference(data: bytes) -> ReferenceWindow | None:
     """Return a ``trajectory_msgs/MultiDOFJointTrajectory``, or None where rclpy has to decode it.
 
-    Known is one whose points have one transform, one velocity and one acceleration each.
+    Every point must have one transform, one velocity and one acceleration.
     """
     try:
-        order, stamp_ns, frame_id, at = _header(data)
-        names, at = _number(data, at, order)
+        stamp_ns, frame_id, at = _header(data)
+        names, at = _number(data, at)
         if names > _MOST_NAMES:
             return None
         for _ in range(names):
-            _, at = _text(data, at, order)
-        count, at = _number(data, at, order)
-        transforms, at = _number(data, at, order)
+            _, at = _text(data, at)
+        count, at = _number(data, at)
+        transforms, at = _number(data, at)
     except (_UnknownError, struct.error):
         return None
     at = _aligned(at, 8)
-    size = count * order.point.itemsize
+    size = count * _POINT.itemsize
     if count == 0 or transforms != 1 or len(data) < at + size - _ENDS_BEFORE:
         return None
-    points = np.frombuffer(data[at : at + size].ljust(size, b"\0"), order.point)
+    points = np.frombuffer(data[at : at + size].ljust(size, b"\0"), _POINT)
     if not (
         (points["velocities"] == 1).all()
         and (points["accelerations"] == 1).all()
@@ -229,25 +211,42 @@ def written_diagnostics(
     return data[: len(data) - -last % 4]  # no gap where nothing follows
 
 
-def _header(data: bytes) -> tuple[_Order, int, str, int]:
-    """Return the order of bytes, stamp [ns] and frame of a header, and where it ends."""
-    order = _ORDERS.get(bytes(data[:2]))
-    if order is None:
+def written_battery(voltage: float, *, stamp_ns: int) -> bytes:
+    """Return a ``sensor_msgs/BatteryState`` of a voltage [V]; nothing else was measured."""
+    measured = struct.pack("<7f4B2I", voltage, *[math.nan] * 6, 0, 0, 0, True, 0, 0)
+    return _LITTLE + _stamp(stamp_ns) + _chunk("") + measured + _chunk("") + _chunk("")[:-3]
+
+
+def header_stamp_ns(data: bytes) -> int:
+    """Return the stamp [ns] of a message that begins with a ``std_msgs/Header``.
+
+    Raises ``ValueError`` for data that are too short.
+    """
+    try:
+        seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, _BEGIN)
+    except (IndexError, struct.error) as error:
+        raise ValueError(f"no stamp in {len(data)} bytes") from error
+    return int(seconds) * _SECOND + int(nanoseconds)
+
+
+def _header(data: bytes) -> tuple[int, str, int]:
+    """Return stamp [ns] and frame of a header, and where it ends."""
+    if data[:2] != _LITTLE[:2]:
         raise _UnknownError
-    sec, nanosec, _ = order.stamp_and_length.unpack_from(data, _BEGIN)
-    frame_id, at = _text(data, _BEGIN + 8, order)
-    return order, sec * _SECOND + nanosec, frame_id, at
+    sec, nanosec, _ = _STAMP_AND_LENGTH.unpack_from(data, _BEGIN)
+    frame_id, at = _text(data, _BEGIN + 8)
+    return sec * _SECOND + nanosec, frame_id, at
 
 
-def _number(data: bytes, at: int, order: _Order) -> tuple[int, int]:
+def _number(data: bytes, at: int) -> tuple[int, int]:
     """Return an unsigned number of four bytes, and where it ends."""
     at = _aligned(at, 4)
-    return order.length.unpack_from(data, at)[0], at + 4
+    return _LENGTH.unpack_from(data, at)[0], at + 4
 
 
-def _text(data: bytes, at: int, order: _Order) -> tuple[str, int]:
+def _text(data: bytes, at: int) -> tuple[str, int]:
     """Return a text, and where it ends."""
-    length, at = _number(data, at, order)
+    length, at = _number(data, at)
     end = at + length
     if length == 0 or len(data) < end or data.find(0, at, end) != end - 1:
         raise _UnknownError

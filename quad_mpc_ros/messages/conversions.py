@@ -2,15 +2,13 @@
 
 A function reads the attributes of a message, or fills one that is passed in, and imports no
 message package. So the same code serves rclpy's messages and those of a bag that is read without
-ROS. ``new`` makes an empty message of a type, for the elements of sequences. A message that was
-filled before keeps its elements and is filled again, which is cheaper.
+ROS. ``new`` makes an empty message of a type, for the elements of sequences.
 """
 
 from __future__ import annotations
 
 import math
-import struct
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -22,7 +20,7 @@ from quad_mpc_ros.control.model.samples import (
     CommandSample,
     OdometrySample,
     ReferenceWindow,
-    told_variance,
+    given_variance,
 )
 from quad_mpc_ros.messages import cdr
 
@@ -51,20 +49,14 @@ def fill_time(time: Any, stamp_ns: int) -> None:
     time.sec, time.nanosec = divmod(stamp_ns, _SECOND)
 
 
-def stamp_of_serialized(data: bytes) -> int:
-    """Return the stamp [ns] of a serialized message (CDR) that begins with a header."""
-    sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return int(sec) * _SECOND + int(nanosec)
-
-
 def odometry_from_message(message: Any) -> OdometrySample:
-    """Return the values of a ``nav_msgs/Odometry``; whether they are fit for use is not asked."""
+    """Return the values of a ``nav_msgs/Odometry``, unchecked."""
     placed = SimpleNamespace(header=message.header, pose=message.pose.pose)
     odometry = odometry_from_pose_and_twist(
         placed, message.twist, child_frame_id=message.child_frame_id
     )
     covariance = message.twist.covariance
-    variance = told_variance([covariance[place] for place in _VELOCITY_VARIANCES])
+    variance = given_variance([covariance[place] for place in _VELOCITY_VARIANCES])
     return odometry if variance == 0.0 else replace(odometry, v_variance=variance)
 
 
@@ -147,62 +139,10 @@ def reference_from_message(message: Any) -> ReferenceWindow:
     )
 
 
-def fill_reference(
-    message: Any, window: ReferenceWindow, *, child_frame_id: str, new: NewMessage
-) -> None:
-    """Write a window into a ``trajectory_msgs/MultiDOFJointTrajectory``."""
-    fill_header(message.header, window.stamp_ns, window.frame_id)
-    message.joint_names = [child_frame_id]
-    point_type = "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"
-    points = elements(message, "points", len(window.p_WB), point_type, new)
-    for point, offset_ns, p, q, v, w, a in zip(
-        points,
-        window.offset_ns.tolist(),
-        window.p_WB.tolist(),
-        window.q_WB_xyzw.tolist(),
-        window.v_WB_W.tolist(),
-        window.w_WB_W.tolist(),
-        window.a_WB_W.tolist(),
-        strict=True,
-    ):
-        (transform,) = elements(point, "transforms", 1, "geometry_msgs/msg/Transform", new)
-        (velocity,) = elements(point, "velocities", 1, "geometry_msgs/msg/Twist", new)
-        (acceleration,) = elements(point, "accelerations", 1, "geometry_msgs/msg/Twist", new)
-        fill_vector(transform.translation, p)
-        fill_quaternion(transform.rotation, q)
-        fill_vector(velocity.linear, v)
-        fill_vector(velocity.angular, w)
-        fill_vector(acceleration.linear, a)
-        fill_time(point.time_from_start, offset_ns)
-
-
 def pose_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
     """Return frame, position (3,) and quaternion (4,) of a ``geometry_msgs/PoseStamped``."""
     pose = message.pose
     return message.header.frame_id, _vector(pose.position), _quaternion(pose.orientation)
-
-
-def fill_path(
-    message: Any,
-    *,
-    stamp_ns: int,
-    step_ns: int = 0,
-    frame_id: str,
-    p_WB: NDArray[np.float64],
-    q_WB_xyzw: NDArray[np.float64],
-    new: NewMessage,
-) -> None:
-    """Write n poses, positions (n, 3) and quaternions (n, 4), into a ``nav_msgs/Path``.
-
-    Their stamps are a step apart.
-    """
-    fill_header(message.header, stamp_ns, frame_id)
-    poses = elements(message, "poses", len(p_WB), "geometry_msgs/msg/PoseStamped", new)
-    values = zip(poses, p_WB.tolist(), q_WB_xyzw.tolist(), strict=True)
-    for i, (pose, p, q) in enumerate(values):
-        fill_header(pose.header, stamp_ns + i * step_ns, frame_id)
-        fill_vector(pose.pose.position, p)
-        fill_quaternion(pose.pose.orientation, q)
 
 
 def positions_from_path(message: Any) -> NDArray[np.float64]:
@@ -211,24 +151,9 @@ def positions_from_path(message: Any) -> NDArray[np.float64]:
     return np.array(places, dtype=np.float64).reshape(-1, 3)
 
 
-def fill_plan(message: Any, plan: Plan, *, frame_id: str, new: NewMessage) -> None:
-    """Write the poses of a plan into a ``nav_msgs/Path``."""
-    from quad_mpc_ros.control.lie import so3  # compiled: the recorder does without
-
-    fill_path(
-        message,
-        stamp_ns=plan.stamp_ns,
-        step_ns=round(plan.step * 1e9),
-        frame_id=frame_id,
-        p_WB=plan.p_WB,
-        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(plan.R_WB),
-        new=new,
-    )
-
-
 def written_plan(plan: Plan, *, frame_id: str) -> bytes:
     """Return the poses of a plan as the bytes of a ``nav_msgs/Path``."""
-    from quad_mpc_ros.control.lie import so3
+    from quad_mpc_ros.control.lie import so3  # compiled: the recorder does without
 
     return cdr.written_path(
         stamp_ns=plan.stamp_ns,
@@ -241,18 +166,19 @@ def written_plan(plan: Plan, *, frame_id: str) -> bytes:
 
 def fill_transform(message: Any, odometry: OdometrySample, *, new: NewMessage) -> None:
     """Write the pose of an odometry into a ``tf2_msgs/TFMessage``, from its frame to its child."""
-    (stamped,) = elements(message, "transforms", 1, "geometry_msgs/msg/TransformStamped", new)
+    stamped = new("geometry_msgs/msg/TransformStamped")
     fill_header(stamped.header, odometry.stamp_ns, odometry.frame_id)
     stamped.child_frame_id = odometry.child_frame_id
     fill_vector(stamped.transform.translation, odometry.p_WB.tolist())
     fill_quaternion(stamped.transform.rotation, odometry.q_WB_xyzw.tolist())
+    message.transforms = [stamped]
 
 
 def reset_from_message(message: Any) -> EstimateReset:
     """Return an estimator's step from a ``geometry_msgs/TransformStamped``.
 
     Raises:
-        ValueError: It is no finite turn about the vertical with a step.
+        ValueError: Not finite, or not a rotation about the vertical.
     """
     from quad_mpc_ros.control.model.estimate_reset import (
         EstimateReset,  # which needs compiled code
@@ -277,7 +203,7 @@ def reset_from_message(message: Any) -> EstimateReset:
 def parameter_changes_from_message(message: Any) -> tuple[str, dict[str, Any]]:
     """Return the node of a ``rcl_interfaces/ParameterEvent`` and what it set, by name.
 
-    Parameters that were only declared, with their first value, are left out.
+    Parameters that were only declared are left out.
     """
     values = {
         str(parameter.name): _parameter_value(parameter.value)
@@ -297,17 +223,6 @@ _PARAMETER_FIELDS = (
 def _parameter_value(message: Any) -> Any:
     value = getattr(message, _PARAMETER_FIELDS[message.type])
     return value.tolist() if hasattr(value, "tolist") else value
-
-
-def fill_battery(message: Any, voltage: float, *, stamp_ns: int) -> None:
-    """Write a voltage [V] into a ``sensor_msgs/BatteryState``; nothing else was measured."""
-    fill_time(message.header.stamp, stamp_ns)
-    message.voltage, message.present = voltage, True
-    for name in _UNMEASURED:
-        setattr(message, name, math.nan)
-
-
-_UNMEASURED = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
 
 
 def fill_reset(message: Any, reset: EstimateReset) -> None:
@@ -341,14 +256,3 @@ def fill_vector(target: Any, values: Iterable[float]) -> None:
 def fill_quaternion(target: Any, q_xyzw: Iterable[float]) -> None:
     """Write into a ``geometry_msgs/Quaternion``."""
     target.x, target.y, target.z, target.w = q_xyzw
-
-
-def elements(
-    message: Any, field: str, count: int, type_name: str, new: NewMessage
-) -> Sequence[Any]:
-    """Return a sequence of a message, made anew unless it has so many elements already."""
-    elements: Sequence[Any] = getattr(message, field)
-    if len(elements) != count:
-        elements = [new(type_name) for _ in range(count)]
-        setattr(message, field, elements)
-    return elements

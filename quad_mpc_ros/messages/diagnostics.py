@@ -1,13 +1,11 @@
-"""Diagnostics: the statistics of a tick of the MPC, and the status that a node reports."""
+"""Diagnostics: the statistics of a tick of the MPC, and the levels of a status."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import cdr
-from quad_mpc_ros.messages.conversions import NewMessage, elements, fill_time
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 """The levels of a ``diagnostic_msgs/DiagnosticStatus``."""
@@ -15,49 +13,15 @@ OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
 STATS_NAME = "quad_mpc_ros: mpc tick"
 
 
-def fill_stats(message: Any, stats: TickStats, *, new: NewMessage) -> None:
-    """Write the figures of a tick into a ``diagnostic_msgs/DiagnosticArray`` of one status."""
-    fill_time(message.header.stamp, stats.stamp_ns)
-    (status,) = elements(message, "status", 1, "diagnostic_msgs/msg/DiagnosticStatus", new)
-    fill_status(
-        status,
-        name=STATS_NAME,
-        level=_level(stats),
-        text=stats.reason or "ok",
-        values=stats.items(),
-        new=new,
-    )
-
-
 def written_stats(stats: TickStats) -> bytes:
     """Return the figures of a tick as the bytes of a ``diagnostic_msgs/DiagnosticArray``."""
     return cdr.written_diagnostics(
         stamp_ns=stats.stamp_ns,
-        level=_level(stats),
+        level={"mpc": OK, "plan": WARN}.get(stats.source, ERROR),
         name=STATS_NAME,
         text=stats.reason or "ok",
         values=stats.items(),
     )
-
-
-def _level(stats: TickStats) -> bytes:
-    return {"mpc": OK, "plan": WARN}.get(stats.source, ERROR)
-
-
-def fill_status(
-    status: Any,
-    *,
-    name: str,
-    level: bytes,
-    text: str,
-    values: Sequence[tuple[str, str]],
-    new: NewMessage,
-) -> None:
-    """Write into a ``diagnostic_msgs/DiagnosticStatus``; ``level`` is one byte."""
-    status.level, status.name, status.message = level, name, text
-    pairs = elements(status, "values", len(values), "diagnostic_msgs/msg/KeyValue", new)
-    for pair, (key, value) in zip(pairs, values, strict=True):
-        pair.key, pair.value = key, value
 
 
 def stats_from_message(message: Any) -> dict[str, str]:

@@ -21,7 +21,7 @@ from quad_mpc_ros.messages.conversions import NewMessage
 
 @dataclass(frozen=True, kw_only=True)
 class VisualisationConfig(VehicleParameters):
-    """What viewers are shown; mass and thrust curve give the thrust that a throttle stands for."""
+    """What viewers are shown; mass and thrust curve turn throttle into thrust."""
 
     owner = "visualisation"
 
@@ -73,7 +73,7 @@ class Trail:
 # Of visualization_msgs/Marker.
 ARROW, LINE_STRIP, LINE_LIST = 0, 4, 5
 
-_FLEETING_NS = 500_000_000  # what a silent controller commands and predicts vanishes
+_SHORT_LIFETIME_NS = 500_000_000  # thrust and plan of a silent controller disappear
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -95,14 +95,14 @@ _PREDICTED = _Look(
     kind=LINE_STRIP,
     scale=(0.02, 0.0, 0.0),
     rgb=(0.8, 0.47, 0.65),
-    lifetime_ns=_FLEETING_NS,
+    lifetime_ns=_SHORT_LIFETIME_NS,
 )
 _THRUST = _Look(
     name="thrust",
     kind=ARROW,
     scale=(0.02, 0.04, 0.06),
     rgb=(0.84, 0.37, 0.0),
-    lifetime_ns=_FLEETING_NS,
+    lifetime_ns=_SHORT_LIFETIME_NS,
 )
 
 

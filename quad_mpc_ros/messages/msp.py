@@ -1,4 +1,4 @@
-"""Frames of the MultiWii Serial Protocol, versions 1 and 2, which Betaflight speaks.
+"""Frames of the MultiWii Serial Protocol, versions 1 and 2, the protocol of Betaflight.
 
 Version 1 is ``$M``, direction, size, command, payload and the exclusive or of the last three;
 version 2 ``$X``, direction, a flag of 0, command and size of two bytes each, little endian,
@@ -23,7 +23,7 @@ _POLYNOMIAL = 0xD5
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What came back: to which command, and whether it was refused."""
+    """An answer to a command, which may be a refusal."""
 
     command: int
     payload: bytes
@@ -63,13 +63,13 @@ _CRC = tuple(_shifted(value) for value in range(256))
 
 
 class Reader:
-    """Finds the answers in what comes over a line, and drops what is no frame."""
+    """Finds the answers in a stream of bytes, and drops what is no frame."""
 
     def __init__(self) -> None:
         self._held = b""
 
     def read(self, data: bytes) -> Iterator[Answer]:
-        """Take what came; yield every answer that is whole."""
+        """Take received bytes; yield every complete answer."""
         self._held += data
         while (start := self._held.find(b"$")) >= 0:
             self._held = self._held[start:]

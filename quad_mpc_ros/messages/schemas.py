@@ -24,7 +24,7 @@ SHIPPED_TYPES = (
     "sensor_msgs/msg/BatteryState",
     "trajectory_msgs/msg/MultiDOFJointTrajectory",
 )
-"""The types whose definitions come with this package, so that it records without ROS."""
+"""The types with definitions in this package, so that it records without ROS."""
 
 HASHES_FILE = "hashes.json"
 
@@ -66,7 +66,7 @@ def installed_schema(type_name: str) -> MessageSchema:
     """Return the schema of ``type_name`` built from the installed message packages.
 
     The prefixes are those of ``AMENT_PREFIX_PATH`` and, for ROS from wheels, ``sys.prefix``.
-    Raises :class:`BagError` that says what was looked for and where.
+    Raises :class:`BagError` with the places searched.
     """
     package, name = _package_and_name(type_name)
     encoding = MSG_ENCODING

@@ -26,11 +26,11 @@ class Topic:
 
 ODOMETRY = Topic(name="odom", type_name="nav_msgs/msg/Odometry", single_source=True)
 COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", single_source=True)
-# Whether the vehicle acts on commands. Where nobody says so, it does.
+# Whether the vehicle acts on commands; it does where this is not published.
 ENGAGED = Topic(name="engaged", type_name="std_msgs/msg/Bool", reliable=True, latched=True)
-# Whether it stands on the ground. Where nobody says so, that is found out.
+# Whether it stands on the ground; estimated where this is not published.
 LANDED = Topic(name="landed", type_name=ENGAGED.type_name, reliable=True, latched=True)
-# That the estimator has stepped: where its former frame lies in the one from now on.
+# A step of the estimator: where its former frame lies in the new one.
 ODOMETRY_RESET = Topic(
     name="odom_reset",
     type_name="geometry_msgs/msg/TransformStamped",
@@ -69,7 +69,7 @@ MARKERS = Topic(
 )
 TF = Topic(name="/tf", type_name="tf2_msgs/msg/TFMessage", reliable=True, depth=100)
 
-# In the bag of a flight that was fed to another controller: what was flown, beside its commands.
+# In the bag of a resolved flight: the commands that were flown.
 RECORDED_COMMAND = Topic(name="recorded_command", type_name=COMMAND.type_name)
 
 RECORDED = (
@@ -87,4 +87,4 @@ RECORDED = (
     CLOCK,
     PARAMETER_EVENTS,
 )
-"""What a recorder takes when nothing else is asked of it."""
+"""What a recorder records by default."""

@@ -1,4 +1,4 @@
-"""What rosbag2 tells of a bag: ``metadata.yaml``, the QoS of a channel, and its style of YAML."""
+"""The metadata of rosbag2: ``metadata.yaml``, the QoS of a channel, and its style of YAML."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _NEVER_NS = 2**63 - 1
 
 @dataclass(frozen=True, kw_only=True)
 class TopicSummary:
-    """One topic of a bag, as far as ``metadata.yaml`` tells."""
+    """One topic of a bag, as ``metadata.yaml`` has it."""
 
     name: str
     type_name: str
@@ -56,7 +56,7 @@ class FileSummary:
 
 
 def bag_of(path: Path) -> Path:
-    """Return the bag of what was given, which may be the folder of a run."""
+    """Return the bag at a path, or in it where that is the folder of a run."""
     inside = path / "bag"
     return inside if inside.is_dir() and not (path / METADATA_FILE).exists() else path
 
@@ -85,7 +85,7 @@ def bag_information(
     compression_format: str = "",
     compression_mode: str = "",
 ) -> dict[str, object]:
-    """Return what stands under ``rosbag2_bagfile_information`` for a bag of these files.
+    """Return the content of ``rosbag2_bagfile_information`` for a bag of these files.
 
     The compression is rosbag2's own, by message or by file; that of MCAP's chunks is none.
     Keys and their order are those of ``convert<BagMetadata>::encode`` in

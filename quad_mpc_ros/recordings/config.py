@@ -17,10 +17,10 @@ from quad_mpc_ros.messages.topics import RECORDED
 
 @dataclass(frozen=True, kw_only=True)
 class TopicSelection:
-    """Topics named, and those that match; full names throughout.
+    """Topics by name and by pattern; full names throughout.
 
     A regular expression need only be found somewhere in the name, as with ``ros2 bag``. Hidden
-    topics, with a part that begins with an underscore, are meant only when they are named.
+    topics, with a part that begins with an underscore, are chosen only by name.
     """
 
     names: Collection[str] = ()
@@ -34,7 +34,7 @@ class TopicSelection:
         return not (self.everything or self.pattern)
 
     def includes(self, topic: str) -> bool:
-        """Whether ``topic`` is meant; what is excluded is not, even when it is named."""
+        """Whether ``topic`` is chosen; what is excluded is not, even when it is named."""
         if self.exclude and re.search(self.exclude, topic):
             return False
         if topic in self.names:

@@ -1,4 +1,4 @@
-"""A recorded flight as arrays: what was flown, what was asked for, what was commanded."""
+"""A recorded flight as arrays: odometry, reference, commands, figures of the ticks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.reference_window import (
-    POINT_SIZE,
+    PointRecord,
     packed,
     reference_points,
     sample_into,
@@ -20,7 +20,7 @@ from quad_mpc_ros.control.model.reference_window import (
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.ocp.paper import reference_throttles
-from quad_mpc_ros.control.safety.validation import reference_fault
+from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
 
@@ -153,21 +153,21 @@ class ReferenceSampler:
 
     At each stamp the window in force is the last one stamped no later, and before the first
     window it is the first one. Windows may come in any order; of those with the same stamp the
-    last one counts. Two of them are held: the newest, as long as nobody knows how far it
+    last one counts. Two are held: the newest, until the next shows how far it
     reaches, and the oldest, for what lies before it.
     """
 
     def __init__(self, stamp_ns: Stamps, vehicle: Vehicle) -> None:
-        """Take the stamps (n,) [ns], ascending, and whose throttle is to hold the reference."""
+        """Take the stamps (n,) [ns], ascending, and the vehicle that flies the reference."""
         self._stamp_ns = stamp_ns
         self._vehicle = vehicle
         self._in_force_ns = np.full(len(stamp_ns), _NO_STAMP, dtype=np.int64)
-        self._points = np.empty((len(stamp_ns), POINT_SIZE))
+        self._points = PointRecord.zeros(len(stamp_ns))
         self._newest: ReferenceWindow | None = None
         self._oldest: ReferenceWindow | None = None
 
     def take(self, window: ReferenceWindow) -> None:
-        """Use a window, unless it is one that the controller refuses."""
+        """Use a window, unless the controller refuses it."""
         if reference_fault(window, frame_id=window.frame_id) is not None:
             return
         if self._oldest is None or window.stamp_ns < self._oldest.stamp_ns:
@@ -204,15 +204,13 @@ class ReferenceSampler:
         self._in_force_ns[places] = window.stamp_ns
 
     def _write(self, places: NDArray[np.intp], window: ReferenceWindow) -> None:
-        points = np.empty((len(places), POINT_SIZE))
-        sample_into(
-            self._stamp_ns[places] - window.stamp_ns, window.offset_ns, packed(window), points
-        )
+        points = PointRecord.zeros(len(places))
+        sample_into(self._stamp_ns[places] - window.stamp_ns, packed(window), points)
         self._points[places] = points
 
 
 class ChosenPlans:
-    """Of plans that come again, keeps those evenly chosen by their stamps."""
+    """Keeps some of the plans, evenly chosen by their stamps."""
 
     def __init__(self, stamps_ns: list[int], *, end_ns: int, most: int) -> None:
         stamps = np.array(stamps_ns, dtype=np.int64)

@@ -1,7 +1,7 @@
 """The values of a recording, kind by kind and in its order, at eight bytes a number.
 
-A log grows while messages are read one by one; it is indexed like a list of :class:`Received`,
-each made when it is asked for. An hour of flight as Python objects would fill the memory.
+A log grows while messages are read and is indexed like a list of :class:`Received`, each made on
+demand. An hour of flight as Python objects would fill the memory.
 """
 
 from __future__ import annotations
@@ -180,13 +180,13 @@ def tick_stats(message: Any) -> TickStats:
     """Return the figures in a message of ``mpc/stats``.
 
     Figures that an earlier version did not have take their default. Raises ``KeyError`` or
-    ``ValueError`` for another's message.
+    ``ValueError`` for a message of another package.
     """
-    told = diagnostics.stats_from_message(message)
+    figures = diagnostics.stats_from_message(message)
     values = {
-        field.name: _FIGURES[field.name](told[field.name])
+        field.name: _FIGURES[field.name](figures[field.name])
         for field in dataclasses.fields(TickStats)
-        if field.name in told or field.default is dataclasses.MISSING
+        if field.name in figures or field.default is dataclasses.MISSING
     }
     return TickStats(**values)
 
@@ -199,7 +199,7 @@ class _Texts(list[str]):
 
 
 class _Arrays:
-    """Arrays whose rows are of one ``width``."""
+    """Arrays with rows of one ``width``."""
 
     def __init__(self, type_code: str, *, width: int) -> None:
         self._numbers = array(type_code)

@@ -35,7 +35,7 @@ class _Piece:
     size: int
     span: TimeSpan
     channels: Collection[int]
-    """Of its messages; empty when nobody knows."""
+    """Of its messages; empty when unknown."""
 
 
 @dataclass
@@ -72,7 +72,7 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         """Open ``path`` for a first look; no file stays open.
 
-        ``finished`` tells whether the writer ended the file, be it without an index.
+        ``finished``: whether the writer ended the file, with or without an index.
         """
         self.path = path
         with _opened(path) as stream:
@@ -81,7 +81,7 @@ class McapFile:
 
     @cached_property
     def contents(self) -> McapContents:
-        """What the index tells, or a scan of the whole file where there is none."""
+        """The index, or a scan of the whole file where there is none."""
         if self._indexed is not None:
             return self._indexed
         with _opened(self.path) as stream:
@@ -138,7 +138,7 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
         raise BagError(f"{path}: cannot be read: {os_reason(error)}") from error
     except _NotMcapError as error:
         raise BagError(f"{path}: {error}") from error
-    # The parsers of mcap, zstd and lz4 raise what they please on bytes that were tampered with.
+    # The parsers of mcap, zstd and lz4 raise anything on damaged bytes.
     except Exception as error:
         reason = str(error).partition("\n")[0]
         raise BagError(f"{path}: is corrupt: {type(error).__name__}: {reason}") from error
@@ -285,8 +285,8 @@ def _in_order(
 ) -> Iterator[Message]:
     """Yield the messages of pieces by log time; those of the same time as they are in the file.
 
-    ``wanted`` tells for each channel whether its messages are. Held are those of one piece, and
-    of the ones that it overlaps in time.
+    ``wanted``: by channel. Memory holds the messages of one piece and of those that it overlaps
+    in time.
     """
     ahead: list[tuple[int, int, int, Message]] = []
     for piece in sorted(pieces, key=lambda piece: (piece.span.start_ns, piece.start)):

@@ -38,7 +38,7 @@ def read_parameters(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict
 def recorded_parameters(
     parameters: Mapping[str, Mapping[str, Any]], kind: type[Configuration]
 ) -> dict[str, Any]:
-    """Return the parameters of the node that ``kind`` configures, whatever its namespace.
+    """Return the parameters of the node that ``kind`` configures, in any namespace.
 
     Empty when none were recorded. ``parameters`` are those of a recording by node.
     """

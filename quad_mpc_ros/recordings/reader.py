@@ -19,15 +19,15 @@ from quad_mpc_ros.recordings.bag_metadata import METADATA_FILE, METADATA_ROOT, T
 from quad_mpc_ros.recordings.mcap_file import McapFile, McapMessage
 
 if TYPE_CHECKING:
-    from quad_mpc_ros.messages.codec import RosbagsMessages
+    from quad_mpc_ros.messages.codec import MessageDecoder
 
 
 @dataclass(frozen=True, kw_only=True)
 class TopicInfo:
-    """What a bag tells of one topic.
+    """One topic of a bag.
 
     ``encoding`` is that of its messages, ``cdr`` in ROS 2. ``qos_profiles`` is YAML, one entry a
-    publisher, as rosbag2 wrote it; it and ``type_hash`` are empty when the bag does not tell.
+    publisher, as rosbag2 wrote it; it and ``type_hash`` are empty when the bag lacks them.
     """
 
     type_name: str
@@ -50,10 +50,10 @@ class RecordedMessage:
 
     @cached_property
     def message(self) -> Any:
-        """Return the decoded message, see :meth:`RosbagsMessages.decode`.
+        """Return the decoded message, see :meth:`MessageDecoder.decode`.
 
-        Raises :class:`BagError` for data that do not fit the type, and for a type whose
-        definition in the bag is unusable or differs from the one in ROS 2 Jazzy.
+        Raises :class:`BagError` for data that do not fit the type, and for a definition in the
+        bag that is unusable or differs from the one in ROS 2 Jazzy.
         """
         return self._decoder.decode(self.type_name, self.data)
 
@@ -154,9 +154,9 @@ def topics_in(files: Iterable[McapFile]) -> dict[str, TopicInfo]:
 
 
 def recorded_information(records: Iterable[Metadata]) -> Mapping[str, Any]:
-    """Return what the metadata records of an MCAP file tell of its bag, as ``metadata.yaml`` does.
+    """Return the copy of ``metadata.yaml`` in the metadata records of an MCAP file.
 
-    Nothing, when there is nothing of the kind.
+    Empty when there is none.
     """
     texts = [r.metadata.get("serialized_metadata", "") for r in records if r.name == "rosbag2"]
     try:
@@ -181,10 +181,10 @@ def mcap_files_in(directory: Path) -> list[Path]:
 
 
 class _Decoder:
-    """Decodes by the definitions in the bag, each looked at when its first message is."""
+    """Decodes by the definitions in the bag, each parsed with its first message."""
 
     def __init__(self, files: list[McapFile]) -> None:
-        self._codec: RosbagsMessages | None = None
+        self._codec: MessageDecoder | None = None
         self._unregistered = {
             schema.name: schema
             for file in files
@@ -194,9 +194,9 @@ class _Decoder:
 
     def decode(self, type_name: str, data: bytes) -> Any:
         if self._codec is None:
-            from quad_mpc_ros.messages.codec import RosbagsMessages  # who copies needs no rosbags
+            from quad_mpc_ros.messages.codec import MessageDecoder  # copying needs no rosbags
 
-            self._codec = RosbagsMessages()
+            self._codec = MessageDecoder()
         schema = self._unregistered.get(type_name)
         if schema is not None:
             self._codec.register(

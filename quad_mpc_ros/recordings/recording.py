@@ -1,4 +1,4 @@
-"""The recording of one vehicle: a bag, opened once, whose messages become values as they come."""
+"""The recording of one vehicle: opens a bag once and turns its messages into values."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.codec import header_stamp_ns
+from quad_mpc_ros.messages.cdr import header_stamp_ns
 from quad_mpc_ros.messages.topics import (
     BATTERY,
     COMMAND,
@@ -89,10 +89,10 @@ class Recording:
     def flight(self, *, most_plans: int = 0) -> Flight:
         """Return the flight as arrays, with up to ``most_plans`` plans, evenly chosen.
 
-        It ends with the last usable odometry: what is stamped later is left out, as the watchdog
-        of the controller rightly acts when a simulator has ended. Odometry and references that
-        the controller refuses (not finite, no unit quaternion) are left out too, and of messages
-        that were sent again, as in lockstep, the first one counts.
+        It ends with the last usable odometry; what is stamped later is left out, because the
+        controller's watchdog acts when a simulator has ended. Odometry and references that the
+        controller refuses (not finite, no unit quaternion) are left out too. Of messages sent
+        again, as in lockstep, the first counts.
 
         Raises:
             BagError: It has no usable odometry, or one of our topics twice.
@@ -107,7 +107,9 @@ class Recording:
             STATS: self._figures(stats),
         }
         if most_plans:
-            takers[PREDICTED_PATH] = lambda m: plan_stamps.append(header_stamp_ns(m.data))
+            takers[PREDICTED_PATH] = self._all_of(
+                PREDICTED_PATH, lambda m: plan_stamps.append(header_stamp_ns(m.data))
+            )
         self._stream(takers)
         if len(odometry) == 0:
             raise BagError(
@@ -117,7 +119,7 @@ class Recording:
         arrays = odometry_arrays(odometry)
         stamp_ns = arrays["stamp_ns"]
         end_ns = int(stamp_ns[-1])
-        # In a second pass, now that it is known for which stamps they count.
+        # In a second pass, with the stamps known at which references count.
         sampler = ReferenceSampler(stamp_ns, mpc.vehicle())
         plans = ChosenPlans(plan_stamps, end_ns=end_ns, most=most_plans)
         again: dict[Topic, Taker] = {
@@ -148,7 +150,7 @@ class Recording:
 
         Raises:
             BagError: It has no odometry, or a topic twice, or a named topic is not there or of
-                another type; it tells of two batteries, and none of them is named.
+                another type; it has two batteries, and none is named.
         """
         odometry, poses, twists = logs.OdometryLog(), logs.OdometryLog(), logs.OdometryLog()
         windows, stats = logs.WindowLog(), logs.StatsLog()
@@ -162,8 +164,8 @@ class Recording:
         takers: dict[Topic, Taker] = {
             REFERENCE: _into(windows, conversions.reference_from_message),
             COMMAND: _into(commands, conversions.command_from_message),
-            ENGAGED: lambda m: engagements.append(_told(m)),
-            LANDED: lambda m: landings.append(_told(m)),
+            ENGAGED: lambda m: engagements.append(_bool(m)),
+            LANDED: lambda m: landings.append(_bool(m)),
             ODOMETRY_RESET: _values(
                 conversions.reset_from_message,
                 lambda message, reset: resets.append(_received(message, reset)),
@@ -208,9 +210,9 @@ class Recording:
     def _stream(
         self, takers: Mapping[Topic, Taker], *, names: Mapping[Topic, str] | None = None
     ) -> None:
-        """Hand the messages of topics over one by one, in log-time order.
+        """Pass the messages of topics on one by one, in log-time order.
 
-        ``names`` are full names of topics that are not to be looked for by our name.
+        ``names``: full names of topics that are not found by our name.
         """
         given = names or {}
         taker_of = {
@@ -223,19 +225,24 @@ class Recording:
         for message in self.bag.messages(taker_of.keys()):
             taker_of[message.topic](message)
 
-    def _figures(self, log: logs.StatsLog) -> Taker:
-        def take(message: RecordedMessage) -> None:
+    def _all_of(self, topic: Topic, take: Taker) -> Taker:
+        """Return what takes messages and refuses the bag for one that cannot be used."""
+
+        def checked(message: RecordedMessage) -> None:
             try:
-                log.add(logs.tick_stats(message.message))
+                take(message)
             except (KeyError, ValueError) as error:
                 raise BagError(
-                    f"{self.path}: unusable message on /{STATS.name}: {error}"
+                    f"{self.path}: unusable message on /{topic.name}: {error}"
                 ) from error
 
-        return take
+        return checked
+
+    def _figures(self, log: logs.StatsLog) -> Taker:
+        return self._all_of(STATS, lambda m: log.add(logs.tick_stats(m.message)))
 
     def _changes(self, changes: list[logs.Received[Mapping[str, Any]]]) -> Taker:
-        """Return what keeps the parameters set of the controller whose figures are recorded."""
+        """Return what collects the parameter changes of the controller in ``mpc/stats``."""
         spaces = [name.removesuffix(STATS.name) for name in self._names_of(STATS)]
 
         def take(message: RecordedMessage) -> None:
@@ -267,7 +274,7 @@ class Recording:
         return Topic(name=full, type_name=info.type_name)
 
     def _battery(self, name: str) -> Topic | None:
-        """Return the topic that tells the battery's voltage, ``name`` if that is given."""
+        """Return the topic with the battery's voltage, ``name`` if that is given."""
         if name:
             return self._topic_named(name, types=VOLTAGE_FIELDS)
         found = [
@@ -277,7 +284,7 @@ class Recording:
         ]
         if len(found) > 1:
             raise BagError(
-                f"{self.path}: {', '.join(topic.name for topic in found)} all tell of a battery: "
+                f"{self.path}: {', '.join(topic.name for topic in found)} all report a battery: "
                 "expected --battery-topic with the one that was flown on"
             )
         return found[0] if found else None
@@ -327,7 +334,7 @@ def _usable(message: Any, *, twist_frame: str) -> OdometrySample:
 
 
 def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], None]) -> Taker:
-    """Return what uses the values of messages; what has no value (``ValueError``) is left out."""
+    """Return what converts and uses messages; those that raise ``ValueError`` are left out."""
 
     def take(message: RecordedMessage) -> None:
         try:
@@ -340,7 +347,7 @@ def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], Non
 
 
 def _voltages_into(voltages: list[logs.Received[float]]) -> Taker:
-    """Return what adds the voltages [V] that messages tell of a battery."""
+    """Return what appends the voltages [V] of a battery."""
 
     def take(message: RecordedMessage) -> None:
         voltage = float(getattr(message.message, VOLTAGE_FIELDS[message.type_name]))
@@ -349,8 +356,8 @@ def _voltages_into(voltages: list[logs.Received[float]]) -> Taker:
     return take
 
 
-def _told(message: RecordedMessage) -> logs.Received[bool]:
-    """Return what a ``std_msgs/Bool`` tells."""
+def _bool(message: RecordedMessage) -> logs.Received[bool]:
+    """Return the value of a ``std_msgs/Bool``."""
     return _received(message, bool(message.message.data))
 
 
@@ -363,7 +370,7 @@ def _received(message: RecordedMessage, value: T) -> logs.Received[T]:
 
 
 def _into(log: Log[T], convert: Callable[[Any], T]) -> Taker:
-    """Return what adds the values of messages."""
+    """Return what appends the values of messages to a log."""
 
     def add(message: RecordedMessage, value: T) -> None:
         log.add(value, log_time_ns=message.log_time_ns, publish_time_ns=message.publish_time_ns)

@@ -54,7 +54,7 @@ def repair(directory: Path) -> Repair:
 
     Each MCAP file that has no end, or a wrong checksum, is written anew from its whole records;
     the original stays beside it as ``<name>.broken``. ``metadata.yaml`` is written when a file
-    was, when it is missing, or when it does not speak of the files that are there; an old one
+    was, when it is missing, or when it does not list the files that are there; an old one
     stays as ``metadata.yaml.broken``. A complete bag is left alone. A repair that is interrupted
     leaves the originals and can be repeated.
 
@@ -138,13 +138,13 @@ def _place_for_original(path: Path) -> Path:
 
 
 def _check_beginning(path: Path, start: bytes) -> None:
-    """Refuse what never was an MCAP file; one may be cut, or filled with zeros, from its start."""
+    """Refuse what is no MCAP file; one may be cut, or filled with zeros, from its start."""
     if not MCAP0_MAGIC.startswith(start.rstrip(b"\0")):
         raise BagError(f"{path}: is not an MCAP file")
 
 
 def _put_in_place(temporary: Path, path: Path, *, original: Path) -> None:
-    """Let ``path`` be the repaired file and ``original`` what it was, at no time neither."""
+    """Move the repaired file to ``path``; the old one becomes ``original`` first."""
     if not original.exists():
         try:
             original.hardlink_to(path)
@@ -235,7 +235,7 @@ def _write_metadata(directory: Path, paths: Sequence[Path]) -> None:
 
 
 def _message_compression(files: Sequence[McapFile]) -> dict[str, str]:
-    """Return rosbag2's own compression, of which only the files themselves can tell now."""
+    """Return rosbag2's own compression, as recorded in the files themselves."""
     for file in files:
         information = recorded_information(file.contents.metadata)
         if str(information.get("compression_mode")).upper() == "MESSAGE":
@@ -247,5 +247,5 @@ def _message_compression(files: Sequence[McapFile]) -> dict[str, str]:
 def _profiles(text: str) -> tuple[QosProfile, ...]:
     try:
         return parse_qos_profiles(text)
-    except BagError:  # of another writer: the messages matter more
+    except BagError:  # of another writer; keep the messages
         return ()

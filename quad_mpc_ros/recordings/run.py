@@ -1,6 +1,6 @@
-"""What a controller was given in a recorded flight, message by message, and what it answered.
+"""The inputs and outputs of a controller in a recorded flight, message by message.
 
-The bag may be of another stack: topics can be named, and pose and twist may come apart.
+The bag may be of another stack: topics can be named, and pose and twist may be separate.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ VOLTAGE_FIELDS = {
     "px4_msgs/msg/BatteryStatus": "voltage_v",
     "rosflight_msgs/msg/BatteryStatus": "voltage",
 }
-"""The types of messages that tell a battery's voltage [V], and in which field."""
+"""Message types with a battery's voltage [V], and its field."""
 
 _BODY_FRAME = "base_link"
 _ZERO = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)
@@ -39,7 +39,7 @@ _ZERO = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0)
 
 @dataclass(frozen=True, kw_only=True)
 class TopicNames:
-    """Which topics of a bag are what; empty stands for ours, in whatever namespace.
+    """Names of topics in a bag; empty stands for ours, in any namespace.
 
     With ``pose`` and ``twist``, both or neither, they make the odometry together. The battery's is
     the only one of a type in ``VOLTAGE_FIELDS``, whatever its name.
@@ -72,20 +72,18 @@ class TopicNames:
 
 
 OUR_NAMES = TopicNames()
-"""The topics of this package, in whatever namespace."""
+"""The topics of this package, in any namespace."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedRun:
     """The messages of one vehicle, each kind in the order in which it was recorded.
 
-    ``odometries`` holds at least one. Nothing is left out or judged here: what a controller
-    refuses is still among them. ``commands`` are those that were flown, ``stats`` the figures of
-    the ticks, ``parameters`` those recorded, by node. ``engagements`` tell from when on the
-    vehicle acted on commands, and from when on it did not; before the first of them it did.
-    ``landings`` tell from when on it stood on the ground, and from when on not; ``resets`` how
-    the estimate stepped; ``changes`` which parameters of the controller were set in flight;
-    ``voltages`` those of the battery [V].
+    ``odometries`` holds at least one; those that a controller refuses are included. ``commands``
+    are the flown ones, ``stats`` the figures of the ticks, ``parameters`` are by node.
+    ``engagements``: whether the vehicle acts on commands from then on; it does before the first.
+    ``landings``: whether it stands on the ground from then on. ``resets``: steps of the estimate.
+    ``changes``: parameters of the controller set in flight. ``voltages`` of the battery [V].
     """
 
     bag: Path
@@ -117,7 +115,7 @@ def odometry_of_twist(message: Any) -> OdometrySample:
 def joined(poses: OdometryLog, twists: OdometryLog) -> OdometryLog:
     """Return each pose with the twist stamped nearest to it, at most half a period away.
 
-    Of the ones only the poses count, of the others only the twists.
+    Only the poses of the former and the twists of the latter are used.
     """
     found = []
     for pose, twist in _nearest(poses, twists):
@@ -126,7 +124,7 @@ def joined(poses: OdometryLog, twists: OdometryLog) -> OdometryLog:
         )
         received = Received(
             value=moving,
-            # Whole when both have come.
+            # Complete when both have arrived.
             log_time_ns=max(pose.log_time_ns, twist.log_time_ns),
             publish_time_ns=max(pose.publish_time_ns, twist.publish_time_ns),
         )

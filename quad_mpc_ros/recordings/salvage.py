@@ -22,8 +22,8 @@ _BLOCK = 2**20
 class Salvage:
     """The records of a file, as far as they are whole.
 
-    A chunk whose checksum or content is wrong is left out; of the one at which the file ends, the
-    records are given that were written whole, unless its compression is lz4. The index at the end
+    A chunk with a wrong checksum or content is left out; of one cut by the end of the file, the
+    whole records are kept, unless its compression is lz4. The index at the end
     of a file is not read, nor anything after it.
     """
 
@@ -61,7 +61,7 @@ _ENDINGS = (0, Opcode.DATA_END, Opcode.FOOTER)
 
 def _records_of_cut_chunk(stream: BinaryIO, end: int) -> Iterator[McapRecord]:
     """Yield what is whole of a chunk in which a file ends, at ``end``."""
-    # Zeros may be data or what was never written: better to lose one record than to make one up.
+    # Zeros may be data or never written: better to lose a record than to invent one.
     end = _end_without_zeros(stream, end)
     waiting = b""
     try:

@@ -85,7 +85,7 @@ class BagWriter:
             directory.mkdir(parents=True)
             self._output = self._new_output()
         with self._disk():
-            # As rosbag2 does: a recording that is cut short tells its version too.
+            # As rosbag2 does: a recording that is cut short has its version too.
             self._write_bag_information()
             self._output.flush()
             if durable:
@@ -238,7 +238,7 @@ class BagWriter:
 
 
 class BagExistsError(BagError):
-    """A bag is to be written where something is."""
+    """The directory of a new bag exists already."""
 
     def __init__(self, directory: Path) -> None:
         super().__init__(f"{directory} exists already; choose another name or move it")

@@ -4,18 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.timer import Timer
-
-COMPILING = (
-    "compiling: this takes long only at the first start after an installation, and not at all "
-    "after quad_mpc compile"
-)
-_PROGRESS_PERIOD = 3.0
 
 
 def create_steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
@@ -46,23 +39,6 @@ class Metronome:
         while not self._stopped.wait(max(due - time.monotonic(), 0.0)):
             self._callback()
             due = max(due + self._period, time.monotonic())
-
-
-@contextmanager
-def progress_logged(
-    node: Node, what: str = COMPILING, *, period: float = _PROGRESS_PERIOD
-) -> Iterator[None]:
-    """Log every ``period`` seconds what the node is busy with, and for how long, until done."""
-    begun = time.monotonic()
-
-    def log() -> None:
-        node.get_logger().info(f"{what} ({time.monotonic() - begun:.0f} s so far)")
-
-    metronome = Metronome(period, log)
-    try:
-        yield
-    finally:
-        metronome.stop()
 
 
 class SteadyTime:

@@ -17,11 +17,12 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 from quad_mpc_ros.configuration import Configuration
-from quad_mpc_ros.messages.diagnostics import WARN, fill_status
+from quad_mpc_ros.messages import cdr
+from quad_mpc_ros.messages.diagnostics import WARN
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, Topic
 from quad_mpc_ros.ros.clocks import create_steady_timer
-from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
-from quad_mpc_ros.ros.parameters import declare
+from quad_mpc_ros.ros.messages import message_class, qos_of
+from quad_mpc_ros.ros.parameters import ParameterNode, declare
 
 C = TypeVar("C", bound=Configuration)
 
@@ -102,18 +103,13 @@ class HealthReporter:
     def report(self) -> None:
         """Publish the health now."""
         health, peers = self._with_rivals(self._probe()), self._peers()
-        message = new_message(DIAGNOSTICS.type_name)
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        status = new_message("diagnostic_msgs/msg/DiagnosticStatus")
-        fill_status(
-            status,
-            name=self._node.get_fully_qualified_name(),
+        message = cdr.written_diagnostics(
+            stamp_ns=self._node.get_clock().now().nanoseconds,
             level=health.level,
+            name=self._node.get_fully_qualified_name(),
             text=health.text,
             values=[*peers, *health.values],
-            new=new_message,
         )
-        message.status = [status]
         self._publisher.publish(message)
         self._reported_s, self._counted = time.monotonic(), peers
 
@@ -177,7 +173,7 @@ class HealthReporter:
         ]
 
 
-class ReportingNode(Node, Generic[C]):
+class ReportingNode(ParameterNode, Generic[C]):
     """A node without a lifecycle.
 
     A derived node makes its endpoints through ``health`` and overrides :meth:`report`. It sets
@@ -186,7 +182,7 @@ class ReportingNode(Node, Generic[C]):
 
     def __init__(self, name: str, configuration: type[C]) -> None:
         """Declare the parameters. Raises :class:`ConfigurationError` for bad values."""
-        super().__init__(name)
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
         self.config = declare(self, configuration)
         self.health = HealthReporter(self, self.report)

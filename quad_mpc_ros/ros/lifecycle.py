@@ -14,6 +14,8 @@ from contextlib import ExitStack
 from typing import Any, Generic, TypeVar
 
 import rclpy
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 from quad_mpc_ros.configuration import ManagedConfiguration, UserError
@@ -21,17 +23,27 @@ from quad_mpc_ros.messages.diagnostics import WARN
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.clocks import Metronome, create_steady_timer
 from quad_mpc_ros.ros.health import Health, HealthReporter
-from quad_mpc_ros.ros.parameters import ManagedParameters
-from quad_mpc_ros.ros.rclpy_internals import (
-    lifecycle_state,
-    possible_transitions,
-    wrap_change_state,
-)
+from quad_mpc_ros.ros.parameters import ManagedParameters, ParameterNode
 from quad_mpc_ros.ros.realtime import settle_memory
 from quad_mpc_ros.ros.spin import stop
 
 C = TypeVar("C", bound=ManagedConfiguration)
 
+_TRANSITIONS = {
+    "unconfigured": {
+        Transition.TRANSITION_CONFIGURE: "configure",
+        Transition.TRANSITION_UNCONFIGURED_SHUTDOWN: "shutdown",
+    },
+    "inactive": {
+        Transition.TRANSITION_CLEANUP: "cleanup",
+        Transition.TRANSITION_ACTIVATE: "activate",
+        Transition.TRANSITION_INACTIVE_SHUTDOWN: "shutdown",
+    },
+    "active": {
+        Transition.TRANSITION_DEACTIVATE: "deactivate",
+        Transition.TRANSITION_ACTIVE_SHUTDOWN: "shutdown",
+    },
+}
 _SHUTDOWN_DELAY = 0.1  # s: the response to the request for the shutdown goes out first
 
 
@@ -39,7 +51,7 @@ class _ObstacleError(UserError):
     """Something prevents an activation."""
 
 
-class ManagedNode(LifecycleNode, Generic[C]):
+class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     """A node that is configured, activated, deactivated and cleaned up, by itself or by others.
 
     Publishers are plain ones, not lifecycle publishers: an inactive node must not even compute
@@ -51,8 +63,10 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def __init__(self, name: str, configuration: type[C]) -> None:
         """Declare the parameters. Raises :class:`ConfigurationError` for bad values."""
-        super().__init__(name)
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
+        self.state = "unconfigured"
+        """Of the lifecycle: unconfigured, inactive, active, finalized, or between."""
         self.active = False
         self._configured = False
         self._autostarting = False
@@ -62,7 +76,8 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self._managed_parameters = ManagedParameters(self, configuration, apply=self.reconfigure)
         self.health = HealthReporter(self, self._probe)
         # rclpy answers an impossible transition with an exception, which ends the node.
-        wrap_change_state(self, self._on_change_state)
+        (service,) = (each for each in self.services if each.srv_type is ChangeState)
+        service.callback = functools.partial(self._on_change_state, service.callback)
 
     def configure(self, config: C) -> None:
         """Make what the node needs.
@@ -90,11 +105,6 @@ class ManagedNode(LifecycleNode, Generic[C]):
     def report(self) -> Health:
         """Return the health of the node while it is active."""
         raise NotImplementedError
-
-    @property
-    def state(self) -> str:
-        """The state of the lifecycle: unconfigured, inactive, active, finalized, or between."""
-        return lifecycle_state(self)
 
     def start(self) -> None:
         """Configure, and activate if nothing prevents it, unless ``autostart`` is false.
@@ -189,24 +199,24 @@ class ManagedNode(LifecycleNode, Generic[C]):
 
     def on_configure(self, _: Any) -> TransitionCallbackReturn:
         """Validate the parameters as a whole and make what the node needs."""
-        return self._result_of(self._configure)
+        return self._result_of(self._configure, by="configuring", to="inactive")
 
     def on_activate(self, _: Any) -> TransitionCallbackReturn:
         """Begin, unless something prevents it."""
-        return self._result_of(self._activate)
+        return self._result_of(self._activate, by="activating", to="active")
 
     def on_deactivate(self, _: Any) -> TransitionCallbackReturn:
         """Stop at once."""
-        return self._result_of(self._deactivate)
+        return self._result_of(self._deactivate, by="deactivating", to="inactive")
 
     def on_cleanup(self, _: Any) -> TransitionCallbackReturn:
         """Release everything, so that the node can be configured again."""
-        return self._result_of(self._release)
+        return self._result_of(self._release, by="cleaningup", to="unconfigured")
 
     def on_shutdown(self, _: Any) -> TransitionCallbackReturn:
         """Release everything and end the process."""
         create_steady_timer(self, _SHUTDOWN_DELAY, stop)
-        return self._result_of(self._release)
+        return self._result_of(self._release, by="shuttingdown", to="finalized")
 
     def on_error(self, _: Any) -> TransitionCallbackReturn:
         """Release everything after a defect; the node can be configured again."""
@@ -214,6 +224,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
             self._release()
         except Exception:
             self.get_logger().error(traceback.format_exc())
+        self.state = "unconfigured"
         return TransitionCallbackReturn.SUCCESS
 
     def destroy_node(self) -> None:
@@ -260,17 +271,21 @@ class ManagedNode(LifecycleNode, Generic[C]):
         self.health.destroy_endpoints()
         self._managed_parameters.release()
 
-    def _result_of(self, transition: Callable[[], None]) -> TransitionCallbackReturn:
-        """Carry out a transition and keep its error for :meth:`_report`."""
+    def _result_of(
+        self, transition: Callable[[], None], *, by: str, to: str
+    ) -> TransitionCallbackReturn:
+        """Carry out a transition by a state to another; keep its error for :meth:`_report`."""
+        before, self.state = self.state, by
         self._fault = None
         try:
             transition()
         except UserError as error:
-            self._fault = error
+            self._fault, self.state = error, before
             return TransitionCallbackReturn.FAILURE
         except Exception as error:
-            self._fault = error
+            self._fault, self.state = error, "errorprocessing"
             return TransitionCallbackReturn.ERROR
+        self.state = to
         return TransitionCallbackReturn.SUCCESS
 
     def _by_itself(self, trigger: Callable[[], object]) -> None:
@@ -284,7 +299,7 @@ class ManagedNode(LifecycleNode, Generic[C]):
     ) -> Any:
         """Carry out a requested transition if it is possible, and report its result."""
         wanted = request.transition
-        possible = possible_transitions(self)
+        possible = _TRANSITIONS.get(self.state, {})
         asked = wanted.label or possible.get(wanted.id, str(wanted.id))
         if asked not in possible.values():
             self.get_logger().warning(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import importlib
-import struct
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -64,13 +63,6 @@ def _readable(topic: Topic, data: bytes) -> Any:
         return decoded(topic, data)
     except Exception as error:  # whatever rclpy has for it
         raise UnreadableError(f"{topic.name}: bytes are no {topic.type_name}: {error}") from error
-
-
-def stamp_of(data: bytes) -> int:
-    """Return the stamp [ns] of a raw message with a header, without decoding it."""
-    order = "<" if data[1] & 1 else ">"  # of CDR, as its second byte says
-    seconds, nanoseconds = struct.unpack_from(f"{order}iI", data, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
 def qos_of(topic: Topic) -> QoSProfile:

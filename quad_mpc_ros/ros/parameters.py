@@ -21,16 +21,37 @@ from rclpy.parameter import Parameter
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, ParameterSpec
 from quad_mpc_ros.configuration.errors import shown
-from quad_mpc_ros.ros.rclpy_internals import given_parameters
 
 C = TypeVar("C", bound=Configuration)
 
-# rclpy's own, which a parameter file may set as well.
+# Of rclpy itself; a parameter file may set them as well.
 _FOREIGN_NAMES = ("use_sim_time", "start_type_description_service")
 _FOREIGN_PREFIXES = ("qos_overrides.",)
 
 
-def declare(node: Node, configuration: type[C], *, managed: bool = False) -> C:
+class ParameterNode(Node):
+    """A node to be made with ``automatically_declare_parameters_from_overrides``.
+
+    So it has every parameter that it was given, known or not, until :func:`declare` declares those
+    that there are.
+    """
+
+    def declare_parameters(
+        self, namespace: str, parameters: Any, ignore_override: bool = False
+    ) -> list[Parameter]:
+        """Declare parameters as rclpy does.
+
+        rclpy refuses what has no type: an empty list in a file, as ``ros2 param dump`` writes it.
+        """
+        for _name, value, descriptor in parameters:
+            descriptor.dynamic_typing |= value is None
+        declared: list[Parameter] = super().declare_parameters(
+            namespace, parameters, ignore_override
+        )
+        return declared
+
+
+def declare(node: ParameterNode, configuration: type[C], *, managed: bool = False) -> C:
     """Declare every parameter of a configuration on a node and return what the user has set.
 
     rclpy would ignore unknown names, and refuse an integer for a double and an empty list, so
@@ -38,11 +59,17 @@ def declare(node: Node, configuration: type[C], *, managed: bool = False) -> C:
     then :class:`ManagedParameters` decides when they may change. Raises
     :class:`ConfigurationError`.
     """
-    given = {
-        name: _plain(value)
-        for name, value in given_parameters(node).items()
+    names = [
+        name
+        for name in node.get_parameters_by_prefix("")
         if name not in _FOREIGN_NAMES and not name.startswith(_FOREIGN_PREFIXES)
+    ]
+    given = {
+        parameter.name: [] if parameter.value is None else _plain(parameter.value)
+        for parameter in node.get_parameters(names)
     }
+    for name in names:
+        node.undeclare_parameter(name)
     config = configuration.build(given)
     values = config.flattened()
     for spec in config.specs():
@@ -67,7 +94,9 @@ class ManagedParameters(Generic[C]):
     ``apply`` as a whole.
     """
 
-    def __init__(self, node: Node, configuration: type[C], *, apply: Callable[[C], None]) -> None:
+    def __init__(
+        self, node: ParameterNode, configuration: type[C], *, apply: Callable[[C], None]
+    ) -> None:
         """Declare them. Raises :class:`ConfigurationError` for what the user has given."""
         self._node = node
         self._kind = configuration

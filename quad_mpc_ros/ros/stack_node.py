@@ -1,6 +1,7 @@
 """The controller of a vehicle in one process: MPC and reference, and a bridge if there is one.
 
     stack_node --ros-args --params-file vehicle.yaml                 # mpc and reference
+    stack_node --reference false --bridge px4                        # mpc and bridge
     stack_node --bridge px4 --ros-args --params-file vehicle.yaml
 
 They are the nodes that they are in processes of their own, with their names, parameters, topics
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
@@ -29,13 +31,22 @@ _NONE = "none"
 class Stack:
     """Makes the nodes of a vehicle."""
 
-    def __init__(self, bridge: str) -> None:
+    def __init__(self, bridge: str, *, with_reference: bool) -> None:
         """``bridge`` is the name of one, or ``none``."""
-        self._bridge = bridge
+        self._bridge, self._with_reference = bridge, with_reference
+
+    def nodes(self) -> list[Callable[[], Node]]:
+        """Return what makes the nodes, in order."""
+        nodes = [self.mpc]
+        if self._with_reference:
+            nodes.append(self.reference)
+        if self._bridge != _NONE:
+            nodes.append(self.bridge)
+        return nodes
 
     def mpc(self) -> Node:
         """Return the MPC, to be made first."""
-        self._mpc = MpcNode(hears_reference=False)
+        self._mpc = MpcNode(hears_reference=not self._with_reference)
         return self._mpc
 
     def reference(self) -> Node:
@@ -53,10 +64,12 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument(
         "--bridge", default=_NONE, metavar="NAME", help="to a flight stack, as px4"
     )
+    parser.add_argument(
+        "--reference", default="true", choices=["true", "false"], help="run the reference as well"
+    )
     options = parser.parse_args(remove_ros_args(sys.argv if args is None else args)[1:])
-    stack = Stack(options.bridge)
-    nodes = [stack.mpc, stack.reference, *([stack.bridge] if options.bridge != _NONE else [])]
-    return run_together(nodes, args)
+    stack = Stack(options.bridge, with_reference=options.reference == "true")
+    return run_together(stack.nodes(), args)
 
 
 if __name__ == "__main__":

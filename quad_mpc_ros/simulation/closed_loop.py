@@ -19,11 +19,9 @@ from quad_mpc_ros.references.path import Path
 from quad_mpc_ros.references.server import ReferenceServer, WindowsAhead
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
-from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
 from quad_mpc_ros.simulation.sensors import OdometryStream, looks_younger_ns, odometry_stamps
 
-# Simulated time does not start at zero, which ROS reads as "no time yet".
-SIMULATION_START_NS = 1_000_000_000
 _DEFAULT_DURATION = 10.0  # s
 
 ControlLaw = Callable[[OdometrySample, ReferenceWindow], CommandSample | None]

@@ -13,6 +13,9 @@ from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.simulation.parameters import PlantParameters
 from quad_mpc_ros.simulation.wind import NEVER_NS, Wind
 
+SIMULATION_START_NS = 1_000_000_000
+"""Simulated time begins here, not at zero, which ROS reads as "no time yet"."""
+
 _FASTEST = 1e3  # rad/s, many times what any vehicle turns at
 
 

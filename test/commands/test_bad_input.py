@@ -40,7 +40,7 @@ MISTAKES = {
 def test_mistake_is_one_line_and_exit_code_2(
     command: str, mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments, told = MISTAKES[mistake]
+    arguments, message = MISTAKES[mistake]
     out = tmp_path / "run"
 
     assert main([command, *arguments, "--out", str(out)]) == 2
@@ -48,21 +48,21 @@ def test_mistake_is_one_line_and_exit_code_2(
     printed = capsys.readouterr()
     assert printed.out == ""
     assert len(printed.err.strip().splitlines()) == 1
-    for word in told:
+    for word in message:
         assert word in printed.err
     assert not out.exists()
 
 
-def test_unknown_plant_is_told_with_those_that_there_are(
+def test_unknown_plant_is_refused_with_the_known_ones(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "run"
     assert main(["simulate", "--plant", "glider", "--out", str(out)]) == 2
-    told = (
+    message = (
         "error: simulator.plant: given 'glider', expected one of "
         "betaflight, internal, rotorpy, rotors\n"
     )
-    assert capsys.readouterr().err == told
+    assert capsys.readouterr().err == message
     assert not out.exists()
 
 
@@ -82,7 +82,7 @@ def test_existing_results_are_left_alone(
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_folder_that_cannot_be_written(
+def test_refuses_a_folder_that_cannot_be_written(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     blocker = tmp_path / "file"
@@ -96,7 +96,7 @@ def test_folder_that_cannot_be_written(
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_read_only_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_refuses_a_read_only_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tmp_path.chmod(0o500)
 
     assert main(["simulate", "--out", str(tmp_path / "run")]) == 2
@@ -115,19 +115,21 @@ BAD_FILES = {
 
 
 @pytest.mark.parametrize("kind", BAD_FILES)
-def test_bad_parameter_file(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text, told = BAD_FILES[kind]
+def test_refuses_a_bad_parameter_file(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, message = BAD_FILES[kind]
     file = tmp_path / "parameters.yaml"
     file.write_text(text)
 
     assert main(["simulate", "--config", str(file), "--out", str(tmp_path / "run")]) == 2
 
     error = capsys.readouterr().err
-    assert told in error
+    assert message in error
     assert len(error.strip().splitlines()) == 1
 
 
-def test_wildcard_reaches_every_node_that_knows_the_name(tmp_path: Path) -> None:
+def test_wildcard_sets_every_node_with_the_parameter(tmp_path: Path) -> None:
     from quad_mpc_ros.commands.run_configuration import SCHEMA
     from quad_mpc_ros.configuration import files
 

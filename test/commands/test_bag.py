@@ -1,4 +1,4 @@
-"""``quad_mpc bag``: what it tells, and what it says to files that are no bags."""
+"""``quad_mpc bag``: what it prints, also for files that are not bags."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_info(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ]
 
 
-def test_repair_after_info_has_told_to(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_suggests_the_repair(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cut(bag)
     assert main(["bag", "info", str(bag)]) == 0
     assert f"quad_mpc bag repair {bag}" in capsys.readouterr().out
@@ -64,7 +64,7 @@ def test_repair_after_info_has_told_to(bag: Path, capsys: pytest.CaptureFixture[
 
 @pytest.mark.parametrize("command", ["info", "repair"])
 @pytest.mark.parametrize("kind", ["missing", "empty folder", "text", "metadata of nothing"])
-def test_what_is_no_bag_is_one_line_and_exit_code_2(
+def test_what_is_not_a_bag_is_one_line_and_exit_code_2(
     command: str, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "bag"

@@ -9,7 +9,7 @@ import time
 from quad_mpc_ros.commands.soak.bare_timer import BareTimer, Wakes
 
 
-def test_a_machine_that_stands_still_is_noticed_and_when() -> None:
+def test_reports_when_the_machine_stalled() -> None:
     timer = BareTimer(0.02)
     time.sleep(1.0)  # until it runs
     began_ns = time.time_ns()
@@ -29,7 +29,7 @@ def test_a_machine_that_stands_still_is_noticed_and_when() -> None:
     )
 
 
-def test_times_around_stalls_are_counted_once() -> None:
+def test_overlapping_stalls_are_merged() -> None:
     second, ms = 1_000_000_000, 1e3
     wakes = Wakes(count=100, late=[(20 * second, 1 * ms), (12 * second, 2 * ms), (9 * second, ms)])
     assert wakes.stalls(margin=0.5) == [
@@ -38,7 +38,7 @@ def test_times_around_stalls_are_counted_once() -> None:
     ]
 
 
-def test_one_that_did_not_live_tells_nothing() -> None:
+def test_a_killed_timer_returns_nothing() -> None:
     timer = BareTimer(0.02)
     os.kill(timer.pid, signal.SIGKILL)
     assert timer.stop() is None

@@ -14,7 +14,7 @@ from quad_mpc_ros.references.configured import configured_trajectory
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "told"),
+    ("arguments", "code", "message"),
     [
         (["--reference", "vertical_loop"], 0, ["highest throttle", "pitch rate", "\nfeasible"]),
         (
@@ -33,7 +33,7 @@ from quad_mpc_ros.references.configured import configured_trajectory
 def test_the_verdict_is_printed_and_drawn(
     arguments: list[str],
     code: int,
-    told: list[str],
+    message: list[str],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -42,7 +42,7 @@ def test_the_verdict_is_printed_and_drawn(
     assert main(["check-reference", *arguments, "--out", str(out)]) == code
 
     printed = capsys.readouterr().out
-    for words in told:
+    for words in message:
         assert words in printed
     assert (out / "reference.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
@@ -66,7 +66,7 @@ MISTAKES = {
 def test_mistake_is_one_line_and_exit_code_2(
     mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments, told = MISTAKES[mistake]
+    arguments, message = MISTAKES[mistake]
     out = tmp_path / "check"
 
     assert main(["check-reference", *arguments, "--out", str(out)]) == 2
@@ -74,12 +74,14 @@ def test_mistake_is_one_line_and_exit_code_2(
     printed = capsys.readouterr()
     assert printed.out == ""
     assert len(printed.err.strip().splitlines()) == 1
-    for word in told:
+    for word in message:
         assert word in printed.err
     assert not out.exists()
 
 
-def test_a_picture_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_existing_picture_is_not_overwritten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     picture = tmp_path / "reference.png"
     picture.write_text("precious")
 

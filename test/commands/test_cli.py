@@ -1,4 +1,4 @@
-"""What ``quad_mpc --help`` tells, and how little it imports for it."""
+"""What ``quad_mpc --help`` prints, and how little it imports for it."""
 
 from __future__ import annotations
 

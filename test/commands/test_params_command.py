@@ -45,7 +45,7 @@ def test_a_group_or_a_single_parameter_may_be_asked_for(
     ]
 
 
-def test_only_the_live_ones(capsys: pytest.CaptureFixture[str]) -> None:
+def test_lists_only_live_parameters(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["params", "mpc", "--live", "--format", "yaml"]) == 0
     printed = capsys.readouterr().out
     live = [spec.name.split(".")[-1] for spec in MpcConfig.specs() if spec.live]
@@ -63,14 +63,14 @@ def test_the_yaml_is_a_parameter_file_of_the_defaults(
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("mcp", "there is no node 'mcp', did you mean 'mpc'?"),
         ("mpc.omega", "mpc has no parameter 'omega', did you mean 'omega_max'?"),
     ],
 )
 def test_an_unknown_name_is_bad_input(
-    name: str, told: str, capsys: pytest.CaptureFixture[str]
+    name: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["params", name]) == 2
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err

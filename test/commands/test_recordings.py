@@ -7,17 +7,18 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from fixtures.messages import empty, encoded_by_rosbags
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.control.lie import so3
-from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.recordings.parameters import read_parameters, write_parameters
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.writer import BagWriter
@@ -83,7 +84,7 @@ def test_the_recorded_configuration_commands_the_same_again(
     assert (tmp_path / "again/figures/commands.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_another_configuration_is_told_and_kept(square: Path, tmp_path: Path) -> None:
+def test_another_configuration_is_reported_and_kept(square: Path, tmp_path: Path) -> None:
     out = tmp_path / "heavy"
     summary = resolved(square, out, "--set", "mpc.mass=0.5", "--set", "mpc.horizon_steps=15")
     assert summary["equal"] < 20  # but where both are at a bound
@@ -97,8 +98,8 @@ def test_another_configuration_is_told_and_kept(square: Path, tmp_path: Path) ->
     assert commands(tmp_path / "again" / "bag") == commands(out / "bag")
 
 
-def test_what_was_flown_stays_the_past(lagged: Path, tmp_path: Path) -> None:
-    """A controller that weighs otherwise must not believe that its own commands were flown.
+def test_recorded_commands_remain_the_command_history(lagged: Path, tmp_path: Path) -> None:
+    """A controller with other weights must not assume that its own commands were flown.
 
     If it did, its estimate of the disturbance would take the difference for wind.
     """
@@ -140,7 +141,7 @@ def rewritten(
     parameters: bool = True,
 ) -> Path:
     """Write a bag anew; ``change`` returns topic, type and message of what becomes of each."""
-    reader, messages = BagReader(run / "bag"), RosbagsMessages()
+    reader = BagReader(run / "bag")
     written: list[tuple[str, str, Any, int, int]] = []
     for recorded in reader.messages():
         for topic, type_name, message in change(recorded.message, recorded.topic):
@@ -151,7 +152,7 @@ def rewritten(
         for topic, type_name in sorted({(topic, kind) for topic, kind, *_ in written}):
             writer.add_topic(topic, type_name)
         for topic, kind, message, log_ns, publish_ns in written:
-            data = messages.encode(kind, message)
+            data = encoded_by_rosbags(kind, message)
             writer.write(topic, data, log_time_ns=log_ns, publish_time_ns=publish_ns)
         if parameters:
             for node, values in read_parameters(reader.metadata).items():
@@ -159,9 +160,11 @@ def rewritten(
     return bag
 
 
-def test_pose_and_twist_in_the_world_of_another_stack(square: Path, tmp_path: Path) -> None:
-    messages = RosbagsMessages()
+def vector(values: np.ndarray) -> SimpleNamespace:
+    return SimpleNamespace(**dict(zip("xyz", values.tolist(), strict=True)))
 
+
+def test_pose_and_twist_in_the_world_of_another_stack(square: Path, tmp_path: Path) -> None:
     def change(message: Any, topic: str) -> list[tuple[str, str, Any]]:
         if topic == "/reference":
             return [("/planner/window", "trajectory_msgs/msg/MultiDOFJointTrajectory", message)]
@@ -169,16 +172,14 @@ def test_pose_and_twist_in_the_world_of_another_stack(square: Path, tmp_path: Pa
             return [("/rates", TWIST, message)]
         if topic != "/odom":
             return []
-        pose, twist = messages.new(POSE), messages.new(TWIST)
-        pose.header, pose.pose = message.header, message.pose.pose
-        twist.header = message.header
+        pose = SimpleNamespace(header=message.header, pose=message.pose.pose)
         q, linear = message.pose.pose.orientation, message.twist.twist.linear
         R_WB = so3.rotation_from_quaternion_xyzw(np.array([q.x, q.y, q.z, q.w]))
         world = R_WB @ [linear.x, linear.y, linear.z]
-        twist.twist.linear.x, twist.twist.linear.y, twist.twist.linear.z = world.tolist()
         angular = message.twist.twist.angular
         turn = R_WB @ [angular.x, angular.y, angular.z]
-        twist.twist.angular.x, twist.twist.angular.y, twist.twist.angular.z = turn.tolist()
+        velocities = SimpleNamespace(linear=vector(world), angular=vector(turn))
+        twist = SimpleNamespace(header=message.header, twist=velocities)
         return [("/local/pose", POSE, pose), ("/local/velocity", TWIST, twist)]
 
     bag = rewritten(square, tmp_path / "other", change)
@@ -225,7 +226,7 @@ def _truncated(run: Path, path: Path) -> None:
 
 
 def _flipped(run: Path, path: Path) -> None:
-    """Overwrite the middle of the first chunk: what lies between chunks nobody reads."""
+    """Overwrite the middle of the first chunk: nothing reads between chunks."""
     data = bytearray(next((run / "bag").glob("*.mcap")).read_bytes())
     summary = make_reader(io.BytesIO(data)).get_summary()
     assert summary is not None
@@ -239,15 +240,13 @@ def _bad_parameters(run: Path, path: Path) -> None:
     with BagWriter(path) as writer:
         writer.add_topic("/odom", ODOMETRY)
         writer.write_metadata("parameters:mpc", {"yaml": "mpc: ["})
-        data = RosbagsMessages().encode(ODOMETRY, RosbagsMessages().new(ODOMETRY))
-        writer.write("/odom", data, log_time_ns=1, publish_time_ns=1)
+        writer.write("/odom", empty(ODOMETRY), log_time_ns=1, publish_time_ns=1)
 
 
 def _wrong_type(run: Path, path: Path) -> None:
     with BagWriter(path) as writer:
         writer.add_topic("/odom", POSE)
-        data = RosbagsMessages().encode(POSE, RosbagsMessages().new(POSE))
-        writer.write("/odom", data, log_time_ns=1, publish_time_ns=1)
+        writer.write("/odom", empty(POSE), log_time_ns=1, publish_time_ns=1)
 
 
 def _nonsense(run: Path, path: Path) -> None:
@@ -281,23 +280,23 @@ BAD_BAGS: dict[str, tuple[Callable[[Path, Path], object], str]] = {
 
 @pytest.mark.parametrize("command", ["resolve", "identify"])
 @pytest.mark.parametrize("kind", BAD_BAGS)
-def test_a_bag_that_is_none_is_one_line_and_exit_code_2(
+def test_invalid_bag_is_one_line_and_exit_code_2(
     command: str, kind: str, square: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    make, told = BAD_BAGS[kind]
+    make, expected = BAD_BAGS[kind]
     bag, out = tmp_path / "bag.mcap", tmp_path / "out"
     make(square, bag)
     capsys.readouterr()
     assert main([command, str(bag), "--out", str(out)]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
-    assert told in printed.err
+    assert expected in printed.err
     assert len(printed.err.strip().splitlines()) == 1
     assert not out.exists()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "expected"),
     [
         (["--odom-topic", "/nowhere"], "/nowhere"),
         (["--odom-topic", "/command"], "expected nav_msgs/msg/Odometry"),
@@ -311,14 +310,14 @@ def test_a_bag_that_is_none_is_one_line_and_exit_code_2(
 def test_wrong_options(
     command: str,
     arguments: list[str],
-    told: str,
+    expected: str,
     square: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main([command, str(square), *arguments, "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
-    assert told in error
+    assert expected in error
     assert len(error.strip().splitlines()) == 1
 
 
@@ -360,14 +359,14 @@ def test_a_battery_is_simulated_recorded_and_identified(
     assert volts[0] > volts[-1] + 1.0
     capsys.readouterr()
     assert main(["identify", str(out), "--battery-voltage", "15.5"]) == 0
-    told = capsys.readouterr()
-    assert "thrust by (V/15.50 V)^n" in told.err
-    assert "#     battery_voltage: 15.5\n#     battery_exponent: 2." in told.out
-    assert yaml.safe_load(told.out).keys() == {"/**/mpc", "/**/reference"}
+    printed = capsys.readouterr()
+    assert "thrust by (V/15.50 V)^n" in printed.err
+    assert "#     battery_voltage: 15.5\n#     battery_exponent: 2." in printed.out
+    assert yaml.safe_load(printed.out).keys() == {"/**/mpc", "/**/reference"}
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "expected"),
     [
         (["--battery-topic", "/odom"], "expected sensor_msgs/msg/BatteryState or"),
         (["--battery-topic", "/none"], "topic /none is not in it"),
@@ -376,11 +375,11 @@ def test_a_battery_is_simulated_recorded_and_identified(
     ],
 )
 def test_a_battery_that_cannot_be_used_is_refused(
-    arguments: list[str], told: str, lagged: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], expected: str, lagged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["identify", str(lagged), *arguments]) == 2
     error = capsys.readouterr().err
-    assert told in error
+    assert expected in error
     assert len(error.strip().splitlines()) == 1
 
 

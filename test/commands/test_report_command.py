@@ -58,7 +58,7 @@ def test_figures_of_two_runs(runs: tuple[Path, Path], tmp_path: Path) -> None:
     assert imread(tmp_path / "comparison.png").size > 0
 
 
-def test_nothing_is_overwritten_unless_told(
+def test_overwrites_only_with_the_option(
     runs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, precious = tmp_path / "page.html", tmp_path / "csv" / "manifold" / "ticks.csv"
@@ -111,7 +111,7 @@ def test_a_bad_bag_is_one_line_and_exit_code_2(
     assert not out.exists()
 
 
-def test_a_place_that_cannot_be_written_is_told(
+def test_reports_a_path_that_cannot_be_written(
     runs: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -184,7 +184,7 @@ class TestInABrowser:
                 assert curve[:, 0] == pytest.approx(flight.time)
                 assert curve[:, 1] == pytest.approx(values, abs=1e-6)
 
-    def test_a_zoom_in_one_figure_is_one_in_all(self, opened: SimpleNamespace) -> None:
+    def test_zoom_applies_to_all_figures(self, opened: SimpleNamespace) -> None:
         ranges = (
             "[...document.querySelectorAll('.js-plotly-plot')].filter(f => f.layout.xaxis)"
             ".flatMap(f => [f.layout.xaxis.range, f.layout.xaxis2.range])"

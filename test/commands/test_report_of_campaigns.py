@@ -28,7 +28,7 @@ def campaigns(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return write_campaign(folder / "mine", ROWS), write_campaign(folder / "yours", OTHERS)
 
 
-def test_a_campaign_is_known_by_its_table(campaigns: tuple[Path, Path], tmp_path: Path) -> None:
+def test_recognises_a_campaign_by_its_table(campaigns: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "page.html"
     assert main(["report", *map(str, campaigns), "--out", str(out)]) == 0
     text = out.read_text(encoding="utf-8")
@@ -48,16 +48,16 @@ def test_the_same_campaign_twice_has_two_names(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["runs/one"], "given campaigns"),
         (["--csv", "series"], "flights.csv"),
         (["--png", "figures"], "flights/NUMBER.yaml"),
     ],
 )
-def test_what_cannot_be_done_with_campaigns_is_one_line(
+def test_unsupported_option_for_campaigns_is_one_line(
     arguments: list[str],
-    told: str,
+    message: str,
     campaigns: tuple[Path, Path],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -66,7 +66,7 @@ def test_what_cannot_be_done_with_campaigns_is_one_line(
     assert main(["report", str(campaigns[0]), *arguments, "--out", str(out)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: ")
-    assert told in line
+    assert message in line
     assert not out.exists()
 
 
@@ -167,7 +167,7 @@ class TestInABrowser:
         one.page.select_option("#scatter-x", "reference.trajectory")
         one.page.check("#scatter-log-y")
         zeros = sum(row.get("fallbacks") == 0 for row in ROWS)
-        assert f"Of {zeros} values of 0 or less" in one.page.inner_text("#scatter-told")
+        assert f"Of {zeros} values of 0 or less" in one.page.inner_text("#scatter-notes")
         names = sorted({row["reference.trajectory"] for row in ROWS})
         for trace in traces(one, "scatter"):
             for (flight, *_), x in zip(trace["customdata"], trace["x"], strict=True):

@@ -46,7 +46,7 @@ def test_figures_are_pictures(run: Path) -> None:
         assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_bag_opens_elsewhere_and_is_complete(run: Path) -> None:
+def test_bag_is_complete_and_opens_in_other_readers(run: Path) -> None:
     with AnyReader([run / "bag"]) as reader:
         counts = {topic: info.msgcount for topic, info in reader.topics.items()}
     for topic in ("/odom", "/reference", "/command", "/mpc/stats", "/mpc/predicted_path"):

@@ -24,12 +24,12 @@ MISTAKES = {
 def test_mistake_is_one_line_and_exit_code_2(
     mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments, told = MISTAKES[mistake]
+    arguments, message = MISTAKES[mistake]
     assert main(["soak", *arguments, "--out", str(tmp_path / "run")]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
     assert len(printed.err.strip().splitlines()) == 1
-    for word in told:
+    for word in message:
         assert word in printed.err
 
 

@@ -94,7 +94,7 @@ def test_in_motion_on_a_smooth_reference_it_stays_there(
     assert_allclose(so3.log(R_after.T @ after.R_WB), np.zeros(3), atol=1e-2)
 
 
-def test_what_is_set_wins(tmp_path: Path) -> None:
+def test_explicit_settings_win_over_the_start(tmp_path: Path) -> None:
     arguments = ["--reference", "lemniscate", "--start", "reference"]
     untouched = start_of(resolved(tmp_path, *arguments).simulator)
 
@@ -138,19 +138,19 @@ MISTAKES = {
 def test_mistake_is_one_line_and_exit_code_2(
     command: str, mistake: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments, told = MISTAKES[mistake]
+    arguments, message = MISTAKES[mistake]
     out = tmp_path / "run"
 
     assert main([command, "--reference", "lemniscate", *arguments, "--out", str(out)]) == 2
 
     error = capsys.readouterr().err
     assert len(error.strip().splitlines()) == 1
-    for word in told:
+    for word in message:
         assert word in error
     assert not out.exists()
 
 
-def test_from_the_ground_what_has_no_throttle_for_the_reference(tmp_path: Path) -> None:
+def test_starts_on_the_ground_without_throttle_for_the_reference(tmp_path: Path) -> None:
     arguments, _ = MISTAKES["no throttle for it"]
     run = resolved(tmp_path, "--reference", "lemniscate", *arguments, "--start", "ground")
     assert start_of(run.simulator) == ON_THE_GROUND

@@ -84,13 +84,13 @@ MISTAKES = {
 def test_mistake_is_one_line_and_exit_code_2(
     mistake: str, file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments, told = MISTAKES[mistake]
+    arguments, message = MISTAKES[mistake]
     places = {"FILE": str(file), "HERE": str(tmp_path)}
     assert main(["tune", *(places.get(each, each) for each in arguments)]) == 2
     printed = capsys.readouterr()
     assert printed.out == ""
     assert len(printed.err.strip().splitlines()) == 1
-    assert told in printed.err
+    assert message in printed.err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["small.yaml"]
 
 

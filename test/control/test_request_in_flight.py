@@ -11,8 +11,8 @@ from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import joined_trajectory
 from quad_mpc_ros.references.live import LiveReference
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 from quad_mpc_ros.simulation.sensors import OdometryStream
 
 SECOND = 1_000_000_000

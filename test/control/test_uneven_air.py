@@ -12,7 +12,8 @@ from fixtures.presets import agile, ideal
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly, start_on
+from quad_mpc_ros.simulation.closed_loop import fly, start_on
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 AIR: dict[str, Any] = {
     "drag": (0.25, 0.1, 0.35),

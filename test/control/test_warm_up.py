@@ -10,27 +10,22 @@ import pytest
 # In a process of its own, where nothing has been compiled by other tests.
 FLY = """
 import sys
-from quad_mpc_ros.configuration.compilation import CompiledFunction
+from quad_mpc_ros.configuration.compilation import FUNCTIONS
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
-ROOMS = tuple(
-    f"quad_mpc_ros.{room}" for room in ("control", "safety", "estimation", "ocp", "model.rollout")
+PLACES = tuple(
+    f"quad_mpc_ros.control.{place}." for place in ("safety", "estimation", "ocp", "model")
 )
 
 def compiled():
-    found = {
-        value
-        for module in list(sys.modules) if module.startswith(ROOMS)
-        for value in vars(sys.modules[module]).values() if isinstance(value, CompiledFunction)
-    }
     return {
-        (function.label, types)
-        for function in found
-        for types in ("loaded", *function.compiled_types) if function.settled
+        (function.py_func.__module__, function.py_func.__name__, str(signature))
+        for function in FUNCTIONS if function.py_func.__module__.startswith(PLACES)
+        for signature in function.signatures
     }
 
 lag = float(sys.argv[1])
@@ -63,7 +58,6 @@ FAIL = (
 import numpy as np
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.references.server import ReferenceServer
-ROOMS = "quad_mpc_ros."
 server = ReferenceServer(ReferenceConfig(trajectory="lemniscate"))
 server.start(0)
 windows = [server.window(20_000_000 * k) for k in range(30)]

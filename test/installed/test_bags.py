@@ -22,7 +22,7 @@ from quad_mpc_ros.cli import main
 from quad_mpc_ros.commands.soak.relay import PREFIX, Relay, odometry_relay, reference_relay
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.experiments.faults import distortions
-from quad_mpc_ros.messages.conversions import stamp_of_serialized as stamp_of
+from quad_mpc_ros.messages.cdr import header_stamp_ns as stamp_of
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.recording import Recording

@@ -1,32 +1,22 @@
-"""Messages and values: nothing lost, every field in its place, with rclpy and without."""
+"""Messages and values: nothing lost, every field in its place."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
 
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.ros.messages import new_message
 
-New = Callable[[str], Any]
 
-
-@pytest.fixture(params=["rclpy", "rosbags"])
-def new(request: pytest.FixtureRequest) -> New:
-    return new_message if request.param == "rclpy" else RosbagsMessages().new
-
-
-def test_odometry_fields(new: New) -> None:
-    message = new("nav_msgs/msg/Odometry")
+def test_odometry_fields() -> None:
+    message = new_message("nav_msgs/msg/Odometry")
     odometry = OdometrySample(
         stamp_ns=12_000_000_345,
         p_WB=np.array([1.0, 2.0, 3.0]),
@@ -50,8 +40,8 @@ def test_odometry_fields(new: New) -> None:
     _assert_same(conversions.odometry_from_message(message), odometry)
 
 
-def test_the_variance_of_a_velocity_survives_the_message(new: New) -> None:
-    message = new("nav_msgs/msg/Odometry")
+def test_velocity_variance_survives_the_message() -> None:
+    message = new_message("nav_msgs/msg/Odometry")
     told = dataclasses.replace(OdometrySample.at_rest([0.0, 0.0, 1.0]), v_variance=0.1)
     conversions.fill_odometry(message, told)
     assert conversions.odometry_from_message(message).v_variance == 0.1
@@ -59,8 +49,8 @@ def test_the_variance_of_a_velocity_survives_the_message(new: New) -> None:
     assert conversions.odometry_from_message(message).v_variance == 0.3
 
 
-def test_a_step_of_the_estimate_is_the_transform_of_its_former_frame(new: New) -> None:
-    message = new("geometry_msgs/msg/TransformStamped")
+def test_estimate_reset_is_the_transform_of_the_former_frame() -> None:
+    message = new_message("geometry_msgs/msg/TransformStamped")
     reset = EstimateReset(
         stamp_ns=12_000_000_345, turn=2.0, step_W=np.array([1.0, 2.0, 3.0]), frame_id="map"
     )
@@ -81,15 +71,15 @@ def test_a_step_of_the_estimate_is_the_transform_of_its_former_frame(new: New) -
 
 
 @pytest.mark.parametrize("nothing", [0.0, -1.0, math.nan, math.inf, 1e6])
-def test_a_covariance_that_says_nothing_is_none(new: New, nothing: float) -> None:
-    message = new("nav_msgs/msg/Odometry")
+def test_unusable_covariance_gives_no_variance(nothing: float) -> None:
+    message = new_message("nav_msgs/msg/Odometry")
     message.twist.covariance[0] = message.twist.covariance[7] = 0.1
     message.twist.covariance[14] = nothing
     assert conversions.odometry_from_message(message).v_variance == 0.0
 
 
-def test_command_is_throttle_in_linear_z_and_rates_in_angular(new: New) -> None:
-    message = new("geometry_msgs/msg/TwistStamped")
+def test_command_is_throttle_in_linear_z_and_rates_in_angular() -> None:
+    message = new_message("geometry_msgs/msg/TwistStamped")
     command = CommandSample(stamp_ns=7, throttle=0.3, w_WB_B=np.array([1.0, -2.0, 3.0]))
 
     conversions.fill_command(message, command)
@@ -101,33 +91,10 @@ def test_command_is_throttle_in_linear_z_and_rates_in_angular(new: New) -> None:
     _assert_same(conversions.command_from_message(message), command)
 
 
-def test_reference_survives_the_message(new: New) -> None:
-    rng = np.random.default_rng(3)
-    window = ReferenceWindow(
-        stamp_ns=5_000_000_001,
-        offset_ns=np.array([0, 50_000_000, 50_000_000, 2_000_000_000]),
-        p_WB=rng.normal(size=(4, 3)),
-        q_WB_xyzw=rng.normal(size=(4, 4)),
-        v_WB_W=rng.normal(size=(4, 3)),
-        a_WB_W=rng.normal(size=(4, 3)),
-        w_WB_W=rng.normal(size=(4, 3)),
-        frame_id="map",
-    )
-    message = new("trajectory_msgs/msg/MultiDOFJointTrajectory")
-
-    conversions.fill_reference(message, window, child_frame_id="base_link", new=new)
-
-    assert list(message.joint_names) == ["base_link"]
-    assert message.points[3].time_from_start.sec == 2
-    assert message.points[1].velocities[0].angular.y == window.w_WB_W[1, 1]
-    assert message.points[1].accelerations[0].linear.z == window.a_WB_W[1, 2]
-    _assert_same(conversions.reference_from_message(message), window)
-
-
-def test_reference_of_others_may_leave_out_derivatives(new: New) -> None:
-    message = new("trajectory_msgs/msg/MultiDOFJointTrajectory")
-    point = new("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint")
-    point.transforms = [new("geometry_msgs/msg/Transform")]
+def test_reference_without_derivatives() -> None:
+    message = new_message("trajectory_msgs/msg/MultiDOFJointTrajectory")
+    point = new_message("trajectory_msgs/msg/MultiDOFJointTrajectoryPoint")
+    point.transforms = [new_message("geometry_msgs/msg/Transform")]
     message.points = [point]
 
     window = conversions.reference_from_message(message)

@@ -51,7 +51,7 @@ def test_hover_thrust_is_an_arrow_of_the_given_length(odometry: OdometrySample) 
     assert tip - tail == pytest.approx([0.0, -0.3, 0.0])
 
 
-def test_the_vehicle_is_around_its_position(odometry: OdometrySample) -> None:
+def test_vehicle_marker_is_at_its_position(odometry: OdometrySample) -> None:
     drawn = markers.vehicle_marker(odometry, arm=0.2, new=new_message)
     assert drawn.type == Marker.LINE_LIST
     assert len(drawn.points) % 2 == 0
@@ -73,13 +73,13 @@ def test_lines_are_in_the_frame_of_the_odometry(odometry: OdometrySample) -> Non
         assert line.color.a == 1.0
 
 
-def test_what_no_line_can_be_made_of_is_taken_away(odometry: OdometrySample) -> None:
+def test_single_point_deletes_the_marker(odometry: OdometrySample) -> None:
     for count in (0, 1):
         line = markers.trail_marker(odometry, np.zeros((count, 3)), new=new_message)
         assert line.action == Marker.DELETE
 
 
-def test_only_what_the_controller_does_is_fleeting(odometry: OdometrySample) -> None:
+def test_thrust_and_plan_have_a_lifetime(odometry: OdometrySample) -> None:
     path = np.zeros((2, 3))
     fleeting = [
         markers.predicted_marker(odometry, path, new=new_message),
@@ -95,7 +95,7 @@ def test_only_what_the_controller_does_is_fleeting(odometry: OdometrySample) -> 
     assert len(names) == 4  # or one would replace the other
 
 
-def test_a_trail_forgets(odometry: OdometrySample) -> None:
+def test_trail_drops_old_positions(odometry: OdometrySample) -> None:
     trail = Trail(duration=2.0, spacing=0.1)
     assert trail.p_WB.shape == (0, 3)
     for tick in range(500):  # 10 s at 50 Hz
@@ -105,7 +105,7 @@ def test_a_trail_forgets(odometry: OdometrySample) -> None:
     assert trail.p_WB.tolist() == [[9.0, 9.0, 9.0]]
 
 
-def test_a_transform_as_another_library_reads_it(odometry: OdometrySample) -> None:
+def test_transform_as_rosbags_decodes_it(odometry: OdometrySample) -> None:
     kind = "tf2_msgs/msg/TFMessage"
     message = STORE.types[kind](transforms=[])
 

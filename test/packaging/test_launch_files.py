@@ -112,7 +112,9 @@ class DeclareLaunchArgument:
         self.name, self.default, self.choices = name, default_value, choices
 
     def execute(self, context: Context) -> None:
-        if self.name in context.given:
+        if self.name in context.values:  # of the file that includes this one
+            value = context.values[self.name]
+        elif self.name in context.given:
             value = context.given[self.name]
         elif self.default is None:
             raise LaunchError(f"required launch argument '{self.name}' was not provided")
@@ -175,6 +177,11 @@ class OpaqueFunction:
 
 
 @dataclass
+class IncludeLaunchDescription:
+    launch_description_source: str
+
+
+@dataclass
 class RegisterEventHandler:
     event_handler: OnProcessExit
 
@@ -186,7 +193,13 @@ class LaunchDescription:
 
 MODULES = {
     "launch": [LaunchDescription],
-    "launch.actions": [DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler],
+    "launch.actions": [
+        DeclareLaunchArgument,
+        EmitEvent,
+        IncludeLaunchDescription,
+        OpaqueFunction,
+        RegisterEventHandler,
+    ],
     "launch.conditions": [IfCondition],
     "launch.event_handlers": [OnProcessExit],
     "launch.events": [Shutdown],
@@ -248,15 +261,20 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Launch:
     )
 
     def execute(file: str, **arguments: str) -> list[Started]:
-        described = runpy.run_path(str(ROOT / "launch" / file))["generate_launch_description"]()
+        def entities_of(path: str) -> list[Any]:
+            described = runpy.run_path(path)["generate_launch_description"]()
+            return list(described.entities)
+
         context = Context(given=arguments)
         nodes: dict[int, Started] = {}
-        entities = list(described.entities)
+        entities = entities_of(str(ROOT / "launch" / file))
         while entities:
             entity = entities.pop(0)
             match entity:
                 case OpaqueFunction():
                     entities = [*entity.function(context), *entities]
+                case IncludeLaunchDescription():
+                    entities = [*entities_of(entity.launch_description_source), *entities]
                 case DeclareLaunchArgument():
                     entity.execute(context)
                 case Node():
@@ -294,7 +312,9 @@ CALLS: list[tuple[str, dict[str, str]]] = [
     ("mpc.launch.py", {}),
     ("mpc.launch.py", {"with_reference": "false", "odom": "/uav1/odometry/filtered"}),
     *(("bridge.launch.py", {"bridge": bridge}) for bridge in BRIDGES),
+    *(("bridge.launch.py", {"bridge": bridge, "one_process": "false"}) for bridge in BRIDGES),
     ("bridge.launch.py", {"bridge": "px4", "with_reference": "false", "namespace": "uav1"}),
+    ("fleet.launch.py", {"one_process": "false"}),
     ("stack.launch.py", {}),
     *(("stack.launch.py", {"bridge": bridge, "namespace": "uav1"}) for bridge in BRIDGES),
 ]
@@ -316,8 +336,13 @@ def test_every_node_exists_and_takes_its_parameters(
         assert node.executable in declared("console_scripts")
         if node.executable == "stack_node":  # several, which keep their names
             assert node.name == ""
-            assert node.words[:2] == ("--bridge", given.get("bridge", "none"))
-            assert node.words[2:] == ("-p", "reference:mode:=on_request")
+            if file != "fleet.launch.py":
+                bridge, reference = (
+                    given.get("bridge", "none"),
+                    given.get("with_reference", "true"),
+                )
+                assert node.words[:4] == ("--bridge", bridge, "--reference", reference)
+                assert node.words[4:] == ("-p", "reference:mode:=on_request")
             continue
         # Parameter files speak of nodes by their names, and those are told apart by them.
         assert node.executable in (f"{node.name}_node", node.name)
@@ -345,7 +370,10 @@ def test_one_vehicle_file_serves_every_node_beside_a_bridge(
     vehicle = tmp_path / "my_vehicle.yaml"
     vehicle.write_text("/**:\n  ros__parameters: {mass: 0.5, thrust_curve: [2.0, 3.0, 0.0]}\n")
     names = set()
-    for node in launch("bridge.launch.py", bridge=bridge, config=str(vehicle)):
+    (stack,) = launch("bridge.launch.py", bridge=bridge, config=str(vehicle))
+    assert stack.parameters == (vehicle,)
+    apart = {"bridge": bridge, "config": str(vehicle), "one_process": "false"}
+    for node in launch("bridge.launch.py", **apart):
         waits = ({"mode": "on_request"},) if node.name == "reference" else ()
         assert node.parameters == (vehicle, *waits)
         config = files.load([str(vehicle)], [], schema={node.name: CONFIGS[node.name]})[node.name]
@@ -356,20 +384,25 @@ def test_one_vehicle_file_serves_every_node_beside_a_bridge(
 
 def test_beside_rosflight_the_commands_of_the_mpc_have_a_name_of_their_own(launch: Launch) -> None:
     for bridge in ("rosflight", "px4"):
-        (mpc,) = (n for n in launch("bridge.launch.py", bridge=bridge) if n.name == "mpc")
+        apart = launch("bridge.launch.py", bridge=bridge, one_process="false")
+        (mpc,) = (node for node in apart if node.name == "mpc")
         topic = CONFIGS[f"{bridge}_bridge"]().flattened()["mpc_command_topic"]
         assert mpc.remappings.get("command", "command") == topic
-        (stack,) = launch("stack.launch.py", bridge=bridge)
-        assert stack.remappings.get("mpc:command", "command") == topic
+        for file in ("bridge.launch.py", "stack.launch.py"):
+            (stack,) = launch(file, bridge=bridge)
+            assert stack.remappings.get("mpc:command", "command") == topic
 
 
 def test_each_vehicle_of_a_fleet_has_its_nodes_in_a_namespace_of_its_own(launch: Launch) -> None:
-    nodes = launch("fleet.launch.py", vehicles="3", record="true")
-    assert sorted((node.namespace, node.name) for node in nodes) == [
-        (f"uav{number}", name)
-        for number in (1, 2, 3)
-        for name in ("mpc", "recorder", "reference", "simulator")
-    ]
+    executables = {
+        "true": ("recorder_node", "simulator_node", "stack_node"),
+        "false": ("mpc_node", "recorder_node", "reference_node", "simulator_node"),
+    }
+    for one_process, expected in executables.items():
+        nodes = launch("fleet.launch.py", vehicles="3", record="true", one_process=one_process)
+        assert sorted((node.namespace, node.executable) for node in nodes) == [
+            (f"uav{number}", executable) for number in (1, 2, 3) for executable in expected
+        ]
     with pytest.raises(ValueError, match="expected 1 or more"):
         launch("fleet.launch.py", vehicles="0")
 
@@ -389,7 +422,8 @@ def test_bridges_of_other_packages_are_launched_from_there(
     entry_points = {"quad_mpc_ros.bridges": ["kite_bridge = a_kite:KiteBridge"]}
     write_metadata(tmp_path, "kite_pilot", entry_points)
     monkeypatch.syspath_prepend(tmp_path)
-    (kite,) = (node for node in launch("bridge.launch.py", bridge="kite") if node.name[0] == "k")
+    apart = launch("bridge.launch.py", bridge="kite", one_process="false")
+    (kite,) = (node for node in apart if node.name[0] == "k")
     assert (kite.package, kite.executable) == ("kite_pilot", "kite_bridge")
 
 

@@ -24,7 +24,7 @@ THERE = ("/odom", "/uav1/odom", "/uav1/mpc/stats", "/rosout", "/uav1/_internal",
         (TopicSelection(), set()),
     ],
 )
-def test_selected(selection: TopicSelection, expected: set[str]) -> None:
+def test_topic_selection(selection: TopicSelection, expected: set[str]) -> None:
     assert {topic for topic in THERE if selection.includes(topic)} == expected
 
 
@@ -36,6 +36,6 @@ def test_selected(selection: TopicSelection, expected: set[str]) -> None:
         (PlayerConfig, "topics_regex"),
     ],
 )
-def test_what_is_no_regular_expression_is_refused(config: type[Configuration], name: str) -> None:
+def test_refuses_an_invalid_regular_expression(config: type[Configuration], name: str) -> None:
     with pytest.raises(ConfigurationError, match=rf"{name}: given '\(', expected a regular"):
         config.build({name: "("})

@@ -35,7 +35,7 @@ def read(bag: Any) -> Flight:
 
 
 @pytest.mark.parametrize("namespace", ["", "/uav1", "/fleet/uav1"])
-def test_everything_is_read_back(
+def test_reads_everything_back(
     make_bag: BagStarter, build: SimpleNamespace, namespace: str
 ) -> None:
     random = np.random.default_rng(1)
@@ -82,7 +82,7 @@ def test_everything_is_read_back(
     assert (flight.mpc.mass, flight.mpc.control_rate) == (0.5, 40.0)
 
 
-def test_a_bag_of_nothing_but_odometry(make_bag: BagStarter, build: SimpleNamespace) -> None:
+def test_reads_a_bag_with_odometry_only(make_bag: BagStarter, build: SimpleNamespace) -> None:
     bag = make_bag()
     bag.odometry(build.odometry(build.start_ns))
     flight = read(bag)
@@ -94,7 +94,7 @@ def test_a_bag_of_nothing_but_odometry(make_bag: BagStarter, build: SimpleNamesp
 
 
 class TestReference:
-    def test_the_window_in_force_is_the_last_one_stamped_before(
+    def test_last_window_before_an_odometry_applies(
         self, make_bag: BagStarter, build: SimpleNamespace
     ) -> None:
         bag, start = make_bag(), build.start_ns
@@ -107,7 +107,7 @@ class TestReference:
         # Odometries at 0, 10, 20, 30, 40; before the first window it is the first one.
         assert reference.p_WB[:, 0].tolist() == [1.0, 1.0, 2.0, 2.0, 3.0]
 
-    def test_windows_may_come_in_any_order(self, build: SimpleNamespace) -> None:
+    def test_windows_in_any_order(self, build: SimpleNamespace) -> None:
         """Against the definition: the last one stamped no later, of equal ones the last."""
         random = np.random.default_rng(3)
         for _ in range(50):
@@ -124,7 +124,7 @@ class TestReference:
                 begun = [i for i in ordered if starts[i] <= stamp]
                 assert x == (begun[-1] if begun else ordered[0])
 
-    def test_it_is_sampled_at_the_odometry(
+    def test_reference_is_sampled_at_the_odometry(
         self, make_bag: BagStarter, build: SimpleNamespace
     ) -> None:
         bag, start = make_bag(), build.start_ns
@@ -152,7 +152,7 @@ class TestReference:
         assert reference.R_WB[0] @ [1.0, 0.0, 0.0] == pytest.approx(nose)
 
     @pytest.mark.parametrize("recorded", [True, False])
-    def test_its_throttle_is_that_of_the_vehicle(
+    def test_reference_throttle_is_the_vehicles(
         self, make_bag: BagStarter, build: SimpleNamespace, recorded: bool
     ) -> None:
         bag, start = make_bag(), build.start_ns
@@ -168,9 +168,7 @@ class TestReference:
         expected = 0.25 if recorded else HOVER_THROTTLE
         assert reference.throttle == pytest.approx([expected], abs=1e-7)
 
-    def test_an_unusable_window_is_passed_over(
-        self, make_bag: BagStarter, build: SimpleNamespace
-    ) -> None:
+    def test_skips_an_unusable_window(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
         bag, start = make_bag(), build.start_ns
         bag.reference(build.window(start, [1.0, 0.0, 0.0]))
         bag.reference(build.window(start + 1, [np.nan, 0.0, 0.0]))
@@ -181,7 +179,7 @@ class TestReference:
         assert reference.p_WB.tolist() == [[1.0, 0.0, 0.0]]
 
 
-def test_unusable_odometry_is_left_out(make_bag: BagStarter, build: SimpleNamespace) -> None:
+def test_skips_unusable_odometry(make_bag: BagStarter, build: SimpleNamespace) -> None:
     bag, start = make_bag(), build.start_ns
     bag.odometry(build.odometry(start))
     bag.odometry(build.odometry(start + 10, p_WB=np.array([np.nan, 0.0, 0.0])))
@@ -190,9 +188,7 @@ def test_unusable_odometry_is_left_out(make_bag: BagStarter, build: SimpleNamesp
     assert read(bag).stamp_ns.tolist() == [start, start + 30]
 
 
-def test_a_twist_in_the_world_frame_is_turned(
-    make_bag: BagStarter, build: SimpleNamespace
-) -> None:
+def test_rotates_a_world_frame_twist(make_bag: BagStarter, build: SimpleNamespace) -> None:
     bag = make_bag()
     bag.parameters("mpc", {"odometry.twist_frame": "world"})
     bag.odometry(
@@ -208,9 +204,7 @@ def test_a_twist_in_the_world_frame_is_turned(
     assert flight.w_WB_B == pytest.approx(np.array([[0.0, -1.0, 2.0]]))
 
 
-def test_the_flight_ends_with_the_last_odometry(
-    make_bag: BagStarter, build: SimpleNamespace
-) -> None:
+def test_flight_ends_with_the_last_odometry(make_bag: BagStarter, build: SimpleNamespace) -> None:
     bag, start = make_bag(), build.start_ns
     for n, source in enumerate(("mpc", "plan", "mpc", "hover", "blind")):
         stamp = start + n * build.period_ns
@@ -224,9 +218,7 @@ def test_the_flight_ends_with_the_last_odometry(
     assert (summary["commands"], summary["fallbacks"]) == (3, 1)
 
 
-def test_of_messages_sent_again_the_first_counts(
-    make_bag: BagStarter, build: SimpleNamespace
-) -> None:
+def test_first_of_repeated_messages_counts(make_bag: BagStarter, build: SimpleNamespace) -> None:
     bag, start = make_bag(), build.start_ns
     for latency_ms in (0.0, 200.0):
         bag.odometry(build.odometry(start), latency_ms=latency_ms)
@@ -247,7 +239,7 @@ class TestPlans:
         flight = Recording(bag.writer.directory).flight(most_plans=most)
         return [(plan.stamp_ns, float(plan.p_WB[0, 0])) for plan in flight.plans]
 
-    def test_they_are_evenly_chosen(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
+    def test_plans_are_evenly_chosen(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
         bag, start = make_bag(), build.start_ns
         bag.odometry(build.odometry(start))
         bag.odometry(build.odometry(start + 8))
@@ -261,7 +253,7 @@ class TestPlans:
         assert self.read(bag, 5) == [(start + n, n) for n in (0, 2, 4, 6, 8)]
         assert self.read(bag, 100) == [(start + n, n) for n in range(9)]
 
-    def test_what_is_not_finite_is_left_out(
+    def test_skips_plans_that_are_not_finite(
         self, make_bag: BagStarter, build: SimpleNamespace
     ) -> None:
         bag, start = make_bag(), build.start_ns
@@ -301,7 +293,7 @@ class TestRefusals:
         bag.empty("/uav2/odom", "nav_msgs/msg/Odometry", build.start_ns)
         assert "/uav1/odom, /uav2/odom" in self.refusal(bag)
 
-    def test_a_topic_of_another_type_or_name_is_not_ours(
+    def test_ignores_topics_of_other_types_or_names(
         self, make_bag: BagStarter, build: SimpleNamespace
     ) -> None:
         bag = make_bag(namespace="/uav1")
@@ -311,7 +303,7 @@ class TestRefusals:
         bag.writer.add_topic("/silent/odom", "nav_msgs/msg/Odometry")
         assert read(bag).stamp_ns.tolist() == [build.start_ns]
 
-    def test_statistics_that_are_not_ours(
+    def test_refuses_stats_of_another_package(
         self, make_bag: BagStarter, build: SimpleNamespace
     ) -> None:
         bag = make_bag()
@@ -319,7 +311,9 @@ class TestRefusals:
         bag.empty("mpc/stats", "diagnostic_msgs/msg/DiagnosticArray", build.start_ns)
         assert "mpc/stats" in self.refusal(bag)
 
-    def test_parameters_that_cannot_be(self, make_bag: BagStarter, build: SimpleNamespace) -> None:
+    def test_refuses_impossible_parameters(
+        self, make_bag: BagStarter, build: SimpleNamespace
+    ) -> None:
         bag = make_bag()
         bag.parameters("mpc", {"mass": -1.0})
         bag.odometry(build.odometry(build.start_ns))

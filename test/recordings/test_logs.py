@@ -70,7 +70,7 @@ def same(a: object, b: object) -> bool:
 @pytest.mark.parametrize(
     ("log", "make"), [(OdometryLog, odometry), (CommandLog, command), (WindowLog, window)]
 )
-def test_values_come_back(log: type[Log], make: object) -> None:
+def test_log_returns_its_values(log: type[Log], make: object) -> None:
     given = [
         Received(value=make(10 - n), log_time_ns=n, publish_time_ns=2 * n)  # type: ignore[operator]
         for n in range(10)
@@ -91,7 +91,7 @@ def test_values_come_back(log: type[Log], make: object) -> None:
     assert not log()
 
 
-def test_figures_come_back(build: SimpleNamespace) -> None:
+def test_stats_survive_the_message(build: SimpleNamespace) -> None:
     ticks = [build.tick(n, reason="r" * n, iterations=n, step_time_us=0.1 * n) for n in range(4)]
     log = StatsLog()
     for tick in ticks:
@@ -102,6 +102,6 @@ def test_figures_come_back(build: SimpleNamespace) -> None:
 
 
 @pytest.mark.parametrize("changes", [{"odom_age_ms": np.nan}, {"iterations": 2**70}])
-def test_unusable_figures_are_refused(build: SimpleNamespace, changes: dict[str, object]) -> None:
+def test_refuses_unusable_stats(build: SimpleNamespace, changes: dict[str, object]) -> None:
     with pytest.raises(ValueError):
         StatsLog().add(build.tick(0, **changes))

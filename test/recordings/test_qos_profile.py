@@ -41,13 +41,13 @@ def test_text_is_that_of_rosbag2() -> None:
     assert qos_profiles_text([QosProfile(history="unknown", depth=0)]) == RECORDED_BY_ROSBAG2
 
 
-def test_equal_publishers_are_two_entries() -> None:
+def test_equal_profiles_stay_two_entries() -> None:
     profile = QosProfile(history="unknown", depth=0)
     expected = f"{RECORDED_BY_ROSBAG2}\n{RECORDED_BY_ROSBAG2}"
     assert qos_profiles_text([profile, profile]) == expected
 
 
-def test_no_publisher_is_an_empty_list() -> None:
+def test_no_publisher_gives_an_empty_list() -> None:
     assert qos_profiles_text([]) == "[]"
 
 
@@ -79,7 +79,7 @@ def test_rosbags_reads_every_field_back() -> None:
 @pytest.mark.parametrize(
     "fields", [{"reliability": "RELIABLE"}, {"history": 1}, {"depth": -1}, {"deadline": 2**63}]
 )
-def test_what_rosbag2_would_not_read_is_refused(fields: dict[str, object]) -> None:
+def test_refuses_what_rosbag2_cannot_read(fields: dict[str, object]) -> None:
     (name,) = fields
     with pytest.raises(BagError, match=f"QoS {name}: given .*, expected"):
         QosProfile(**fields)  # type: ignore[arg-type]
@@ -100,11 +100,11 @@ PROFILES = (
 
 
 @pytest.mark.parametrize("profiles", [(), PROFILES[:1], PROFILES])
-def test_what_is_written_is_read_back(profiles: tuple[QosProfile, ...]) -> None:
+def test_written_profiles_are_read_back(profiles: tuple[QosProfile, ...]) -> None:
     assert parse_qos_profiles(qos_profiles_text(profiles)) == profiles
 
 
-def test_the_numbers_of_older_bags_are_read() -> None:
+def test_reads_the_numbers_of_older_bags() -> None:
     forever = QosTime(9223372036, 854775807)
     text = dump_qos_v8(
         [
@@ -125,7 +125,7 @@ def test_the_numbers_of_older_bags_are_read() -> None:
 
 
 @pytest.mark.parametrize("text", ["- 1", "a: [", "- history: keep_last", "7", "- history: 99"])
-def test_what_is_no_list_of_profiles_is_refused(text: str) -> None:
+def test_refuses_what_is_no_list_of_profiles(text: str) -> None:
     with pytest.raises(BagError, match="offered_qos_profiles") as caught:
         parse_qos_profiles(text)
     assert "\n" not in str(caught.value)

@@ -8,13 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from fixtures.messages import empty
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.messages.schemas import schema_for
 from quad_mpc_ros.recordings.reader import BagReader, TopicInfo
 from quad_mpc_ros.recordings.writer import BagWriter
@@ -24,7 +24,7 @@ CLOCK = "rosgraph_msgs/msg/Clock"
 START_NS = 1_700_000_000_000_000_000
 
 
-def test_topics_messages_and_metadata(flight_bag: Path) -> None:
+def test_reads_topics_messages_and_metadata(flight_bag: Path) -> None:
     reader = BagReader(flight_bag)
     odometry = reader.topics["/odom"]
     assert odometry.type_name == "nav_msgs/msg/Odometry"
@@ -43,7 +43,7 @@ def test_topics_messages_and_metadata(flight_bag: Path) -> None:
     assert list(reader.messages(["/none"])) == []
 
 
-def test_a_single_file_is_read_too(flight_bag: Path) -> None:
+def test_reads_a_single_file(flight_bag: Path) -> None:
     reader = BagReader(flight_bag / "flight_0.mcap")
     assert reader.topics == BagReader(flight_bag).topics
 
@@ -56,7 +56,7 @@ def test_the_last_metadata_of_a_name_wins(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("version", [8, 9])
-def test_a_bag_of_another_writer(tmp_path: Path, version: int) -> None:
+def test_reads_a_bag_of_another_writer(tmp_path: Path, version: int) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     with RosbagsWriter(
         tmp_path / "theirs",
@@ -75,7 +75,7 @@ def test_a_bag_of_another_writer(tmp_path: Path, version: int) -> None:
 
 
 @pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
-def test_what_rosbag2_compresses_is_unpacked(tmp_path: Path, mode: CompressionMode) -> None:
+def test_unpacks_rosbag2_compression(tmp_path: Path, mode: CompressionMode) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     writer = RosbagsWriter(tmp_path / "theirs", version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(mode, CompressionFormat.ZSTD)
@@ -116,7 +116,7 @@ def write_mcap(
         writer.finish()
 
 
-def test_split_bags_are_one(tmp_path: Path) -> None:
+def test_reads_a_split_bag_as_one(tmp_path: Path) -> None:
     """Files overlap in time; without metadata.yaml they are taken by number, not by name."""
     write_mcap(tmp_path / "run_10.mcap", [2, 4], data=b"ten")
     write_mcap(tmp_path / "run_2.mcap", [1, 4, 9], data=b"two")
@@ -141,7 +141,7 @@ def test_split_bags_are_one(tmp_path: Path) -> None:
     assert [m.log_time_ns for m in BagReader(tmp_path).messages()] == [1, 3, 4, 9]
 
 
-def test_a_file_without_chunks(tmp_path: Path) -> None:
+def test_reads_a_file_without_chunks(tmp_path: Path) -> None:
     write_mcap(tmp_path / "plain.mcap", [2, 1], use_chunking=False)
     assert [m.log_time_ns for m in BagReader(tmp_path).messages()] == [1, 2]
 
@@ -158,7 +158,7 @@ def test_reading_from_a_time_on(flight_bag: Path, whole: bool) -> None:
     assert list(reader.messages(from_ns=times[-1] + 1)) == []
 
 
-def test_messages_of_one_time_keep_their_order(tmp_path: Path) -> None:
+def test_equal_log_times_keep_their_order(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/clock", CLOCK)
         for index in range(50):
@@ -169,7 +169,7 @@ def test_messages_of_one_time_keep_their_order(tmp_path: Path) -> None:
     assert read == list(range(50))
 
 
-def test_a_type_of_another_package_is_decoded_by_the_definition_in_the_bag(
+def test_decodes_by_the_definition_in_the_bag(
     tmp_path: Path,
 ) -> None:
     text = f"lab_msgs/Gain gain\n\n{'=' * 80}\nMSG: lab_msgs/Gain\nuint8 k\nstring name\n"
@@ -194,7 +194,7 @@ def test_a_type_of_another_package_is_decoded_by_the_definition_in_the_bag(
         ),
     ],
 )
-def test_an_undecodable_message_can_still_be_passed_on(
+def test_undecodable_message_keeps_its_bytes(
     tmp_path: Path, type_name: str, text: str | None, data: bytes | None, reason: str
 ) -> None:
     write_mcap(tmp_path / "odd.mcap", [1, 2], type_name=type_name, text=text, data=data)
@@ -211,16 +211,14 @@ def recorded(tmp_path: Path, write_flight: WriteFlight) -> bytes:
     with BagWriter(tmp_path / "whole", compression="zstd") as writer:
         write_flight(writer, 12)
         writer.flush_if_due(0.0)
-        data = RosbagsMessages().encode(CLOCK, RosbagsMessages().new(CLOCK))
+        data = empty(CLOCK)
         writer.add_topic("/clock", CLOCK)
         for index in range(12):
             writer.write("/clock", data, log_time_ns=START_NS - index, publish_time_ns=0)
     return (tmp_path / "whole" / "whole_0.mcap").read_bytes()
 
 
-def test_a_recording_cut_anywhere_is_read_up_to_its_last_whole_chunk(
-    tmp_path: Path, recorded: bytes
-) -> None:
+def test_reads_a_cut_file_up_to_its_last_whole_chunk(tmp_path: Path, recorded: bytes) -> None:
     (tmp_path / "cut.mcap").write_bytes(recorded)
     whole = [(m.log_time_ns, m.data) for m in BagReader(tmp_path / "cut.mcap").messages()]
     assert len(whole) == 30
@@ -236,7 +234,7 @@ def test_a_recording_cut_anywhere_is_read_up_to_its_last_whole_chunk(
     assert counts == {0, 18, 30}
 
 
-def test_an_unfinished_file_is_in_order_though_its_chunks_overlap(tmp_path: Path) -> None:
+def test_orders_overlapping_chunks_of_an_unfinished_file(tmp_path: Path) -> None:
     """Messages of a time keep their order in the file, whichever chunk is opened first."""
     times = [5, 3, 9, 1, 5, 4, 2, 5, 8, 0, 7, 5]
     with BagWriter(tmp_path / "bag") as writer:
@@ -254,7 +252,7 @@ def test_an_unfinished_file_is_in_order_though_its_chunks_overlap(tmp_path: Path
         assert [m.message.clock.sec for m in BagReader(path).messages()] == expected
 
 
-def test_a_tail_of_zeros_is_a_cut(tmp_path: Path, recorded: bytes) -> None:
+def test_reads_a_file_that_ends_in_zeros(tmp_path: Path, recorded: bytes) -> None:
     half = recorded[: len(recorded) // 2]
     (tmp_path / "cut.mcap").write_bytes(half)
     expected = len(list(BagReader(tmp_path).messages()))
@@ -262,7 +260,7 @@ def test_a_tail_of_zeros_is_a_cut(tmp_path: Path, recorded: bytes) -> None:
     assert len(list(BagReader(tmp_path).messages())) == expected
 
 
-def test_damage_is_noticed_or_harmless(tmp_path: Path, recorded: bytes) -> None:
+def test_damage_is_detected_or_harmless(tmp_path: Path, recorded: bytes) -> None:
     """A flipped byte never leads to a foreign exception, nor to altered messages."""
     (tmp_path / "bad.mcap").write_bytes(recorded)
     whole = {(m.log_time_ns, m.data) for m in BagReader(tmp_path).messages()}
@@ -317,7 +315,7 @@ def metadata_yaml(**information: object) -> dict[str, bytes]:
         ({"metadata.yaml": b"\xff\xfe\x00\xd8"}, "metadata.yaml: is not YAML"),
     ],
 )
-def test_what_is_no_bag_is_refused_in_one_line(
+def test_refuses_what_is_no_bag_in_one_line(
     tmp_path: Path, files: dict[str, bytes], reason: str
 ) -> None:
     for name, content in files.items():
@@ -328,18 +326,18 @@ def test_what_is_no_bag_is_refused_in_one_line(
     assert str(tmp_path) in str(caught.value)
 
 
-def test_a_missing_bag_is_refused(tmp_path: Path) -> None:
+def test_refuses_a_missing_bag(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="nowhere: does not exist"):
         BagReader(tmp_path / "nowhere")
 
 
-def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
+def test_refuses_a_directory_in_place_of_a_file(tmp_path: Path) -> None:
     (tmp_path / "x_0.mcap").mkdir()
     with pytest.raises(BagError, match=r"x_0\.mcap: cannot be read: Is a directory"):
         BagReader(tmp_path)
 
 
-def test_a_file_that_vanishes_is_refused(flight_bag: Path) -> None:
+def test_refuses_a_file_that_was_removed(flight_bag: Path) -> None:
     reader = BagReader(flight_bag)
     shutil.rmtree(flight_bag)
     with pytest.raises(BagError, match=r"flight_0.mcap: cannot be read"):

@@ -68,9 +68,7 @@ def names(directory: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("compression", ["none", "zstd", "lz4"])
-def test_cut_anywhere_every_message_written_whole_is_kept(
-    tmp_path: Path, compression: Compression
-) -> None:
+def test_keeps_every_whole_message_of_a_cut_file(tmp_path: Path, compression: Compression) -> None:
     write_clocks(tmp_path / "whole", 35, compression=compression)
     content = (tmp_path / "whole" / "whole_0.mcap").read_bytes()
     kept_before = 0
@@ -100,13 +98,13 @@ def test_cut_anywhere_every_message_written_whole_is_kept(
         assert len(kept_counts) > 5, "nothing of a cut chunk was kept"
 
 
-def test_a_complete_bag_is_left_alone(flight_bag: Path) -> None:
+def test_leaves_a_complete_bag_unchanged(flight_bag: Path) -> None:
     before = {path.name: path.read_bytes() for path in flight_bag.iterdir()}
     assert not repair(flight_bag).needed
     assert {path.name: path.read_bytes() for path in flight_bag.iterdir()} == before
 
 
-def test_a_second_repair_finds_nothing_to_do(tmp_path: Path) -> None:
+def test_repairs_once(tmp_path: Path) -> None:
     write_clocks(tmp_path / "bag", 35)
     cut(tmp_path / "bag", 2500)
     assert repair(tmp_path / "bag").needed
@@ -115,9 +113,7 @@ def test_a_second_repair_finds_nothing_to_do(tmp_path: Path) -> None:
     assert {path.name: path.read_bytes() for path in (tmp_path / "bag").iterdir()} == before
 
 
-def test_everything_but_the_messages_is_kept_too(
-    tmp_path: Path, write_flight: WriteFlight
-) -> None:
+def test_keeps_schemas_metadata_and_attachments(tmp_path: Path, write_flight: WriteFlight) -> None:
     directory = tmp_path / "flight"
     with BagWriter(directory) as writer:
         write_flight(writer, 10)
@@ -140,7 +136,7 @@ def test_everything_but_the_messages_is_kept_too(
     assert yaml.safe_load((directory / "metadata.yaml").read_text()) == metadata
 
 
-def test_a_split_bag_of_which_the_last_file_was_cut(tmp_path: Path) -> None:
+def test_repairs_the_last_file_of_a_split_bag(tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     write_clocks(bag, 60, split=20)
     files = sorted(bag.glob("*.mcap"))
@@ -162,7 +158,7 @@ def test_a_split_bag_of_which_the_last_file_was_cut(tmp_path: Path) -> None:
     ]
 
 
-def test_only_the_damaged_chunk_is_left_out(tmp_path: Path) -> None:
+def test_drops_only_the_damaged_chunk(tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     write_clocks(bag, 40, compression="none")
     file = bag / "bag_0.mcap"
@@ -179,7 +175,7 @@ def test_only_the_damaged_chunk_is_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("zeros", [1, 9, 5000])
-def test_zeros_after_a_power_failure_are_no_messages(tmp_path: Path, zeros: int) -> None:
+def test_ignores_zeros_after_a_power_failure(tmp_path: Path, zeros: int) -> None:
     """Some file systems keep the length of a file whose last blocks were never written."""
     write_clocks(tmp_path / "whole", 30, compression="none")
     content = (tmp_path / "whole" / "whole_0.mcap").read_bytes()
@@ -193,9 +189,7 @@ def test_zeros_after_a_power_failure_are_no_messages(tmp_path: Path, zeros: int)
         assert kept == list(range(len(kept)))
 
 
-def test_an_interrupted_repair_is_taken_up_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_resumes_an_interrupted_repair(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On a file system without hard links, between the two renamings."""
     bag = tmp_path / "bag"
     write_clocks(bag, 35)
@@ -223,7 +217,7 @@ def test_an_interrupted_repair_is_taken_up_again(
     assert names(bag) == ["bag_0.mcap", "bag_0.mcap.broken", "metadata.yaml"]
 
 
-def test_a_bag_of_another_writer_without_chunks(tmp_path: Path) -> None:
+def test_repairs_a_bag_without_chunks(tmp_path: Path) -> None:
     with (tmp_path / "run_0.mcap").open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.NONE, use_chunking=False)
         writer.start(profile="ros2")
@@ -250,7 +244,7 @@ def test_a_bag_of_another_writer_without_chunks(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("finished", [True, False])
-def test_a_flipped_byte_anywhere_makes_no_message_up(tmp_path: Path, finished: bool) -> None:
+def test_flipped_byte_creates_no_message(tmp_path: Path, finished: bool) -> None:
     write_clocks(tmp_path / "whole", 35)
     content = (tmp_path / "whole" / "whole_0.mcap").read_bytes()
     if not finished:
@@ -285,7 +279,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_cannot_be_repaired_is_refused_untouched(tmp_path: Path, case: str) -> None:
+def test_refuses_what_cannot_be_repaired(tmp_path: Path, case: str) -> None:
     files, reason = REFUSED[case]
     bag = tmp_path / "bag"
     if files is not None:
@@ -315,7 +309,7 @@ while True:
 
 
 @pytest.mark.slow
-def test_killed_at_any_moment_at_most_the_last_second_is_lost(tmp_path: Path) -> None:
+def test_kill_loses_at_most_one_second(tmp_path: Path) -> None:
     moments = random.Random(1)
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     for attempt in range(20):

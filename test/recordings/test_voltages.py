@@ -9,11 +9,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fixtures.messages import STORE, encoded_by_rosbags
 from fixtures.stack_messages import DEFINITIONS, new_message
+from rosbags.typesys import get_types_from_msg
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.messages.codec import RosbagsMessages
-from quad_mpc_ros.messages.schemas import installed_schema
+from quad_mpc_ros.messages.cdr import written_battery
 from quad_mpc_ros.messages.topics import BATTERY, COMMAND
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import VOLTAGE_FIELDS, TopicNames
@@ -32,9 +33,8 @@ def bag(make_bag: Callable[..., Any], build: SimpleNamespace) -> Any:
 
 def tell(bag: Any, topic: str, *volts: float, start_ns: int) -> None:
     for k, voltage in enumerate(volts):
-        message = RosbagsMessages().new(BATTERY.type_name)
-        message.voltage = voltage
-        bag.write(topic, BATTERY.type_name, message, start_ns + k)
+        data = written_battery(voltage, stamp_ns=start_ns + k)
+        bag.write(topic, BATTERY.type_name, data, start_ns + k)
 
 
 def volts(bag: Any, topic: str = "") -> list[tuple[int, float]]:
@@ -43,27 +43,27 @@ def volts(bag: Any, topic: str = "") -> list[tuple[int, float]]:
     return [(told.log_time_ns, told.value) for told in run.voltages]
 
 
-def test_the_only_battery_is_found_by_its_type(bag: Any, build: SimpleNamespace) -> None:
+def test_finds_the_only_battery_by_type(bag: Any, build: SimpleNamespace) -> None:
     start = build.start_ns
     tell(bag, "/uav1/pack/left", 16.5, 16.25, start_ns=start)
     assert volts(bag) == [(start, 16.5), (start + 1, 16.25)]
 
 
-def test_without_one_there_are_none(bag: Any) -> None:
+def test_no_battery_gives_no_voltages(bag: Any) -> None:
     assert volts(bag) == []
 
 
-def test_of_two_one_must_be_named(bag: Any, build: SimpleNamespace) -> None:
+def test_two_batteries_need_a_name(bag: Any, build: SimpleNamespace) -> None:
     tell(bag, "/pack", 16.0, start_ns=build.start_ns)
     tell(bag, "/spare/pack", 15.0, start_ns=build.start_ns)
     assert volts(bag, "pack") == [(build.start_ns, 16.0)]
     reread = Recording(bag.writer.directory)
-    with pytest.raises(BagError, match="/pack, /spare/pack all tell of a battery: expected --bat"):
+    with pytest.raises(BagError, match="/pack, /spare/pack all report a battery: expected --bat"):
         reread.run(topics=(BATTERY,))
     assert not reread.run(topics=(COMMAND,)).voltages  # nobody asked
 
 
-def test_one_of_px4_is_read_by_the_definition_in_the_bag(
+def test_reads_px4_battery_by_the_definition_in_the_bag(
     bag: Any, build: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     share = tmp_path / "share" / "px4_msgs" / "msg"
@@ -72,13 +72,13 @@ def test_one_of_px4_is_read_by_the_definition_in_the_bag(
     hashes = {"type_hashes": [{"type_name": PX4, "hash_string": "RIHS01_0"}]}
     (share / "BatteryStatus.json").write_text(json.dumps(hashes))
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
-    codec, message = RosbagsMessages(), new_message(PX4)
-    codec.register(installed_schema(PX4))
+    message = new_message(PX4)
+    STORE.register(get_types_from_msg(DEFINITIONS[PX4], PX4))
     message.voltage_v = 15.5
     bag.writer.add_topic("/fmu/out/battery_status_v1", PX4)
     bag.writer.write(
         "/fmu/out/battery_status_v1",
-        codec.encode(PX4, message),
+        encoded_by_rosbags(PX4, message),
         log_time_ns=build.start_ns,
         publish_time_ns=build.start_ns,
     )
@@ -86,5 +86,5 @@ def test_one_of_px4_is_read_by_the_definition_in_the_bag(
 
 
 @pytest.mark.parametrize("kind", sorted(VOLTAGE_FIELDS.keys() & DEFINITIONS.keys()))
-def test_the_stacks_have_the_fields_that_are_read(kind: str) -> None:
+def test_voltage_fields_exist_in_the_stacks_definitions(kind: str) -> None:
     assert f"{VOLTAGE_FIELDS[kind]}\n" in f"{DEFINITIONS[kind]}\n"

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from fixtures.messages import empty
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
 
 from quad_mpc_ros.configuration import BagError
-from quad_mpc_ros.messages.codec import RosbagsMessages
 from quad_mpc_ros.messages.schemas import SHIPPED_TYPES, schema_for
 from quad_mpc_ros.recordings.qos_profile import QosProfile
 from quad_mpc_ros.recordings.reader import BagReader
@@ -183,7 +183,7 @@ def test_the_mcap_holds_the_same_metadata(tmp_path: Path) -> None:
     assert first["version"] == 9
 
 
-def test_a_bag_without_messages_is_a_bag(tmp_path: Path) -> None:
+def test_writes_a_bag_without_messages(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "empty") as writer:
         writer.add_topic("/clock", CLOCK)
     with AnyReader([tmp_path / "empty"]) as reader:
@@ -207,16 +207,15 @@ def test_compressions(tmp_path: Path, compression: str, write_flight: WriteFligh
         assert len(list(reader.messages())) == 30
 
 
-def test_every_shipped_type_with_a_strange_directory_name(
-    tmp_path: Path, codec: RosbagsMessages
+def test_writes_every_shipped_type_into_an_unusual_directory(
+    tmp_path: Path,
 ) -> None:
     directory = tmp_path / "deep" / "er" / "ü: #1 'x'"
     with BagWriter(directory) as writer:
         for type_name in SHIPPED_TYPES:
             topic = "/" + type_name.rpartition("/")[2]
             writer.add_topic(topic, type_name)
-            data = codec.encode(type_name, codec.new(type_name))
-            writer.write(topic, data, log_time_ns=1, publish_time_ns=0)
+            writer.write(topic, empty(type_name), log_time_ns=1, publish_time_ns=0)
     with AnyReader([directory]) as reader:
         for connection, _, data in reader.messages():
             reader.deserialize(data, connection.msgtype)
@@ -224,7 +223,7 @@ def test_every_shipped_type_with_a_strange_directory_name(
 
 
 @pytest.mark.parametrize("split", [Split(max_size=1500), Split(max_duration_ns=200_000_000)])
-def test_a_split_bag_is_one_to_other_readers(
+def test_rosbags_reads_a_split_bag_as_one(
     tmp_path: Path, write_flight: WriteFlight, split: Split
 ) -> None:
     directory = tmp_path / "long"
@@ -232,9 +231,7 @@ def test_a_split_bag_is_one_to_other_readers(
         write_flight(writer, 20)
         for second in range(3):
             writer.flush_if_due(float(second))
-            data = RosbagsMessages().encode(
-                "nav_msgs/msg/Odometry", RosbagsMessages().new("nav_msgs/msg/Odometry")
-            )
+            data = empty("nav_msgs/msg/Odometry")
             time_ns = START_NS + (second + 1) * 10**9
             writer.write("/odom", data, log_time_ns=time_ns, publish_time_ns=time_ns)
     files = sorted(path.name for path in directory.glob("*.mcap"))
@@ -270,7 +267,7 @@ def test_a_split_bag_is_one_to_other_readers(
         assert {channel.topic for channel in summary.channels.values()} == {"/odom", "/command"}
 
 
-def test_a_bag_is_split_by_the_time_of_its_messages(tmp_path: Path) -> None:
+def test_splits_by_log_time(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag", split=Split(max_duration_ns=100)) as writer:
         writer.add_topic("/clock", CLOCK)
         for time_ns in (0, 50, 99, 100, 150, 300, 301):
@@ -283,7 +280,7 @@ def test_a_bag_is_split_by_the_time_of_its_messages(tmp_path: Path) -> None:
     ]
 
 
-def test_an_existing_directory_is_refused_untouched(tmp_path: Path) -> None:
+def test_refuses_an_existing_directory(tmp_path: Path) -> None:
     (tmp_path / "flight").mkdir()
     (tmp_path / "flight" / "note").write_text("mine")
     with pytest.raises(BagError, match="exists already"):
@@ -292,7 +289,7 @@ def test_an_existing_directory_is_refused_untouched(tmp_path: Path) -> None:
     assert (tmp_path / "flight" / "note").read_text() == "mine"
 
 
-def test_an_existing_file_is_refused_untouched(tmp_path: Path) -> None:
+def test_refuses_an_existing_file(tmp_path: Path) -> None:
     (tmp_path / "flight").write_text("mine")
     with pytest.raises(BagError, match="exists already"):
         BagWriter(tmp_path / "flight")
@@ -300,7 +297,7 @@ def test_an_existing_file_is_refused_untouched(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("parent", ["file", "/proc/none", "n" * 300])
-def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path, parent: str) -> None:
+def test_refuses_an_unwritable_place(tmp_path: Path, parent: str) -> None:
     (tmp_path / "file").write_text("")
     directory = tmp_path / parent / "flight"
     with pytest.raises(BagError, match="cannot be created") as caught:
@@ -315,7 +312,7 @@ def test_unknown_compression_creates_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_misuse_is_refused(tmp_path: Path) -> None:
+def test_refuses_misuse(tmp_path: Path) -> None:
     writer = BagWriter(tmp_path / "flight")
     writer.add_topic("/clock", CLOCK)
     with pytest.raises(BagError, match="/clock was added before"):
@@ -337,7 +334,7 @@ def test_misuse_is_refused(tmp_path: Path) -> None:
     assert BagReader(tmp_path / "flight").topics["/clock"].message_count == 1
 
 
-def test_a_failing_flight_leaves_a_complete_bag(tmp_path: Path, write_flight: WriteFlight) -> None:
+def test_exception_leaves_a_complete_bag(tmp_path: Path, write_flight: WriteFlight) -> None:
     with (
         pytest.raises(ZeroDivisionError),
         BagWriter(tmp_path / "flight") as writer,
@@ -411,7 +408,7 @@ def test_what_was_flushed_survives_sigkill(tmp_path: Path) -> None:
     assert yaml.safe_load(reader.metadata["rosbag2"]["serialized_metadata"])["version"] == 9
 
 
-def test_a_full_disk_ends_the_bag_with_an_error(tmp_path: Path, write_flight: WriteFlight) -> None:
+def test_full_disk_closes_the_bag_with_an_error(tmp_path: Path, write_flight: WriteFlight) -> None:
     directory = tmp_path / "full"
     writer = BagWriter(directory, compression="none")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)

@@ -11,7 +11,7 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.messages.diagnostics import OK
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
-from quad_mpc_ros.ros.rclpy_internals import fastest_executor
+from quad_mpc_ros.ros.spin import fastest_executor
 
 PAUSES = [0.3, 0.02, 0.02, 0.3, 0.02, 0.02]
 

@@ -14,11 +14,11 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import (
-    SIMULATION_START_NS,
     LoopStep,
     fly,
 )
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 from quad_mpc_ros.simulation.sensors import odometry_stamps
 
 

@@ -20,8 +20,9 @@ from quad_mpc_ros.commands.run_options import add_run_options
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
+from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 AT_ONCE = [
     f"--set={name}=0"

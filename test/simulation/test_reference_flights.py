@@ -12,7 +12,8 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.director import Director
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, LoopStep, fly
+from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 LAG, DELAY = 0.03, 0.02
 MPC = agile(

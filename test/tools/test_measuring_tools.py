@@ -1,4 +1,4 @@
-"""The tools that tell whether a change alters commands or step times."""
+"""The tools that measure whether a change alters commands or step times."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def test_a_flight_has_the_same_fingerprint_twice_and_another_has_another() -> No
     assert fly[0][0] == other[0] == 25
 
 
-def test_a_flight_with_a_fault_tells_who_commanded() -> None:
+def test_fingerprint_of_a_fault_names_who_commanded() -> None:
     name, count, digest, sources = fingerprints.fingerprint("fault_ground_reference_stops").split()
     assert name == "fault_ground_reference_stops"
     assert int(count) > 0 and len(digest) == 32 and sources == "IDLE,MPC"
 
 
-def test_a_flight_that_is_not_flown_has_no_fingerprint() -> None:
+def test_refused_flight_has_no_fingerprint() -> None:
     with pytest.raises(SystemExit, match=r"mpc\.mass"):
         fingerprints.flown("simulate", [], ["mpc.mass=-1"])
 

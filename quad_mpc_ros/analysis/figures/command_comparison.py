@@ -158,7 +158,7 @@ def _by_stamp(commands: Sequence[CommandSample]) -> dict[int, Array]:
 
 
 def _as_arrays(ticks: Sequence[TickStats]) -> dict[str, NDArray[Any]]:
-    """Return the figures needed here; a tick that was told twice counts once."""
+    """Return the figures needed here; a tick that was published twice counts once."""
     once = list({tick.stamp_ns: tick for tick in reversed(ticks)}.values())
     kinds = dict.fromkeys(_FIGURES, np.float64) | {"solver_status": np.str_, "source": np.str_}
     return {

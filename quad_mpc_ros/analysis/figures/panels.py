@@ -27,7 +27,7 @@ _STEP_COLOUR = "#009E73"  # of the same palette as the others
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
-    """Values over time [s], both (n,); ``held`` tells that one holds until the next.
+    """Values over time [s], both (n,); ``held`` if each holds until the next.
 
     ``hover`` (n,) is shown beside a value where the pointer is, on a page.
     """

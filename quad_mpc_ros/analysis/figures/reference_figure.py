@@ -25,8 +25,8 @@ _START, _PATH, _VEHICLES = 4, 2, 3
 
 def write_reference(
     title: str, samples: TrajectorySamples, verdict: Verdict, path: Path, *, dpi: int = 150
-) -> Path:
-    """Draw a reference, sampled along its whole way, and the verdict on it; return ``path``.
+) -> None:
+    """Draw a reference, sampled along its whole way, and the verdict on it.
 
     Raises ``OSError`` when the file cannot be written.
     """
@@ -35,7 +35,7 @@ def write_reference(
     _draw_path(figure, grid[:, 0], samples)
     _draw_needs(figure, [figure.add_subplot(grid[row, 1]) for row in range(5)], verdict)
     figure.suptitle(title, x=0.01, ha="left", fontsize=11, color=style.INK, fontweight="bold")
-    return style.save(figure, path)
+    style.save(figure, path)
 
 
 def _draw_path(figure: Any, place: Any, samples: TrajectorySamples) -> None:

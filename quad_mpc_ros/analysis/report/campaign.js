@@ -1,6 +1,3 @@
-"use strict";
-
-const data = JSON.parse(document.getElementById("data").textContent);
 const byId = (id) => document.getElementById(id);
 const chosen = (id) => byId(id).value;
 const ticked = (id) => byId(id).checked;
@@ -108,18 +105,18 @@ function notDrawn(columns) {
 function drawPoints(key, sets, names, logarithmic) {
   const column = (set, name) => set.columns[name] ?? set.flight.map(() => null);
   const places = { x: undefined, y: undefined };
-  const told = [howMany(sets)];
+  const notes = [howMany(sets)];
   for (const axis of ["x", "y"]) {
     places[axis] = placesOf(sets.map((set) => column(set, names[axis])));
     if (logarithmic[axis] && places[axis] === undefined) {
-      told.push(notDrawn(sets.flatMap((set) => column(set, names[axis]))));
+      notes.push(notDrawn(sets.flatMap((set) => column(set, names[axis]))));
     }
   }
   const traces = sets.flatMap((set) => {
     const shown = { x: column(set, names.x), y: column(set, names.y) };
     return pointTraces(set, placed(shown.x, places.x), placed(shown.y, places.y), shown);
   });
-  byId(`${key}-told`).textContent = told.filter(Boolean).join(" ");
+  byId(`${key}-notes`).textContent = notes.filter(Boolean).join(" ");
   draw(key, traces, {
     xaxis: axisOf(names.x, places.x, logarithmic.x),
     yaxis: axisOf(names.y, places.y, logarithmic.y),
@@ -142,7 +139,7 @@ function drawScatter() {
 
 function drawPairs() {
   const name = chosen("pair-figure");
-  const { first, second, told } = data.pairs.figures[name];
+  const { first, second, summary } = data.pairs.figures[name];
   const logarithmic = ticked("pair-log");
   const known = first.flatMap((value, row) =>
     value === null || second[row] === null || data.pairs.group[row] !== 0
@@ -166,8 +163,8 @@ function drawPairs() {
   // Of a vehicle that crashed in one of them the figures cannot be compared.
   const unharmed = { ...data.pairs, groups: data.pairs.groups.slice(0, 1) };
   const points = pointTraces(unharmed, second, first, { x: second, y: first });
-  byId("pair-told").textContent = [
-    told,
+  byId("pair-notes").textContent = [
+    summary,
     howMany([data.pairs]),
     logarithmic ? notDrawn(known) : "",
   ]
@@ -188,7 +185,7 @@ function drawPairs() {
 }
 
 function histogram(found, logarithmic) {
-  // On a logarithmic axis Plotly has bars wherever they are put by the power of ten.
+  // On a logarithmic axis Plotly places bars by the power of ten.
   const edges = logarithmic ? found.edges.map(Math.log10) : found.edges;
   return data.names.map((name, number) => ({
     type: "bar",
@@ -236,7 +233,7 @@ function drawDistribution() {
   const bins = logarithmic ? found.log : found.linear;
   const axis = { title: { text: escaped(name) }, exponentformat: "power" };
   const empty = bins === null;
-  byId("distribution-told").textContent = empty
+  byId("distribution-notes").textContent = empty
     ? `No flight has a value${logarithmic ? " above 0" : ""}.`
     : "";
   if (!asHistogram) {

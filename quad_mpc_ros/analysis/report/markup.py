@@ -7,7 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
+from string import Template
 from typing import Any
+
+from quad_mpc_ros import __version__
+from quad_mpc_ros.analysis.report.plotting import plotly
 
 
 def html_table(
@@ -63,14 +67,30 @@ def tick_box(key: str, label: str) -> str:
 def empty_figure(key: str, controls: Sequence[str], *, height: int) -> str:
     """Return the place of a figure that the page's script draws, below what steers it.
 
-    Its id is ``figure-`` and the key; below it is a place for texts of the script.
+    Its id is ``figure-`` and the key; below it is a place for notes.
     """
     return (
         f'<p class="controls">{" ".join(controls)}</p>\n'
-        f'<p class="hint" id="{key}-told"></p>\n'
+        f'<p class="hint" id="{key}-notes"></p>\n'
         f'<div class="wide"><div class="figure" id="figure-{key}" style="height: {height}px">'
         f'</div></div>\n<pre class="again" id="{key}-again"></pre>'
     )
+
+
+def paragraph(text: str, kind: str = "") -> str:
+    """Return a paragraph of text, which is escaped here."""
+    return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
+
+
+def verdict(name: str, text: str, *, good: bool) -> str:
+    """Return the paragraph that says how a run or a campaign went."""
+    kind = "good" if good else "bad"
+    return f'<p class="{kind}"><b>{escape(name)}</b>: {escape(text)}</p>'
+
+
+def folded(summary: str, content: str) -> str:
+    """Return content that a click on its summary shows."""
+    return f"<details><summary>{escape(summary)}</summary>\n{content}</details>"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +104,7 @@ class Section:
     @property
     def html(self) -> str:
         """The section."""
-        body = "\n".join(part for part in self.parts if part)
+        body = _joined(self.parts)
         return f'<section id="{self.key}"><h2>{escape(self.title)}</h2>\n{body}\n</section>'
 
     @property
@@ -93,19 +113,57 @@ class Section:
         return f'<a href="#{self.key}">{escape(self.title)}</a>'
 
 
-def paragraph(text: str, kind: str = "") -> str:
-    """Return a paragraph of text, which is escaped here."""
-    return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
+def html_page(
+    *,
+    title: str,
+    names: Sequence[str],
+    verdicts: Sequence[str],
+    facts: Sequence[str] = (),
+    hint: str = "",
+    sections: Sequence[Section],
+    files: Sequence[str],
+    data: Any,
+    script: str,
+) -> str:
+    """Return a page that loads nothing: its data, style, script and Plotly are inside.
+
+    Args:
+        title: What the window is called, followed by the names.
+        names: What the page is about.
+        verdicts: Paragraphs below the names, each a :func:`verdict`.
+        facts: What stands before the links to the sections.
+        hint: What to do with the figures.
+        sections: The sections that links lead to.
+        files: What follows them.
+        data: What the script shows, by its name ``data``.
+        script: A file beside this one.
+
+    Raises :class:`UserError` when Plotly is not installed.
+    """
+    return Template(_asset("page.html")).substitute(
+        title=escape(f"{title} {', '.join(names)}"),
+        style=_asset("page.css"),
+        plotly=plotly("offline").get_plotlyjs(),
+        names=escape(", ".join(names)),
+        verdicts="\n".join(verdicts),
+        facts=_joined(facts),
+        links="\n".join(each.link for each in sections),
+        hint=paragraph(hint, "hint") if hint else "",
+        sections="\n".join(each.html for each in sections),
+        files="\n".join(files),
+        version=escape(__version__),
+        # Escaped, it cannot end the element it stands in.
+        data=json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
+        script=_asset(script),
+    )
 
 
-def in_script(value: Any) -> str:
-    """Return JSON that cannot end the element it stands in."""
-    return json.dumps(value, allow_nan=False).replace("<", "\\u003c")
-
-
-def asset(name: str) -> str:
-    """Return a file of the page: template, style or script."""
+def _asset(name: str) -> str:
     return resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+def _joined(parts: Iterable[str]) -> str:
+    return "\n".join(part for part in parts if part)
 
 
 def _head_row(cells: Sequence[str], *, span: int = 1) -> str:

@@ -23,7 +23,7 @@ _SIMULATED_BEFORE = 946_684_800  # s, the year 2000: clocks of simulations begin
 
 
 def verdict(run: ReportedRun) -> str:
-    """Return in a sentence or two whether the MPC flew, and who did where it did not."""
+    """Return in a sentence or two whether the MPC commanded, and what did otherwise."""
     summary = run.summary
     if not summary["commands"]:
         return "No command was given."
@@ -34,9 +34,10 @@ def verdict(run: ReportedRun) -> str:
     if not without:
         return f"The MPC gave every one of the {summary['commands']} commands."
     first = fallback_spans(run.flight)[0]
-    told = ", ".join(f"{count} {source}" for source, count in without.items())
+    counts = ", ".join(f"{count} {source}" for source, count in without.items())
     return (
-        f"The MPC did not command at {sum(without.values())} of {sources.total()} ticks: {told}. "
+        f"The MPC did not command at {sum(without.values())} of {sources.total()} ticks: "
+        f"{counts}. "
         f"First at {first.start:.2f} s: {first.reason}."
     )
 
@@ -52,7 +53,10 @@ def metrics_table(runs: Sequence[ReportedRun]) -> str:
         name: [_number(reduce(getitem, path.split("."), run.summary), style) for run in runs]
         for name, path, style in _METRICS
     }
-    rows["error at waypoints [m]"] = [_waypoint_errors(run) for run in runs]
+    rows["error at waypoints [m]"] = [
+        ", ".join(f"{error:.3g}" for error in run.summary["waypoint_error_m"]) or _ABSENT
+        for run in runs
+    ]
     return _table(runs, rows)
 
 
@@ -137,10 +141,6 @@ _METRICS = (
 
 def _number(value: Any, style: str) -> str:
     return _ABSENT if value is None else style.format(value)
-
-
-def _waypoint_errors(run: ReportedRun) -> str:
-    return ", ".join(f"{error:.3g}" for error in run.summary["waypoint_error_m"]) or _ABSENT
 
 
 def _flattened(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

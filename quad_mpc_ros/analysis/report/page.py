@@ -1,4 +1,4 @@
-"""The page: one HTML file with its data, its style and Plotly inside; it loads nothing."""
+"""The page of recorded runs, beside each other."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
-from string import Template
 from typing import Any
 
-from quad_mpc_ros import __version__
 from quad_mpc_ros.analysis.figures import panels
 from quad_mpc_ros.analysis.report import overview
-from quad_mpc_ros.analysis.report.markup import asset, in_script
-from quad_mpc_ros.analysis.report.plotting import figure_html, plotly
+from quad_mpc_ros.analysis.report.markup import (
+    Section,
+    folded,
+    html_page,
+    paragraph,
+    verdict,
+)
+from quad_mpc_ros.analysis.report.plotting import figure_html
 from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, ReportedRun
 from quad_mpc_ros.analysis.report.series import TABLE_NAMES, csv_tables
 from quad_mpc_ros.analysis.report.space_figure import space_figure
@@ -21,10 +25,14 @@ from quad_mpc_ros.analysis.report.time_figure import time_figure
 
 MOST_ROWS = 30_000  # of a table in the page, ten minutes at 50 Hz; they take 15 MB
 _COLUMN_WIDTH = 420  # pixels at least, of a run
+_HINT = (
+    "Drag in a figure to zoom: every figure over time follows. Double-click to see all. "
+    "The camera above a figure saves it as PNG; a click on the legend hides a curve."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Section:
+class _Figure:
     """A figure of the page; ``key`` names it in links and files."""
 
     key: str
@@ -33,51 +41,51 @@ class _Section:
     draw: Callable[[Sequence[ReportedRun]], Any]
 
 
-_SECTIONS = (
-    _Section(
+_FIGURES = (
+    _Figure(
         key="path",
         title="Path in space",
         text="Flown, coloured by speed, against the reference, with the positions that the "
         f"controller predicted: at most {MOST_HORIZONS} horizons, evenly chosen.",
         draw=space_figure,
     ),
-    _Section(
+    _Figure(
         key="error",
         title="Tracking error",
         text="Distance and angle to the reference in force at each odometry.",
         draw=partial(time_figure, panels_of=panels.error_panels),
     ),
-    _Section(
+    _Figure(
         key="position",
         title="Position in the world",
         text="Figure 4 of the paper.",
         draw=partial(time_figure, panels_of=panels.position_panels),
     ),
-    _Section(
+    _Figure(
         key="attitude",
         title="Attitude as a unit quaternion",
         text="Figure 5 of the paper. A quaternion and its negative are the same attitude.",
         draw=partial(time_figure, panels_of=panels.attitude_panels),
     ),
-    _Section(
+    _Figure(
         key="velocity",
         title="Velocity in body axes",
         text="Figure 6 of the paper: forward, left and up.",
         draw=partial(time_figure, panels_of=panels.velocity_panels),
     ),
-    _Section(
+    _Figure(
         key="inputs",
         title="Commanded throttle and body rates",
         text="Figure 7 of the paper, with the bounds of the controller dashed.",
         draw=partial(time_figure, panels_of=panels.input_panels),
     ),
-    _Section(
+    _Figure(
         key="solver",
         title="Solve time and iterations",
         text="Of every tick at which the solver ran; dashed is the control period.",
         draw=partial(time_figure, panels_of=panels.solver_panels),
     ),
-    _Section(
+    _Figure(
         key="source",
         title="Who commanded",
         text="The rung of the safety ladder at each tick. Where it was not the MPC, every figure "
@@ -92,47 +100,41 @@ def page(runs: Sequence[ReportedRun]) -> str:
 
     Raises :class:`UserError` when Plotly is not installed.
     """
-    names = ", ".join(run.name for run in runs)
-    return Template(asset("page.html")).substitute(
-        title=escape(f"quad_mpc report: {names}"),
-        style=asset("page.css"),
-        plotly=plotly("offline").get_plotlyjs(),
-        names=escape(names),
-        version=escape(__version__),
-        verdicts="\n".join(_verdict(run) for run in runs),
-        identity=overview.identity_table(runs),
-        metrics=overview.metrics_table(runs),
-        links="\n".join(f'<a href="#{each.key}">{escape(each.title)}</a>' for each in _SECTIONS),
-        sections="\n".join(_section(each, runs) for each in _SECTIONS),
-        differences=_differences(runs),
-        parameters=overview.parameter_table(runs, only_different=False)
-        or "<p>None were recorded.</p>",
-        buttons="\n".join(_buttons(run) for run in runs),
-        tables=in_script({run.name: csv_tables(run) for run in runs if not _long(run)}),
-        script=asset("page.js"),
+    facts = ["<h2>The runs</h2>", overview.identity_table(runs)]
+    facts += ["<h2>Figures of merit</h2>", overview.metrics_table(runs), _differences(runs)]
+    parameters = overview.parameter_table(runs, only_different=False)
+    series = Section(key="series", title="Time series", parts=[_buttons(run) for run in runs])
+    return html_page(
+        title="quad_mpc report:",
+        names=[run.name for run in runs],
+        verdicts=[_verdict(run) for run in runs],
+        facts=facts,
+        sections=[_section(each, runs) for each in _FIGURES],
+        hint=_HINT,
+        files=[
+            series.html,
+            folded("Recorded parameters", parameters or paragraph("None were recorded.")),
+        ],
+        data={run.name: csv_tables(run) for run in runs if not _long(run)},
+        script="runs.js",
     )
 
 
-def _section(section: _Section, runs: Sequence[ReportedRun]) -> str:
-    figure = figure_html(section.draw(runs), section.key)
-    return (
-        f'<section id="{section.key}"><h2>{escape(section.title)}</h2>\n'
-        f"<p>{escape(section.text)}</p>\n"
-        f'<div class="wide"><div style="min-width: {_COLUMN_WIDTH * len(runs)}px">{figure}</div>'
-        "</div></section>"
-    )
+def _section(figure: _Figure, runs: Sequence[ReportedRun]) -> Section:
+    drawn = figure_html(figure.draw(runs), figure.key)
+    width = f"min-width: {_COLUMN_WIDTH * len(runs)}px"
+    box = f'<div class="wide"><div style="{width}">{drawn}</div></div>'
+    return Section(key=figure.key, title=figure.title, parts=[paragraph(figure.text), box])
 
 
 def _verdict(run: ReportedRun) -> str:
     summary = run.summary
     error = summary["position_rmse_m"]
-    text = "" if error is None else f" Position error {error:.3g} m RMSE, "
-    text += "" if error is None else f"{summary['position_max_m']:.3g} m at most."
-    kind = "bad" if summary["fallbacks"] or not summary["commands"] else "good"
-    return (
-        f'<p class="{kind}"><b>{escape(run.name)}</b>: {summary["duration_s"]:.2f} s. '
-        f"{escape(overview.verdict(run) + text)}</p>"
-    )
+    text = f"{summary['duration_s']:.2f} s. {overview.verdict(run)}"
+    if error is not None:
+        most = summary["position_max_m"]
+        text += f" Position error {error:.3g} m RMSE, {most:.3g} m at most."
+    return verdict(run.name, text, good=bool(summary["commands"] and not summary["fallbacks"]))
 
 
 def _differences(runs: Sequence[ReportedRun]) -> str:

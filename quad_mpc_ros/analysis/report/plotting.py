@@ -12,7 +12,7 @@ from quad_mpc_ros.analysis.report.run import ReportedRun
 from quad_mpc_ros.configuration import UserError
 
 PLOTLY_NEEDED = "quad_mpc report draws with Plotly 6 or later: pip install 'quad_mpc_ros[report]'"
-"""What to tell a person where Plotly is not installed, or too old."""
+"""The message where Plotly is not installed, or too old."""
 
 CAMPAIGN_COLOURS = (style.FLOWN, style.REFERENCE, "#009E73", "#CC79A7", "#56B4E9")
 

@@ -20,7 +20,7 @@ WITHOUT_MPC = (*FALLBACKS, Source.SILENT.name.lower())
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReportedRun:
-    """One run; ``name`` tells it from the others of the report."""
+    """One run; ``name`` is unique in the report."""
 
     name: str
     bag: Path

@@ -27,7 +27,8 @@ def csv_tables(run: ReportedRun) -> dict[str, str]:
     ``commands`` a row a command, by the stamp of the odometry it answers; ``ticks`` the figures of
     ``mpc/stats``.
     """
-    tables = (_odometry(run), _commands(run), _ticks(run))
+    ticks = {"time_s": run.flight.tick_time, **run.flight.stats}
+    tables = (_odometry(run), _commands(run), ticks)
     return {name: _csv(columns) for name, columns in zip(TABLE_NAMES, tables, strict=True)}
 
 
@@ -64,10 +65,6 @@ def _commands(run: ReportedRun) -> Columns:
         "throttle": commands.throttle,
         **_vector("w_WB_B", commands.w_WB_B, "rad_s"),
     }
-
-
-def _ticks(run: ReportedRun) -> Columns:
-    return {"time_s": run.flight.tick_time, **run.flight.stats}
 
 
 def _vector(name: str, values: Array, unit: str = "") -> Columns:

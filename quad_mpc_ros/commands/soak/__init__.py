@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 RESULT, PICTURE = "soak.json", "soak.png"
 _ENDURANCE = 1800.0  # s
 _DROPOUT = 0.01
-# High enough to be blind for a while, and in motion, so that a frozen odometry can be told.
+# High enough to be blind for a while, and in motion, so that a frozen odometry can be detected.
 _REFERENCE, _HEIGHT = "lemniscate", 10.0
 
 
@@ -38,17 +38,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add how to fly and which faults to inject."""
     parser.description = (
         "Fly over DDS with 1 % of the odometries lost and parameters changed every second, "
-        "and tell whether a tick was late, a rung below the last plan was needed or memory "
+        "and report whether a tick was late, a rung below the last plan was needed or memory "
         "grew; or, with --faults, let odometry, reference, solver, clocks and processes fail "
-        "and tell whether each fault led to the rung of the safety ladder that it must, in "
+        "and report whether each fault led to the rung of the safety ladder that it must, in "
         "time, and back. Every command is checked: finite, and within its bounds. Exit code 0 "
         "only when all holds, 1 otherwise, 2 for bad input."
     )
     parser.add_argument(
         "--faults",
         metavar="NAME,...",
-        help="inject these faults one after another instead of flying on and on; 'all' for all "
-        "of them, --list tells their names",
+        help="inject these faults one after another instead of an endurance flight; 'all' for all "
+        "of them, --list prints their names",
     )
     parser.add_argument(
         "--list",
@@ -72,7 +72,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Fly, judge and tell; return the exit code, 0 only when all holds."""
+    """Fly and judge; return the exit code, 0 only when all holds."""
     if options.list:
         from quad_mpc_ros.experiments.faults.cases import fault_table
 
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
         return 0
     require_ros("soak")
     config = _configuration(options)
-    # Other machines on the network fly their own; who wants them to hear this sets the variable.
+    # Other machines on the network fly, too; set the variable to share this flight with them.
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     holds = _faults_hold(config) if config.faults else _endures(config)
     print(f"\nresult   {config.run.out / RESULT}\npicture  {config.run.out / PICTURE}")
@@ -89,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _faults_hold(config: SoakConfig) -> bool:
-    """Inject the faults and tell of each as soon as it is judged; return whether all hold."""
+    """Inject the faults and report each as soon as it is judged; return whether all hold."""
     from quad_mpc_ros.commands.soak import results
     from quad_mpc_ros.commands.soak.campaign import Outcome, campaign
     from quad_mpc_ros.commands.soak.rig import Rig, SoakError
@@ -119,7 +119,7 @@ def _faults_hold(config: SoakConfig) -> bool:
 
 
 def _endures(config: SoakConfig) -> bool:
-    """Fly on and on; return whether all held."""
+    """Fly for the duration; return whether all held."""
     from quad_mpc_ros.commands.soak import endurance, results
     from quad_mpc_ros.commands.soak.rig import Rig, SoakError
 
@@ -140,7 +140,7 @@ def _endures(config: SoakConfig) -> bool:
 
 
 def _holds(wrong: list[str]) -> bool:
-    """Tell what is wrong; return whether nothing is."""
+    """Print what is wrong; return whether nothing is."""
     for complaint in wrong:
         print(f"error: {complaint}", file=sys.stderr)
     return not wrong
@@ -154,7 +154,7 @@ def _configuration(options: argparse.Namespace) -> SoakConfig:
     duration, dropout = _endurance(options, faults)
     options.reference = options.reference or _REFERENCE
     options.assignments = [
-        # It is ended from outside.
+        # Without an end of its own: this process ends it.
         "simulator.duration=0",
         f"simulator.odom_dropout={dropout}",
         f"reference.height={_HEIGHT}",

@@ -1,7 +1,6 @@
-"""A process that does nothing but wake at a rate: how late is the machine by itself?
+"""A process that only wakes at a rate: how late is the machine by itself?
 
-Beside a soak it tells ticks that were late because of the controller from those that anything
-would have been late for.
+It separates ticks that were late because of the controller from stalls of the machine.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from typing import Any
 class Wakes:
     """How often a bare timer woke, and each time that was later than a period.
 
-    ``late`` are pairs: when it woke by the system's clock [ns], and how late [ms].
+    ``late`` are pairs: the time of the system clock [ns], and the lateness [ms].
     """
 
     count: int
@@ -31,7 +30,7 @@ class Wakes:
         return max((lateness for _, lateness in self.late), default=0.0)
 
     def stalls(self, *, margin: float) -> list[tuple[float, float]]:
-        """Return when the machine stood still and ``margin`` seconds around it, apart, [ns]."""
+        """Return the separate intervals [ns] of stalls, with ``margin`` seconds around each."""
         found: list[tuple[float, float]] = []
         for woken_ns, lateness in sorted(self.late):
             begin, end = woken_ns - 1e6 * lateness - 1e9 * margin, woken_ns + 1e9 * margin
@@ -57,10 +56,10 @@ class BareTimer:
         return self._process.pid
 
     def stop(self) -> Wakes | None:
-        """End it; return what it saw, or None when it did not live to tell."""
+        """End it; return its result, or None when it did not answer."""
         try:
-            told, _ = self._process.communicate(timeout=5.0)
-            return Wakes(**json.loads(told))
+            output, _ = self._process.communicate(timeout=5.0)
+            return Wakes(**json.loads(output))
         except (subprocess.TimeoutExpired, ValueError):
             self._process.kill()
             return None

@@ -16,8 +16,8 @@ from quad_mpc_ros.experiments.faults.cases import Fault, ProcessFault
 from quad_mpc_ros.experiments.faults.parameter_changes import Change, good_and_bad_changes
 from quad_mpc_ros.experiments.faults.verdict import Record, Sighting, complaints, course_seen
 
-# What a course may be off by [s]: how late this process acts, and how late that of the MPC wakes;
-# and besides for as long as this one was seen to be kept waiting.
+# Tolerance of a course [s]: the latency of this process and of the MPC's; stalls of this process
+# are added.
 SLACK = 0.05
 _AFTER_HOME = 0.3  # s
 _CHANGE_PERIOD = 0.02  # s
@@ -30,7 +30,7 @@ _FLYING_FOR = 0.3  # s
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What became of a fault: nothing to complain of, if all is well.
+    """The outcome of a fault, without complaints if all is well.
 
     ``began_ns`` and ``ended_ns`` are by the system's clock.
     """
@@ -43,9 +43,9 @@ class Outcome:
 
 
 def campaign(faults: tuple[Fault, ...], rig: Rig, config: MpcConfig) -> Iterator[Outcome]:
-    """Inject the faults one after the other and yield what becomes of each.
+    """Inject the faults one after the other and yield the outcomes.
 
-    Raises :class:`SoakError` when the flight itself comes to an end.
+    Raises :class:`SoakError` when the flight itself ends.
     """
     for fault in faults:
         if fault.process is ProcessFault.START_NODES:
@@ -121,7 +121,7 @@ def _count(fault: Fault, rig: Rig) -> int:
 
 
 class _Injected(NamedTuple):
-    """When it was, by the system's clock in nanoseconds, and what is to be complained of.
+    """When it was, by the system clock [ns], and the complaints.
 
     Timeouts count from ``origin_ns``: when the last good message was passed on, or when the fault
     began where it is not one of messages. It may have ended from ``end_ns`` on.
@@ -150,7 +150,10 @@ def _distort(fault: Fault, rig: Rig) -> _Injected:
     for relay, distortion in ((rig.odometry, fault.odometry), (rig.reference, fault.reference)):
         if fault.intruder and distortion is not None:
             relay.intrude()
-    rig.wait(lambda: rig.odometry.heard and rig.reference.heard, "the MPC to hear the second one")
+    rig.wait(
+        lambda: rig.odometry.matched and rig.reference.matched,
+        "the MPC to be subscribed to the second publisher",
+    )
     if fault.switch:
         rig.switch(fault.switch, True)
     origin_ns = _begin(fault, rig)
@@ -187,10 +190,10 @@ def _pause(fault: Fault, rig: Rig) -> _Injected:
 
 def _restart(rig: Rig) -> _Injected:
     rig.stop("simulator")
-    origin_ns = rig.odometry.last_heard_ns
+    origin_ns = rig.odometry.last_received_ns
     rig.start("simulator", autostart=True)
-    rig.wait(lambda: rig.odometry.last_heard_ns > origin_ns, "odometry of another simulator")
-    end_ns = rig.odometry.last_heard_ns
+    rig.wait(lambda: rig.odometry.last_received_ns > origin_ns, "odometry of another simulator")
+    end_ns = rig.odometry.last_received_ns
     rig.spin(_WARM_UP)
     return _Injected(origin_ns, end_ns, [])
 

@@ -1,4 +1,4 @@
-"""Flying on and on, with odometries lost and parameters changed: does anything wear out?"""
+"""A long flight with lost odometries and parameter changes: lateness, fallbacks, memory."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _WARM_UP_SHARE, _LONGEST_WARM_UP = 0.2, 60.0  # of the duration; s
 _PERIOD = 1.0  # s between two changes of parameters
 # After the machine stood still, nodes have to catch up with their clocks.
 PERIODS_TO_CATCH_UP = 5
-_END_SHARE = 0.1  # of what follows the warm-up, whose memory is compared
+_END_SHARE = 0.1  # of the time after the warm-up: its memory is compared
 
 
 @dataclass
 class Endurance:
-    """What was seen; times by the system's clock in nanoseconds."""
+    """What was observed; times of the system clock [ns]."""
 
     began_ns: int
     ended_ns: int = 0
@@ -37,7 +37,7 @@ class Endurance:
 
 
 def endure(rig: Rig, config: MpcConfig, *, duration: float) -> Endurance:
-    """Fly for ``duration`` seconds; raises :class:`SoakError` when the flight comes to an end."""
+    """Fly for ``duration`` seconds; raises :class:`SoakError` when the flight ends early."""
     rig.fly()
     rig.watch.forget()
     seen = Endurance(began_ns=time.time_ns())
@@ -110,7 +110,7 @@ def endurance_complaints(figures: dict[str, Any], unsound: list[str]) -> list[st
         )
     memory = figures["memory_mb"]
     if memory["growth"] is None:
-        wrong.append("too short to tell how the memory grows")
+        wrong.append("too short to judge the growth of memory")
     elif memory["growth"] >= _GROWTH_ALLOWED:
         wrong.append(
             f"memory grew by {memory['growth']:.1f} MB, expected less than {_GROWTH_ALLOWED:g} MB"
@@ -121,10 +121,10 @@ def endurance_complaints(figures: dict[str, Any], unsound: list[str]) -> list[st
 
 
 def _machine(seen: Endurance, late_ns: list[int], *, margin: float) -> dict[str, Any] | None:
-    """Return how the bare timer fared, and how many of the late ticks came while it was late.
+    """Return the lateness of the bare timer, and how many ticks were late while it was.
 
-    Together with the share of the time which that was, ``margin`` seconds around it included:
-    what has nothing to do with it comes then as often as at any other time.
+    Also returns the share of time of these stalls, ``margin`` seconds around them included: late
+    ticks that are unrelated occur then as often as at any other time.
     """
     if seen.machine is None:
         return None

@@ -22,7 +22,7 @@ _LONG = 1.5  # control periods
 
 
 class ShiftedClock:
-    """A clock that was set; otherwise the one that it stands for."""
+    """A clock with an offset; otherwise the one that it wraps."""
 
     def __init__(self, clock: Any) -> None:
         self._clock = clock

@@ -1,4 +1,4 @@
-"""Between publisher and MPC: passes a topic's bytes on, or what a fault makes of them."""
+"""Between publisher and MPC: passes a topic on, unchanged or distorted by a fault."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from collections.abc import Callable
 from typing import Any, Generic, NamedTuple
 
 from rclpy.node import Node
-from rclpy.serialization import serialize_message
 
 from quad_mpc_ros.commands.observer import subscribe
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.experiments.faults.distortions import Distortion, M
-from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE, Topic
-from quad_mpc_ros.ros.messages import decoded, message_class, new_message, qos_of
+from quad_mpc_ros.ros.messages import decoded, message_class, qos_of
 
 PREFIX = "soak/"
 _BODY_FRAME = "base_link"
@@ -35,7 +34,7 @@ class Passed(NamedTuple):
 class Relay(Generic[M]):
     """Subscribes to a topic and publishes it again as ``soak/<topic>``.
 
-    Untouched messages are passed on as the bytes they are; only a fault has them decoded.
+    Messages are passed on as bytes; only during a fault they are decoded.
     """
 
     def __init__(
@@ -44,18 +43,18 @@ class Relay(Generic[M]):
         topic: Topic,
         *,
         read: Callable[[Any], M],
-        fill: Callable[[Any, M], None],
+        write: Callable[[M], bytes],
     ) -> None:
         self._node, self._topic = node, topic
         self._read: Callable[[Any], M] = read
-        self._fill: Callable[[Any, M], None] = fill
+        self._encode: Callable[[M], bytes] = write
         self._publisher = self._publisher_again()
         self._intruder: Any = None
         self._last = b""
         self.passed: list[Passed] = []
         """Which messages were passed on untouched."""
-        self.last_heard_ns = 0
-        """When the last message came, passed on or not."""
+        self.last_received_ns = 0
+        """When the last message was received, passed on or not."""
         self._fault: Distortion[M] | None = None
         self._before: M | None = None
         self._began_ns = 0
@@ -77,8 +76,8 @@ class Relay(Generic[M]):
         ]
 
     @property
-    def heard(self) -> bool:
-        """Whether the MPC listens."""
+    def matched(self) -> bool:
+        """Whether the MPC is subscribed."""
         publishers = [p for p in (self._publisher, self._intruder) if p is not None]
         return all(p.get_subscription_count() for p in publishers)
 
@@ -108,7 +107,7 @@ class Relay(Generic[M]):
             publisher.publish(data)
 
     def _on_message(self, data: bytes) -> None:
-        now_ns = self.last_heard_ns = time.time_ns()
+        now_ns = self.last_received_ns = time.time_ns()
         self._last = data
         if self._fault is not None and self._before is not None:
             self._distort(self._fault, self._before, self._decode(data), now_ns)
@@ -118,7 +117,7 @@ class Relay(Generic[M]):
             shifted_ns = message.stamp_ns + self._shift_ns
             data = self._encode(dataclasses.replace(message, stamp_ns=shifted_ns))
         self._publisher.publish(data)
-        self.passed.append(Passed(now_ns, conversions.stamp_of_serialized(data)))
+        self.passed.append(Passed(now_ns, cdr.header_stamp_ns(data)))
 
     def _distort(self, fault: Distortion[M], before: M, message: M, now_ns: int) -> None:
         for delivery in fault(message, before, now_ns - self._began_ns):
@@ -133,11 +132,6 @@ class Relay(Generic[M]):
     def _decode(self, data: bytes) -> M:
         return self._read(decoded(self._topic, data))
 
-    def _encode(self, sample: M) -> bytes:
-        message = new_message(self._topic.type_name)
-        self._fill(message, sample)
-        return bytes(serialize_message(message))
-
     def _publisher_again(self) -> Any:
         return self._node.create_publisher(
             message_class(self._topic.type_name),
@@ -149,13 +143,11 @@ class Relay(Generic[M]):
 def odometry_relay(node: Node) -> Relay[OdometrySample]:
     """Return the relay of the odometry."""
     return Relay(
-        node, ODOMETRY, read=conversions.odometry_from_message, fill=conversions.fill_odometry
+        node, ODOMETRY, read=conversions.odometry_from_message, write=cdr.written_odometry
     )
 
 
 def reference_relay(node: Node) -> Relay[ReferenceWindow]:
     """Return the relay of the reference."""
-    fill = functools.partial(
-        conversions.fill_reference, child_frame_id=_BODY_FRAME, new=new_message
-    )
-    return Relay(node, REFERENCE, read=conversions.reference_from_message, fill=fill)
+    write = functools.partial(cdr.written_reference, child_frame_id=_BODY_FRAME)
+    return Relay(node, REFERENCE, read=conversions.reference_from_message, write=write)

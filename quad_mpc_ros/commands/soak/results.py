@@ -1,4 +1,4 @@
-"""What a soak leaves behind: the table on the screen, ``soak.json`` and one picture."""
+"""The results of a soak: the table on the screen, ``soak.json`` and one picture."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def write_results(
 
 
 def outcome_lines(outcome: Outcome) -> list[str]:
-    """Return a fault's row of the table, and what there is to complain of."""
+    """Return a fault's row of the table, and its complaints."""
     word = BAD if outcome.complaints else GOOD
     head = f"{outcome.fault.name:<{_NAME}}{word}  "
     lines = labelled(head, outcome.seen, indent=len(head), width=_WIDTH)
@@ -104,12 +104,12 @@ def _machine_text(machine: dict[str, Any] | None) -> str:
 
 def _memory_text(memory: dict[str, float | None]) -> str:
     if memory["warm"] is None or memory["growth"] is None:
-        return "too short to tell"
+        return "too short to judge"
     return f"{memory['warm']:.1f} MB once warm, grown by {memory['growth']:+.2f} MB since"
 
 
 def _write_picture(rig: Rig, config: MpcConfig, outcomes: Sequence[Outcome], path: Path) -> None:
-    """Draw who commanded, how late, and how much memory it took; raises ``OSError``."""
+    """Draw the sources of commands, lateness and memory; raises ``OSError``."""
     start_ns = rig.watch.ticks[0].sent_ns  # that of the flight, not of starts before it
     figure = style.new_figure(_FIGURE_WIDTH, _FIGURE_HEIGHT, dpi=120)
     column = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))

@@ -33,14 +33,14 @@ _MEMORY_PERIOD = 1.0
 
 
 class SoakError(Exception):
-    """The soak could not go on; the message says why."""
+    """The soak could not continue; the message says why."""
 
 
 class Rig(Observer):
     """The processes of a soak, and this process's node.
 
-    With ``relays`` the MPC hears odometry and reference through this process, and its solver and
-    its clock fail on demand; without, it is the node as it flies.
+    With ``relays`` the MPC receives odometry and reference through this process, and its solver
+    and its clock fail on demand; without, it is the node as it flies.
     """
 
     def __init__(self, run: RunConfig, *, relays: bool) -> None:
@@ -83,17 +83,17 @@ class Rig(Observer):
         )
 
     def stop(self, node: str) -> None:
-        """End a node while the others go on."""
+        """End a node while the others continue."""
         process = self.processes.pop(node)
         process.send(signal.SIGINT)
         self.wait(lambda: process.exit_code is not None, f"the end of {node}")
 
     def fly(self) -> None:
-        """Start all nodes, let the clock run when they hear each other, await the reference."""
-        print("  waiting for the nodes to hear each other", file=sys.stderr, flush=True)
+        """Start all nodes, start the clock when they are connected, await the reference."""
+        print("  waiting for the nodes to connect", file=sys.stderr, flush=True)
         for node in NODES:
             self.start(node)
-        self.wait(self._connected, "the nodes to hear each other", timeout=_READY_TIMEOUT)
+        self.wait(self._connected, "the nodes to connect", timeout=_READY_TIMEOUT)
         self.call(self._simulator, Trigger.Request())
         self.settle()
 
@@ -112,7 +112,7 @@ class Rig(Observer):
 
     @property
     def position_error(self) -> float | None:
-        """Distance from the reference [m], now and then looked at."""
+        """Distance from the reference [m], updated now and then."""
         if time.monotonic() >= self._position_due:
             self._position_due = time.monotonic() + _POSITION_PERIOD
             odometry, window = self.odometry.last, self.reference.last
@@ -129,7 +129,7 @@ class Rig(Observer):
     def wait(self, condition: Callable[[], object], what: str, *, timeout: float = 20.0) -> None:
         """Relay and watch until something is true; raises :class:`SoakError` if it never is."""
         if not self._spin_until(condition, timeout):
-            raise SoakError(f"waited {timeout:g} s in vain for {what}")
+            raise SoakError(f"waited {timeout:g} s for {what}, which did not happen")
 
     def call(self, client: Any, request: Any) -> Any:
         """Call a service and return its response."""
@@ -143,7 +143,7 @@ class Rig(Observer):
         self.call(self._switch_client(fault), SetBool.Request(data=on))
 
     def set_parameters(self, change: Change) -> Any:
-        """Ask the MPC for a change of parameters; the future tells whether it was made."""
+        """Ask the MPC for a change of parameters; the future holds whether it was made."""
         request = SetParametersAtomically.Request()
         request.parameters = [
             Parameter(name, value=value).to_parameter_msg()
@@ -156,14 +156,14 @@ class Rig(Observer):
         return self.node.create_client(SetBool, f"mpc/fault/{fault}")
 
     def _connected(self) -> bool:
-        heard = not self._relays or (self.odometry.heard and self.reference.heard)
+        matched = not self._relays or (self.odometry.matched and self.reference.matched)
         publishers = [self.node.count_publishers(topic.name) for topic in (ODOMETRY, REFERENCE)]
         if max(publishers) > 1:
             raise SoakError(
                 "another flight on this ROS domain; end it or set ROS_DOMAIN_ID to another number"
             )
         return (
-            heard
+            matched
             and self.watch.connected
             and min(publishers) == 1
             and bool(self._simulator.service_is_ready())
@@ -181,11 +181,11 @@ class Rig(Observer):
             for relay in (self.odometry, self.reference):
                 relay.release()
             self._check_alive()
-            self._weigh()
+            self._sample_memory()
         return True
 
-    def _weigh(self) -> None:
-        """Look at the memory now and then."""
+    def _sample_memory(self) -> None:
+        """Sample the memory now and then."""
         if "mpc" in self.processes and time.monotonic() >= self._memory_due:
             self._memory_due = time.monotonic() + _MEMORY_PERIOD
             memory = resident_memory(self.processes["mpc"].pid)

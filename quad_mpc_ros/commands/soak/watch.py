@@ -1,4 +1,4 @@
-"""What the MPC's process sends and needs, seen from outside."""
+"""What the MPC's process publishes, and its memory, seen from outside."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from rclpy.node import Node
 from quad_mpc_ros.commands.observer import subscribe
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.experiments.faults.verdict import command_fault
-from quad_mpc_ros.messages import conversions, diagnostics
+from quad_mpc_ros.messages import cdr, conversions, diagnostics
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, STATS
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TickSeen:
-    """A tick: when its process published it (system's clock), and what it told."""
+    """A tick: when its process published it (system's clock), and its figures."""
 
     sent_ns: int
     stamp_ns: int
@@ -28,7 +28,7 @@ class TickSeen:
 
 @dataclass
 class Watch:
-    """Listens to ``odom``, ``command`` and ``mpc/stats`` and keeps what is to be judged.
+    """Listens to ``odom``, ``command`` and ``mpc/stats`` and keeps what is judged later.
 
     Times are those at which the others published, so that a slow listener changes nothing.
     """
@@ -50,19 +50,19 @@ class Watch:
 
     @property
     def connected(self) -> bool:
-        """Whether the MPC is heard."""
+        """Whether the MPC publishes."""
         names = (COMMAND.name, STATS.name)
         return all(self.node.count_publishers(name) for name in names)
 
     def forget(self) -> None:
-        """Forget the ticks and commands of nodes that are no more."""
+        """Forget the ticks and commands of nodes that have ended."""
         self.ticks.clear()
         self.odometries_ns.clear()
         self.commands_ns.clear()
         self.stats.clear()
 
     def lateness_ms(self) -> np.ndarray:
-        """Return how long after its odometry was sent each tick was told [ms].
+        """Return how long after its odometry was sent each tick was published [ms].
 
         A tick without an odometry has the stamp of its own time.
         """
@@ -72,14 +72,14 @@ class Watch:
         )
 
     def unanswered_ns(self) -> list[int]:
-        """Return when odometries were sent to which no tick was told."""
+        """Return when the odometries without a tick were sent."""
         answered = {tick.stamp_ns for tick in self.ticks}
         # The first and the last may belong to ticks before and after.
         sent = list(self.odometries_ns.items())[1:-1]
         return [sent_ns for stamp_ns, sent_ns in sent if stamp_ns not in answered]
 
     def source_for(self, seconds: float) -> str:
-        """Return who has commanded for so long without a break, or nothing."""
+        """Return the source that has commanded for this time without interruption, or nothing."""
         if not self.ticks:
             return ""
         last = self.ticks[-1]
@@ -91,7 +91,7 @@ class Watch:
         return ""
 
     def _on_odometry(self, data: bytes, info: dict[str, int]) -> None:
-        self.odometries_ns[conversions.stamp_of_serialized(data)] = info["source_timestamp"]
+        self.odometries_ns[cdr.header_stamp_ns(data)] = info["source_timestamp"]
 
     def _on_command(self, message: Any, info: dict[str, int]) -> None:
         self.commands_ns.append(info["source_timestamp"])

@@ -1,12 +1,12 @@
 """Delay compensation: from an odometry to the state in which the next command will act.
 
 A command sent now acts after the delay of the input. The state is rolled forward over that time
-through the commands already sent, by the model as the disturbance EKF believes it, which follows
-the vehicle from odometry to odometry on the way.
+through the commands already sent, with the parameters that the disturbance EKF estimates, which
+follows the vehicle from odometry to odometry.
 
-All that is known of the vehicle is in one buffer, and a tick makes two calls into compiled code:
-one from the odometry before to this one, one from this to the state in which the command acts.
-What may be learned is decided before the first, what became of it is judged between the two.
+All that is known of the vehicle is in one record, and a tick makes two calls into compiled code:
+one from the previous odometry to this one, one from this to the state in which the command acts.
+The update mode is chosen before the first, its outcome is judged between the two.
 """
 
 from __future__ import annotations
@@ -20,80 +20,57 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation import disturbance_ekf, rate_offsets, velocity_bias
 from quad_mpc_ros.control.estimation.command_history import CommandHistory, acting_between
 from quad_mpc_ros.control.estimation.contact import GroundContact
-from quad_mpc_ros.control.estimation.disturbance_ekf import DisturbanceEkf, EkfMemory, filters_in
+from quad_mpc_ros.control.estimation.disturbance_ekf import DisturbanceEkf, EkfMemory, Filters
 from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
+from quad_mpc_ros.control.estimation.velocity_bias import VelocityBias
 from quad_mpc_ros.control.estimation.velocity_filter import (
     HELD,
     LEARNED,
     PAUSED,
     REFUSED,
-    THROTTLE,
     is_at_bounds,
 )
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_in, parameters_of
-from quad_mpc_ros.control.model.rollout import (
-    ACTUATORS,
-    P_WB,
-    R_WB,
-    ROW_SIZE,
-    V_WB_W,
-    read_odometry,
-    roll_forward,
-)
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.rollout import StateRecord, read_odometry, roll_forward
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.control.model.state import BODY_RATE, INPUT_SIZE, Input
-from quad_mpc_ros.control.ocp.problem import PREDICTION_SIZE, PredictedState, prediction_in
+from quad_mpc_ros.control.model.state import BODY_RATE, Input
+from quad_mpc_ros.control.ocp.problem import PredictedState, Prediction
 
 # Longest stretch predicted at once; the error is of the third order in the turn of a stretch.
 _LONGEST = 0.005
 # Beyond it what the vehicle did between two odometries is not known well enough to learn from.
 _LONGEST_GAP_NS = 500_000_000
-# How long commands must have acted before they teach something, once they had not acted: the
-# actuators are on their way from wherever another had them.
+# How long commands must have acted before something is learned, once they had not acted: the
+# actuators are still on their way from where something else had them.
 _SETTLING_NS = 300_000_000
 # How long it must have flown once it stood: at the lift-off throttle leaps as the ground lets go.
 _LIFTING_OFF_NS = 700_000_000
-# A landing is known only some time after the touchdown, and what was learned in between is of the
-# ground. So what is to be kept is from before: the oldest of so many states, one a second.
+# A landing is known only some time after the touchdown, and what was learned in between is wrong.
+# So the estimate that is kept is the oldest of so many, one a second.
 _MEMORY_NS, _MEMORIES = 1_000_000_000, 5
 
 
-class Followed(NamedTuple):
-    """What is known of the vehicle: the parts of one buffer, see :func:`followed_in`.
+class Followed(Record):
+    """What is known of the vehicle."""
 
-    Its states at an odometry and at the one before, rows (19,) of
-    :mod:`~.model.rollout` but for their throttle; what :mod:`.velocity_bias` knows;
-    and ``filters``, the buffer of :mod:`.disturbance_ekf`.
-    """
-
-    measured: Array
-    before: Array
-    bias: Array
-    filters: Array
-
-
-_BIAS = slice(2 * ROW_SIZE, 2 * ROW_SIZE + velocity_bias.SIZE)
-_BUFFER_SIZE = _BIAS.stop + disturbance_ekf.BUFFER_SIZE
-
-
-@compiled
-def followed_in(buffer: Array) -> Followed:
-    """Return the parts of a buffer, in which they are one after another."""
-    return Followed(
-        buffer[:ROW_SIZE], buffer[ROW_SIZE : 2 * ROW_SIZE], buffer[_BIAS], buffer[_BIAS.stop :]
-    )
+    # Its states at an odometry and at the one before, but for their throttle.
+    measured: StateRecord
+    before: StateRecord
+    bias: VelocityBias
+    filters: Filters
 
 
 class EstimateStatus(NamedTuple):
-    """How the estimate fares: ``learning``, ``held``, ``at bounds``, ``jumped``, ``reset``.
+    """Status of the estimate: ``learning``, ``held``, ``at bounds``, ``jumped``, ``reset``.
 
-    ``resets`` is how often it was let go so far.
+    ``resets`` is how often it was reset so far.
     """
 
     text: str = "held"
@@ -113,18 +90,19 @@ class DelayCompensation:
         self._learns = config.estimate_disturbance
         # Without a lag the throttle is the command: nothing of it is to be followed.
         self._follows = self._learns or config.thrust_time_constant > 0.0
-        self._buffer = np.zeros(_BUFFER_SIZE)
-        self._followed = followed_in(self._buffer)
-        self._followed.bias[:] = velocity_bias.begun(asked=self._learns)
+        self._buffer = Followed.zeros()
+        self._followed = followed = self._buffer[()]
+        followed.bias.enabled = int(self._learns)
+        nominal = parameters_of(
+            vehicle,
+            rate_time_constant=config.rate_time_constant,
+            thrust_time_constant=config.thrust_time_constant,
+        )
         self._ekf = DisturbanceEkf(
-            parameters_of(
-                vehicle,
-                rate_time_constant=config.rate_time_constant,
-                thrust_time_constant=config.thrust_time_constant,
-            ),
+            nominal[()],
             throttle=hover.throttle,
             delay=config.input_delay,
-            buffer=self._followed.filters,
+            filters=followed.filters,
         )
         self._ground = ground
         self._health = EstimateHealth()
@@ -154,9 +132,9 @@ class DelayCompensation:
         fresh.engage(self._engaged)
         return fresh
 
-    def believed(self) -> ModelParameters:
-        """Return what is believed of the vehicle."""
-        return parameters_in(self._ekf.parameters())
+    def estimated(self) -> ModelParameters:
+        """Return the parameters of the vehicle as estimated by now."""
+        return self._ekf.parameters()
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
         """Remember a command by the stamp of the odometry that it answers."""
@@ -167,10 +145,10 @@ class DelayCompensation:
         self._history.record(followed, stamp_ns=stamp_ns)
 
     def engage(self, engaged: bool) -> None:
-        """Tell whether commands act on the vehicle; they are supposed to.
+        """Set whether commands act on the vehicle; at the start they do.
 
-        While they do not, nothing is learned, and what was learned some seconds before the last of
-        them counts. What is sent in that time is remembered all the same: who tells may be late.
+        While they do not, nothing is learned, and the estimate of some seconds before the last of
+        them counts. What is sent in that time is remembered, for this call may be late.
         """
         if engaged and not self._engaged:
             self._history.forget()
@@ -188,10 +166,10 @@ class DelayCompensation:
         self._ekf.turn(reset.vectors(np.eye(3)).T)
         self._memories.clear()  # of the former directions
         if self._previous_ns is not None and self._previous_ns < reset.stamp_ns:
-            row = self._followed.measured
-            row[P_WB] = reset.points(row[P_WB])
-            row[V_WB_W] = reset.vectors(row[V_WB_W])
-            row[R_WB] = reset.vectors(row[R_WB].reshape(3, 3).T).T.ravel()
+            state = self._followed.measured
+            state.p_WB[:] = reset.points(state.p_WB)
+            state.v_WB_W[:] = reset.vectors(state.v_WB_W)
+            state.R_WB[:] = reset.vectors(state.R_WB.T).T
 
     def predict(self, odometry: OdometrySample) -> PredictedState:
         """Return the state in which a command sent now will begin to act."""
@@ -199,7 +177,7 @@ class DelayCompensation:
         # Not across a long silence, nor from a clock to one that was set.
         if previous_ns is None or not 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
             self._see(odometry)
-            self._ekf.start(self._followed.measured[V_WB_W])
+            self._ekf.start(self._followed.measured.v_WB_W)
             self.status = EstimateStatus("held", self._health.resets)
         elif self._follows:
             self._go_on(odometry, previous_ns)
@@ -219,7 +197,7 @@ class DelayCompensation:
 
     def _predicted(self, stamp_ns: int, *, begin_ns: int) -> PredictedState:
         """Roll the measured state forward from its time until a command of a stamp acts."""
-        vector = np.empty(PREDICTION_SIZE)
+        prediction = Prediction.zeros()
         since_sent = math.inf
         if self._sent_ns is not None and stamp_ns >= self._sent_ns:
             since_sent = (stamp_ns - self._sent_ns) * 1e-9
@@ -231,9 +209,9 @@ class DelayCompensation:
             end_ns=stamp_ns + self._delay_ns,
             sent=self._sent,
             since_sent=since_sent,
-            vector=vector,
+            prediction=prediction,
         )
-        return PredictedState(stamp_ns + self._delay_ns, vector)
+        return PredictedState(stamp_ns + self._delay_ns, prediction)
 
     def _see(self, odometry: OdometrySample) -> None:
         """Take an odometry, whatever was before."""
@@ -260,12 +238,12 @@ class DelayCompensation:
             acts_ns=self._history.acts_ns,
             commands=self._history.commands,
             stamps_ns=(previous_ns, stamp_ns),
-            lesson=self._lesson(previous_ns),
+            mode=self._mode(previous_ns),
         )
         self._judge(outcome, at_bounds, stamp_ns, duration=1e-9 * (stamp_ns - previous_ns))
 
     def _judge(self, outcome: int, at_bounds: bool, stamp_ns: int, *, duration: float) -> None:
-        """Note what an odometry did to the estimate, which is let go if it fails for long."""
+        """Note what an odometry did to the estimate; reset one that fails for long."""
         text = "held"
         if outcome in (LEARNED, REFUSED):
             refused = outcome == REFUSED
@@ -279,8 +257,8 @@ class DelayCompensation:
                 text = "reset"
         self.status = EstimateStatus(text, self._health.resets)
 
-    def _lesson(self, previous_ns: int) -> int:
-        """Return what may be learned of what happened since the odometry before."""
+    def _mode(self, previous_ns: int) -> int:
+        """Return the update mode for what happened since the odometry before."""
         if not (self._learns and self._engaged):
             return HELD
         if self._ground is not None and self._ground.standing:
@@ -300,13 +278,13 @@ class DelayCompensation:
         return LEARNED
 
     def _remember(self, now_ns: int) -> None:
-        """Keep what is believed, once a second."""
+        """Keep the estimate, once a second."""
         if self._memories and 0 <= now_ns - self._memories[-1][0] < _MEMORY_NS:
             return
         self._memories.append((now_ns, self._ekf.memory()))
 
     def _recall(self) -> None:
-        """Believe again what was believed in flight."""
+        """Return to the estimate of some seconds ago, in flight."""
         if self._memories:
             self._ekf.recall(self._memories[0][1])
             self._memories.clear()
@@ -314,7 +292,7 @@ class DelayCompensation:
 
 @compiled
 def _read(
-    buffer: Array,
+    buffer: RecordArray[Followed],
     p_WB: Array,
     q_WB_xyzw: Array,
     v_WB_B: Array,
@@ -322,16 +300,16 @@ def _read(
     duration: float,
 ) -> None:
     """Read an odometry that is ``duration`` [s] after the one before, 0 for the first."""
-    followed = followed_in(buffer)
-    followed.before[:] = followed.measured
+    followed = buffer[()]
+    followed.before = followed.measured
     measured = followed.measured
-    read_odometry(p_WB=p_WB, q_WB_xyzw=q_WB_xyzw, v_WB_B=v_WB_B, w_WB_B=w_WB_B, row=measured)
-    velocity_bias.correct(followed.bias, p_WB=p_WB, v_WB_W=measured[V_WB_W], duration=duration)
+    read_odometry(p_WB=p_WB, q_WB_xyzw=q_WB_xyzw, v_WB_B=v_WB_B, w_WB_B=w_WB_B, state=measured)
+    velocity_bias.correct(followed.bias, p_WB=p_WB, v_WB_W=measured.v_WB_W, duration=duration)
 
 
 @compiled
 def _follow(
-    buffer: Array,
+    buffer: RecordArray[Followed],
     p_WB: Array,
     q_WB_xyzw: Array,
     v_WB_B: Array,
@@ -340,7 +318,7 @@ def _follow(
     acts_ns: NDArray[np.int64],
     commands: Array,
     stamps_ns: tuple[int, int],
-    lesson: int,
+    mode: int,
 ) -> tuple[int, bool]:
     """Go on to an odometry from the one before, under what acted of a history between the two.
 
@@ -357,56 +335,56 @@ def _follow(
         w_WB_B=w_WB_B,
         duration=(end_ns - start_ns) * 1e-9,
     )
-    followed = followed_in(buffer)
-    filters = filters_in(followed.filters)
-    acting = acting_between(acts_ns=acts_ns, commands=commands, start_ns=start_ns, end_ns=end_ns)
+    followed = buffer[()]
+    filters = followed.filters
     outcome = disturbance_ekf.update(
         filters=filters,
         before=followed.before,
         after=followed.measured,
-        commands=acting.commands,
-        durations=acting.durations,
-        lesson=lesson,
-        told_variance=v_variance,
+        acting=acting_between(
+            acts_ns=acts_ns, commands=commands, start_ns=start_ns, end_ns=end_ns
+        ),
+        mode=mode,
+        given_variance=v_variance,
     )
-    return outcome, is_at_bounds(filters.estimate, filters.bounds[-1])
+    return outcome, is_at_bounds(filters.velocity, filters.bounds)
 
 
 @compiled
 def _ahead(
-    buffer: Array,
+    buffer: RecordArray[Followed],
     acts_ns: NDArray[np.int64],
     commands: Array,
     begin_ns: int,
     end_ns: int,
     sent: Array,
     since_sent: float,
-    vector: Array,
+    prediction: RecordArray[Prediction],
 ) -> None:
-    """Write the prediction (53,) of the time ``end_ns`` from the state measured at ``begin_ns``.
+    """Write the prediction of the time ``end_ns`` from the state measured at ``begin_ns``.
 
     ``sent`` (4,) is what was commanded last, ``since_sent`` [s] ago.
     """
-    followed, prediction = followed_in(buffer), prediction_in(vector)
-    filters, row = filters_in(followed.filters), prediction.row
-    row[:] = followed.measured
-    row[ACTUATORS.start] = filters.estimate[THROTTLE]
-    disturbance_ekf.write_parameters(filters, prediction.parameters)
+    followed, predicted = buffer[()], prediction[()]
+    filters = followed.filters
+    predicted.state = followed.measured
+    predicted.state.throttle = filters.velocity.throttle
+    predicted.parameters = filters.nominal
+    disturbance_ekf.write_estimated(filters, predicted.parameters)
     if end_ns > begin_ns:
         acting = acting_between(
             acts_ns=acts_ns, commands=commands, start_ns=begin_ns, end_ns=end_ns
         )
-        rate_offsets.add(filters.rate_offsets, filters.nominal, acting.commands)
+        for k in range(len(acting.commands)):
+            rate_offsets.add(filters.rate_offsets, filters.nominal, acting.commands[k])
         roll_forward(
-            parameters=prediction.parameters,
+            predicted.parameters,
             commands=acting.commands,
             durations=acting.durations,
             longest=_LONGEST,
-            start=row,
-            end=row,
+            start=predicted.state,
+            end=predicted.state,
         )
-    prediction.sent[:] = sent
-    rate_offsets.add(
-        filters.rate_offsets, filters.nominal, prediction.sent.reshape((1, INPUT_SIZE))
-    )
-    vector[-1] = since_sent
+    predicted.sent[:] = sent
+    rate_offsets.add(filters.rate_offsets, filters.nominal, predicted.sent)
+    predicted.since_sent = since_sent

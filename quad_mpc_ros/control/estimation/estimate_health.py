@@ -1,4 +1,4 @@
-"""Does the estimate still describe the vehicle? One that does not for long is let go."""
+"""Whether the estimate still describes the vehicle; one that does not is reset."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import math
 
 _SECOND = 1_000_000_000
 _AT_BOUNDS_NS = 3 * _SECOND
-# A reset that helped nothing is not repeated at once: what is believed jumps with each.
+# A reset that did not help is not repeated at once: the estimate jumps with each.
 _PATIENCE_NS = 30 * _SECOND
 _FORGETTING = 1.0  # s, of the share of odometries that were refused
 _MOST_REFUSED = 0.5
-_TOLD_NS = 10 * _SECOND
+_REPORTED_NS = 10 * _SECOND
 
 
 class EstimateHealth:
@@ -18,15 +18,15 @@ class EstimateHealth:
 
     def __init__(self) -> None:
         self.resets = 0
-        """How often the estimate was let go."""
+        """How often the estimate was reset."""
         self._refused = 0.0
         self._bounds_since_ns: int | None = None
         self._reset_ns: int | None = None
 
     def fails(self, now_ns: int, *, duration: float, refused: bool, at_bounds: bool) -> bool:
-        """Take note of an odometry that could teach, and tell whether the estimate is to go.
+        """Take an odometry that could update the estimate; return whether to reset it.
 
-        ``duration`` [s] is since the one before. To be asked once for each: a yes is counted.
+        ``duration`` [s] is since the one before. Call it once for each: a reset is counted.
         """
         share = 1.0 - math.exp(-duration / _FORGETTING)
         self._refused += share * ((1.0 if refused else 0.0) - self._refused)
@@ -45,5 +45,5 @@ class EstimateHealth:
         return True
 
     def was_reset(self, now_ns: int) -> bool:
-        """Whether a reset is so recent that it is to be told."""
-        return self._reset_ns is not None and 0 <= now_ns - self._reset_ns < _TOLD_NS
+        """Whether a reset is recent enough to be reported."""
+        return self._reset_ns is not None and 0 <= now_ns - self._reset_ns < _REPORTED_NS

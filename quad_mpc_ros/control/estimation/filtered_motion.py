@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
@@ -20,15 +19,30 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 GRAVITY = 9.81
 """[m/s^2]"""
 
-# One vector: position, velocity in the world, where it stood or was seen first; the part of the
-# thrust that lifts; thrust now and lately in flight; what it should be falling by since it is too
-# little, and how fast it climbed before that.
-_P, _V, _GROUND = slice(0, 3), slice(3, 6), slice(6, 9)
-_LIFT, _CARRYING, _CARRIED_BY, _FALL, _CLIMB, _SIZE = 9, 10, 11, 12, 13, 14
-
 _FILTER, _LIFT_FILTER, _FLIGHT_FILTER = 0.1, 0.3, 2.0  # s
 # Of the thrust, [m/s], and of that.
 _ENOUGH, _SHOULD_FALL, _FALLS = 0.8, 0.2, 0.3
+
+
+class ThrustFilter(Record):
+    """What is filtered of the thrust, all as shares of the weight."""
+
+    lift: float  # the part that lifts
+    now: float
+    in_flight: float  # lately
+    # m/s, by how much it should have fallen since the thrust is too little, and how fast it
+    # climbed before that.
+    fall: float
+    climb: float
+
+
+class MotionFilter(Record):
+    """What is filtered."""
+
+    p_WB: Vector3  # m
+    v_WB_W: Vector3  # m/s
+    ground: Vector3  # m, where it stood or was seen first
+    thrust: ThrustFilter
 
 
 class Motion(NamedTuple):
@@ -55,7 +69,8 @@ class FilteredMotion:
     """Filters from odometry to odometry."""
 
     def __init__(self) -> None:
-        self._state = np.zeros(_SIZE)
+        self._buffer = MotionFilter.zeros()
+        self._state = self._buffer[()]
         self._duration = 0.0
         self.now = Motion()
         """The motion at the last odometry."""
@@ -63,28 +78,26 @@ class FilteredMotion:
     @property
     def height(self) -> float:
         """The height, filtered [m]."""
-        return float(self._state[_P][2])
+        return float(self._state.p_WB[2])
 
     def forget_thrust(self) -> None:
         """Forget what carried it."""
-        self._state[_LIFT:] = 0.0
+        self._state.thrust = ThrustFilter.zeros()[()]
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Take an announced step of the estimate: nothing has moved."""
         state = self._state
-        state[_P], state[_GROUND] = reset.points(state[_P]), reset.points(state[_GROUND])
-        state[_V] = reset.vectors(state[_V])
+        state.p_WB[:], state.ground[:] = reset.points(state.p_WB), reset.points(state.ground)
+        state.v_WB_W[:] = reset.vectors(state.v_WB_W)
 
     def draw_ground(self, time_constant: float) -> None:
         """Let where it stood follow where it is."""
-        ground = self._state[_GROUND]
-        ground += (1.0 - math.exp(-self._duration / time_constant)) * (self._state[_P] - ground)
+        ground, share = self._state.ground, 1.0 - math.exp(-self._duration / time_constant)
+        ground += share * (self._state.p_WB - ground)
 
     def lower_ground(self) -> None:
         """Let where it stood be no higher than where it is."""
-        self._state[_GROUND.stop - 1] = min(
-            self._state[_GROUND.stop - 1], self._state[_P.stop - 1]
-        )
+        self._state.ground[2] = min(self._state.ground[2], self._state.p_WB[2])
 
     def follow(
         self, odometry: OdometrySample, *, thrust: float, duration: float, anew: bool, flies: bool
@@ -103,7 +116,7 @@ class FilteredMotion:
                 duration=self._duration,
                 anew=anew,
                 flies=flies,
-                state=self._state,
+                buffer=self._buffer,
             )
         )
 
@@ -117,12 +130,12 @@ def _follow(
     duration: float,
     anew: bool,
     flies: bool,
-    state: Array,
+    buffer: RecordArray[MotionFilter],
 ) -> tuple[float, float, float, float, float, bool]:
-    x, y = q_WB_xyzw[0], q_WB_xyzw[1]
-    R_WB = kernels.rotation((x, y, q_WB_xyzw[2], q_WB_xyzw[3]))
+    x, y, state = q_WB_xyzw[0], q_WB_xyzw[1], buffer[()]
+    R_WB = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
     v_WB_W = kernels.apply(R_WB, kernels.vector(v_WB_B))
-    p, v, ground = state[_P], state[_V], state[_GROUND]
+    p, v, ground, carrying = state.p_WB, state.v_WB_W, state.ground, state.thrust
     share = 1.0 - math.exp(-duration / _FILTER)
     for k in range(3):
         if anew:
@@ -133,26 +146,31 @@ def _follow(
     way = math.hypot(math.hypot(p[0] - ground[0], p[1] - ground[1]), rise)
     up = 1.0 - 2.0 * (x * x + y * y)
     lift_share = 1.0 - math.exp(-duration / _LIFT_FILTER)
-    state[_LIFT] += lift_share * (thrust * up - state[_LIFT])
-    carried = _is_carried(max(thrust, 0.0), v[2], share, duration, flies, state)
-    return aside, v[2], way, rise, state[_LIFT], carried
+    carrying.lift += lift_share * (thrust * up - carrying.lift)
+    carried = _is_carried(max(thrust, 0.0), v[2], share, duration, flies, carrying)
+    return aside, v[2], way, rise, carrying.lift, carried
 
 
 @compiled
 def _is_carried(
-    thrust: float, climb: float, share: float, duration: float, flies: bool, state: Array
+    thrust: float,
+    climb: float,
+    share: float,
+    duration: float,
+    flies: bool,
+    state: ThrustFilter,
 ) -> bool:
     """Note with what thrust it flies; return whether it should be falling, and is not.
 
     A curve of the thrust may be negative where nothing turns; here it is not.
     """
-    state[_CARRYING] += share * (thrust - state[_CARRYING])
-    change = state[_CARRYING] - state[_CARRIED_BY]
-    if state[_CARRYING] < _ENOUGH * state[_CARRIED_BY]:
-        state[_FALL] -= GRAVITY * change / state[_CARRIED_BY] * duration
+    state.now += share * (thrust - state.now)
+    change = state.now - state.in_flight
+    if state.now < _ENOUGH * state.in_flight:
+        state.fall -= GRAVITY * change / state.in_flight * duration
     else:
-        state[_FALL], state[_CLIMB] = 0.0, climb
-    if flies and state[_FALL] < _SHOULD_FALL:
-        state[_CARRIED_BY] += (1.0 - math.exp(-duration / _FLIGHT_FILTER)) * change
-    falls = state[_CLIMB] - climb
-    return bool(state[_FALL] > _SHOULD_FALL and falls < _FALLS * state[_FALL])
+        state.fall, state.climb = 0.0, climb
+    if flies and state.fall < _SHOULD_FALL:
+        state.in_flight += (1.0 - math.exp(-duration / _FLIGHT_FILTER)) * change
+    falls = state.climb - climb
+    return bool(state.fall > _SHOULD_FALL and falls < _FALLS * state.fall)

@@ -1,6 +1,6 @@
 """The process model of the disturbance EKF: velocity and throttle under the acting commands.
 
-Between two odometries the vehicle is rolled forward by what is believed of it, and with it the
+Between two odometries the vehicle is rolled forward by what is estimated of it, and with it the
 derivatives of the velocity by what is learned: by the thrust's scale k, its time constant, and the
 mean mu of the drag,
 
@@ -48,7 +48,7 @@ class Prediction(NamedTuple):
 
 @compiled
 def predict(
-    believed: ModelParameters,
+    estimated: ModelParameters,
     commands: Array,
     durations: Array,
     throttle: Throttle,
@@ -64,19 +64,19 @@ def predict(
     body, v_by_scale, v_by_lag = start, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for k in range(len(durations)):
         dt, command = durations[k], actuators_in(commands[k])
-        decay, share = first_order_lag(believed.thrust_time_constant, dt)
-        decay_slope, share_slope = first_order_lag_slopes(believed.thrust_time_constant, dt)
+        decay, share = first_order_lag(estimated.thrust_time_constant, dt)
+        decay_slope, share_slope = first_order_lag_slopes(estimated.thrust_time_constant, dt)
         off = value - command[0]
         mean, mean_slope = command[0] + share * off, share * slope + share_slope * off
         value, slope = command[0] + decay * off, decay * slope + decay_slope * off
-        push = dt * ((believed.a * mean + believed.b) * mean + believed.c)
+        push = dt * ((estimated.a * mean + estimated.b) * mean + estimated.c)
         push_slope = (
-            dt * believed.thrust_scale * (2.0 * believed.a * mean + believed.b) * mean_slope
+            dt * estimated.thrust_scale * (2.0 * estimated.a * mean + estimated.b) * mean_slope
         )
         v_by_scale = kernels.plus(v_by_scale, kernels.scaled(push, axis))
         v_by_lag = kernels.plus(v_by_lag, kernels.scaled(push_slope, axis))
-        body = propagated(believed, command, dt, _LONGEST, body)
-    shape, half = _drag_shape(believed), -0.5 * durations.sum()
+        body = propagated(estimated, command, dt, _LONGEST, body)
+    shape, half = _drag_shape(estimated), -0.5 * durations.sum()
     v_by_drag = kernels.plus(
         kernels.scaled(half, _slowing(shape, start.R, start.v)),
         kernels.scaled(half, _slowing(shape, R_after, body.v)),
@@ -94,7 +94,7 @@ def _slowing(shape: kernels.Vector, R_WB: kernels.Matrix, v: kernels.Vector) -> 
 @compiled
 def _drag_shape(modelled: ModelParameters) -> kernels.Vector:
     """Return the drag along each axis of the body over their mean, alike where there is none."""
-    mean, off = modelled.drag, modelled.uneven_drag
+    mean, off = modelled.drag, kernels.vector(modelled.uneven_drag)
     if mean <= 0.0:
         return 1.0, 1.0, 1.0
     return 1.0 + off[0] / mean, 1.0 + off[1] / mean, 1.0 + off[2] / mean

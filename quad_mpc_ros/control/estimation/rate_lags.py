@@ -17,22 +17,41 @@ learns from measured - w, both low-passed alike, for slow motions are what the h
 from __future__ import annotations
 
 import math
-
-import numpy as np
+from typing import Annotated
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import first_order_lag, first_order_lag_slopes
-from quad_mpc_ros.control.model.parameters import RATE_TIME_CONSTANTS
+from quad_mpc_ros.control.model.parameters import ModelParameters
 
-# One vector: time constants and variances of roll and pitch, of yaw; the model's rates, their
-# derivatives; how far they are off and the derivatives, low-passed.
-_ROLL_PITCH, _YAW, _RATE, _SLOPE, _OFF, _OFF_SLOPE = 0, 2, 4, 7, 10, 13
-_VARIANCE = 1  # beside its time constant
-BELIEVED = slice(0, _RATE)
-# Then what is configured: those time constants, how much longer they may be, as factors; and what
-# each axis has of the time constant that it shares.
-_NOMINAL, _SLOWEST, _SHARES, SIZE = 16, 18, 20, 23
+# Of what the axes share: the mean of roll and pitch, and yaw.
+_ROLL_PITCH, _YAW = 0, 1
+Pair = Annotated[Array, (2,)]
+
+
+class RateLagEstimate(Record):
+    """The time constants [s] and their variances, of roll and pitch and of yaw."""
+
+    tau: Pair
+    variance: Pair
+
+
+class RateLags(Record):
+    """What is known of the lags."""
+
+    estimate: RateLagEstimate
+    rate: Vector3  # rad/s, of the model
+    slope: Vector3  # its derivative by tau
+    # measured - modelled rate and that derivative, low-passed.
+    off: Vector3
+    off_slope: Vector3
+    # As configured: the time constants, by which factor they may be longer, and what each axis
+    # has of the time constant that it shares.
+    nominal: Pair
+    slowest: Pair
+    shares: Vector3
+
 
 _SPREAD = 0.5  # of a time constant at the start, relative
 _WALK = 0.1  # relative, 1 / sqrt(s)
@@ -41,68 +60,70 @@ _LEADING, _SMOOTHING = 0.3, 0.1  # s
 _FASTEST, _SLOWEST_YAW = 0.5, 6.0  # bounds, as factors on what is configured
 
 
-def begun(nominal: Array, *, slower: float = 1.0) -> Array:
-    """Return what is believed at the start (23,), by the configured parameters (29,).
+def start(lags: RateLags, nominal: ModelParameters, *, slower: float = 1.0) -> None:
+    """Write the lags at the start, by the configured parameters.
 
     By ``slower`` of it the time constant of roll and pitch may be longer than configured. A lag of
     zero is none and stays.
     """
-    roll, pitch, yaw = nominal[RATE_TIME_CONSTANTS].tolist()
+    roll, pitch, yaw = nominal.rate_time_constants.tolist()
     shared = 0.5 * (roll + pitch)
-    lags = np.zeros(SIZE)
-    lags[_NOMINAL:_SLOWEST] = shared, yaw
-    lags[_SLOWEST:_SHARES] = 1.0 + slower, _SLOWEST_YAW
-    lags[_SHARES:SIZE] = roll / (shared or 1.0), pitch / (shared or 1.0), yaw / (yaw or 1.0)
+    lags.nominal[:] = shared, yaw
+    lags.slowest[:] = 1.0 + slower, _SLOWEST_YAW
+    lags.shares[:] = roll / (shared or 1.0), pitch / (shared or 1.0), yaw / (yaw or 1.0)
     reset(lags)
-    return lags
 
 
-def reset(lags: Array) -> None:
-    """Believe the configured time constants again, and that loosely."""
-    for group, place in enumerate((_ROLL_PITCH, _YAW)):
-        nominal = lags[_NOMINAL + group]
-        lags[place] = nominal
-        lags[place + _VARIANCE] = (_SPREAD * nominal) ** 2
+def reset(lags: RateLags) -> None:
+    """Return to the configured time constants, with the variance of the start."""
+    lags.estimate.tau[:] = lags.nominal
+    lags.estimate.variance[:] = (_SPREAD * lags.nominal) ** 2
 
 
 @compiled
-def time_constants(lags: Array) -> kernels.Vector:
+def time_constants(lags: RateLags) -> kernels.Vector:
     """Return the time constants of roll, pitch and yaw [s]."""
-    shared = lags[_ROLL_PITCH]
-    return lags[_SHARES] * shared, lags[_SHARES + 1] * shared, lags[_SHARES + 2] * lags[_YAW]
+    shares, tau = lags.shares, lags.estimate.tau
+    return shares[0] * tau[_ROLL_PITCH], shares[1] * tau[_ROLL_PITCH], shares[2] * tau[_YAW]
 
 
 @compiled
 def follow(
-    lags: Array, commands: Array, durations: Array, measured: Array, learns: bool, follows: bool
+    lags: RateLags,
+    commands: Array,
+    durations: Array,
+    measured: Array,
+    learns: bool,
+    follows: bool,
 ) -> None:
     """Go on to measured rates (3,), under the commands (n, 4) that acted since those before.
 
     Each did for one of the ``durations`` (n,) [s]. Without ``learns`` the time constants stay;
     what comes before it ``follows`` is forgotten.
     """
-    if not max(lags[_NOMINAL], lags[_NOMINAL + 1]) > 0.0:
+    if not max(lags.nominal[_ROLL_PITCH], lags.nominal[_YAW]) > 0.0:
         return
     duration = durations.sum()
     lead = 1.0 - math.exp(-duration / _LEADING) if follows else 1.0
     smoothed = 1.0 - math.exp(-duration / _SMOOTHING)
     for axis in range(3):
-        place, group = (_YAW, 1) if axis == 2 else (_ROLL_PITCH, 0)
-        share = lags[_SHARES + axis]
+        group = _YAW if axis == 2 else _ROLL_PITCH
+        share = lags.shares[axis]
         for k in range(len(durations)):
-            _follow(lags, axis, share * lags[place], commands[k, 1 + axis], durations[k])
-        off, slope = measured[axis] - lags[_RATE + axis], lags[_SLOPE + axis]
-        lags[_OFF + axis] += smoothed * (off - lags[_OFF + axis])
-        lags[_OFF_SLOPE + axis] += smoothed * (slope - lags[_OFF_SLOPE + axis])
-        lags[_RATE + axis] += lead * off
-        lags[_SLOPE + axis] = (1.0 - lead) * slope
+            tau = share * lags.estimate.tau[group]
+            _follow(lags, axis, tau, commands[k, 1 + axis], durations[k])
+        off, slope = measured[axis] - lags.rate[axis], lags.slope[axis]
+        lags.off[axis] += smoothed * (off - lags.off[axis])
+        lags.off_slope[axis] += smoothed * (slope - lags.off_slope[axis])
+        lags.rate[axis] += lead * off
+        lags.slope[axis] = (1.0 - lead) * slope
         if not follows:
-            lags[_OFF + axis] = lags[_OFF_SLOPE + axis] = 0.0
+            lags.off[axis] = lags.off_slope[axis] = 0.0
         elif learns:
-            nominal = lags[_NOMINAL + group]
-            lags[place + _VARIANCE] += _walked(axis, nominal) * duration
-            bounds = _FASTEST * nominal, lags[_SLOWEST + group] * nominal
-            _correct(lags, place, axis, share, bounds)
+            nominal = lags.nominal[group]
+            lags.estimate.variance[group] += _walked(axis, nominal) * duration
+            bounds = _FASTEST * nominal, lags.slowest[group] * nominal
+            _correct(lags, group, axis, bounds)
 
 
 @compiled
@@ -112,25 +133,24 @@ def _walked(axis: int, nominal: float) -> float:
 
 
 @compiled
-def _follow(lags: Array, axis: int, lag: float, command: float, duration: float) -> None:
+def _follow(lags: RateLags, axis: int, lag: float, command: float, duration: float) -> None:
     """Move the model of an axis on under a command."""
     decay, _share = first_order_lag(lag, duration)
     decay_slope, _share_slope = first_order_lag_slopes(lag, duration)
-    off = lags[_RATE + axis] - command
-    lags[_SLOPE + axis] = decay * lags[_SLOPE + axis] + decay_slope * off
-    lags[_RATE + axis] = command + decay * off
+    off = lags.rate[axis] - command
+    lags.slope[axis] = decay * lags.slope[axis] + decay_slope * off
+    lags.rate[axis] = command + decay * off
 
 
 @compiled
-def _correct(
-    lags: Array, place: int, axis: int, share: float, bounds: tuple[float, float]
-) -> None:
+def _correct(lags: RateLags, group: int, axis: int, bounds: tuple[float, float]) -> None:
     """Correct a time constant by what an axis with a share in it is off, and with it the model."""
-    variance, before = lags[place + _VARIANCE], lags[place]
-    slope = share * lags[_OFF_SLOPE + axis]
+    tau, share = lags.estimate.tau, lags.shares[axis]
+    variance, before = lags.estimate.variance[group], tau[group]
+    slope = share * lags.off_slope[axis]
     gain = variance * slope / (slope**2 * variance + _NOISE**2)
-    lags[place] = kernels.clamp(before + gain * lags[_OFF + axis], bounds[0], bounds[1])
-    lags[place + _VARIANCE] = variance - gain * slope * variance
-    change = lags[place] - before
-    lags[_OFF + axis] -= slope * change
-    lags[_RATE + axis] += share * lags[_SLOPE + axis] * change
+    tau[group] = kernels.clamp(before + gain * lags.off[axis], bounds[0], bounds[1])
+    lags.estimate.variance[group] = variance - gain * slope * variance
+    change = tau[group] - before
+    lags.off[axis] -= slope * change
+    lags.rate[axis] += share * lags.slope[axis] * change

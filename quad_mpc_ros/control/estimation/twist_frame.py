@@ -23,11 +23,11 @@ class TwistFrameCheck:
 
     def __init__(self, *, twist_frame: str) -> None:
         self._twist_frame = twist_frame
-        # Those that nobody asks for a verdict on are let go.
+        # Bounded, for a verdict may never be asked for.
         self._unchecked: deque[OdometrySample] = deque(maxlen=_MOST_UNCHECKED)
         self._previous: OdometrySample | None = None
         self._evidence = 0
-        self._told = False
+        self._reported = False
 
     def note(self, odometry: OdometrySample) -> None:
         """Keep an odometry until there is time to look at it: once the command is out."""
@@ -58,9 +58,9 @@ class TwistFrameCheck:
         )
         if abs(configured - other) > 0.5 * _SPEED_ENOUGH:
             self._evidence = max(self._evidence + (1 if configured > other else -1), 0)
-        if self._told or self._evidence < _EVIDENCE_NEEDED:
+        if self._reported or self._evidence < _EVIDENCE_NEEDED:
             return None
-        self._told = True
+        self._reported = True
         return "world" if self._twist_frame == "child" else "child"
 
 

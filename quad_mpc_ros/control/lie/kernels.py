@@ -15,23 +15,22 @@ import math
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.lie import Array, formulas
 
-Vector = tuple[float, float, float]
-Matrix = tuple[float, float, float, float, float, float, float, float, float]
-Quaternion = tuple[float, float, float, float]
+Vector = formulas.Vector
+Matrix = formulas.Matrix
+Quaternion = formulas.Quaternion
 
 # All bits of a float but its sign.
 _MAGNITUDE = np.int64(0x7FFF_FFFF_FFFF_FFFF)
 
-# Below this angle the closed forms lose digits to cancellation and their Taylor series, cut after
-# the third term, is exact to rounding (the fourth is smaller than 1e-3**6 / 5040).
-SMALL_ANGLE = 1e-3
-# Where the differences of higher order lose as much: two digits per factor of ten.
-_SMALL_DEFICIT = 0.05
-# Up to this square of an angle six terms are exact to rounding (the seventh is below
-# 0.0625**6 / 15!), and take a third of the time of a sine. What turns in a substep is there.
-_SERIES_SQUARE = 0.0625
+cross = compiled(formulas.cross)
+rotation = compiled(formulas.rotation)
+quaternion = compiled(formulas.quaternion)
+_polynomial = compiled(formulas.polynomial)
+_turn_ratios = compiled(formulas.turn_ratios)
+_inverse_deficit = compiled(formulas.inverse_deficit)
+_rotation_vector = compiled(formulas.rotation_vector)
 
 
 @compiled
@@ -103,15 +102,21 @@ def store_matrix_row(m: Matrix, row: Array) -> None:
 
 
 @compiled
-def dot(a: Vector, b: Vector) -> float:
-    """Return a' b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def quaternion_in(a: Array) -> Quaternion:
+    """Return the quaternion in an array (4,), x, y, z, w."""
+    return a[0], a[1], a[2], a[3]
 
 
 @compiled
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+def is_zero(a: Array) -> bool:
+    """Whether all of a vector in an array (3,) is zero."""
+    return bool(a[0] == 0.0 and a[1] == 0.0 and a[2] == 0.0)
+
+
+@compiled
+def dot(a: Vector, b: Vector) -> float:
+    """Return a' b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @compiled
@@ -130,6 +135,16 @@ def plus(a: Vector, b: Vector) -> Vector:
 def transposed(a: Matrix) -> Matrix:
     """Return a'."""
     return a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]
+
+
+@compiled
+def row(a: Matrix, index: int) -> Vector:
+    """Return row 0, 1 or 2."""
+    if index == 0:
+        return a[0], a[1], a[2]
+    if index == 1:
+        return a[3], a[4], a[5]
+    return a[6], a[7], a[8]
 
 
 @compiled
@@ -179,37 +194,6 @@ def multiply(a: Matrix, b: Matrix) -> Matrix:
 
 
 @compiled
-def _polynomial(phi: Vector, a: float, b: float) -> Matrix:
-    """Return I + a [phi] + b [phi]^2."""
-    x, y, z = phi
-    return (
-        1.0 - b * (y * y + z * z),
-        b * x * y - a * z,
-        b * x * z + a * y,
-        b * x * y + a * z,
-        1.0 - b * (x * x + z * z),
-        b * y * z - a * x,
-        b * x * z - a * y,
-        b * y * z + a * x,
-        1.0 - b * (x * x + y * y),
-    )
-
-
-@compiled
-def _turn_ratios(x: float) -> tuple[float, float, float]:
-    """Return sin t / t, (1 - cos t) / t^2 and (t - sin t) / t^3 for the square x of an angle t."""
-    if x < _SERIES_SQUARE:
-        versine = 1 / 3628800 - 1 / 479001600 * x
-        versine = 1 / 2 + x * (-1 / 24 + x * (1 / 720 + x * (-1 / 40320 + x * versine)))
-        deficit = 1 / 39916800 - 1 / 6227020800 * x
-        deficit = 1 / 6 + x * (-1 / 120 + x * (1 / 5040 + x * (-1 / 362880 + x * deficit)))
-        return 1.0 - x * deficit, versine, deficit
-    angle = math.sqrt(x)
-    sine, half_sine = math.sin(angle), math.sin(0.5 * angle)
-    return sine / angle, 2.0 * half_sine * half_sine / x, (angle - sine) / (x * angle)
-
-
-@compiled
 def exp(phi: Vector) -> Matrix:
     """Return the rotation by a rotation vector (Rodrigues)."""
     sine, versine, _ = _turn_ratios(dot(phi, phi))
@@ -226,13 +210,7 @@ def right_jacobian(phi: Vector) -> Matrix:
 @compiled
 def right_jacobian_inverse(phi: Vector) -> Matrix:
     """Return the inverse of :func:`right_jacobian`, finite up to and at pi."""
-    square = dot(phi, phi)
-    angle = math.sqrt(square)
-    if angle < _SMALL_DEFICIT:
-        deficit = 1 / 12 + square / 720 + square**2 / 30240 + square**3 / 1209600
-    else:
-        deficit = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / square
-    return _polynomial(phi, 0.5, deficit)
+    return _polynomial(phi, 0.5, _inverse_deficit(dot(phi, phi)))
 
 
 @compiled
@@ -260,57 +238,9 @@ def shortest_rotation(start: Vector, end: Vector) -> Matrix:
 
 
 @compiled
-def rotation(q_xyzw: Quaternion) -> Matrix:
-    """Return the rotation of a quaternion (x, y, z, w), normalised first; it must not be zero."""
-    x, y, z, w = q_xyzw
-    norm = math.sqrt(x * x + y * y + z * z + w * w)
-    x, y, z, w = x / norm, y / norm, z / norm, w / norm
-    return (
-        1.0 - 2.0 * (y * y + z * z),
-        2.0 * (x * y - z * w),
-        2.0 * (x * z + y * w),
-        2.0 * (x * y + z * w),
-        1.0 - 2.0 * (x * x + z * z),
-        2.0 * (y * z - x * w),
-        2.0 * (x * z - y * w),
-        2.0 * (y * z + x * w),
-        1.0 - 2.0 * (x * x + y * y),
-    )
-
-
-@compiled
-def quaternion(r: Matrix) -> Quaternion:
-    """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation (Shepperd 1978).
-
-    Each of the four products 4 q_i q is linear in the matrix; the one with the largest q_i is the
-    best conditioned.
-    """
-    xx, yy, zz = r[0], r[4], r[8]
-    squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)
-    largest = max(squares)
-    if squares[0] == largest:
-        x, y, z, w = squares[0], r[3] + r[1], r[2] + r[6], r[7] - r[5]
-    elif squares[1] == largest:
-        x, y, z, w = r[3] + r[1], squares[1], r[7] + r[5], r[2] - r[6]
-    elif squares[2] == largest:
-        x, y, z, w = r[2] + r[6], r[7] + r[5], squares[2], r[3] - r[1]
-    else:
-        x, y, z, w = r[7] - r[5], r[2] - r[6], r[3] - r[1], squares[3]
-    norm = math.copysign(math.sqrt(x * x + y * y + z * z + w * w), w)
-    return x / norm, y / norm, z / norm, w / norm
-
-
-@compiled
 def log(r: Matrix) -> Vector:
     """Return the rotation vector of a rotation, of length at most pi.
 
     Through the unit quaternion, whose vector part is well conditioned near pi.
     """
-    x, y, z, w = quaternion(r)
-    sine = math.sqrt(x * x + y * y + z * z)
-    if sine < SMALL_ANGLE:
-        t = sine / w
-        ratio = 2.0 * (1.0 - t**2 / 3.0 + t**4 / 5.0) / w  # 2 atan(t) / (w t)
-    else:
-        ratio = 2.0 * math.atan2(sine, w) / sine
-    return ratio * x, ratio * y, ratio * z
+    return _rotation_vector(quaternion(r))

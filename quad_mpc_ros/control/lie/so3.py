@@ -5,8 +5,8 @@ Leading batch dimensions are accepted where shapes say so: (..., 3) and (..., 3,
 follow Solà, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), with
 right (body-frame) Jacobians.
 
-A single rotation goes through compiled code, batches through NumPy, which takes ten times as long
-for three numbers.
+A single rotation goes through plain numbers (:mod:`.formulas`), batches through NumPy, which takes
+ten times as long for three numbers.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.lie.kernels import SMALL_ANGLE
+from quad_mpc_ros.control.lie import Array, formulas
+from quad_mpc_ros.control.lie.formulas import SMALL_ANGLE, Matrix, Vector
 
 
 def hat(phi: ArrayLike) -> Array:
@@ -35,7 +35,7 @@ def hat(phi: ArrayLike) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """Return a x b of two vectors (3,), twenty times as fast as NumPy's, which does any shape."""
-    return np.array(kernels.cross(tuple(a.tolist()), tuple(b.tolist())))
+    return np.array(formulas.cross(_vector(a), _vector(b)))
 
 
 def vee(skew: Array) -> Array:
@@ -47,7 +47,9 @@ def exp(phi: ArrayLike) -> Array:
     """Return the rotation by the rotation vector ``phi`` (Rodrigues); (..., 3) → (..., 3, 3)."""
     phi = np.asarray(phi, dtype=np.float64)
     if phi.ndim == 1:
-        return np.array(kernels.exp(tuple(phi.tolist()))).reshape(3, 3)
+        vector = _vector(phi)
+        sine, versine, _ = formulas.turn_ratios(_square(vector))
+        return _array(formulas.polynomial(vector, sine, versine))
     angle = _norm(phi)
     skew = hat(phi)
     return _EYE + _sinc(angle) * skew + _versine(angle) * (skew @ skew)
@@ -60,7 +62,7 @@ def log(rotation: Array) -> Array:
     trace formula divides by zero. At exactly pi either of the two axes is right; one is returned.
     """
     if rotation.ndim == 2:
-        return np.array(kernels.log(kernels.matrix(np.ascontiguousarray(rotation))))
+        return np.array(formulas.rotation_vector(formulas.quaternion(_numbers(rotation))))
     q = quaternion_xyzw_from_rotation(rotation)
     vector, w = q[..., :3], q[..., 3:]  # w >= 0: the shorter way round
     sine = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
@@ -76,14 +78,15 @@ def log(rotation: Array) -> Array:
 
 def right_jacobian(phi: ArrayLike) -> Array:
     """Return J_r with ``exp(phi + d) ≈ exp(phi) @ exp(J_r @ d)``; (3,) → (3, 3)."""
-    x, y, z = np.asarray(phi, dtype=np.float64).tolist()
-    return np.array(kernels.right_jacobian((x, y, z))).reshape(3, 3)
+    vector = _vector(phi)
+    _, versine, deficit = formulas.turn_ratios(_square(vector))
+    return _array(formulas.polynomial(vector, -versine, deficit))
 
 
 def right_jacobian_inverse(phi: ArrayLike) -> Array:
     """Return the inverse of :func:`right_jacobian`, finite up to and at pi; (3,) → (3, 3)."""
-    x, y, z = np.asarray(phi, dtype=np.float64).tolist()
-    return np.array(kernels.right_jacobian_inverse((x, y, z))).reshape(3, 3)
+    vector = _vector(phi)
+    return _array(formulas.polynomial(vector, 0.5, formulas.inverse_deficit(_square(vector))))
 
 
 def shortest_rotation(start: Array, end: Array) -> Array:
@@ -120,7 +123,7 @@ def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
         x, y, z, w = q.tolist()
         if not 0.0 < x * x + y * y + z * z + w * w < math.inf:
             raise ValueError(f"no rotation in the quaternion {q.tolist()}")
-        return np.array(kernels.rotation((x, y, z, w))).reshape(3, 3)
+        return _array(formulas.rotation((x, y, z, w)))
     norm = np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
     if not np.all(np.isfinite(norm) & (norm > 0.0)):
         raise ValueError(f"no rotation in the quaternion {q.tolist()}")
@@ -146,7 +149,7 @@ def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
     """
     r = np.asarray(rotation, dtype=np.float64)
     if r.ndim == 2:
-        return np.array(kernels.quaternion(kernels.matrix(np.ascontiguousarray(r))))
+        return np.array(formulas.quaternion(_numbers(r)))
     xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
     products = np.empty((*r.shape[:-2], 4, 4))
     products[..., 0, 0] = 1.0 + xx - yy - zz
@@ -166,6 +169,28 @@ def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
 
 
 _EYE = np.eye(3)
+
+
+def _vector(phi: ArrayLike) -> Vector:
+    """Return (3,) as plain numbers."""
+    x, y, z = np.asarray(phi, dtype=np.float64).tolist()
+    return x, y, z
+
+
+def _numbers(rotation: Array) -> Matrix:
+    """Return (3, 3) as plain numbers, row by row."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    return a, b, c, d, e, f, g, h, i
+
+
+def _array(matrix: Matrix) -> Array:
+    """Return the (3, 3) of plain numbers."""
+    return np.array(matrix).reshape(3, 3)
+
+
+def _square(v: Vector) -> float:
+    """Return v' v."""
+    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
 
 
 def _norm(phi: Array) -> Array:

@@ -14,12 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import Actuators, actuators_in, followed
 from quad_mpc_ros.control.model.parameters import ModelParameters
 from quad_mpc_ros.control.model.rollout import (
     Discretisation,
     Midpoint,
+    StateRecord,
     body_in,
     discretised,
     rotor_speed,
@@ -27,13 +29,13 @@ from quad_mpc_ros.control.model.rollout import (
     substep,
     uneven_air,
 )
+from quad_mpc_ros.control.model.state import TANGENT_SIZE, THETA, P, V
 
-POSITION = slice(0, 3)
-VELOCITY = slice(3, 6)
-ATTITUDE = slice(6, 9)
-RATE = slice(9, 12)
-THROTTLE = 12
-STATE_SIZE = 13
+# Where in the tangent of the horizon the actuators begin, behind the state's own parts.
+OMEGA, S, STATE_SIZE = TANGENT_SIZE, TANGENT_SIZE + 3, TANGENT_SIZE + 4
+RATE, THROTTLE = slice(OMEGA, S), S
+WITHOUT_ACTUATORS = OMEGA
+"""The size of a state whose actuators do not lag."""
 
 # Columns of the sensitivities to what turns the body: attitude, rates, commanded rates; and to the
 # velocity, for which they are needed where the air is uneven.
@@ -69,8 +71,8 @@ def jacobians(
     step: float,
     inputs: Array,
     free: Array,
-    start: Array,
-    states: Array,
+    start: StateRecord,
+    states: RecordArray[StateRecord],
     A: Array,
     B: Array,
 ) -> None:
@@ -81,7 +83,7 @@ def jacobians(
     one, or zero for a command that a bound holds.
     """
     steps, substeps = inputs.shape[:2]
-    lagging = A.shape[1] > _WITHOUT_ACTUATORS
+    lagging = A.shape[1] > WITHOUT_ACTUATORS
     d = discretised(model, step / substeps)
     x = body_in(start)
     store_body(x, states[0])
@@ -154,17 +156,8 @@ def _air(model: ModelParameters, d: Discretisation, midpoint: Midpoint) -> _Air:
     slope = (by_x, 0.0, 0.0, 0.0, by_y, 0.0, lift * u[0], lift * u[1], by_z)
     # Of R e(R' v) by a turn phi of the body: R (phi x e) + R e' (u x phi).
     turned = kernels.multiply(slope, (0.0, -u[2], u[1], u[2], 0.0, -u[0], -u[1], u[0], 0.0))
-    by_turn = (
-        turned[0],
-        turned[1] + z,
-        turned[2] - y,
-        turned[3] - z,
-        turned[4],
-        turned[5] + x,
-        turned[6] + y,
-        turned[7] - x,
-        turned[8],
-    )
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = turned
+    by_turn = xx, xy + z, xz - y, yx - z, yy, yz + x, zx + y, zy - x, zz
     return _Air(
         True,
         kernels.multiply(kernels.multiply(R, slope), kernels.transposed(R)),
@@ -225,11 +218,11 @@ def _turn_on(
         # By how much half of the turn moves.
         half = (0.0, 0.0, 0.0)
         if n >= _FROM_COMMAND:
-            half = kernels.scaled(
-                0.5 * d.dt * mean_gained[n - 5], kernels.column(J, n - _FROM_COMMAND)
-            )
+            k = n - _FROM_COMMAND
+            half = kernels.scaled(0.5 * d.dt * mean_gained[1 + k], kernels.column(J, k))
         elif n >= _FROM_RATE:
-            half = kernels.scaled(0.5 * d.dt * mean_kept[n - 2], kernels.column(J, n - _FROM_RATE))
+            k = n - _FROM_RATE
+            half = kernels.scaled(0.5 * d.dt * mean_kept[1 + k], kernels.column(J, k))
         turned = kernels.plus(kernels.apply_transposed(midpoint.half, kernels.vector(dR[n])), half)
         # The thrust's direction moves by R (phi x e3).
         acceleration = kernels.scaled(
@@ -251,10 +244,6 @@ def _turn_on(
         kernels.store_vector(p, dp[n])
 
 
-# Entries of the attitude, and of the state without actuators.
-_ATTITUDE, _WITHOUT_ACTUATORS = 6, 9
-
-
 @compiled
 def _fill(
     A: Array,
@@ -267,17 +256,17 @@ def _fill(
     """Write what can be other than zero of position, velocity and attitude."""
     dR, dv, dp = turning
     for k in range(3):
-        A[k, k] = 1.0
-        A[k, 3 + k] = own_p
-        A[3 + k, 3 + k] = own_v
-        B[3 + k, 0], B[k, 0] = by_command[0][k], by_command[1][k]
+        A[P + k, P + k] = 1.0
+        A[P + k, V + k] = own_p
+        A[V + k, V + k] = own_v
+        B[V + k, 0], B[P + k, 0] = by_command[0][k], by_command[1][k]
         for n in range(3):
-            A[k, _ATTITUDE + n] = dp[n, k]
-            A[3 + k, _ATTITUDE + n] = dv[n, k]
-            A[_ATTITUDE + k, _ATTITUDE + n] = dR[n, k]
-            B[k, 1 + n] = dp[_FROM_COMMAND + n, k]
-            B[3 + k, 1 + n] = dv[_FROM_COMMAND + n, k]
-            B[_ATTITUDE + k, 1 + n] = dR[_FROM_COMMAND + n, k]
+            A[P + k, THETA + n] = dp[n, k]
+            A[V + k, THETA + n] = dv[n, k]
+            A[THETA + k, THETA + n] = dR[n, k]
+            B[P + k, 1 + n] = dp[_FROM_COMMAND + n, k]
+            B[V + k, 1 + n] = dv[_FROM_COMMAND + n, k]
+            B[THETA + k, 1 + n] = dR[_FROM_COMMAND + n, k]
 
 
 @compiled
@@ -286,8 +275,8 @@ def _fill_velocity(A: Array, turning: _Turning) -> None:
     _, dv, dp = turning
     for k in range(3):
         for n in range(3):
-            A[k, 3 + n] = dp[_TURNING + n, k]
-            A[3 + k, 3 + n] = dv[_TURNING + n, k]
+            A[P + k, V + n] = dp[_TURNING + n, k]
+            A[V + k, V + n] = dv[_TURNING + n, k]
 
 
 @compiled
@@ -303,9 +292,9 @@ def _fill_actuators(
     dR, dv, dp = turning
     for k in range(3):
         for n in range(3):
-            A[k, 9 + n] = dp[_FROM_RATE + n, k]
-            A[3 + k, 9 + n] = dv[_FROM_RATE + n, k]
-            A[_ATTITUDE + k, 9 + n] = dR[_FROM_RATE + n, k]
-        A[3 + k, 12], A[k, 12] = by_throttle[0][k], by_throttle[1][k]
-        A[9 + k, 9 + k], B[9 + k, 1 + k] = kept[1 + k], gained[1 + k]
-    A[12, 12], B[12, 0] = kept[0], gained[0]
+            A[P + k, OMEGA + n] = dp[_FROM_RATE + n, k]
+            A[V + k, OMEGA + n] = dv[_FROM_RATE + n, k]
+            A[THETA + k, OMEGA + n] = dR[_FROM_RATE + n, k]
+        A[V + k, S], A[P + k, S] = by_throttle[0][k], by_throttle[1][k]
+        A[OMEGA + k, OMEGA + k], B[OMEGA + k, 1 + k] = kept[1 + k], gained[1 + k]
+    A[S, S], B[S, 0] = kept[0], gained[0]

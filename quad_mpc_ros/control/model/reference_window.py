@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3, Vector4
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 
@@ -42,141 +42,134 @@ def sample(window: ReferenceWindow, stamps_ns: ArrayLike) -> ReferencePoints:
     Before the first sample the first one holds; from the last one on its pose holds, at rest.
     """
     times = np.asarray(stamps_ns, dtype=np.int64)
-    points = np.empty((times.size, POINT_SIZE))
+    points = PointRecord.zeros(times.size)
     sample_into(
-        times_ns=times.reshape(-1) - window.stamp_ns,
-        offsets_ns=window.offset_ns,
-        samples=packed(window),
-        points=points,
+        times_ns=times.reshape(-1) - window.stamp_ns, samples=packed(window), points=points
     )
-    return reference_points(points.reshape(*times.shape, POINT_SIZE))
+    return reference_points(points.reshape(times.shape))
 
 
-def reference_points(points: Array) -> ReferencePoints:
-    """Return points (..., 21) of :func:`sample_into` under their names."""
-    parts = (points[..., start:end].copy() for start, end in itertools.pairwise(_POINT_ENDS))
-    p, R, v, a, w = parts
-    return ReferencePoints(p_WB=p, R_WB=R.reshape(*p.shape, 3), v_WB_W=v, a_WB_W=a, w_WB_B=w)
+def reference_points(points: RecordArray[PointRecord]) -> ReferencePoints:
+    """Return points of :func:`sample_into`, of any shape, as arrays of their own."""
+    return ReferencePoints(**{name: points[name].copy() for name in PointRecord.names()})
 
 
-def packed(window: ReferenceWindow) -> Array:
-    """Return the samples of a window as compiled code takes them, (n, 16).
+class SampleRecord(Record):
+    """A sample of a window, as compiled code takes it."""
 
-    A row holds position, quaternion, velocity, acceleration and body rate in the world.
-    """
-    return np.concatenate(
-        (window.p_WB, window.q_WB_xyzw, window.v_WB_W, window.a_WB_W, window.w_WB_W), axis=1
-    )
+    offset_ns: int  # from the window's stamp
+    p_WB: Vector3  # m
+    q_WB_xyzw: Vector4
+    v_WB_W: Vector3  # m/s
+    a_WB_W: Vector3  # m/s^2
+    w_WB_W: Vector3  # rad/s, in the world
 
 
-POINT_SIZE = 21
-_POINT_ENDS = (0, 3, 12, 15, 18, 21)
+class PointRecord(Record):
+    """The reference at a time; fields are those of :class:`ReferencePoints`."""
+
+    p_WB: Vector3
+    R_WB: Matrix3
+    v_WB_W: Vector3
+    a_WB_W: Vector3
+    w_WB_B: Vector3
+
+
+def packed(window: ReferenceWindow) -> RecordArray[SampleRecord]:
+    """Return the samples of a window (n,) as compiled code takes them."""
+    samples = SampleRecord.zeros(len(window.offset_ns))
+    for name in SampleRecord.names():
+        samples[name] = getattr(window, name)
+    return samples
 
 
 @compiled
 def sample_into(
-    times_ns: NDArray[np.int64], offsets_ns: NDArray[np.int64], samples: Array, points: Array
+    times_ns: NDArray[np.int64],
+    samples: RecordArray[SampleRecord],
+    points: RecordArray[PointRecord],
 ) -> None:
-    """Write the points (m, 21) at times (m,) after the stamp of a window of samples (n, 16).
-
-    A row of ``samples`` is one of :func:`packed`, a row of ``points`` holds position, rotation row
-    by row, velocity, acceleration, and body rate in the body.
-    """
-    p, q, v, a, w = window_parts(samples)
-    p_at, R_at, v_at, a_at, w_at = point_parts(points)
-    last = len(offsets_ns) - 1
+    """Write the points (m,) at times (m,) after the stamp of a window of samples (n,)."""
+    last = len(samples) - 1
     lower, segment, still = 0, -1, False
-    R, turn, w_before, w_after = _segment(q, w, 0, 0)
+    R, turn, w_before, w_after = _segment(samples[0], samples[0])
     for k in range(len(times_ns)):
-        time = times_ns[k]
+        time, point = times_ns[k], points[k]
         # Of two samples at the same time the later one holds from that time on.
-        while lower < last and offsets_ns[lower + 1] <= time:
+        while lower < last and samples[lower + 1].offset_ns <= time:
             lower += 1
-        while lower > 0 and offsets_ns[lower] > time:
+        while lower > 0 and samples[lower].offset_ns > time:
             lower -= 1
-        holds = lower == last or time <= offsets_ns[0]
-        upper = lower if holds else lower + 1
+        holds = lower == last or time <= samples[0].offset_ns
+        before, after = samples[lower], samples[lower if holds else lower + 1]
         if lower != segment:
-            R, turn, w_before, w_after = _segment(q, w, lower, upper)
+            R, turn, w_before, w_after = _segment(before, after)
             segment = lower if not holds else -1
-            still = not holds and _is_still(samples, lower)
+            still = not holds and _is_still(before, after)
         if holds or still:
             moving = 1.0 if lower < last else 0.0
             for i in range(3):
-                p_at[k, i] = p[lower, i]
-                v_at[k, i] = moving * v[lower, i]
-                a_at[k, i] = moving * a[lower, i]
-            kernels.store_matrix_row(R, R_at[k])
-            kernels.store_vector(kernels.scaled(moving, w_before), w_at[k])
+                point.p_WB[i] = before.p_WB[i]
+                point.v_WB_W[i] = moving * before.v_WB_W[i]
+                point.a_WB_W[i] = moving * before.a_WB_W[i]
+            kernels.store_matrix(R, point.R_WB)
+            kernels.store_vector(kernels.scaled(moving, w_before), point.w_WB_B)
             continue
-        width = 1e-9 * (offsets_ns[upper] - offsets_ns[lower])
-        fraction = 1e-9 * (time - offsets_ns[lower]) / width
+        width = 1e-9 * (after.offset_ns - before.offset_ns)
+        fraction = 1e-9 * (time - before.offset_ns) / width
         for i in range(3):
-            p_at[k, i], _ = _cubic(
-                p[lower, i], p[upper, i], v[lower, i], v[upper, i], fraction, width
-            )
-            v_at[k, i], a_at[k, i] = _cubic(
-                v[lower, i], v[upper, i], a[lower, i], a[upper, i], fraction, width
+            v, v_after = before.v_WB_W[i], after.v_WB_W[i]
+            point.p_WB[i], _ = _cubic(before.p_WB[i], after.p_WB[i], v, v_after, fraction, width)
+            point.v_WB_W[i], point.a_WB_W[i] = _cubic(
+                v, v_after, before.a_WB_W[i], after.a_WB_W[i], fraction, width
             )
         # The attitude is R exp(x) with the cubic x from zero to the whole turn.
         x0, s0 = _cubic(0.0, turn[0], w_before[0], w_after[0], fraction, width)
         x1, s1 = _cubic(0.0, turn[1], w_before[1], w_after[1], fraction, width)
         x2, s2 = _cubic(0.0, turn[2], w_before[2], w_after[2], fraction, width)
-        kernels.store_matrix_row(kernels.multiply(R, kernels.exp((x0, x1, x2))), R_at[k])
+        kernels.store_matrix(kernels.multiply(R, kernels.exp((x0, x1, x2))), point.R_WB)
         kernels.store_vector(
-            kernels.apply(kernels.right_jacobian((x0, x1, x2)), (s0, s1, s2)), w_at[k]
+            kernels.apply(kernels.right_jacobian((x0, x1, x2)), (s0, s1, s2)), point.w_WB_B
         )
 
 
 @compiled
-def window_parts(samples: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Return position, quaternion, velocity, acceleration, body rate: views of a window's rows."""
-    return samples[:, 0:3], samples[:, 3:7], samples[:, 7:10], samples[:, 10:13], samples[:, 13:16]
-
-
-@compiled
-def point_parts(points: Array) -> tuple[Array, Array, Array, Array, Array]:
-    """Return position, rotation, velocity, acceleration, body rate: views of the points' rows."""
-    return points[:, 0:3], points[:, 3:12], points[:, 12:15], points[:, 15:18], points[:, 18:21]
-
-
-@compiled
-def _is_still(samples: Array, lower: int) -> bool:
-    """Whether nothing moves between a sample and the next."""
-    p, q, v, a, w = window_parts(samples)
+def _is_still(before: SampleRecord, after: SampleRecord) -> bool:
+    """Whether nothing moves between two samples."""
     for i in range(3):
-        for k in (lower, lower + 1):
-            if p[k, i] != p[lower, i] or v[k, i] != 0.0 or a[k, i] != 0.0 or w[k, i] != 0.0:
-                return False
+        if before.p_WB[i] != after.p_WB[i]:
+            return False
+    return _is_at_rest(before) and _is_at_rest(after) and _is_same_attitude(before, after)
+
+
+@compiled
+def _is_at_rest(sample: SampleRecord) -> bool:
+    turns = not kernels.is_zero(sample.w_WB_W)
+    return not turns and kernels.is_zero(sample.v_WB_W) and kernels.is_zero(sample.a_WB_W)
+
+
+@compiled
+def _is_same_attitude(before: SampleRecord, after: SampleRecord) -> bool:
     same = True
     for i in range(4):
-        same &= q[lower + 1, i] == q[lower, i]
+        same &= before.q_WB_xyzw[i] == after.q_WB_xyzw[i]
     return same
 
 
 @compiled
 def _segment(
-    q_xyzw: Array, w_WB_W: Array, lower: int, upper: int
+    before: SampleRecord, after: SampleRecord
 ) -> tuple[kernels.Matrix, kernels.Vector, kernels.Vector, kernels.Vector]:
     """Return attitude before, turn to the one after, and its slopes, in the body before."""
-    R = kernels.rotation((q_xyzw[lower, 0], q_xyzw[lower, 1], q_xyzw[lower, 2], q_xyzw[lower, 3]))
-    before = kernels.apply_transposed(R, kernels.vector(w_WB_W[lower]))
-    held = True
-    for i in range(4):
-        held &= q_xyzw[lower, i] == q_xyzw[upper, i]
-    if held:  # exactly
-        return (
-            R,
-            (0.0, 0.0, 0.0),
-            before,
-            kernels.apply_transposed(R, kernels.vector(w_WB_W[upper])),
-        )
-    R_after = kernels.rotation(
-        (q_xyzw[upper, 0], q_xyzw[upper, 1], q_xyzw[upper, 2], q_xyzw[upper, 3])
-    )
+    R = kernels.rotation(kernels.quaternion_in(before.q_WB_xyzw))
+    w_before, w_after = kernels.vector(before.w_WB_W), kernels.vector(after.w_WB_W)
+    slope = kernels.apply_transposed(R, w_before)
+    if _is_same_attitude(before, after):  # exactly
+        return R, (0.0, 0.0, 0.0), slope, kernels.apply_transposed(R, w_after)
+    R_after = kernels.rotation(kernels.quaternion_in(after.q_WB_xyzw))
     turn = kernels.log(kernels.multiply(kernels.transposed(R), R_after))
-    after = kernels.apply_transposed(R_after, kernels.vector(w_WB_W[upper]))
-    return R, turn, before, kernels.apply(kernels.right_jacobian_inverse(turn), after)
+    slope_after = kernels.apply_transposed(R_after, w_after)
+    return R, turn, slope, kernels.apply(kernels.right_jacobian_inverse(turn), slope_after)
 
 
 @compiled

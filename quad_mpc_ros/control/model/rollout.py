@@ -21,7 +21,7 @@ Over a substep, under one command, the turn is the exact integral of the lagging
 thrust is that of the mean throttle along the attitude half way. The mean of the mu over the axes
 is exact; what differs from it, the drag of the rotors and the lift act as they do half way.
 
-Outside of compiled code a state is a row of 19 numbers, whose parts are named here.
+In memory a state is a :class:`StateRecord`, in registers a :class:`Body`.
 """
 
 from __future__ import annotations
@@ -30,20 +30,26 @@ import math
 from typing import NamedTuple
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import Actuators, actuators_in, first_order_lag, followed
-from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_in
+from quad_mpc_ros.control.model.parameters import ModelParameters
 
-P_WB, V_WB_W, R_WB, ACTUATORS = slice(0, 3), slice(3, 6), slice(6, 15), slice(15, 19)
-BODY_RATES = slice(16, 19)
-"""Parts of a state's row: position, velocity, rotation row by row, throttle and body rates."""
-
-ROW_SIZE = 19
 SUBSTEPS = 4
 
 
+class StateRecord(Record):
+    """A state in memory."""
+
+    p_WB: Vector3  # m
+    v_WB_W: Vector3  # m/s
+    R_WB: Matrix3
+    throttle: float
+    w_WB_B: Vector3  # rad/s
+
+
 class Body(NamedTuple):
-    """A state as plain numbers, for compiled code."""
+    """A state as plain numbers, which compiled code has in registers."""
 
     p: kernels.Vector
     v: kernels.Vector
@@ -52,35 +58,38 @@ class Body(NamedTuple):
 
 
 @compiled
-def body_in(row: Array) -> Body:
-    """Return the state in a row (19,)."""
+def body_in(state: StateRecord) -> Body:
+    """Return a state in memory as plain numbers."""
+    w = state.w_WB_B
     return Body(
-        (row[0], row[1], row[2]),
-        (row[3], row[4], row[5]),
-        (row[6], row[7], row[8], row[9], row[10], row[11], row[12], row[13], row[14]),
-        (row[15], row[16], row[17], row[18]),
+        kernels.vector(state.p_WB),
+        kernels.vector(state.v_WB_W),
+        kernels.matrix(state.R_WB),
+        (state.throttle, w[0], w[1], w[2]),
     )
 
 
 @compiled
-def store_body(body: Body, row: Array) -> None:
-    """Write a state into a row (19,)."""
-    for k in range(3):
-        row[k], row[3 + k] = body.p[k], body.v[k]
-    for k in range(9):
-        row[6 + k] = body.R[k]
-    for k in range(4):
-        row[15 + k] = body.actuators[k]
+def store_body(body: Body, state: StateRecord) -> None:
+    """Write a state into memory."""
+    throttle, roll, pitch, yaw = body.actuators
+    kernels.store_vector(body.p, state.p_WB)
+    kernels.store_vector(body.v, state.v_WB_W)
+    kernels.store_matrix(body.R, state.R_WB)
+    kernels.store_vector((roll, pitch, yaw), state.w_WB_B)
+    state.throttle = throttle
 
 
 @compiled
-def read_odometry(p_WB: Array, q_WB_xyzw: Array, v_WB_B: Array, w_WB_B: Array, row: Array) -> None:
+def read_odometry(
+    p_WB: Array, q_WB_xyzw: Array, v_WB_B: Array, w_WB_B: Array, state: StateRecord
+) -> None:
     """Write the state of an odometry whose twist is in the body, but for its throttle."""
-    R = kernels.rotation((q_WB_xyzw[0], q_WB_xyzw[1], q_WB_xyzw[2], q_WB_xyzw[3]))
-    kernels.store_vector(kernels.vector(p_WB), row[0:3])
-    kernels.store_vector(kernels.apply(R, kernels.vector(v_WB_B)), row[3:6])
-    kernels.store_matrix_row(R, row[6:15])
-    kernels.store_vector(kernels.vector(w_WB_B), row[16:19])
+    R = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
+    kernels.store_vector(kernels.vector(p_WB), state.p_WB)
+    kernels.store_vector(kernels.apply(R, kernels.vector(v_WB_B)), state.v_WB_W)
+    kernels.store_matrix(R, state.R_WB)
+    kernels.store_vector(kernels.vector(w_WB_B), state.w_WB_B)
 
 
 class Discretisation(NamedTuple):
@@ -88,7 +97,7 @@ class Discretisation(NamedTuple):
 
     After it an actuator keeps ``decay`` of its distance to the command, ``share`` on the average
     over it; the velocity keeps ``velocity_decay`` and gains ``phi1`` times the acceleration, the
-    position ``phi1`` times the velocity and ``phi2`` times the acceleration. ``uneven`` tells
+    position ``phi1`` times the velocity and ``phi2`` times the acceleration. ``uneven`` says
     whether the air does anything beyond that.
     """
 
@@ -126,9 +135,8 @@ def discretised(model: ModelParameters, dt: float) -> Discretisation:
 @compiled
 def is_uneven(model: ModelParameters) -> bool:
     """Whether the air does anything but the drag that is alike along all axes."""
-    none = (0.0, 0.0, 0.0)
-    rotors = model.rotor_drag != none
-    return model.uneven_drag != none or model.translational_lift != 0.0 or rotors
+    alike = kernels.is_zero(model.uneven_drag) and kernels.is_zero(model.rotor_drag)
+    return bool(not alike or model.translational_lift != 0.0)
 
 
 @compiled
@@ -173,7 +181,7 @@ def substep(
     half = kernels.exp(half_turn)
     R_mid = kernels.multiply(x.R, half)
     push = model.thrust_scale * ((model.a * mean[0] + model.b) * mean[0] + model.c)
-    force = kernels.plus(kernels.scaled(push, kernels.column(R_mid, 2)), model.a_W)
+    force = kernels.plus(kernels.scaled(push, kernels.column(R_mid, 2)), kernels.vector(model.a_W))
     a, v_B = (force[0], force[1], force[2] - model.gravity), (0.0, 0.0, 0.0)
     if step.uneven:
         slowed = kernels.plus(a, kernels.scaled(-model.drag, x.v))
@@ -206,18 +214,18 @@ def propagated(
 
 @compiled
 def roll_forward(
-    parameters: Array,
+    model: ModelParameters,
     commands: Array,
     durations: Array,
     longest: float,
-    start: Array,
-    end: Array,
+    start: StateRecord,
+    end: StateRecord,
 ) -> None:
-    """Write the state (19,) after commands (n, 4), each held for a duration (n,) [s].
+    """Write the state after commands (n, 4), each held for a duration (n,) [s].
 
-    In substeps of ``longest`` [s] at most. ``start`` and ``end`` may be the same row.
+    In substeps of ``longest`` [s] at most. ``start`` and ``end`` may be the same.
     """
-    model, x = parameters_in(parameters), body_in(start)
+    x = body_in(start)
     for k in range(len(durations)):
         x = propagated(model, actuators_in(commands[k]), durations[k], longest, x)
     store_body(x, end)
@@ -225,9 +233,13 @@ def roll_forward(
 
 @compiled
 def roll_out(
-    model: ModelParameters, step: float, inputs: Array, start: Array, states: Array
+    model: ModelParameters,
+    step: float,
+    inputs: Array,
+    start: StateRecord,
+    states: RecordArray[StateRecord],
 ) -> None:
-    """Write the states 0 to N (N + 1, 19) of stages of ``step`` seconds from ``start`` (19,) on.
+    """Write the states 0 to N (N + 1,) of stages of ``step`` seconds from ``start`` on.
 
     ``inputs`` (N, M, 4) are held over a substep each.
     """

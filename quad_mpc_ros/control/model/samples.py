@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.control.lie import Array
 
-_LARGEST_VARIANCE = 25.0  # m^2/s^2 of a velocity; beyond it nothing is told
+_LARGEST_VARIANCE = 25.0  # m^2/s^2 of a velocity; larger values mean unknown
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,7 +32,7 @@ class OdometrySample:
         w_WB_B: Body rates, in body axes (3,) [rad/s].
         frame_id: The world frame.
         child_frame_id: The body frame.
-        v_variance: Variance of the velocity along each axis [m^2/s^2], 0 where it is not told.
+        v_variance: Variance of the velocity along each axis [m^2/s^2], 0 where it is unknown.
 
     Example:
         >>> OdometrySample.at_rest([0.0, 0.0, 1.5], yaw=0.5).speed
@@ -81,13 +81,13 @@ class OdometrySample:
         return float(1.0 - 2.0 * (x * x + y * y))
 
 
-def told_variance(variances: Iterable[float]) -> float:
-    """Return the largest of the variances that a source tells of a velocity, 0 if it tells none.
+def given_variance(variances: Iterable[float]) -> float:
+    """Return the largest of the variances that a source gives of a velocity, 0 if it gives none.
 
-    Many leave them zero, and some write nonsense, or something huge for what is not known.
+    Many leave them zero, and some write nonsense, or something huge for unknown.
     """
-    told = [float(variance) for variance in variances]
-    return max(told) if all(0.0 < variance <= _LARGEST_VARIANCE for variance in told) else 0.0
+    given = [float(variance) for variance in variances]
+    return max(given) if all(0.0 < variance <= _LARGEST_VARIANCE for variance in given) else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,13 +15,13 @@ import numpy as np
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 
-POSITION = slice(0, 3)
-VELOCITY = slice(3, 6)
-ATTITUDE = slice(6, 9)
-TANGENT_SIZE = 9
+# Where each part of the tangent begins.
+P, V, THETA, TANGENT_SIZE = 0, 3, 6, 9
+POSITION, VELOCITY, ATTITUDE = slice(P, V), slice(V, THETA), slice(THETA, TANGENT_SIZE)
 
-BODY_RATE = slice(1, 4)
+# Of the input: throttle first, then the body rates.
 INPUT_SIZE = 4
+BODY_RATE = slice(1, INPUT_SIZE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

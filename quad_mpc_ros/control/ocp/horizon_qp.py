@@ -15,7 +15,6 @@ is in the matrices.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import NamedTuple
 
@@ -24,16 +23,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.ocp.stages import (
-    HorizonPattern,
-    HorizonStages,
-    LimitPattern,
-    Mask,
-    Shape,
-    StageParts,
-    stages_in,
-)
+from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages, LimitPattern, Mask
 
 # A bound that holds nothing; OSQP's own infinity is beyond what a solver here may be given.
 FREE = 1e9
@@ -48,7 +40,7 @@ _Places = NDArray[np.intp]
 class HorizonSolution(NamedTuple):
     """A solution in physical units: ``inputs`` (N, nu) and ``states`` 1 to N (N, nx).
 
-    ``finite`` tells whether all its numbers are, multipliers as well.
+    ``finite`` says whether all its numbers are, multipliers as well.
     """
 
     finite: bool
@@ -75,90 +67,62 @@ class HorizonQP:
         columns, rows = n * (nx + nu + ns), n * (nx + nu + nr + ns)
         self.A, A_places = _assemble(self._constraint_blocks(), shape=(rows, columns))
         self.P, P_places = _assemble(self._cost_blocks(), shape=(columns, columns))
-        # One array, for compiled code: first what the cost is of.
-        self._cost_size = at_A = columns + self.P.nnz
-        self._numbers = np.zeros(at_A + self.A.nnz + 2 * rows)
-        self.q, self.P.data, self.A.data, self.lower, self.upper = np.split(
-            self._numbers, np.cumsum([columns, self.P.nnz, self.A.nnz, rows])
-        )
+        self.q, self.lower, self.upper = np.zeros(columns), np.zeros(rows), np.zeros(rows)
         self._multipliers = np.zeros(rows)
         self.cost_scale = 1.0
         """Factor on the cost as it stands, and so on the multipliers; 1 without soft rows."""
         self.magnitude = 0.0
         """A number at least as large as each of the problem's; NaN when one is NaN."""
 
-        stages = HorizonStages.zeros(n, nx, nu, rows=nr, slacks=ns)
-        self._shape, self._given = stages.shape, tuple(stages.shape.tolist())
-        # Where the numbers of the stages are in their buffer.
-        numbering = dataclasses.replace(stages, buffer=np.arange(float(len(stages.buffer))))
         count_A, count_B = (n - 1) * int(pattern.A.sum()), n * int(pattern.B.sum())
         fixed = count_A + count_B + n * (nx + nu + ns)
         # Next states, bounded inputs and slacks.
         self.A.data[A_places[count_A + count_B : fixed]] = 1.0
         count_H = n * int(np.triu(pattern.H).sum())
-        self._entries = _Entries.all_of(
-            _entries(numbering.A[1:], pattern.A, -state / state[:, None]),
-            _entries(numbering.B, pattern.B, -size / state[:, None]),
-            at=at_A + A_places[: count_A + count_B],
-        ).and_also(
-            _Entries.all_of(
-                _entries(numbering.H, np.triu(pattern.H), state * state[:, None]),
-                at=columns + P_places[:count_H],
-            )
+        at_B, at_soft = A_places[count_A : count_A + count_B], A_places[fixed:]
+        self._scatter = _Scatter(
+            A=_entries(pattern.A, -state / state[:, None], A_places[:count_A], n, skip=1),
+            B=_entries(pattern.B, -size / state[:, None], at_B, n),
+            H=_entries(np.triu(pattern.H), state * state[:, None], P_places[:count_H], n),
+            normals=self._soft_entries(soft, at_soft),
+            diagonal=P_places[count_H:],  # those of R, and of the quadratic prices of slacks
         )
         if nr > 0:
             inputs = slice(count_A + count_B + n * nx, count_A + count_B + n * (nx + nu))
             self.A.data[A_places[inputs]] = _INPUT_ROW
-            self._set_up_limits(soft, numbering, A_places[fixed:], at=at_A)
-        # Those of R, and of the quadratic prices of slacks.
-        self._diagonal = columns + P_places[count_H:]
+            self.lower[n * (nx + nu) :], self.upper[n * (nx + nu) :] = -FREE, FREE
+            self.lower[n * (nx + nu + nr) :] = 0.0
 
-    def _set_up_limits(
-        self, soft: LimitPattern, numbering: HorizonStages, places: _Places, *, at: int
-    ) -> None:
-        """Take the pattern of the soft rows, and the places of their entries, ``at`` on."""
-        n, nx, nu, nr = self._n, self._nx, self._nu, self._nr
-        before, own = soft.mask[:, :nu], soft.mask[:, nu:]
-        count = (n - 1) * int(before.sum()) + n * int(own.sum())
-        sizes = self._sizes[: nu + nx] / self._row_sizes[:, None]
-        self._entries = self._entries.and_also(
-            _Entries.all_of(
-                _entries(numbering.normals[1:, :, :nu], before, sizes[:, :nu]),
-                _entries(numbering.normals[:, :, nu:], own, sizes),
-                at=at + places[:count],
-            )
-        )
-        self.A.data[places[count:]] = -1.0
-        self.lower[n * (nx + nu) :], self.upper[n * (nx + nu) :] = -FREE, FREE
-        self.lower[n * (nx + nu + nr) :] = 0.0
+    def _soft_entries(self, soft: LimitPattern, places: _Places) -> RecordArray[_Entry]:
+        """Return the entries of the soft rows, whose places and their slacks' are given."""
+        n, nu = self._n, self._nu
+        before, own = soft.mask.copy(), soft.mask.copy()
+        before[:, nu:], own[:, :nu] = False, False
+        sizes = np.concatenate((self._sizes[:nu], self._sizes[: nu + self._nx]))
+        factors = sizes / self._row_sizes[:, None]
+        count_before, count_own = (n - 1) * int(before.sum()), n * int(own.sum())
+        entries = _Entry.zeros(count_before + count_own)
+        at_own = places[count_before : len(entries)]
+        entries[:count_before] = _entries(before, factors, places[:count_before], n, skip=1)
+        entries[count_before:] = _entries(own, factors, at_own, n)
+        self.A.data[places[len(entries) :]] = -1.0
+        return entries
 
     def update(self, stages: HorizonStages) -> None:
         """Write the numbers of a horizon; shapes as in :class:`HorizonStages`."""
-        if stages.shape is not self._shape:
-            self._check_shape(stages)
-        sources, factors, places = self._entries
-        self.cost_scale, self.magnitude = _write(
-            shape=self._shape,
-            stages=stages.buffer,
-            sources=sources,
-            factors=factors,
-            places=places,
-            diagonal=self._diagonal,
-            sizes=self._sizes,
-            row_sizes=self._row_sizes,
-            cost_size=self._cost_size,
-            numbers=self._numbers,
-        )
-
-    def _check_shape(self, stages: HorizonStages) -> None:
-        """Refuse other shapes: compiled code does not look where it writes."""
-        given = tuple(stages.shape.tolist())
-        if given != self._given:
+        given, expected = stages.sizes, (self._n, self._nx, self._nu, self._nr, self._ns)
+        if given != expected:  # compiled code does not look where it writes
             raise ValueError(
                 "steps, states, inputs, soft rows and slacks of the stages: "
-                f"{given}, expected {self._given}"
+                f"{given}, expected {expected}"
             )
-        self._shape = stages.shape
+        self.cost_scale, self.magnitude = _write(
+            stages,
+            scatter=self._scatter,
+            sizes=self._sizes,
+            row_sizes=self._row_sizes,
+            numbers=QpNumbers(self.P.data, self.q, self.A.data, self.lower, self.upper),
+        )
 
     @property
     def is_soft(self) -> bool:
@@ -248,32 +212,45 @@ class HorizonQP:
         )
 
 
-class _Entries(NamedTuple):
-    """Numbers of the stages: where they are in them, their factors, and where they go."""
+class QpNumbers(NamedTuple):
+    """The numbers of OSQP's form: entries of ``P`` and ``A``, and its vectors."""
 
-    sources: _Places
-    factors: Array
-    places: _Places
-
-    @staticmethod
-    def all_of(*blocks: tuple[_Places, Array], at: _Places) -> _Entries:
-        """Return the entries of blocks, one after another, that go to places."""
-        sources, factors = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-        return _Entries(sources, factors, at)
-
-    def and_also(self, other: _Entries) -> _Entries:
-        """Return these and other entries."""
-        return _Entries(*(np.concatenate(parts) for parts in zip(self, other, strict=True)))
+    P: Array
+    q: Array
+    A: Array
+    lower: Array
+    upper: Array
 
 
-def _entries(block: Array, mask: Mask, scale: Array) -> tuple[_Places, Array]:
-    """Return sources and factors of the masked entries of all stages of a block.
+class _Entry(Record):
+    """A number of the stages that becomes one of a matrix."""
 
-    The block (n, rows, columns) holds where in the buffer each of its numbers is.
-    """
-    rows, columns = np.nonzero(mask)
-    sources = block[:, rows, columns].astype(np.intp)
-    return sources.ravel(), np.tile(scale[rows, columns], len(block))
+    source: int  # where it is in its block of all stages, flat
+    place: int  # where it goes in the matrix
+    factor: float
+
+
+class _Scatter(NamedTuple):
+    """Where the blocks of the stages go in the matrices."""
+
+    A: RecordArray[_Entry]
+    B: RecordArray[_Entry]
+    H: RecordArray[_Entry]
+    normals: RecordArray[_Entry]
+    diagonal: _Places
+
+
+def _entries(
+    mask: Mask, factors: Array, places: _Places, steps: int, *, skip: int = 0
+) -> RecordArray[_Entry]:
+    """Return the masked entries of a block (rows, columns) of each stage but the first few."""
+    flat = np.flatnonzero(mask)
+    entries = _Entry.zeros((steps - skip) * len(flat))
+    stages = np.arange(skip, steps)[:, None]
+    entries["source"] = (stages * mask.size + flat).ravel()
+    entries["place"] = places
+    entries["factor"] = np.tile(np.broadcast_to(factors, mask.shape).ravel()[flat], steps - skip)
+    return entries
 
 
 @compiled
@@ -294,94 +271,98 @@ def _read(
 
 @compiled
 def _write(
-    shape: Shape,
-    stages: Array,
-    sources: _Places,
-    factors: Array,
-    places: _Places,
-    diagonal: _Places,
-    sizes: Array,
-    row_sizes: Array,
-    cost_size: int,
-    numbers: Array,
+    stages: HorizonStages, scatter: _Scatter, sizes: Array, row_sizes: Array, numbers: QpNumbers
 ) -> tuple[float, float]:
     """Write the numbers of the QP; return the factor on its cost, and their magnitude."""
-    given, n, width = stages_in(shape, stages), shape[0], len(sizes)
-    for k in range(len(sources)):
-        numbers[places[k]] = factors[k] * stages[sources[k]]
-    q, bounds = numbers[: n * width], numbers[len(numbers) - 2 * n * (width + shape[3]) :]
-    lower, upper = bounds[: len(bounds) // 2], bounds[len(bounds) // 2 :]
-    _write_dynamics(given, sizes, q, lower, upper)
-    _write_inputs(given, sizes, diagonal, numbers, lower, upper)
-    if shape[3] == 0:
-        return 1.0, kernels.infinity_norm(numbers)
-    _write_limits(given, sizes, row_sizes, diagonal, numbers, lower, upper)
-    factor = 1.0 / max(1.0, kernels.infinity_norm(q))
-    for k in range(cost_size):
-        numbers[k] *= factor
-    return factor, kernels.infinity_norm(numbers)
+    _scatter(stages.A, scatter.A, numbers.A)
+    _scatter(stages.B, scatter.B, numbers.A)
+    _scatter(stages.H, scatter.H, numbers.P)
+    _write_dynamics(stages, sizes, numbers)
+    _write_inputs(stages, sizes, scatter.diagonal, numbers)
+    if len(row_sizes) == 0:
+        return 1.0, _magnitude(numbers)
+    _scatter(stages.normals, scatter.normals, numbers.A)
+    _write_limits(stages, sizes, row_sizes, scatter.diagonal, numbers)
+    factor = 1.0 / max(1.0, kernels.infinity_norm(numbers.q))
+    for k in range(len(numbers.q)):
+        numbers.q[k] *= factor
+    for k in range(len(numbers.P)):
+        numbers.P[k] *= factor
+    return factor, _magnitude(numbers)
 
 
 @compiled
-def _write_dynamics(given: StageParts, sizes: Array, q: Array, lower: Array, upper: Array) -> None:
+def _scatter(block: Array, entries: RecordArray[_Entry], matrix: Array) -> None:
+    """Write entries of a block of the stages into a matrix's data."""
+    values = block.reshape(block.size)
+    for k in range(len(entries)):
+        entry = entries[k]
+        matrix[entry.place] = entry.factor * values[entry.source]
+
+
+@compiled
+def _magnitude(numbers: QpNumbers) -> float:
+    """Return the largest magnitude of all; NaN when one is NaN."""
+    cost = kernels.infinity_norm(numbers.P), kernels.infinity_norm(numbers.q)
+    rows = kernels.infinity_norm(numbers.lower), kernels.infinity_norm(numbers.upper)
+    A = kernels.infinity_norm(numbers.A)
+    total = cost[0] + cost[1] + rows[0] + rows[1] + A
+    return total if math.isnan(total) else max(cost[0], cost[1], rows[0], rows[1], A)
+
+
+@compiled
+def _write_dynamics(stages: HorizonStages, sizes: Array, numbers: QpNumbers) -> None:
     """Write the right sides of the dynamics, and the linear cost of states."""
-    n, nx, nu = len(given.dynamics), len(given.x0), given.input_terms.shape[2]
+    n, nx, nu = stages.B.shape
     for i in range(n):
         for k in range(nx):
             size = sizes[nu + k]
-            q[i * len(sizes) + nu + k] = given.state_cost[i, k, nx] * size
-            constant = given.dynamics[i, k, nx + nu]
+            numbers.q[i * len(sizes) + nu + k] = stages.g[i, k] * size
+            constant = stages.c[i, k]
             if i == 0:
                 for j in range(nx):
-                    constant += given.dynamics[0, k, j] * given.x0[j]
-            lower[i * nx + k] = upper[i * nx + k] = constant / size
+                    constant += stages.A[0, k, j] * stages.x0[j]
+            numbers.lower[i * nx + k] = numbers.upper[i * nx + k] = constant / size
 
 
 @compiled
 def _write_inputs(
-    given: StageParts,
-    sizes: Array,
-    diagonal: _Places,
-    numbers: Array,
-    lower: Array,
-    upper: Array,
+    stages: HorizonStages, sizes: Array, diagonal: _Places, numbers: QpNumbers
 ) -> None:
     """Write the cost of inputs, and their bounds."""
-    n, nx, nu = len(given.dynamics), len(given.x0), given.input_terms.shape[2]
+    n, nx, nu = stages.B.shape
     for i in range(n):
         for k in range(nu):
             size, bound = sizes[k], n * nx + i * nu + k
-            R, r = given.input_terms[i, 0, k], given.input_terms[i, 1, k]
-            least, most = given.input_terms[i, 2, k], given.input_terms[i, 3, k]
-            numbers[diagonal[i * nu + k]] = R * size * size
-            numbers[i * len(sizes) + k] = r * size
-            lower[bound], upper[bound] = least / size, most / size
+            numbers.P[diagonal[i * nu + k]] = stages.R[i, k] * size * size
+            numbers.q[i * len(sizes) + k] = stages.r[i, k] * size
+            numbers.lower[bound] = stages.lower[i, k] / size
+            numbers.upper[bound] = stages.upper[i, k] / size
 
 
 @compiled
 def _write_limits(
-    given: StageParts,
+    stages: HorizonStages,
     sizes: Array,
     row_sizes: Array,
     diagonal: _Places,
-    numbers: Array,
-    lower: Array,
-    upper: Array,
+    numbers: QpNumbers,
 ) -> None:
     """Write the bounds of soft rows and the prices of slacks."""
-    n, nr, ns, width = len(given.limits), len(row_sizes), given.slack_cost.shape[1], len(sizes)
-    first, nu = n * (width - ns), given.input_terms.shape[2]
+    n, nr, ns, width = len(stages.R), len(row_sizes), stages.linear.shape[1], len(sizes)
+    first, nu = n * (width - ns), stages.R.shape[1]
     for k in range(first - n * nu, first):
-        lower[k] *= _INPUT_ROW
-        upper[k] *= _INPUT_ROW
+        numbers.lower[k] *= _INPUT_ROW
+        numbers.upper[k] *= _INPUT_ROW
     for i in range(n):
         for j in range(nr):
-            bound = given.limits[i, j, given.limits.shape[2] - 1] / row_sizes[j]
-            upper[first + i * nr + j] = min(bound, FREE)
+            bound = stages.offsets[i, j] / row_sizes[j]
+            numbers.upper[first + i * nr + j] = min(bound, FREE)
         for k in range(ns):
             size = sizes[width - ns + k]
-            numbers[i * width + width - ns + k] = given.slack_cost[i, k, 0] * size
-            numbers[diagonal[n * nu + i * ns + k]] = given.slack_cost[i, k, 1] * size * size
+            numbers.q[i * width + width - ns + k] = stages.linear[i, k] * size
+            price = stages.quadratic[i, k] * size * size
+            numbers.P[diagonal[n * nu + i * ns + k]] = price
 
 
 @compiled
@@ -420,14 +401,10 @@ def _assemble(
     Entries are listed one block after another, and each is given once. SciPy sorts them by column
     and row, and keeps zeros that are given.
     """
-    rows, columns = [], []
-    for mask, row, column in blocks:
-        block_rows, block_columns = np.nonzero(mask)
-        rows.append(block_rows + row)
-        columns.append(block_columns + column)
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    places = np.empty(len(row), np.intp)
-    places[np.lexsort((row, column))] = np.arange(len(row))
-    zeros = np.zeros(len(row))
-    matrix = sparse.csc_matrix((zeros, (row.astype(np.int32), column.astype(np.int32))), shape)
-    return matrix, places
+    places = [np.nonzero(mask) for mask, _, _ in blocks]
+    rows = np.concatenate([at[0] + row for at, (_, row, _) in zip(places, blocks, strict=True)])
+    columns = np.concatenate([at[1] + col for at, (_, _, col) in zip(places, blocks, strict=True)])
+    in_data = np.empty(len(rows), np.intp)
+    in_data[np.lexsort((rows, columns))] = np.arange(len(rows))
+    indices = rows.astype(np.int32), columns.astype(np.int32)
+    return sparse.csc_matrix((np.zeros(len(rows)), indices), shape), in_data

@@ -22,8 +22,9 @@ of the cost of what follows, by p_i = g_i + A_i' p_{i+1}. A price once and for a
 suit the largest jump, and a solver's tolerance grows with the largest number in its problem.
 
 Near a limit the best step is all or nothing, and a first-order solver takes long to find it. There
-changes of the plan cost something (:func:`damp`), in proportion to the slopes. A reference far
-away pulls as if it were near (:func:`draw_near`), else height would be given away for speed.
+changes of the plan cost something (:func:`regularise`), in proportion to the slopes. A reference
+far away pulls as if it were near (:func:`pull_target_closer`), else height would be given away for
+speed.
 """
 
 from __future__ import annotations
@@ -31,17 +32,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
 from quad_mpc_ros.control.config import LimitParameters
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.rollout import SUBSTEPS, body_in
-from quad_mpc_ros.control.model.state import INPUT_SIZE
+from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, body_in
+from quad_mpc_ros.control.model.state import INPUT_SIZE, THETA, V
 from quad_mpc_ros.control.ocp.horizon_qp import FREE
-from quad_mpc_ros.control.ocp.stages import LimitPattern, Shape, StageParts, stages_in
-from quad_mpc_ros.control.ocp.target import target_in
-from quad_mpc_ros.control.ocp.trajectory import trajectory_in
+from quad_mpc_ros.control.ocp.settings import Settings, values_of
+from quad_mpc_ros.control.ocp.stages import HorizonStages, LimitPattern
+from quad_mpc_ros.control.ocp.target import TargetStage
+from quad_mpc_ros.control.ocp.trajectory import Trajectory
 
 # The kinds, in the order of their rows: tilt, speed, throttle, and change of the rates.
 _TILT, _SPEED, _THROTTLE, _SLEW = range(4)
@@ -50,9 +52,28 @@ _ROWS = np.array([4, 1, 2, 6])
 _TYPICAL = np.array([0.5, 3.0, 0.3, 2.5])
 _SIZES = np.array([0.5, 1.0, 0.3, 2.5])
 
-ALLOWED_SIZE = 10
-"""Of a stage: tilt, speed, least and largest throttle, least and largest change of the rates."""
-_LEAST, _MOST, _FALL, _RISE = 2, 3, 4, 7
+
+class Allowed(Record):
+    """What the limits allow in a stage; ``FREE``, or less, where nothing is limited."""
+
+    tilt: float  # rad
+    speed: float  # m/s
+    throttle_min: float
+    throttle_max: float
+    # Change of the rates since the stage before [rad/s]; in the first the rates themselves.
+    rate_change_min: Vector3
+    rate_change_max: Vector3
+
+
+class LimitPlace(Record):
+    """Where a kind of limit stands in a stage: its first row and its slack, -1 for none."""
+
+    row: int
+    slack: int
+
+
+# Columns of the rows: inputs of the stage before, of this one, state at its end.
+_INPUT, _STATE = INPUT_SIZE, 2 * INPUT_SIZE
 
 # What a reference may have beyond what it asks for: tilt [rad], speed [m/s], throttle.
 TILT_MARGIN, SPEED_MARGIN, _THROTTLE_MARGIN = 0.3, 1.0, 0.1
@@ -74,26 +95,27 @@ _NO_TILT, _NO_SPEED = 0.05, 0.3
 class LimitLayout:
     """Which limits a configuration has, and where their rows and slacks are.
 
-    ``starts`` (4, 2): first row and slack of each kind, -1 for those without.
+    ``places`` (4,) are those of each kind.
     """
 
     def __init__(self, limits: LimitParameters) -> None:
         has = values_of(limits) > 0.0
-        ends = np.cumsum(np.where(has, _ROWS, 0)), np.cumsum(has)
-        starts = np.column_stack((ends[0] - _ROWS, ends[1] - 1))
-        self.starts = np.where(has[:, None], starts, -1)
+        ends, slacks = np.cumsum(np.where(has, _ROWS, 0)), np.cumsum(has)
+        self.places = LimitPlace.zeros(len(has))
+        self.places["row"] = np.where(has, ends - _ROWS, -1)
+        self.places["slack"] = np.where(has, slacks - 1, -1)
         self.kinds = np.flatnonzero(has)
-        self.rows, self.slacks = int(ends[0][-1]), int(ends[1][-1])
+        self.rows, self.slacks = int(ends[-1]), int(slacks[-1])
 
     def pattern(self, nx: int) -> LimitPattern:
         """Return which entries the rows have, with ``nx`` states."""
         nu = INPUT_SIZE
         masks = [np.zeros((count, 2 * nu + nx), dtype=bool) for count in _ROWS]
-        masks[_TILT][:, 2 * nu + 6 : 2 * nu + 8] = True
-        masks[_SPEED][:, 2 * nu + 3 : 2 * nu + 6] = True
-        masks[_THROTTLE][:, nu] = True
+        masks[_TILT][:, _STATE + THETA : _STATE + THETA + 2] = True
+        masks[_SPEED][:, _STATE + V : _STATE + THETA] = True
+        masks[_THROTTLE][:, _INPUT] = True
         for k in range(3):
-            masks[_SLEW][2 * k : 2 * k + 2, [1 + k, nu + 1 + k]] = True
+            masks[_SLEW][2 * k : 2 * k + 2, [1 + k, _INPUT + 1 + k]] = True
         empty = np.zeros((0, 2 * nu + nx), dtype=bool)
         return LimitPattern(
             mask=np.vstack([empty, *(masks[kind] for kind in self.kinds)]),
@@ -102,70 +124,64 @@ class LimitLayout:
         )
 
 
-def values_of(limits: LimitParameters) -> Array:
-    """Return the limits (4,) by kind, 0 for those there are not."""
-    return np.array([limits.tilt_max, limits.speed_max, limits.throttle_margin, limits.rate_slew])
-
-
 @compiled
 def allow(
-    limits: Array,
-    step: float,
-    u_min: Array,
-    u_max: Array,
+    given: Settings,
     sent: Array,
     since: float,
-    target: Array,
-    allowed: Array,
+    target: RecordArray[TargetStage],
+    allowed: RecordArray[Allowed],
 ) -> None:
-    """Write what limits (4,) allow (N, 10) along a target of stages of ``step`` seconds.
+    """Write what the limits allow (N,) along a target.
 
     The command ``sent`` (4,) last was sent ``since`` seconds ago, infinity if there is none. What
     is not limited may be anything up to ``FREE``.
     """
-    tracked = target_in(target)
+    limits = given.limits
     for i in range(len(allowed)):
-        own = math.acos(kernels.clamp(tracked.R_WB[i, 2, 2], -1.0, 1.0))
+        stage, may = target[i], allowed[i]
+        own = math.acos(kernels.clamp(stage.R_WB[2, 2], -1.0, 1.0))
         tilt = max(limits[_TILT], own + TILT_MARGIN)
-        allowed[i, _TILT] = tilt if limits[_TILT] > 0.0 and tilt < math.pi else FREE
-        v = kernels.vector(tracked.v_WB_W[i])
+        may.tilt = tilt if limits[_TILT] > 0.0 and tilt < math.pi else FREE
+        v = kernels.vector(stage.v_WB_W)
         speed = max(limits[_SPEED], math.sqrt(kernels.dot(v, v)) + SPEED_MARGIN)
-        allowed[i, _SPEED] = speed if limits[_SPEED] > 0.0 else FREE
-        margin, throttle = limits[_THROTTLE], tracked.mean_inputs[i, 0]
+        may.speed = speed if limits[_SPEED] > 0.0 else FREE
+        margin, throttle = limits[_THROTTLE], stage.mean_input[0]
         has_margin = margin > 0.0
-        least = min(u_min[0] + margin, throttle - _THROTTLE_MARGIN)
-        most = max(u_max[0] - margin, throttle + _THROTTLE_MARGIN)
-        allowed[i, _LEAST] = least if has_margin else -FREE
-        allowed[i, _MOST] = most if has_margin else FREE
-        duration = since if i == 0 else step
+        least = min(given.u_min[0] + margin, throttle - _THROTTLE_MARGIN)
+        most = max(given.u_max[0] - margin, throttle + _THROTTLE_MARGIN)
+        may.throttle_min = least if has_margin else -FREE
+        may.throttle_max = most if has_margin else FREE
+        duration = since if i == 0 else given.step
         for k in range(3):
             if i == 0:  # as it changes within the stage
-                inputs, last = tracked.inputs[0, :, 1 + k], SUBSTEPS - 1
-                before, by_itself = sent[1 + k], (inputs[last] - inputs[0]) / last
-                by_itself *= SUBSTEPS / step * since
+                first, last = stage.inputs[0, 1 + k], stage.inputs[SUBSTEPS - 1, 1 + k]
+                before, by_itself = sent[1 + k], (last - first) / (SUBSTEPS - 1)
+                by_itself *= SUBSTEPS / given.step * since
             else:
                 before = 0.0
-                by_itself = tracked.mean_inputs[i, 1 + k] - tracked.mean_inputs[i - 1, 1 + k]
+                by_itself = stage.mean_input[1 + k] - target[i - 1].mean_input[1 + k]
             change = limits[_SLEW] * duration
             has_slew = limits[_SLEW] > 0.0 and change < FREE
             fall, rise = min(by_itself, 0.0) - change, max(by_itself, 0.0) + change
-            allowed[i, _FALL + k] = before + fall if has_slew else -FREE
-            allowed[i, _RISE + k] = before + rise if has_slew else FREE
+            may.rate_change_min[k] = before + fall if has_slew else -FREE
+            may.rate_change_max[k] = before + rise if has_slew else FREE
 
 
 @compiled
-def flips(step: float, u_max: Array, target: Array) -> bool:
+def flips(given: Settings, R_start: kernels.Matrix, target: RecordArray[TargetStage]) -> bool:
     """Whether the thrust axis of a target turns faster somewhere than body rates are bounded to.
 
-    As it does near free fall, where the direction of little thrust means little. The stages are of
-    ``step`` seconds.
+    As it does near free fall, where the direction of little thrust means little. ``R_start`` is
+    the attitude at the start of the first stage.
     """
-    tracked = target_in(target)
-    before, slowest = tracked.R_WB_start, math.cos(min(max(u_max[1], u_max[2]) * step, math.pi))
-    for i in range(len(tracked.R_WB)):
-        after, cosine = tracked.R_WB[i], 0.0
+    u_max = given.u_max
+    before = kernels.column(R_start, 2)
+    slowest = math.cos(min(max(u_max[1], u_max[2]) * given.step, math.pi))
+    for i in range(len(target)):
+        after, cosine = kernels.column(kernels.matrix(target[i].R_WB), 2), 0.0
         for k in range(3):
-            cosine += before[k, 2] * after[k, 2]
+            cosine += before[k] * after[k]
         if cosine < slowest:
             return True
         before = after
@@ -173,52 +189,55 @@ def flips(step: float, u_max: Array, target: Array) -> bool:
 
 
 @compiled
-def let_tilt(allowed: Array) -> None:
-    """Allow any tilt."""
-    allowed[:, _TILT] = FREE
+def allow_any_tilt(allowed: RecordArray[Allowed]) -> None:
+    """Limit the tilt in no stage."""
+    for i in range(len(allowed)):
+        allowed[i].tilt = FREE
 
 
 @compiled
-def draw_near(step: float, start: Array, distance: float, target: Array) -> None:
-    """Move the positions of a target to where the first is no further away than a distance.
+def pull_target_closer(
+    given: Settings, start: StateRecord, target: RecordArray[TargetStage]
+) -> None:
+    """Move the positions of a target so that the first is no further away than a distance.
 
-    From the state ``start`` (19,), across and in height each: what is far away does not make
-    little of the height. The stages are of ``step`` seconds.
+    From the state ``start``, across and in height each: what is far away does not make little of
+    the height.
     """
-    tracked = target_in(target)
+    first, distance = target[0], given.distance
     x, y, z = (
-        start[0] - tracked.p_WB[0, 0] + step * tracked.v_WB_W[0, 0],
-        start[1] - tracked.p_WB[0, 1] + step * tracked.v_WB_W[0, 1],
-        start[2] - tracked.p_WB[0, 2] + step * tracked.v_WB_W[0, 2],
+        start.p_WB[0] - first.p_WB[0] + given.step * first.v_WB_W[0],
+        start.p_WB[1] - first.p_WB[1] + given.step * first.v_WB_W[1],
+        start.p_WB[2] - first.p_WB[2] + given.step * first.v_WB_W[2],
     )
     across = 1.0 - distance / max(math.hypot(x, y), distance)
     height = 1.0 - distance / max(abs(z), distance)
-    for i in range(len(tracked.p_WB)):
-        tracked.p_WB[i, 0] += across * x
-        tracked.p_WB[i, 1] += across * y
-        tracked.p_WB[i, 2] += height * z
+    for i in range(len(target)):
+        p_WB = target[i].p_WB
+        p_WB[0] += across * x
+        p_WB[1] += across * y
+        p_WB[2] += height * z
 
 
 @compiled
-def damp(
-    R: Array, prices: Array, closeness: float, steep: float, shape: Shape, stages: Array
+def regularise(
+    R: Array, prices: Array, closeness: float, steep: float, stages: HorizonStages
 ) -> None:
-    """Let changes of the plan cost something, lest a step be all or nothing.
+    """Make changes of the plan cost something, lest a step be all or nothing.
 
     ``R`` (4,) are the weights on its inputs. It is in proportion to the steepest slope that there
-    is, and to how close the plan is to a limit, or the slope to a ``steep`` one. What changes no
-    more costs what it did, so where the iterations lead stays the same.
+    is, and to how close the plan is to a limit, or the slope to a ``steep`` one. Where the
+    iterations converge stays the same.
     """
     slope = steepest_slope(prices)
     steepest = max(closeness, min(1.0, slope / steep)) * slope
-    given = stages_in(shape, stages)
-    state_cost, input_terms = given.state_cost, given.input_terms
-    for i in range(len(input_terms)):
-        input_terms[i, 0, 0] = R[0] + _DAMPING_THROTTLE * steepest
+    H = stages.H
+    for i in range(len(H)):
+        stages.R[i, 0] = R[0] + _DAMPING_THROTTLE * steepest
         for k in range(3):
-            input_terms[i, 0, 1 + k] = R[1 + k] + _DAMPING_RATES * steepest
-            state_cost[i, 3 + k, 3 + k] += _DAMPING_VELOCITY * steepest
-            state_cost[i, 6 + k, 6 + k] += _DAMPING_ATTITUDE * steepest
+            stages.R[i, 1 + k] = R[1 + k] + _DAMPING_RATES * steepest
+            H[i, V + k, V + k] += _DAMPING_VELOCITY * steepest
+            H[i, THETA + k, THETA + k] += _DAMPING_ATTITUDE * steepest
 
 
 @compiled
@@ -229,7 +248,9 @@ def steepest_slope(prices: Array) -> float:
 
 
 @compiled
-def closeness(states: Array, inputs: Array, allowed: Array) -> float:
+def closeness(
+    states: RecordArray[StateRecord], inputs: Array, allowed: RecordArray[Allowed]
+) -> float:
     """Return 1 for a plan that reaches a limit, 0 for one that is well inside of all."""
     most = 0.0
     for i in range(len(allowed)):
@@ -240,8 +261,13 @@ def closeness(states: Array, inputs: Array, allowed: Array) -> float:
 
 
 @compiled
-def penalty(states: Array, inputs: Array, allowed: Array, prices: Array) -> float:
-    """Return what it costs that states 0 to N (N + 1, 19) and inputs (N, 4) break limits.
+def penalty(
+    states: RecordArray[StateRecord],
+    inputs: Array,
+    allowed: RecordArray[Allowed],
+    prices: Array,
+) -> float:
+    """Return what it costs that states 0 to N (N + 1,) and inputs (N, 4) break limits.
 
     It is in the units of the tracking cost, which is twice that of the QP.
     """
@@ -255,20 +281,21 @@ def penalty(states: Array, inputs: Array, allowed: Array, prices: Array) -> floa
 
 @compiled
 def _beyond(
-    i: int, states: Array, inputs: Array, allowed: Array
+    i: int, states: RecordArray[StateRecord], inputs: Array, allowed: RecordArray[Allowed]
 ) -> tuple[float, float, float, float]:
     """Return by how much a stage is beyond each limit, negative inside."""
-    body = body_in(states[i + 1])
-    tilt = math.atan2(math.hypot(body.R[6], body.R[7]), body.R[8])
+    body, may = body_in(states[i + 1]), allowed[i]
+    R_31, R_32, R_33 = kernels.row(body.R, 2)
+    tilt = math.atan2(math.hypot(R_31, R_32), R_33)
     speed = math.sqrt(kernels.dot(body.v, body.v))
     throttle, change = inputs[i, 0], -FREE
     for k in range(3):
         turned = inputs[i, 1 + k] - (inputs[i - 1, 1 + k] if i > 0 else 0.0)
-        change = max(change, turned - allowed[i, _RISE + k], allowed[i, _FALL + k] - turned)
+        change = max(change, turned - may.rate_change_max[k], may.rate_change_min[k] - turned)
     return (
-        tilt - allowed[i, _TILT],
-        speed - allowed[i, _SPEED],
-        max(throttle - allowed[i, _MOST], allowed[i, _LEAST] - throttle),
+        tilt - may.tilt,
+        speed - may.speed,
+        max(throttle - may.throttle_max, may.throttle_min - throttle),
         change,
     )
 
@@ -282,77 +309,80 @@ def _paid(kind: int, prices: Array, beyond: float) -> float:
 
 @compiled
 def write_limits(
-    starts: NDArray[np.int64],
-    target: Array,
-    nominal: Array,
-    allowed: Array,
+    places: RecordArray[LimitPlace],
+    target: RecordArray[TargetStage],
+    plan: Trajectory,
+    allowed: RecordArray[Allowed],
     prices: Array,
-    shape: Shape,
-    stages: Array,
+    stages: HorizonStages,
 ) -> tuple[float, float]:
     """Write soft rows and prices (4,) about a plan; return what it pays, and its closeness.
 
     The stages have the rest of the QP about it.
     """
-    tracked, plan, given = target_in(target), trajectory_in(nominal), stages_in(shape, stages)
-    limits, slack_cost = given.limits, given.slack_cost
-    n, nx = len(given.dynamics), len(given.x0)
+    n, nx = stages.c.shape
     slopes = np.empty((n, nx))
-    _write_prices(given, prices, slopes)
+    _write_prices(stages, prices, slopes)
     inputs = np.empty((n, INPUT_SIZE))
     for i in range(n):
         for k in range(INPUT_SIZE):
-            inputs[i, k] = tracked.mean_inputs[i, k] + plan.deviation[i, k]
-        rows, body = limits[i], body_in(plan.states[i + 1])
-        if starts[_TILT, 0] >= 0:
-            _write_tilt(body.R, slopes[i], allowed[i, _TILT], rows[starts[_TILT, 0] :])
-        if starts[_SPEED, 0] >= 0:
-            _write_speed(body.v, slopes[i], allowed[i, _SPEED], rows[starts[_SPEED, 0]])
-        if starts[_THROTTLE, 0] >= 0:
-            first = starts[_THROTTLE, 0]
-            rows[first, INPUT_SIZE], rows[first + 1, INPUT_SIZE] = 1.0, -1.0
-            rows[first, -1] = allowed[i, _MOST] - inputs[i, 0]
-            rows[first + 1, -1] = inputs[i, 0] - allowed[i, _LEAST]
-        if starts[_SLEW, 0] >= 0:
+            inputs[i, k] = target[i].mean_input[k] + plan.deviation[i, k]
+        rows, offsets = stages.normals[i], stages.offsets[i]
+        body, may = body_in(plan.states[i + 1]), allowed[i]
+        first = places[_TILT].row
+        if first >= 0:
+            _write_tilt(body.R, slopes[i], may.tilt, rows[first:], offsets[first:])
+        first = places[_SPEED].row
+        if first >= 0:
+            offsets[first] = _write_speed(body.v, slopes[i], may.speed, rows[first])
+        first = places[_THROTTLE].row
+        if first >= 0:
+            rows[first, _INPUT], rows[first + 1, _INPUT] = 1.0, -1.0
+            offsets[first] = may.throttle_max - inputs[i, 0]
+            offsets[first + 1] = inputs[i, 0] - may.throttle_min
+        if places[_SLEW].row >= 0:
             for k in range(3):
-                first = starts[_SLEW, 0] + 2 * k
+                first = places[_SLEW].row + 2 * k
                 change = inputs[i, 1 + k] - (inputs[i - 1, 1 + k] if i > 0 else 0.0)
                 for side in range(2):
                     sign = 1.0 - 2.0 * side
-                    rows[first + side, INPUT_SIZE + 1 + k] = sign
+                    rows[first + side, _INPUT + 1 + k] = sign
                     rows[first + side, 1 + k] = -sign
-                rows[first, -1] = allowed[i, _RISE + k] - change
-                rows[first + 1, -1] = change - allowed[i, _FALL + k]
-        for kind in range(len(starts)):
-            slack = starts[kind, 1]
+                offsets[first] = may.rate_change_max[k] - change
+                offsets[first + 1] = change - may.rate_change_min[k]
+        for kind in range(len(places)):
+            slack = places[kind].slack
             if slack >= 0:
-                slack_cost[i, slack, 0] = prices[kind]
-                slack_cost[i, slack, 1] = prices[kind] * _SQUARE / _TYPICAL[kind]
+                stages.linear[i, slack] = prices[kind]
+                stages.quadratic[i, slack] = prices[kind] * _SQUARE / _TYPICAL[kind]
     paid = penalty(plan.states, inputs, allowed, prices)
     return paid, closeness(plan.states, inputs, allowed)
 
 
 @compiled
-def _write_tilt(R: kernels.Matrix, slope: Array, allowed: float, rows: Array) -> None:
+def _write_tilt(
+    R: kernels.Matrix, slope: Array, allowed: float, rows: Array, offsets: Array
+) -> None:
     """Write the four sides of the square about the disc of tilts allowed."""
-    length = math.hypot(R[6], R[7])
-    angle = math.atan2(length, R[8])
+    R_31, R_32, R_33 = kernels.row(R, 2)
+    length = math.hypot(R_31, R_32)
+    angle = math.atan2(length, R_33)
     if length > _NO_TILT:
-        x, y, along = R[7] / length, -R[6] / length, angle
+        x, y, along = R_32 / length, -R_31 / length, angle
         across = 0.0
     else:
-        x, y = _direction(-slope[6], -slope[7])
+        x, y = _direction(-slope[THETA], -slope[THETA + 1])
         # Of the tilt, a vector (R_32, -R_31) where it is small; near pi all directions lead down.
-        along, across = R[7] * x - R[6] * y, -R[7] * y - R[6] * x
-        if R[8] < 0.0:
+        along, across = R_32 * x - R_31 * y, -R_32 * y - R_31 * x
+        if R_33 < 0.0:
             x, y, along, across = -x, -y, angle, 0.0
-    first = 2 * INPUT_SIZE + 6
+    about_x = _STATE + THETA
     for side in range(2):
         sign = 1.0 - 2.0 * side
-        rows[side, first], rows[side, first + 1] = sign * x, sign * y
-        rows[side, -1] = allowed - sign * along
-        rows[2 + side, first], rows[2 + side, first + 1] = -sign * y, sign * x
-        rows[2 + side, -1] = allowed - sign * across
+        rows[side, about_x], rows[side, about_x + 1] = sign * x, sign * y
+        offsets[side] = allowed - sign * along
+        rows[2 + side, about_x], rows[2 + side, about_x + 1] = -sign * y, sign * x
+        offsets[2 + side] = allowed - sign * across
 
 
 @compiled
@@ -365,40 +395,43 @@ def _direction(x: float, y: float) -> tuple[float, float]:
 
 
 @compiled
-def _write_speed(v: kernels.Vector, slope: Array, allowed: float, row: Array) -> None:
-    """Write the plane that touches the ball of velocities allowed in the velocity's direction."""
+def _write_speed(v: kernels.Vector, slope: Array, allowed: float, row: Array) -> float:
+    """Write the plane that touches the ball of velocities allowed in the velocity's direction.
+
+    Returns its offset.
+    """
     speed = math.sqrt(kernels.dot(v, v))
     n = v
     if speed < _NO_SPEED:
-        n = -slope[3], -slope[4], -slope[5]
+        n = -slope[V], -slope[V + 1], -slope[V + 2]
     length = math.sqrt(kernels.dot(n, n))
     n = kernels.scaled(1.0 / length, n) if length > 1e-12 else (1.0, 0.0, 0.0)
-    kernels.store_vector(n, row[2 * INPUT_SIZE + 3 : 2 * INPUT_SIZE + 6])
-    row[-1] = allowed - kernels.dot(n, v)
+    kernels.store_vector(n, row[_STATE + V :])
+    return allowed - kernels.dot(n, v)
 
 
 @compiled
-def _write_prices(given: StageParts, prices: Array, slopes: Array) -> None:
+def _write_prices(stages: HorizonStages, prices: Array, slopes: Array) -> None:
     """Write the slopes (N, nx) of the cost in the states 1 to N, and the prices (4,) of them."""
-    dynamics, state_cost, input_terms = given.dynamics, given.state_cost, given.input_terms
-    n, nx = len(dynamics), dynamics.shape[1]
+    n, nx = slopes.shape
     for kind in range(len(prices)):
         prices[kind] = _LEAST_PRICE / _TYPICAL[kind]
     turning = np.zeros(3)
     for i in range(n - 1, -1, -1):
         for k in range(nx):
-            slope = state_cost[i, k, nx]
+            slope = stages.g[i, k]
             if i < n - 1:
                 for j in range(nx):
-                    slope += dynamics[i + 1, j, k] * slopes[i + 1, j]
+                    slope += stages.A[i + 1, j, k] * slopes[i + 1, j]
             slopes[i, k] = slope
         p = slopes[i]
-        _raise(prices, _TILT, _SLOPE * math.hypot(p[6], p[7]))
-        _raise(prices, _SPEED, _SLOPE * math.sqrt(p[3] ** 2 + p[4] ** 2 + p[5] ** 2))
+        _raise(prices, _TILT, _SLOPE * math.hypot(p[THETA], p[THETA + 1]))
+        by_v = p[V] ** 2 + p[V + 1] ** 2 + p[V + 2] ** 2
+        _raise(prices, _SPEED, _SLOPE * math.sqrt(by_v))
         for k in range(INPUT_SIZE):
-            slope = input_terms[i, 1, k]
+            slope = stages.r[i, k]
             for j in range(nx):
-                slope += dynamics[i, j, nx + k] * p[j]
+                slope += stages.B[i, j, k] * p[j]
             if k == 0:
                 _raise(prices, _THROTTLE, _SLOPE * abs(slope))
             else:  # a change of the rates lasts

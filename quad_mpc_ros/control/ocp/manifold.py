@@ -27,22 +27,23 @@ import numpy as np
 from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.jacobians import (
-    ATTITUDE,
-    POSITION,
-    RATE,
-    STATE_SIZE,
-    THROTTLE,
-    VELOCITY,
-)
-from quad_mpc_ros.control.model.reference_window import packed
+from quad_mpc_ros.control.model.jacobians import RATE, STATE_SIZE, THROTTLE
+from quad_mpc_ros.control.model.reference_window import SampleRecord, packed
 from quad_mpc_ros.control.model.rollout import SUBSTEPS
 from quad_mpc_ros.control.model.samples import ReferenceWindow
-from quad_mpc_ros.control.model.state import INPUT_SIZE
+from quad_mpc_ros.control.model.state import (
+    ATTITUDE,
+    INPUT_SIZE,
+    POSITION,
+    TANGENT_SIZE,
+    THETA,
+    VELOCITY,
+)
 from quad_mpc_ros.control.ocp import sqp
 from quad_mpc_ros.control.ocp.limits import LimitLayout
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.ocp.problem import PredictedState
+from quad_mpc_ros.control.ocp.settings import settings_of
 from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages
 
 _STATE_SIZES = np.concatenate((np.repeat([1.0, 3.0, 0.5, 5.0], 3), [0.3]))
@@ -69,15 +70,16 @@ class ManifoldProblem:
         lagging = max(lags) > 0.0
         self._uneven = not config.drags_alike
         # Without lags rate and throttle are their commands and need no states of their own.
-        self._size = STATE_SIZE if lagging else ATTITUDE.stop
+        self._size = STATE_SIZE if lagging else TANGENT_SIZE
         self._limits = limits = LimitLayout(config.limits)
         self._stages = HorizonStages.zeros(
             self._steps, self._size, INPUT_SIZE, rows=limits.rows, slacks=limits.slacks
         )
-        self._layout = np.concatenate((self._stages.shape, limits.starts.ravel()))
-        self._workspace = sqp.workspace_for(self._steps, is_limited=limits.rows > 0)
+        self._workspace = sqp.Workspace.zeros(
+            self._steps, limits.places, is_limited=limits.rows > 0
+        )
         self._window: ReferenceWindow | None = None
-        self._samples = np.zeros((0, 0))
+        self._samples = SampleRecord.zeros(0)
         self._flips_until_ns, self._flipping = 0, False
         self._last = 0, math.nan  # stamp and cost of the last plan
         # Of the present iterate: its cost, how many iterations are left, and whether the stages
@@ -87,25 +89,25 @@ class ManifoldProblem:
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over weights and bounds; the last plan stays."""
-        self._settings = sqp.settings_of(config)
+        self._settings = settings_of(config)
 
     def pattern(self) -> HorizonPattern:
         """Return the sparsity of the Jacobians and of the cost."""
         n, diagonal = self._size, np.eye(3, dtype=bool)
         A = np.zeros((STATE_SIZE, STATE_SIZE), dtype=bool)
         A[POSITION, POSITION] = A[POSITION, VELOCITY] = A[VELOCITY, VELOCITY] = diagonal
-        A[:6, VELOCITY] |= self._uneven  # drag that differs between axes acts across
-        A[:6, 6:] = True
-        A[ATTITUDE, 6:12] = True
+        A[:THETA, VELOCITY] |= self._uneven  # drag that differs between axes acts across
+        A[:THETA, THETA:] = True
+        A[ATTITUDE, THETA:THROTTLE] = True
         A[RATE, RATE] = diagonal
         A[THROTTLE, THROTTLE] = True
         B = np.zeros((STATE_SIZE, INPUT_SIZE), dtype=bool)
-        B[:6] = True
+        B[:THETA] = True
         B[ATTITUDE, 1:] = True
         B[RATE, 1:] = diagonal
         B[THROTTLE, 0] = True
         H = np.zeros((STATE_SIZE, STATE_SIZE), dtype=bool)
-        H[:6, :6] = np.eye(6, dtype=bool)
+        H[:THETA, :THETA] = np.eye(THETA, dtype=bool)
         H[ATTITUDE, ATTITUDE] = True
         return HorizonPattern(
             steps=self._steps,
@@ -125,15 +127,13 @@ class ManifoldProblem:
         recovering = 0 <= self._flips_until_ns - stamp_ns <= _RECOVERING_NS
         self._cost, self._iterations, flips = sqp.begin(
             elapsed_ns=stamp_ns - window.stamp_ns,
-            offsets_ns=window.offset_ns,
             samples=self._samples,
-            prediction=state.vector,
+            prediction=state.prediction,
             last=((stamp_ns - last_ns) * 1e-9 / self._step, last_cost),
             recovering=recovering,
             settings=self._settings,
-            layout=self._layout,
             workspace=self._workspace,
-            stages=self._stages.buffer,
+            stages=self._stages,
         )
         if flips:
             self._flips_until_ns = stamp_ns + _RECOVERING_NS
@@ -145,12 +145,11 @@ class ManifoldProblem:
         """Return the QP in the change of the present iterate."""
         if not self._linearised:
             cost = sqp.relinearise(
-                prediction=self._state.vector,
+                prediction=self._state.prediction,
                 is_flipping=self._flipping,
                 settings=self._settings,
-                layout=self._layout,
                 workspace=self._workspace,
-                stages=self._stages.buffer,
+                stages=self._stages,
             )
             if self._limits.rows > 0:  # at other prices
                 self._cost = cost
@@ -163,11 +162,10 @@ class ManifoldProblem:
         commands = np.empty((self._steps * SUBSTEPS, INPUT_SIZE))
         p_WB, R_WB = np.empty((count, 3)), np.empty((count, 3, 3))
         reached = sqp.line_search(
-            prediction=self._state.vector,
+            prediction=self._state.prediction,
             change=inputs,
             cost=self._cost,
             settings=self._settings,
-            layout=self._layout,
             workspace=self._workspace,
             inputs=commands,
             p_WB=p_WB,

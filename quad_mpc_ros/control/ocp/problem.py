@@ -9,89 +9,81 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+import math
+from typing import NamedTuple, Protocol, cast
+
+import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, RecordArray, Vector4
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.parameters import (
-    VECTOR_SIZE,
-    ModelParameters,
-    parameters_in,
-    rate_offset_at,
-)
-from quad_mpc_ros.control.model.rollout import ACTUATORS, P_WB, R_WB, ROW_SIZE, V_WB_W
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.parameters import ModelParameters, rate_offset_at
+from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.samples import ReferenceWindow
-from quad_mpc_ros.control.model.state import INPUT_SIZE, State
+from quad_mpc_ros.control.model.state import State
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages
 
-_PARAMETERS = slice(ROW_SIZE, ROW_SIZE + VECTOR_SIZE)
-_SENT = slice(_PARAMETERS.stop, _PARAMETERS.stop + INPUT_SIZE)
-PREDICTION_SIZE = _SENT.stop + 1
 
+class Prediction(Record):
+    """What is predicted of the vehicle for the time when the next command acts."""
 
-class PredictionParts(NamedTuple):
-    """What is predicted of the vehicle: the parts of one vector, see :func:`prediction_in`.
-
-    ``row`` (19,) is its state as in :mod:`.model.rollout`, with the throttle and the
-    rates that it will have; ``parameters`` (29,) are what is believed of it
-    (:mod:`.model.parameters`); ``sent`` (4,) is what was commanded last, with the
-    offset that the rates have, ``since_sent`` [s] the time since the odometry that it answered,
-    infinity before the first.
-    """
-
-    row: Array
-    parameters: Array
-    sent: Array
-    since_sent: float
-
-
-@compiled
-def prediction_in(vector: Array) -> PredictionParts:
-    """Return what is in a vector (53,)."""
-    return PredictionParts(vector[0:19], vector[_PARAMETERS], vector[_SENT], vector[_SENT.stop])
+    state: StateRecord  # with the throttle and the rates that it will have
+    parameters: ModelParameters  # as estimated
+    # Throttle and rates [rad/s] commanded last, with the offset that the rates have.
+    sent: Vector4
+    since_sent: float  # s, since the odometry that it answered; infinity before the first
 
 
 class PredictedState(NamedTuple):
-    """The state at ``stamp_ns``, when the command that is computed now will act.
-
-    ``vector`` (53,) holds it and what is believed, see :func:`prediction_in`.
-    """
+    """The state at ``stamp_ns``, when the command that is computed now will act."""
 
     stamp_ns: int
-    vector: Array
+    prediction: RecordArray[Prediction]
 
-    @property
-    def row(self) -> Array:
-        """The state (19,)."""
-        return self.vector[:ROW_SIZE]
-
-    @property
-    def parameters(self) -> Array:
-        """What is believed of the vehicle (29,)."""
-        return self.vector[_PARAMETERS]
+    @classmethod
+    def at_rest(cls, parameters: RecordArray[ModelParameters]) -> PredictedState:
+        """Return a state at the origin with the given parameters, before any command."""
+        prediction = Prediction.zeros()
+        predicted = prediction[()]
+        predicted.state.R_WB[:] = np.eye(3)
+        predicted.parameters = parameters[()]
+        predicted.since_sent = math.inf
+        return cls(0, prediction)
 
     @property
     def sent(self) -> Array:
         """What was commanded last (4,)."""
-        return self.vector[_SENT]
+        return cast(Array, self.prediction["sent"])
 
     @property
     def x(self) -> State:
         """The state as the paper has it, with the velocity in the body."""
-        rotation = self.row[R_WB].reshape(3, 3)
-        return State(p_WB=self.row[P_WB], v_WB_B=rotation.T @ self.row[V_WB_W], R_WB=rotation)
+        state = self.prediction["state"]
+        rotation = state["R_WB"]
+        return State(p_WB=state["p_WB"], v_WB_B=rotation.T @ state["v_WB_W"], R_WB=rotation)
+
+    @property
+    def w_WB_B(self) -> Array:
+        """The body rates that it will have (3,) [rad/s]."""
+        return cast(Array, self.prediction["state"]["w_WB_B"])
 
     @property
     def rate_offset(self) -> tuple[float, float, float]:
         """What the rates have beyond their commands at the throttle of the state [rad/s]."""
-        return rate_offset_at(self.parameters, self.row[ACTUATORS.start])
+        return _rate_offset(self.prediction)
 
     @property
-    def model(self) -> ModelParameters:
-        """The parameters by their names."""
-        return parameters_in(self.parameters)
+    def parameters(self) -> RecordArray[ModelParameters]:
+        """The parameters of the model."""
+        return cast(RecordArray[ModelParameters], self.prediction["parameters"])
+
+
+@compiled
+def _rate_offset(prediction: RecordArray[Prediction]) -> kernels.Vector:
+    predicted = prediction[()]
+    return rate_offset_at(predicted.parameters, predicted.state.throttle)
 
 
 class TrackingProblem(Protocol):

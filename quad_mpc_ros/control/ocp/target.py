@@ -10,140 +10,123 @@ needs no correction.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3, Vector4
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import lead
 from quad_mpc_ros.control.model.parameters import (
     ModelParameters,
-    parameters_in,
     root_of_thrust,
     throttle_for,
 )
-from quad_mpc_ros.control.model.reference_window import POINT_SIZE, point_parts, sample_into
+from quad_mpc_ros.control.model.reference_window import PointRecord, SampleRecord, sample_into
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, is_uneven, uneven_air
 from quad_mpc_ros.control.model.state import INPUT_SIZE
 
 # rad, in a substep: where a tilt begins or ends it does not turn.
 _TILT_JUMP = 0.05
 
-_STAGE_SIZE = 15 + (SUBSTEPS + 1) * INPUT_SIZE
+
+class TargetStage(Record):
+    """The reference over a stage of M substeps."""
+
+    # At its end.
+    p_WB: Vector3
+    v_WB_W: Vector3
+    R_WB: Matrix3
+    inputs: Annotated[Array, (SUBSTEPS, INPUT_SIZE)]  # held over the substeps
+    mean_input: Vector4
 
 
-class Target(NamedTuple):
-    """The reference of N stages of M substeps: the parts of one buffer, see :func:`target_in`.
-
-    ``p_WB``, ``v_WB_W`` (N, 3) and ``R_WB`` (N, 3, 3) at the ends of the stages, ``inputs``
-    (N, M, 4) held over the substeps and ``mean_inputs`` (N, 4) their means over the stages;
-    ``R_WB_start`` (3, 3) is the attitude at the start of the first.
-    """
-
-    p_WB: Array
-    v_WB_W: Array
-    R_WB: Array
-    inputs: Array
-    mean_inputs: Array
-    R_WB_start: Array
-
-
-@compiled
-def target_in(buffer: Array) -> Target:
-    """Return the parts of a buffer, in which they are one after another."""
-    n = len(buffer) // _STAGE_SIZE
-    return Target(
-        buffer[: 3 * n].reshape((n, 3)),
-        buffer[3 * n : 6 * n].reshape((n, 3)),
-        buffer[6 * n : 15 * n].reshape((n, 3, 3)),
-        buffer[15 * n : (15 + SUBSTEPS * INPUT_SIZE) * n].reshape((n, SUBSTEPS, INPUT_SIZE)),
-        buffer[(15 + SUBSTEPS * INPUT_SIZE) * n : -9].reshape((n, INPUT_SIZE)),
-        buffer[-9:].reshape((3, 3)),
-    )
-
-
-@compiled
-def target_size(steps: int) -> int:
-    """Return how many numbers a target of N stages has."""
-    return steps * _STAGE_SIZE + 9
+_POINT = PointRecord.dtype
 
 
 @compiled
 def sample_target(
     elapsed_ns: int,
-    offsets_ns: NDArray[np.int64],
-    samples: Array,
-    parameters: Array,
+    samples: RecordArray[SampleRecord],
+    model: ModelParameters,
     step: float,
     u_min: Array,
     u_max: Array,
-    buffer: Array,
-) -> None:
+    target: RecordArray[TargetStage],
+) -> kernels.Matrix:
     """Write the target of stages of ``step`` seconds from ``elapsed_ns`` after a window's stamp.
 
-    ``samples`` and ``offsets_ns`` are the window's (:func:`.reference_window.sample_into`),
-    ``parameters`` (29,) those of the vehicle, ``u_min`` and ``u_max`` (4,) its bounds.
+    ``samples`` are the window's, ``u_min`` and ``u_max`` (4,) bound throttle and rates. Returns
+    the attitude at the start of the first stage.
     """
-    model, target, dt = parameters_in(parameters), target_in(buffer), step / SUBSTEPS
-    count = target.inputs.shape[0] * SUBSTEPS + 1
-    times_ns, points = np.empty(count, np.int64), np.empty((count, POINT_SIZE))
+    dt, count = step / SUBSTEPS, len(target) * SUBSTEPS + 1
+    times_ns = np.empty(count, np.int64)
+    points: Any = np.empty(count, _POINT)
     for k in range(count):
         times_ns[k] = elapsed_ns + np.int64(np.rint(dt * 1e9 * k))
-    sample_into(times_ns, offsets_ns, samples, points)
-    p, R, v, dv, w = point_parts(points)
+    sample_into(times_ns, samples, points)
     held, tilts = np.empty((count, INPUT_SIZE)), np.empty((count, 3))
-    R_held, throttle, tilt = kernels.matrix_in_row(R[0]), 0.0, (0.0, 0.0, 0.0)
+    R_held, throttle, tilt = kernels.matrix(points[0].R_WB), 0.0, (0.0, 0.0, 0.0)
+    R_start = R_held
     for k in range(count):
-        if k == 0 or not _is_same(points, k):
+        point = points[k]
+        if k == 0 or not _is_same(point, points[k - 1]):
             R_held, throttle, tilt = _hold(
                 model,
-                kernels.matrix_in_row(R[k]),
-                kernels.vector(v[k]),
-                kernels.vector(dv[k]),
+                kernels.matrix(point.R_WB),
+                kernels.vector(point.v_WB_W),
+                kernels.vector(point.a_WB_W),
             )
         if k == 0:
-            kernels.store_matrix(R_held, target.R_WB_start)
+            R_start = R_held
         held[k, 0] = throttle
         kernels.store_vector(tilt, tilts[k])
         for n in range(3):
-            held[k, 1 + n] = w[k, n]
+            held[k, 1 + n] = point.w_WB_B[n]
         if k > 0:
             _turn_with(tilts, R_held, dt, held, k)
         if k > 0 and k % SUBSTEPS == 0:
-            i = k // SUBSTEPS - 1
-            kernels.store_vector(kernels.vector(p[k]), target.p_WB[i])
-            kernels.store_vector(kernels.vector(v[k]), target.v_WB_W[i])
-            kernels.store_matrix(R_held, target.R_WB[i])
+            stage = target[k // SUBSTEPS - 1]
+            kernels.store_vector(kernels.vector(point.p_WB), stage.p_WB)
+            kernels.store_vector(kernels.vector(point.v_WB_W), stage.v_WB_W)
+            kernels.store_matrix(R_held, stage.R_WB)
     _lead(model, dt, held, target, u_min=u_min, u_max=u_max)
+    return R_start
 
 
 @compiled
-def _is_same(points: Array, k: int) -> bool:
+def _is_same(point: PointRecord, before: PointRecord) -> bool:
     """Whether the reference moves as it did one substep before, as it does at rest."""
     same = True
-    for n in range(3, 18):  # attitude, velocity, acceleration
-        same &= points[k, n] == points[k - 1, n]
+    for n in range(3):
+        same &= point.v_WB_W[n] == before.v_WB_W[n] and point.a_WB_W[n] == before.a_WB_W[n]
+        for k in range(3):
+            same &= point.R_WB[n, k] == before.R_WB[n, k]
     return same
 
 
 @compiled
 def _lead(
-    model: ModelParameters, dt: float, held: Array, target: Target, u_min: Array, u_max: Array
+    model: ModelParameters,
+    dt: float,
+    held: Array,
+    target: RecordArray[TargetStage],
+    u_min: Array,
+    u_max: Array,
 ) -> None:
     """Write the commands that make actuators follow inputs (N M + 1, 4), and their means."""
-    roll, pitch, yaw = model.rate_time_constants
-    lags = model.thrust_time_constant, roll, pitch, yaw
+    rates = model.rate_time_constants
+    lags = model.thrust_time_constant, rates[0], rates[1], rates[2]
     for n in range(INPUT_SIZE):
-        for i in range(len(target.inputs)):
-            total = 0.0
+        for i in range(len(target)):
+            stage, total = target[i], 0.0
             for j in range(SUBSTEPS):
                 k = i * SUBSTEPS + j
                 command = lead(lags[n], dt, held[k, n], held[k + 1, n])
-                target.inputs[i, j, n] = kernels.clamp(command, u_min[n], u_max[n])
-                total += target.inputs[i, j, n]
-            target.mean_inputs[i, n] = total / SUBSTEPS
+                stage.inputs[j, n] = kernels.clamp(command, u_min[n], u_max[n])
+                total += stage.inputs[j, n]
+            stage.mean_input[n] = total / SUBSTEPS
 
 
 @compiled
@@ -157,13 +140,13 @@ def _hold(
 
     That is the disturbance, and drag that was learned in flight. Third is the tilt in the world.
     """
-    d_W = model.a_W
+    d_W = kernels.vector(model.a_W)
     x, y, z = kernels.plus(a_WB_W, kernels.scaled(model.drag, v_WB_W))
     force = x, y, z + model.gravity
     if is_uneven(model):
         force = kernels.plus(force, kernels.scaled(-1.0, _air(model, R_WB, v_WB_W, force)))
     against = kernels.plus(force, kernels.scaled(-1.0, d_W))
-    learned, tilt = model.learned_drag, (0.0, 0.0, 0.0)
+    learned, tilt = kernels.vector(model.learned_drag), (0.0, 0.0, 0.0)
     if learned != (0.0, 0.0, 0.0):
         u = kernels.apply_transposed(R_WB, v_WB_W)
         drag = kernels.apply(R_WB, (learned[0] * u[0], learned[1] * u[1], learned[2] * u[2]))
@@ -183,7 +166,7 @@ def _air(
     ``force`` is what the thrust has to make without it; how fast the rotors turn depends on both.
     """
     u, speed = kernels.apply_transposed(R_WB, v_WB_W), 0.0
-    if model.rotor_drag != (0.0, 0.0, 0.0):
+    if not kernels.is_zero(model.rotor_drag):
         along = kernels.dot(kernels.column(R_WB, 2), force)
         still = along - uneven_air(model, u, 0.0)[2]
         if still > 0.0:

@@ -10,66 +10,62 @@ body. What breaking soft limits costs is added by :func:`quad_mpc_ros.control.oc
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.rollout import body_in
-from quad_mpc_ros.control.ocp.target import Target
-
-
-class Weights(NamedTuple):
-    """``Q`` (9,) of position, velocity and attitude, ``R`` (4,) of throttle and rates, and the
-    factor on Q at the last stage.
-    """
-
-    Q: Array
-    R: Array
-    terminal: float
+from quad_mpc_ros.control.model.rollout import StateRecord, body_in
+from quad_mpc_ros.control.model.state import INPUT_SIZE, TANGENT_SIZE, THETA, P, V
+from quad_mpc_ros.control.ocp.settings import Settings
+from quad_mpc_ros.control.ocp.target import TargetStage
 
 
 @compiled
 def tracking_cost(
-    weights: Weights, states: Array, target: Target, deviation: Array, errors: Array
+    given: Settings,
+    states: RecordArray[StateRecord],
+    target: RecordArray[TargetStage],
+    deviation: Array,
+    errors: Array,
 ) -> float:
-    """Return the cost of states 0 to N (N + 1, 19) and deviations (N, 4); write errors (N, 9)."""
+    """Return the cost of states 0 to N (N + 1,) and deviations (N, 4); write errors (N, 9)."""
     cost = 0.0
     for i in range(len(deviation)):
-        body = body_in(states[i + 1])
+        body, stage, error = body_in(states[i + 1]), target[i], errors[i]
         for k in range(3):
-            errors[i, k] = body.p[k] - target.p_WB[i, k]
-            errors[i, 3 + k] = body.v[k] - target.v_WB_W[i, k]
-        R_target = kernels.matrix(target.R_WB[i])
-        R_error = kernels.multiply(kernels.transposed(R_target), body.R)
-        kernels.store_vector(kernels.log(R_error), errors[i, 6:])
-        factor = _stage_weight(weights, i, len(deviation))
-        for k in range(9):
-            cost += factor * weights.Q[k] * errors[i, k] ** 2
-        for k in range(4):
-            cost += weights.R[k] * deviation[i, k] ** 2
+            error[P + k] = body.p[k] - stage.p_WB[k]
+            error[V + k] = body.v[k] - stage.v_WB_W[k]
+        R_error = kernels.multiply(kernels.transposed(kernels.matrix(stage.R_WB)), body.R)
+        kernels.store_vector(kernels.log(R_error), error[THETA:])
+        factor = _stage_weight(given, i, len(deviation))
+        for k in range(TANGENT_SIZE):
+            cost += factor * given.Q[k] * error[k] ** 2
+        for k in range(INPUT_SIZE):
+            cost += given.R[k] * deviation[i, k] ** 2
     return cost
 
 
 @compiled
-def quadratic_cost(weights: Weights, errors: Array, H: Array, g: Array) -> None:
+def quadratic_cost(given: Settings, errors: Array, H: Array, g: Array) -> None:
     """Write half the Hessian (N, nx, nx) and half the gradient (N, nx) at errors (N, 9)."""
-    Q = weights.Q
+    Q = given.Q
     for i in range(len(errors)):
-        factor = _stage_weight(weights, i, len(errors))
-        for k in range(6):
+        factor = _stage_weight(given, i, len(errors))
+        for k in range(THETA):
             H[i, k, k] = factor * Q[k]
             g[i, k] = factor * Q[k] * errors[i, k]
-        e = kernels.vector(errors[i, 6:])
+        e, q = kernels.vector(errors[i, THETA:]), kernels.vector(Q[THETA:])
         J = kernels.right_jacobian_inverse(e)
-        weighted = factor * Q[6] * e[0], factor * Q[7] * e[1], factor * Q[8] * e[2]
-        kernels.store_vector(kernels.apply_transposed(J, weighted), g[i, 6:9])
+        weighted = factor * q[0] * e[0], factor * q[1] * e[1], factor * q[2] * e[2]
+        kernels.store_vector(kernels.apply_transposed(J, weighted), g[i, THETA:])
         for a in range(3):
+            by_a = kernels.column(J, a)
             for b in range(3):
-                H[i, 6 + a, 6 + b] = factor * (
-                    J[a] * Q[6] * J[b] + J[3 + a] * Q[7] * J[3 + b] + J[6 + a] * Q[8] * J[6 + b]
+                by_b = kernels.column(J, b)
+                H[i, THETA + a, THETA + b] = factor * (
+                    by_a[0] * q[0] * by_b[0] + by_a[1] * q[1] * by_b[1] + by_a[2] * q[2] * by_b[2]
                 )
 
 
 @compiled
-def _stage_weight(weights: Weights, stage: int, steps: int) -> float:
-    return weights.terminal if stage == steps - 1 else 1.0
+def _stage_weight(given: Settings, stage: int, steps: int) -> float:
+    return given.terminal_weight if stage == steps - 1 else 1.0

@@ -1,54 +1,55 @@
-"""A plan of the manifold formulation and where it leads: one buffer, shifted and bounded."""
+"""A plan of the manifold formulation and where it leads, shifted and bounded."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.rollout import ROW_SIZE, SUBSTEPS
+from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord
 from quad_mpc_ros.control.model.state import INPUT_SIZE
-from quad_mpc_ros.control.ocp.target import Target
+from quad_mpc_ros.control.ocp.target import TargetStage
 
 # How far a command may pass a bound by rounding.
 _ROUNDING = 1e-9
 
 
 class Trajectory(NamedTuple):
-    """A plan and where it leads: the parts of one buffer, see :func:`trajectory_in`.
+    """A plan of N stages of M substeps, and where it leads.
 
     ``deviation`` (N, 4) from the reference's mean inputs, ``inputs`` (N, M, 4) inside the bounds,
-    ``states`` 0 to N (N + 1, 19).
+    ``states`` 0 to N (N + 1,).
     """
 
     deviation: Array
     inputs: Array
-    states: Array
+    states: RecordArray[StateRecord]
 
-
-_STAGE_SIZE = INPUT_SIZE + SUBSTEPS * INPUT_SIZE + ROW_SIZE
-
-
-@compiled
-def trajectory_size(steps: int) -> int:
-    """Return how many numbers a trajectory of N stages has."""
-    return steps * _STAGE_SIZE + ROW_SIZE
-
-
-@compiled
-def trajectory_in(buffer: Array) -> Trajectory:
-    """Return the parts of a buffer, in which they are one after another."""
-    n = len(buffer) // _STAGE_SIZE
-    states = n * (_STAGE_SIZE - ROW_SIZE)
-    return Trajectory(
-        buffer[: n * INPUT_SIZE].reshape((n, INPUT_SIZE)),
-        buffer[n * INPUT_SIZE : states].reshape((n, SUBSTEPS, INPUT_SIZE)),
-        buffer[states:].reshape((n + 1, ROW_SIZE)),
-    )
+    @staticmethod
+    def zeros(steps: int) -> Trajectory:
+        """Return room for a plan."""
+        return Trajectory(
+            np.zeros((steps, INPUT_SIZE)),
+            np.zeros((steps, SUBSTEPS, INPUT_SIZE)),
+            StateRecord.zeros(steps + 1),
+        )
 
 
 @compiled
-def apply_bounds(target: Target, plan: Trajectory, u_min: Array, u_max: Array) -> None:
+def copy(source: Trajectory, destination: Trajectory) -> None:
+    """Copy a plan."""
+    destination.deviation[:] = source.deviation
+    destination.inputs[:] = source.inputs
+    destination.states[:] = source.states
+
+
+@compiled
+def apply_bounds(
+    target: RecordArray[TargetStage], plan: Trajectory, u_min: Array, u_max: Array
+) -> None:
     """Bring a plan inside the bounds, and write its inputs.
 
     A stage's mean input is brought there first, so that some of it is always free.
@@ -56,20 +57,20 @@ def apply_bounds(target: Target, plan: Trajectory, u_min: Array, u_max: Array) -
     deviation = plan.deviation
     for i in range(len(deviation)):
         for k in range(INPUT_SIZE):
-            mean = target.mean_inputs[i, k]
+            mean = target[i].mean_input[k]
             deviation[i, k] = kernels.clamp(mean + deviation[i, k], u_min[k], u_max[k]) - mean
             for j in range(SUBSTEPS):
-                wanted = target.inputs[i, j, k] + deviation[i, k]
+                wanted = target[i].inputs[j, k] + deviation[i, k]
                 plan.inputs[i, j, k] = kernels.clamp(wanted, u_min[k], u_max[k])
 
 
 @compiled
-def mark_free(target: Target, plan: Trajectory, free: Array) -> None:
+def mark_free(target: RecordArray[TargetStage], plan: Trajectory, free: Array) -> None:
     """Write one for inputs (N, M, 4) that no bound holds, zero for others."""
     for i in range(len(free)):
         for j in range(SUBSTEPS):
             for k in range(INPUT_SIZE):
-                wanted = target.inputs[i, j, k] + plan.deviation[i, k]
+                wanted = target[i].inputs[j, k] + plan.deviation[i, k]
                 is_free = abs(plan.inputs[i, j, k] - wanted) < _ROUNDING
                 free[i, j, k] = 1.0 if is_free else 0.0
 

@@ -9,7 +9,8 @@ from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.ladder import timeouts_of
 from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
-from quad_mpc_ros.control.safety.validation import coverage_fault, reference_fault
+from quad_mpc_ros.control.safety.validation import coverage_fault
+from quad_mpc_ros.control.safety.window_validation import reference_fault
 
 
 class InputMonitor:

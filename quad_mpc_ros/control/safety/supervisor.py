@@ -16,7 +16,6 @@ from quad_mpc_ros.control.estimation.contact import GroundContact
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.lie.kernels import infinity_norm
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.rollout import BODY_RATES
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input, state_from_odometry
 from quad_mpc_ros.control.ocp.plan import Plan
@@ -212,7 +211,7 @@ class Supervisor:
             p_WB=x.p_WB,
             q_WB_xyzw=so3.quaternion_xyzw_from_rotation(x.R_WB),
             v_WB_B=x.v_WB_B,
-            w_WB_B=state.row[BODY_RATES],
+            w_WB_B=state.w_WB_B,
         )
         breach = self._flight_limits.foreseen(ahead)
         return breach.reason if breach is not None and breach.action > Action.WARN else ""

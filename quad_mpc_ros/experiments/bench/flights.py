@@ -16,8 +16,8 @@ from quad_mpc_ros.experiments.bench.peers import Peer
 from quad_mpc_ros.recordings.evaluation.metrics import percentiles
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 from quad_mpc_ros.simulation.sensors import OdometryStream
 
 
@@ -44,8 +44,7 @@ class MeasuredFlight:
 def fly(peer: Peer, *, simulator: SimulatorConfig, reference: ReferenceConfig) -> MeasuredFlight:
     """Fly a peer through the loop of :func:`quad_mpc_ros.simulation.closed_loop.fly`.
 
-    Garbage of earlier flights is collected before, so that nobody pays for another's; the
-    collector stays on, as it does in the node.
+    Garbage of earlier flights is collected first; the collector stays on, as in the node.
     """
     plant, server = make_plant(simulator), ReferenceServer(reference)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
@@ -103,7 +102,9 @@ def summarise(flights: Sequence[MeasuredFlight]) -> Figures:
         "mpc_us": percentiles(together("mpc_us", first=1), 50, 99),
         "first_step_us": max(float(flight.step_us[0]) for flight in flights),
         "iterations": percentiles(together("iterations"), 50, 99),
-        "position_rmse_m": max(_rmse(flight) for flight in flights),
+        "position_rmse_m": max(
+            float(np.sqrt(np.mean(_position_errors(flight) ** 2))) for flight in flights
+        ),
         "error_before_switch_m": max(
             (error for flight in flights for error in errors_before_switches(flight)), default=None
         ),
@@ -114,10 +115,6 @@ def errors_before_switches(flight: MeasuredFlight) -> list[float]:
     """Return the position error [m] at the last odometry before each jump of the reference."""
     jumps = np.linalg.norm(np.diff(flight.p_reference, axis=0), axis=1) > _SMALLEST_JUMP
     return [float(error) for error in _position_errors(flight)[:-1][jumps]]
-
-
-def _rmse(flight: MeasuredFlight) -> float:
-    return float(np.sqrt(np.mean(_position_errors(flight) ** 2)))
 
 
 def _position_errors(flight: MeasuredFlight) -> Array:

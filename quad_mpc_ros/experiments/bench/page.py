@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from quad_mpc_ros.configuration.text_tables import markdown_table, text_table
-from quad_mpc_ros.experiments.bench.peers import PEERS, SWEPT
 
 _WIDTH = 99
 Rows = list[list[str]]
@@ -37,7 +36,7 @@ def page(result: Mapping[str, Any], *, picture: str) -> str:
         as_markdown(peer_rows(result)),
         *map(_paragraph, comparison_lines(result)),
         *(
-            _paragraph(f"Skipped: {PEERS[peer].title}: {reason}.")
+            _paragraph(f"Skipped: {result['peers'][peer]['title']}: {reason}.")
             for peer, reason in result["skipped"].items()
         ),
         _paragraph(_LEGEND),
@@ -50,7 +49,10 @@ def page(result: Mapping[str, Any], *, picture: str) -> str:
         ]
     parts += [
         "## What is compared",
-        "\n".join(_paragraph(f"- {each}", indent="  ") for each in _PEERS_EXPLAINED),
+        "\n".join(
+            _paragraph(f"- **{name}**: {peer['description']}", indent="  ")
+            for name, peer in result["peers"].items()
+        ),
         "## A whole flight",
         _paragraph(_WHOLE_FLIGHT),
         "## Machine",
@@ -63,10 +65,10 @@ def peer_rows(result: Mapping[str, Any]) -> Rows:
     """Return each peer's whole step, and below it what the parts of it took."""
     rows = [_PEER_HEADER]
     for entry in compared(result):
-        kind = PEERS[entry["peer"]]
+        peer = result["peers"][entry["peer"]]
         rows.append(
             [
-                kind.title,
+                peer["title"],
                 *_times(entry["step_us"], "p50", "p99", "max"),
                 f"{entry['first_step_us']:.0f}",
                 _iterations(entry),
@@ -77,12 +79,12 @@ def peer_rows(result: Mapping[str, Any]) -> Rows:
         )
         if entry["mpc_us"]["p50"] is not None:
             rows.append(_part("of that, the MPC alone", entry["mpc_us"]))
-        rows.append(_part(f"of that, {kind.solver}'s own time", entry["solve_us"]))
+        rows.append(_part(f"of that, {peer['solver']}'s own time", entry["solve_us"]))
     return rows
 
 
 def _part(label: str, times: Mapping[str, float | None]) -> list[str]:
-    """Return a row that tells of a step only how long a part of it took."""
+    """Return a row with the times of a part of the step."""
     return [label, *_times(times, "p50", "p99", "max"), *[""] * (len(_PEER_HEADER) - 4)]
 
 
@@ -93,7 +95,7 @@ def horizon_rows(result: Mapping[str, Any]) -> Rows:
         rows.append(
             [
                 str(entry["horizon_steps"]),
-                PEERS[entry["peer"]].title,
+                result["peers"][entry["peer"]]["title"],
                 *_times(entry["step_us"], "p50", "p99"),
                 *_times(entry["solve_us"], "p50", "p99"),
                 _iterations(entry),
@@ -104,7 +106,7 @@ def horizon_rows(result: Mapping[str, Any]) -> Rows:
 
 
 def comparison_lines(result: Mapping[str, Any]) -> list[str]:
-    """Return how this controller stands beside acados and beside its own solver."""
+    """Return the times of this controller over those of its solver and of each swept peer."""
     found = {entry["peer"]: entry for entry in compared(result)}
     ours = found.get("controller")
     if ours is None:
@@ -114,13 +116,19 @@ def comparison_lines(result: Mapping[str, Any]) -> list[str]:
         f"{_ratio(ours['step_us'], ours['solve_us'], 'p50')} at p50; the MPC alone: "
         f"{_ratio(ours['mpc_us'], ours['solve_us'], 'p50')}."
     ]
-    if "acados" in found:
-        theirs = found["acados"]["step_us"]
-        lines.append(
-            f"Whole step over that of acados: {_ratio(ours['step_us'], theirs, 'p50')} at p50, "
-            f"{_ratio(ours['step_us'], theirs, 'p99')} at p99."
-        )
+    for name in swept_peers(result):
+        if name in found and name != "controller":
+            theirs = found[name]["step_us"]
+            lines.append(
+                f"Whole step over that of {name}: {_ratio(ours['step_us'], theirs, 'p50')} at "
+                f"p50, {_ratio(ours['step_us'], theirs, 'p99')} at p99."
+            )
     return lines
+
+
+def swept_peers(result: Mapping[str, Any]) -> list[str]:
+    """Return the names of the peers that fly with other lengths of the horizon as well."""
+    return [name for name, peer in result["peers"].items() if peer["swept"]]
 
 
 def compared(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -134,10 +142,11 @@ def swept(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
     There are none when only one length was flown.
     """
-    entries = [entry for entry in result["entries"] if entry["peer"] in SWEPT]
+    order = swept_peers(result)
+    entries = [entry for entry in result["entries"] if entry["peer"] in order]
     if len({entry["horizon_steps"] for entry in entries}) < 2:
         return []
-    return sorted(entries, key=lambda entry: (SWEPT.index(entry["peer"]), entry["horizon_steps"]))
+    return sorted(entries, key=lambda entry: (order.index(entry["peer"]), entry["horizon_steps"]))
 
 
 def as_text(rows: Rows) -> str:
@@ -175,20 +184,6 @@ _LEGEND = (
     "largest error just before one. Both are of the worst flight. OSQP's own time is the floor "
     "for what is built around OSQP. The MPC alone predicts, linearises, updates the QP, solves "
     "and applies; validation, safety ladder and limits, which no other peer has, are the rest."
-)
-
-_PEERS_EXPLAINED = (
-    "**this controller**: `formulation: manifold` with all that the node does: validation, safety "
-    "ladder, statistics.",
-    "**the paper's formulation**: the same with `formulation: paper`, one linearisation held over "
-    "the horizon.",
-    "**acados**: the same problem (model, errors, weights, bounds, horizon, reference) as a C "
-    "solver with one real-time iteration per step, partial condensing, HPIPM, and one explicit "
-    "Runge-Kutta step of order 4 a stage. The whole step includes what its Python interface "
-    "needs: sampling the reference, one call per stage to set it, the state, the solve, the "
-    "input. Its iterations are HPIPM's.",
-    "**cvxpy**: this controller's linearisation, its QP written down stage by stage and rebuilt "
-    "at every step, solved by OSQP with the same tolerance.",
 )
 
 _WHOLE_FLIGHT = (

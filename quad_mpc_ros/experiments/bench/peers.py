@@ -1,39 +1,30 @@
-"""What is compared: the peers by name, and what each of them can do."""
+"""What is compared: what a peer can do, how one is defined, and how a file defines another."""
 
 from __future__ import annotations
 
+import runpy
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-if TYPE_CHECKING:  # the names are wanted for --help, which shall be quick
+from quad_mpc_ros.configuration import UserError
+
+if TYPE_CHECKING:  # --help imports this and must be quick
+    from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 
-
-@dataclass(frozen=True, kw_only=True)
-class PeerKind:
-    """A peer's title, and whose own time is told beside its whole step."""
-
-    title: str
-    solver: str
-
-
-PEERS = {
-    "controller": PeerKind(title="this controller", solver="OSQP"),
-    "acados": PeerKind(title="acados SQP_RTI + HPIPM", solver="its C code"),
-    "paper": PeerKind(title="this controller, the paper's formulation", solver="OSQP"),
-    "cvxpy": PeerKind(title="the same QP through cvxpy, rebuilt each step", solver="OSQP"),
-}
-
-SWEPT = ("controller", "acados")
-"""Those whose cost against the length of the horizon is measured."""
+OWN = ("controller", "paper")
+"""The names of this package's own peers."""
+_DEFINITION = "PEER"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """What the last step of a peer took.
+    """Effort of the last step of a peer.
 
-    ``solve_time`` [s] is what its solver says of itself. ``mpc_time`` [s] is that of the MPC
-    alone, where there is more to a step.
+    ``solve_time`` [s] is as the solver reports it; ``mpc_time`` [s] is the time of the MPC alone
+    where a step does more.
     """
 
     solved: bool
@@ -54,5 +45,66 @@ class Peer(Protocol):
         ...
 
 
+NewPeer = Callable[[], Peer]
+"""Makes a peer for one flight."""
+
+
 class PeerUnavailableError(Exception):
     """A peer cannot fly here; the message says why and what to install."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeerKind:
+    """A peer as it is defined: what it is called, and how it is made.
+
+    ``make`` takes the configuration and a folder for what has to be compiled, once for each
+    length of the horizon; it raises :class:`PeerUnavailableError` where the peer cannot fly.
+    """
+
+    title: str
+    solver: str
+    """Whose own time is reported beside the whole step."""
+    description: str
+    """A paragraph for the page, in Markdown."""
+    make: Callable[[MpcConfig, Path], NewPeer]
+    swept: bool = False
+    """Whether its cost against the length of the horizon is measured, too."""
+    distributions: tuple[str, ...] = ()
+    """The installed packages whose versions the page lists."""
+
+
+def peer_kinds(given: Sequence[str]) -> dict[str, PeerKind]:
+    """Return the peers of names and Python files, by name: that of a file is its stem.
+
+    Raises :class:`UserError` for what is neither, and for a file that defines no peer.
+    """
+    from quad_mpc_ros.experiments.bench.controller import CONTROLLERS
+
+    kinds: dict[str, PeerKind] = {}
+    for word in dict.fromkeys(given):
+        own = CONTROLLERS.get(word)
+        name = word if own else Path(word).stem
+        if name in kinds:
+            raise UserError(f"--peers: {name} is given twice, expected peers of different names")
+        kinds[name] = own or _defined(word)
+    return kinds
+
+
+def _defined(word: str) -> PeerKind:
+    path = Path(word)
+    if path.suffix != ".py" or not path.is_file():
+        raise UserError(
+            f"--peers: given {word!r}, expected {', '.join(OWN)} or a Python file that defines a "
+            "peer: bench/peers/acados.py or bench/peers/cvxpy.py of the sources, or one of yours"
+        )
+    try:
+        found = runpy.run_path(str(path), run_name=f"peer_{path.stem}").get(_DEFINITION)
+    except Exception as error:  # whatever the file raises
+        raise UserError(
+            f"--peers: {path} cannot be loaded: {type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(found, PeerKind):
+        raise UserError(
+            f"--peers: {path} has {_DEFINITION} = {found!r}, expected a PeerKind of {__name__}"
+        )
+    return found

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from quad_mpc_ros.analysis.figures import style
-from quad_mpc_ros.experiments.bench.page import compared, swept
-from quad_mpc_ros.experiments.bench.peers import PEERS, SWEPT
+from quad_mpc_ros.experiments.bench.page import compared, swept, swept_peers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _WIDTH, _HEIGHT = 10.0, 3.6  # inch
-_COLOURS = dict(zip(SWEPT, (style.FLOWN, style.BOUND), strict=True))
+_COLOURS = (style.FLOWN, style.BOUND, style.REFERENCE)
 
 
 def write_picture(result: Mapping[str, Any], path: Path) -> Path:
@@ -45,7 +45,8 @@ def _draw_peers(axes: Axes, result: Mapping[str, Any]) -> None:
                     label=label if row == 0 else None,
                 )
                 axes.plot([times["max"]], [row + offset], ".", color=colour)
-    axes.set_yticks(range(len(shown)), [_broken(PEERS[entry["peer"]].title) for entry in shown])
+    titles = [result["peers"][entry["peer"]]["title"].replace(", ", ",\n") for entry in shown]
+    axes.set_yticks(range(len(shown)), titles)
     axes.set_xscale("log")
     axes.set_xlabel("p50 to p99, dot: max [us]", fontsize=9, color=style.INK)
     style.title(axes, f"N = {result['settings']['horizon_steps']}")
@@ -54,7 +55,7 @@ def _draw_peers(axes: Axes, result: Mapping[str, Any]) -> None:
 
 def _draw_horizons(axes: Axes, result: Mapping[str, Any]) -> None:
     style.tidy(axes)
-    for peer in SWEPT:
+    for peer, colour in zip(swept_peers(result), itertools.cycle(_COLOURS), strict=False):
         entries = [entry for entry in swept(result) if entry["peer"] == peer]
         if not entries:
             continue
@@ -64,7 +65,7 @@ def _draw_horizons(axes: Axes, result: Mapping[str, Any]) -> None:
                 steps,
                 [entry[times]["p50"] for entry in entries],
                 line,
-                color=_COLOURS[peer],
+                color=colour,
                 linewidth=1.3,
                 markersize=4.0,
                 label=f"{peer}{what}",
@@ -74,7 +75,3 @@ def _draw_horizons(axes: Axes, result: Mapping[str, Any]) -> None:
     axes.set_ylabel("p50 [us]", fontsize=9, color=style.INK)
     axes.legend(frameon=False, fontsize=8, labelcolor=style.INK)
     style.title(axes, "Against N")
-
-
-def _broken(title: str) -> str:
-    return title.replace(", ", ",\n")

@@ -1,4 +1,4 @@
-"""All peers flown in turn: what disturbs the machine for a while hits all of them alike."""
+"""All peers flown in turns, so that a disturbance of the machine affects all of them alike."""
 
 from __future__ import annotations
 
@@ -7,19 +7,14 @@ import datetime
 import importlib.metadata
 import os
 import platform
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.experiments.bench.acados_peer import AcadosPeer
-from quad_mpc_ros.experiments.bench.acados_solver import build_solver
-from quad_mpc_ros.experiments.bench.controller_peer import ControllerPeer
-from quad_mpc_ros.experiments.bench.cvxpy_peer import CvxpyPeer, cvxpy_module
 from quad_mpc_ros.experiments.bench.flights import MeasuredFlight, fly, summarise
-from quad_mpc_ros.experiments.bench.peers import PEERS, SWEPT, Peer, PeerUnavailableError
+from quad_mpc_ros.experiments.bench.peers import NewPeer, PeerKind, PeerUnavailableError
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
@@ -31,16 +26,15 @@ class BenchConfig:
     mpc: MpcConfig
     simulator: SimulatorConfig
     reference: ReferenceConfig
-    peers: Sequence[str]
+    peers: Mapping[str, PeerKind]
     steps: Sequence[int]
     repeats: int
 
     def entries(self) -> list[Entry]:
         """Return everything that is to fly, each once."""
         compared = [Entry(peer, self.mpc.horizon_steps) for peer in self.peers]
-        swept = [
-            Entry(peer, steps) for steps in self.steps for peer in SWEPT if peer in self.peers
-        ]
+        lengths = [peer for peer, kind in self.peers.items() if kind.swept]
+        swept = [Entry(peer, steps) for steps in self.steps for peer in lengths]
         return list(dict.fromkeys(compared + swept))
 
 
@@ -52,30 +46,32 @@ class Entry:
     steps: int
 
 
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 """Shows one line of progress."""
 
 
-def run(config: BenchConfig, *, scratch: Path, tell: Tell) -> dict[str, Any]:
+def run(config: BenchConfig, *, scratch: Path, report: Report) -> dict[str, Any]:
     """Fly everything and return what was measured, as JSON knows it.
 
-    ``scratch`` is a folder for what has to be compiled. A peer that cannot fly here is told and
-    listed under ``skipped``.
+    ``scratch`` is a folder for what has to be compiled. A peer that cannot fly here is reported
+    and listed under ``skipped``.
     """
-    described = describe_machine()
-    ready, skipped = _prepared(config, scratch, tell)
+    described = describe_machine([d for kind in config.peers.values() for d in kind.distributions])
+    ready, skipped = _prepared(config, scratch, report)
     flights: dict[Entry, list[MeasuredFlight]] = {entry: [] for entry in ready}
     order = list(_order(list(ready), config.repeats))
     for number, entry in enumerate(order, start=1):
         flight = fly(ready[entry](), simulator=config.simulator, reference=config.reference)
         flights[entry].append(flight)
-        tell(
-            f"flight {number} of {len(order)}: {PEERS[entry.peer].title}, N = {entry.steps}: "
+        title = config.peers[entry.peer].title
+        report(
+            f"flight {number} of {len(order)}: {title}, N = {entry.steps}: "
             f"{len(flight.step_us)} steps in {1e-6 * flight.step_us.sum():.2f} s"
         )
     return {
         "machine": described,
         "settings": _settings(config),
+        "peers": {name: _described(kind) for name, kind in config.peers.items()},
         "skipped": skipped,
         "entries": [
             {"peer": entry.peer, "horizon_steps": entry.steps, **summarise(flown)}
@@ -85,7 +81,7 @@ def run(config: BenchConfig, *, scratch: Path, tell: Tell) -> dict[str, Any]:
 
 
 def _prepared(
-    config: BenchConfig, scratch: Path, tell: Tell
+    config: BenchConfig, scratch: Path, report: Report
 ) -> tuple[dict[Entry, NewPeer], dict[str, str]]:
     """Return how to make each peer, and why some cannot be made."""
     ready: dict[Entry, NewPeer] = {}
@@ -96,10 +92,10 @@ def _prepared(
         mpc = dataclasses.replace(config.mpc, horizon_steps=entry.steps)
         try:
             folder = scratch / f"{entry.peer}_{entry.steps}"
-            ready[entry] = _PREPARATIONS[entry.peer](mpc, folder)
+            ready[entry] = config.peers[entry.peer].make(mpc, folder)
         except PeerUnavailableError as error:
             skipped[entry.peer] = str(error)
-            tell(f"skipped: {PEERS[entry.peer].title}: {error}")
+            report(f"skipped: {config.peers[entry.peer].title}: {error}")
     return {entry: new for entry, new in ready.items() if entry.peer not in skipped}, skipped
 
 
@@ -107,6 +103,15 @@ def _order(flying: Sequence[Entry], repeats: int) -> Iterator[Entry]:
     """Yield the entries ``repeats`` times, every second time backwards."""
     for repeat in range(repeats):
         yield from flying if repeat % 2 == 0 else reversed(flying)
+
+
+def _described(kind: PeerKind) -> dict[str, Any]:
+    return {
+        "title": kind.title,
+        "solver": kind.solver,
+        "description": kind.description,
+        "swept": kind.swept,
+    }
 
 
 def _settings(config: BenchConfig) -> dict[str, Any]:
@@ -126,24 +131,11 @@ def _settings(config: BenchConfig) -> dict[str, Any]:
     }
 
 
-NewPeer = Callable[[], Peer]
-"""Makes a peer for one flight."""
-
-# How to make each peer; the folder is for what has to be compiled once.
-_PREPARATIONS: dict[str, Callable[[MpcConfig, Path], NewPeer]] = {
-    "controller": lambda config, _: partial(ControllerPeer, config),
-    "paper": lambda config, _: partial(
-        ControllerPeer, dataclasses.replace(config, formulation="paper")
-    ),
-    "acados": lambda config, folder: partial(AcadosPeer, config, build_solver(config, folder)),
-    "cvxpy": lambda config, _: partial(CvxpyPeer, config, cvxpy_module()),
-}
-
-_DISTRIBUTIONS = ("numpy", "scipy", "osqp", "cvxpy", "comma-deps-acados")
+_DISTRIBUTIONS = ("numpy", "scipy", "osqp")
 
 
-def describe_machine() -> dict[str, str]:
-    """Return processor, system and versions by what to call them; what is unknown is left out."""
+def describe_machine(distributions: Sequence[str]) -> dict[str, str]:
+    """Return processor, system and versions by name; unknown ones are left out."""
     found = {
         "date": datetime.date.today().isoformat(),
         "processor": _processor(),
@@ -153,7 +145,7 @@ def describe_machine() -> dict[str, str]:
         "kernel": platform.release().partition("-")[0],
         "Python": platform.python_version(),
     }
-    for name in _DISTRIBUTIONS:
+    for name in (*_DISTRIBUTIONS, *distributions):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

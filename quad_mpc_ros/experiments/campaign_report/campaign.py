@@ -29,8 +29,8 @@ class ReportedCampaign:
     """One campaign.
 
     Attributes:
-        name: Tells it from the others of the report.
-        folder: Where it is, as the user wrote it; the commands on the page name it.
+        name: Unique in the report.
+        folder: As the user wrote it, for the commands on the page.
         table: Its flights.
         text: Its campaign.yaml; None where there is none.
     """

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from string import Template
 from typing import Any
 
-from quad_mpc_ros import __version__
-from quad_mpc_ros.analysis.report import campaign_tables as tables
 from quad_mpc_ros.analysis.report.markup import (
     Section,
-    asset,
     empty_figure,
-    in_script,
+    folded,
+    html_page,
     paragraph,
     select,
     tick_box,
+    verdict,
 )
 from quad_mpc_ros.analysis.report.plotting import (
     CAMPAIGN_COLOURS,
@@ -28,6 +26,7 @@ from quad_mpc_ros.analysis.report.plotting import (
     plotly,
 )
 from quad_mpc_ros.configuration.atomic_file import write_atomically
+from quad_mpc_ros.experiments.campaign_report import campaign_tables as tables
 from quad_mpc_ros.experiments.campaign_report.campaign import (
     CRASHES,
     ReportedCampaign,
@@ -37,9 +36,14 @@ from quad_mpc_ros.experiments.campaign_report.campaign import (
 from quad_mpc_ros.experiments.campaign_report.crash_shares import CrashShares, crash_shares
 from quad_mpc_ros.experiments.campaign_report.distributions import BINS, POPULATIONS, distributions
 from quad_mpc_ros.experiments.campaign_report.pairs import Pairs, paired
-from quad_mpc_ros.experiments.campaign_report.points import MOST_POINTS, flight_points, pair_points
+from quad_mpc_ros.experiments.campaign_report.points import (
+    MOST_POINTS,
+    MOST_WORST,
+    flight_points,
+    pair_points,
+    worst_flights,
+)
 from quad_mpc_ros.experiments.campaign_report.shares_figure import shares_figure
-from quad_mpc_ros.experiments.campaign_report.worst import MOST, worst_flights
 
 PAGE_NAME = "report.html"
 
@@ -69,20 +73,14 @@ def campaign_page(campaigns: Sequence[ReportedCampaign]) -> str:
             _worst(campaigns),
         ]
     sections.append(_errors(campaigns))
-    names = ", ".join(each.name for each in campaigns)
-    kind = "campaign" if len(campaigns) == 1 else "campaigns"
-    return Template(asset("campaign.html")).substitute(
-        title=escape(f"quad_mpc report: {kind} {names}"),
-        names=escape(names),
-        style=asset("page.css"),
-        plotly=plotly("offline").get_plotlyjs(),
-        version=escape(__version__),
-        verdicts="\n".join(_verdict(each) for each in campaigns),
-        links="\n".join(each.link for each in sections),
-        sections="\n".join(each.html for each in sections),
-        files="\n".join(map(_file, campaigns)),
-        data=in_script(_data(campaigns, pairs)),
-        script=asset("campaign.js"),
+    return html_page(
+        title=f"quad_mpc report: {'campaign' if len(campaigns) == 1 else 'campaigns'}",
+        names=[each.name for each in campaigns],
+        verdicts=[_verdict(each) for each in campaigns],
+        sections=sections,
+        files=[_file(each) for each in campaigns],
+        data=_data(campaigns, pairs),
+        script="campaign.js",
     )
 
 
@@ -101,10 +99,8 @@ def write_campaign_page(folder: Path) -> Path | None:
 
 
 def _verdict(campaign: ReportedCampaign) -> str:
-    good = len(campaign.table) > 0 and campaign.unharmed.all()
-    text = escape(tables.verdict(campaign))
-    kind = "good" if good else "bad"
-    return f'<p class="{kind}"><b>{escape(campaign.name)}</b>: {text}</p>'
+    good = len(campaign.table) > 0 and bool(campaign.unharmed.all())
+    return verdict(campaign.name, tables.verdict(campaign), good=good)
 
 
 def _overview(campaigns: Sequence[ReportedCampaign]) -> Section:
@@ -114,11 +110,8 @@ def _overview(campaigns: Sequence[ReportedCampaign]) -> Section:
         for of, population in zip(POPULATIONS, ("did not crash", "were flown"), strict=True)
         if all_figures(campaigns)
     ]
-    folded = "".join(
-        f"<details><summary>And of all, those that crashed included</summary>{each}</details>"
-        for each in percentiles[1:]
-    )
-    parts = [tables.flights_table(campaigns), *percentiles[:1], folded]
+    rest = [folded("And of all, those that crashed included", each) for each in percentiles[1:]]
+    parts = [tables.flights_table(campaigns), *percentiles[:1], *rest]
     return Section(key="flights", title="The flights", parts=parts)
 
 
@@ -187,7 +180,7 @@ def _crashes(
 
 
 def _map_columns(shares: Sequence[CrashShares], pairs: Pairs | None) -> list[str]:
-    """Return what the map of crashes may be drawn over, what tells most first."""
+    """Return what the map of crashes may be drawn over, the most uneven first."""
     names = [each.name for each in shares]
     return [name for name in names if name in pairs.shared] if pairs else names
 
@@ -231,7 +224,7 @@ def _worst(campaigns: Sequence[ReportedCampaign]) -> Section:
         parts=[
             f"<p>{select('worst-by', 'by', all_figures(campaigns), chosen=_FIRST_FIGURE)}</p>",
             '<div class="wide" id="worst-table"></div>',
-            _hint(f"At most {MOST} that crashed, then at most {MOST} that did not."),
+            _hint(f"At most {MOST_WORST} that crashed, then at most {MOST_WORST} that did not."),
         ],
     )
 
@@ -247,10 +240,8 @@ def _errors(campaigns: Sequence[ReportedCampaign]) -> Section:
 
 def _file(campaign: ReportedCampaign) -> str:
     text = campaign.text
-    shown = "<p>It is not there.</p>" if text is None else f"<pre>{escape(text)}</pre>"
-    return (
-        f"<details><summary>campaign.yaml of {escape(campaign.name)}</summary>\n{shown}</details>"
-    )
+    shown = paragraph("It is not there.") if text is None else f"<pre>{escape(text)}</pre>"
+    return folded(f"campaign.yaml of {campaign.name}", shown)
 
 
 def _hint(text: str) -> str:

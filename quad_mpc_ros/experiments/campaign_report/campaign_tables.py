@@ -194,10 +194,10 @@ def _crashed(campaign: ReportedCampaign) -> Proportion:
 
 def _by_kind(campaign: ReportedCampaign) -> str:
     kinds = {kind: count for kind, count in campaign.crash_kinds().items() if count}
-    told = ", ".join(
+    listed = ", ".join(
         f"{count} {CRASHES.get(kind, kind or 'not said how')}" for kind, count in kinds.items()
     )
-    return f": {told}" if told else ""
+    return f": {listed}" if listed else ""
 
 
 def _counted(count: int, what: str) -> str:

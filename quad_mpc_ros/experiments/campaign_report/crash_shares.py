@@ -66,7 +66,7 @@ class _Bins:
 
 
 def crash_shares(campaigns: Sequence[ReportedCampaign]) -> list[CrashShares]:
-    """Return the shares over every varied parameter, those that tell most first.
+    """Return the shares over every varied parameter, the most uneven first.
 
     Numbers get bins of equally many flights, of all campaigns together; texts, and numbers of few
     values, a bin a value. Flights that raised an error are left out.

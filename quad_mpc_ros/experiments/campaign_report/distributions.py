@@ -18,7 +18,7 @@ POPULATIONS: dict[str, Callable[[ReportedCampaign], NDArray[np.bool_]]] = {
     "did not crash": lambda campaign: campaign.unharmed,
     "all flown": lambda campaign: campaign.table.flown,
 }
-"""Which flights figures are told of; a flight that raised an error was not flown."""
+"""Which flights figures are of; a flight that raised an error was not flown."""
 
 
 def distributions(campaigns: Sequence[ReportedCampaign]) -> dict[str, dict[str, Any]]:

@@ -92,7 +92,7 @@ class Pairs:
         first, second = self.values(name)
         known = (self.outcomes == NEITHER) & np.isfinite(first) & np.isfinite(second)
         change = second[known] - first[known]
-        middle = np.median if len(change) else _nothing
+        middle = np.median if len(change) else lambda values: np.nan
         return Difference(
             name=name,
             count=len(change),
@@ -130,7 +130,3 @@ def _equal(left: NDArray[np.generic], right: NDArray[np.generic]) -> NDArray[np.
     if left.dtype.kind == "f":
         same |= np.isnan(left) & np.isnan(right)
     return np.asarray(same)
-
-
-def _nothing(values: Array) -> float:
-    return float("nan")

@@ -1,4 +1,4 @@
-"""The points that the browser draws: few enough of a large campaign, and what each is."""
+"""What the browser shows of flights: points, few enough of a large campaign, and the worst."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ from quad_mpc_ros.experiments.campaign_report.pairs import (
 from quad_mpc_ros.experiments.campaigns.table import NUMBER
 
 MOST_POINTS = 5000  # of all campaigns of a page
+MOST_WORST = 10  # of those that crashed, and of those that did not
+
+_WORST_IS_LEAST = ("altitude_min_m",)
 
 _UNHARMED, _CRASHED = "unharmed", "crashed"
 _FINE = {"symbol": "circle", "size": 5, "opacity": 0.5}
@@ -77,7 +80,7 @@ def pair_points(pairs: Pairs, *, most: int) -> dict[str, Any]:
     """Return at most so many pairs, those that crashed in one or both before others.
 
     As :func:`flight_points`; ``figures`` has, by name, those of the ``first`` and the ``second``
-    campaign and in a sentence how they differ (``told``).
+    campaign and how they differ in a sentence (``summary``).
     """
     first, second = pairs.first, pairs.second
     groups = {
@@ -98,12 +101,39 @@ def pair_points(pairs: Pairs, *, most: int) -> dict[str, Any]:
             each.name: {
                 "first": _plain(pairs.values(each.name)[0][rows]),
                 "second": _plain(pairs.values(each.name)[1][rows]),
-                "told": _told(each, pairs),
+                "summary": _summary(each, pairs),
             }
             for each in pairs.differences
         },
         "commands": [_command(each) for each in (first, second)],
     }
+
+
+def worst_flights(campaign: ReportedCampaign, figure: str) -> list[list[Any]]:
+    """Return flights, worst first: crashed ones, then others that have a value.
+
+    Each is its number, the kind of its crash, the time of that [s] and the figure; None for no
+    value. Worst is the greatest, of the least altitude the least.
+    """
+    values = campaign.numbers(figure)
+    badness = -values if figure in _WORST_IS_LEAST else values
+    order = np.argsort(-badness, kind="stable")  # NaN comes last
+    unharmed = campaign.unharmed & np.isfinite(values)
+    rows = [
+        row
+        for among in (campaign.crashed, unharmed)
+        for row in order[among[order]][:MOST_WORST].tolist()
+    ]
+    columns = campaign.table.columns
+    times = campaign.numbers("crash_time_s")
+    return [
+        [
+            int(columns[NUMBER][row]),
+            str(columns["crash"][row]),
+            *_plain(np.array([times[row], values[row]])),
+        ]
+        for row in rows
+    ]
 
 
 def _evenly(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:
@@ -120,7 +150,7 @@ def _group(kind: str, campaign: str, colour: str | None) -> dict[str, Any]:
     return {"name": name if colour is None else f"{campaign}: {name}", **look}
 
 
-def _told(figure: Difference, pairs: Pairs) -> str:
+def _summary(figure: Difference, pairs: Pairs) -> str:
     if not figure.smaller.total:
         return f"Equal in all of {figure.count} pairs."
     return (

@@ -12,7 +12,6 @@ import numpy as np
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.analysis.report.plotting import CAMPAIGN_COLOURS, lay_out, plotly
 from quad_mpc_ros.experiments.campaign_report.crash_shares import CrashShares
-from quad_mpc_ros.experiments.campaign_report.proportion import Proportion
 
 _COLUMNS = 3
 _ROW_HEIGHT, _MARGINS = 230, 90  # pixels
@@ -79,7 +78,7 @@ def _bars(shares: CrashShares, campaign: int, name: str, *, of: int) -> Any:
             "width": 2,
         },
         customdata=[
-            f"{escape(f'{name}: {shares.name} {label}')}<br>{_told(each)}"
+            f"{escape(f'{name}: {shares.name} {label}')}<br>{each} crashed"
             for label, each in zip(shares.labels, bins, strict=True)
         ],
         hovertemplate=_HOVER,
@@ -89,22 +88,17 @@ def _bars(shares: CrashShares, campaign: int, name: str, *, of: int) -> Any:
 def _ticks(shares: CrashShares) -> dict[str, Any]:
     """Return what stands on the axis: values below their bin, numbers where bins meet."""
     if not len(shares.edges):
-        texts = [escape(_shortened(label)) for label in shares.labels]
-        return {"tickvals": list(range(len(texts))), "ticktext": texts}
+        texts = [
+            label if len(label) <= _WIDEST_LABEL else f"{label[: _WIDEST_LABEL - 1]}…"
+            for label in shares.labels
+        ]
+        return {"tickvals": list(range(len(texts))), "ticktext": list(map(escape, texts))}
     places = range(0, len(shares.edges), -(-len(shares.edges) // _MOST_TICKS))
     return {
         "tickvals": [place - 0.5 for place in places],
         "ticktext": [f"{shares.edges[place]:.3g}" for place in places],
         "ticks": "outside",
     }
-
-
-def _shortened(label: str) -> str:
-    return label if len(label) <= _WIDEST_LABEL else f"{label[: _WIDEST_LABEL - 1]}…"
-
-
-def _told(crashed: Proportion) -> str:
-    return f"{crashed} crashed"
 
 
 def _top(shares: Sequence[CrashShares]) -> float:

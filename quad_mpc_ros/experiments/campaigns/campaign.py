@@ -1,7 +1,7 @@
 """What a campaign flies: the parameters that all flights share, and those that vary.
 
 Flight NUMBER of a campaign is the same wherever and whenever it is flown. Each varied parameter
-has random numbers of its own, from the seed, the flight's number and the parameter's name, so
+has its own random numbers, from the seed, the flight's number and the parameter's name, so
 that varying one more changes nothing of the others: two campaigns with the same seed fly the same
 vehicles.
 """
@@ -112,7 +112,7 @@ class Campaign:
 
     @functools.cached_property
     def targets(self) -> dict[str, Target]:
-        """What each varied name stands for."""
+        """The parameter of each varied name."""
         return {name: target_of(name, self.base) for name in self.vary}
 
     @functools.cached_property

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, UserError, files
 from quad_mpc_ros.experiments.campaigns.campaign import (
     SCHEMA,
     Campaign,
-    Target,
     target_of,
     value_in,
 )
 from quad_mpc_ros.experiments.campaigns.variation import SameAs, Variation, variation_of
+from quad_mpc_ros.experiments.campaigns.yaml_content import (
+    check_keys,
+    content_text,
+    errors_of,
+    integer,
+    read_content,
+)
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
@@ -47,14 +50,7 @@ def read_campaign(path: Path, overrides: Overrides | None = None) -> Campaign:
 
     Raises :class:`UserError` for a file that cannot be read or describes none.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise UserError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(content, dict):
-        raise UserError(f"{path}: expected the keys of a campaign, given {content!r:.60}")
+    content = read_content(path, "campaign")
     return campaign_from(content, overrides, where=str(path))
 
 
@@ -65,12 +61,8 @@ def campaign_from(
 
     Raises :class:`UserError`.
     """
-    try:
+    with errors_of(where):
         return _Reader(content, overrides or Overrides()).campaign()
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{where}: {error.name}", error.given, error.expected) from error
-    except UserError as error:
-        raise UserError(f"{where}: {error}") from error
 
 
 def campaign_text(campaign: Campaign) -> str:
@@ -90,7 +82,7 @@ def campaign_text(campaign: Campaign) -> str:
         "start": campaign.start,
         "vary": {name: variation.described() for name, variation in campaign.vary.items()},
     }
-    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=math.inf)
+    return content_text(content)
 
 
 def read_variations(
@@ -98,7 +90,7 @@ def read_variations(
 ) -> dict[str, Variation]:
     """Return what stands below a key: how parameters of ``base`` vary, by their names.
 
-    Raises :class:`UserError` for names that there are not, a vector that varies as a whole and by
+    Raises :class:`UserError` for unknown names, a vector that varies as a whole and by
     elements, and values that a parameter does not allow.
     """
     vary = {str(name): variation_of(f"{key}: {name}", each) for name, each in given.items()}
@@ -107,7 +99,8 @@ def read_variations(
         whole = f"{target.node}.{target.parameter}"
         if target.element is not None and whole in vary:
             raise UserError(f"{key}: {name}: {whole} varies, too: leave one out")
-        _check_ends(target, variation)
+        for value in variation.extremes():
+            target.validated(value)
         if isinstance(variation, SameAs):
             _check_followed(name, variation, vary, base, key=key)
     return vary
@@ -122,11 +115,7 @@ class _Reader:
     )
 
     def __init__(self, content: Mapping[Any, Any], overrides: Overrides) -> None:
-        for key in content:
-            if key not in self._KEYS:
-                close = difflib.get_close_matches(str(key), self._KEYS, n=1)
-                hint = f"did you mean {close[0]}?" if close else ", ".join(self._KEYS)
-                raise UserError(f"unknown key {key!r} ({hint})")
+        check_keys(content, self._KEYS)
         self._content = content
         self._overrides = overrides
 
@@ -192,7 +181,8 @@ class _Reader:
 
     def _refuse_set(self, name: str) -> None:
         """Refuse what varies and is set, too."""
-        if name in self._mapping("set") or name in _set_by(self._overrides.assignments):
+        assigned = [each.partition("=")[0].strip() for each in self._overrides.assignments]
+        if name in self._mapping("set") or name in assigned:
             raise UserError(f"vary: {name}: it is set, too: leave one out")
         for key, node, parameter in _SHORT:
             if key in self._content and name == f"{node}.{parameter}":
@@ -202,18 +192,18 @@ class _Reader:
         given = self._content.get("flights")
         if not grid:
             wanted = self._overrides.flights if self._overrides.flights is not None else given
-            return _whole("flights", wanted, least=1, most=_MOST_FLIGHTS)
+            return integer("flights", wanted, least=1, most=_MOST_FLIGHTS)
         if given is not None or self._overrides.flights is not None:
             raise UserError("flights: a grid has as many as there are combinations: leave one out")
         counts = [len(each.listed()) for each in vary.values() if each.listed()]
         if not counts:
             raise UserError("grid: expected a choice or a linspace in vary")
-        return _whole("grid: flights", math.prod(counts), least=1, most=_MOST_FLIGHTS)
+        return integer("grid: flights", math.prod(counts), least=1, most=_MOST_FLIGHTS)
 
     def _seed(self) -> int:
         given = self._content.get("seed", 0)
         wanted = given if self._overrides.seed is None else self._overrides.seed
-        return _whole("seed", wanted, least=0, most=2**63 - 1)
+        return integer("seed", wanted, least=0, most=2**63 - 1)
 
     def _settle_time(self, duration: float) -> float:
         given = self._content.get("settle_time", 0.5 * duration)
@@ -247,23 +237,7 @@ class _Reader:
 
 
 _SHORT = (("reference", "reference", "trajectory"), ("duration", "simulator", "duration"))
-"""Keys of the file that stand for one parameter each."""
-
-
-def _set_by(assignments: Sequence[str]) -> set[str]:
-    return {assignment.partition("=")[0].strip() for assignment in assignments}
-
-
-def _whole(name: str, given: Any, *, least: int, most: int) -> int:
-    if type(given) is not int or not least <= given <= most:
-        raise ConfigurationError(name, given, f"a whole number from {least} to {most}")
-    return given
-
-
-def _check_ends(target: Target, variation: Variation) -> None:
-    """Refuse a variation that leads beyond what the parameter allows."""
-    for value in variation.extremes():
-        target.validated(value)
+"""Keys of the file that are short for one parameter each."""
 
 
 def _check_followed(
@@ -274,7 +248,7 @@ def _check_followed(
     *,
     key: str,
 ) -> None:
-    """Refuse to follow a name that is none or follows this one, and to values not allowed."""
+    """Refuse to follow an unknown name, a cycle, and values that are not allowed."""
     target, source = target_of(name, base), target_of(variation.name, base)
     followed: Variation | None = vary.get(variation.name)
     seen = {name, variation.name}

@@ -1,4 +1,4 @@
-"""What flies the flights of a campaign: workers, wherever they are."""
+"""What flies the flights of a campaign: workers, here or elsewhere."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _BATCHES_PER_WORKER = 8
 
 
 class Engine(Protocol):
-    """Flies batches of flights on workers; leave the context to let them go."""
+    """Flies batches of flights on workers; leaving the context ends them."""
 
     @property
     def workers(self) -> int:

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import yaml
-
+from quad_mpc_ros.configuration import files
 from quad_mpc_ros.experiments.campaigns.campaign import SCHEMA, Campaign, FlightPlan
 from quad_mpc_ros.experiments.campaigns.outcome import FIGURES, TruthLog, verdict
 from quad_mpc_ros.experiments.campaigns.table import NUMBER, VERDICT, Row
@@ -35,7 +34,7 @@ _ITERATIONS = ("p50", "p99", "max")
 
 @dataclass(frozen=True, kw_only=True)
 class FlownFlight:
-    """What comes back of a flight: its row, and the parameter file that makes it again."""
+    """The result of a flight: its row, and the parameter file that makes it again."""
 
     row: Row
     parameter_file: str
@@ -70,7 +69,7 @@ def fly_one(campaign: Campaign, number: int) -> FlownFlight:
 
 
 def lost_flight(campaign: Campaign, number: int, reason: str) -> FlownFlight:
-    """Return what there is of a flight that no worker survived."""
+    """Return the row of a flight that no worker survived."""
     drawn = campaign.drawn(number)
     row = {NUMBER: number, "crashed": False, "error": reason, **campaign.cells(drawn)}
     return FlownFlight(row=row, parameter_file="")
@@ -88,12 +87,11 @@ def _figures(plan: FlightPlan, *, settle_time: float) -> dict[str, Any]:
         **_scalars(summarise(flight_log.flight(plan.config))),
         **truth.figures(settle_time=settle_time),
     }
-    finite = {name: value if _is_finite(value) else None for name, value in figures.items()}
+    finite = {
+        name: value if value is not None and math.isfinite(value) else None
+        for name, value in figures.items()
+    }
     return {**verdict(truth.crash()), **finite}
-
-
-def _is_finite(value: float | None) -> bool:
-    return value is not None and math.isfinite(value)
 
 
 def _scalars(summary: Summary) -> dict[str, Any]:
@@ -111,15 +109,12 @@ def _parameter_file(config: FlightConfig) -> str:
     for node, each in zip(SCHEMA, config, strict=True):
         lines += [f"{node}:", "  ros__parameters:"]
         lines += [
-            f"    {name}: {_yaml(value)}"
+            f"    {name}: {_value_text(value)}"
             for name, value in each.flattened().items()
             if value != ()  # ROS cannot tell its type
         ]
     return "\n".join([*lines, ""])
 
 
-@functools.lru_cache(maxsize=4096, typed=True)
-def _yaml(value: Any) -> str:
-    """Return a value as YAML reads it back exactly, which it does not with every ``repr``."""
-    listed = list(value) if isinstance(value, tuple) else value
-    return yaml.safe_dump([listed], default_flow_style=True, width=math.inf).strip()[1:-1]
+# The same values in flight after flight: writing them anew would cost more than all else here.
+_value_text = functools.lru_cache(maxsize=4096, typed=True)(files.value_text)

@@ -20,7 +20,7 @@ HOLDS = (CAMPAIGN_NAME, FLIGHTS_NAME, JOURNAL_NAME, CSV_NAME, PARQUET_NAME)
 """What the folder of a campaign holds, and must not hold before."""
 
 Observer = Callable[[int, int, int], None]
-"""Told after each batch: flights done, flights in all, crashed."""
+"""Called after each batch: flights done, flights in all, crashed."""
 
 
 def begin(campaign: Campaign, folder: Path) -> None:
@@ -42,7 +42,7 @@ def fly_into(
     """Fly what is left to fly of the campaign in a folder, and write its table.
 
     Each batch is on disk before the next one counts. Raises ``OSError``, and :class:`UserError`
-    for a folder whose campaign has changed.
+    if the campaign has changed.
     """
     text = (folder / CAMPAIGN_NAME).read_text(encoding="utf-8")
     with Journal(folder, campaign_text=text) as journal:

@@ -24,7 +24,7 @@ class Journal:
     """The rows of the flights flown, appended to the file and kept."""
 
     def __init__(self, folder: Path, *, campaign_text: str) -> None:
-        """Begin the journal of a folder, or go on with it.
+        """Begin the journal of a folder, or continue it.
 
         Raises :class:`UserError` where it is that of another campaign or of another version.
         """

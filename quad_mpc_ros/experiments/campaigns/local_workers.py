@@ -29,7 +29,7 @@ class _Task(NamedTuple):
 
 
 class _Worker(NamedTuple):
-    """A process, and our end of the line to it, with which it ends when nobody holds it."""
+    """A process, and this end of the pipe to it; it ends when the pipe is closed."""
 
     process: BaseProcess
     line: Connection
@@ -38,8 +38,8 @@ class _Worker(NamedTuple):
 class LocalWorkers:
     """Processes that each fly a batch at a time. The use is that of :class:`.engine.Engine`.
 
-    Each has a line of its own and nothing that it shares with others, so that it is known which
-    batch was with the one that died.
+    Each has its own pipe and shares nothing with others, so that the batch of one that died is
+    known.
     """
 
     def __init__(self, workers: int | None = None) -> None:
@@ -90,14 +90,14 @@ class LocalWorkers:
             worker.line.send((campaign, task.numbers))
 
     def _give_up(self) -> None:
-        """End what flies for nobody any more."""
+        """End the workers that still fly."""
         for _, worker in self._flying.values():
             _end(worker)
         self._flying.clear()
 
 
 def _again(task: _Task) -> list[_Task]:
-    """Return what is to be flown after a death: one by one, until it is clear which one it is."""
+    """Return the tasks after a worker died: one flight each, to find the one that kills it."""
     if len(task.numbers) > 1:
         return [_Task([number]) for number in task.numbers]
     deaths = task.deaths + 1
@@ -105,7 +105,7 @@ def _again(task: _Task) -> list[_Task]:
 
 
 def _given_up(campaign: Campaign, task: _Task) -> list[FlownFlight]:
-    """Return the flight after which no worker lived on, once that is clear."""
+    """Return the flight that no worker survived, once it is known."""
     if _again(task):
         return []
     reason = f"WorkerDied: the worker process died in this flight, {_MOST_DEATHS} times"
@@ -118,15 +118,15 @@ def _new_worker() -> _Worker:
     context = multiprocessing.get_context("spawn")
     line, its_end = context.Pipe()
     process = context.Process(target=_work, args=(its_end,), daemon=True)
-    # It would be started with the first worker, and let SIGINT through again.
+    # Else the first worker starts it, which unblocks SIGINT.
     resource_tracker.ensure_running()
-    # Ctrl-C is for the one who asked, with whom the worker ends; from before its first line on.
+    # Ctrl-C is for the parent, with which the worker ends; blocked before its first line runs.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         process.start()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    its_end.close()  # so that only it holds it
+    its_end.close()  # only the worker holds it now
     return _Worker(process, line)
 
 
@@ -138,7 +138,7 @@ def _end(worker: _Worker) -> None:
 
 
 def _work(line: Connection) -> None:
-    """Fly what comes along the line, in a process of its own, until nobody holds its other end."""
+    """Fly, in a worker process, what comes through the pipe, until its other end is closed."""
     tasks: SimpleQueue[tuple[Campaign, Sequence[int]]] = SimpleQueue()
 
     def listen() -> None:
@@ -152,5 +152,5 @@ def _work(line: Connection) -> None:
         campaign, numbers = tasks.get()
         try:
             line.send(fly_batch(campaign, numbers))
-        except Exception as error:  # for the one who asked
+        except Exception as error:  # for the parent
             line.send(error)

@@ -1,4 +1,4 @@
-"""What became of a flight, by the truth and not by what was measured: crashed, settled, tilted."""
+"""The outcome of a flight by its true states, not the measured ones: crashed, settled, tilted."""
 
 from __future__ import annotations
 

@@ -29,9 +29,9 @@ def results_text(folder: Path, campaign: Campaign, rows: Sequence[Row]) -> str:
     kinds = Counter(row["crash"] for row in rows if row["crashed"])
     errors = [row for row in rows if row.get("error")]
     flown = [row for row in rows if not row["crashed"] and not row.get("error")]
-    told = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+    counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
     lines = [
-        f"{len(rows)} flights: {kinds.total()} crashed{f' ({told})' if told else ''}, "
+        f"{len(rows)} flights: {kinds.total()} crashed{f' ({counts})' if counts else ''}, "
         f"{len(errors)} ended with an error, {len(flown)} flew",
         "",
         *_percentiles(flown),

@@ -63,20 +63,19 @@ class CampaignTable:
         return np.asarray(self.columns["crashed"], dtype=np.bool_)
 
 
-def write_table(folder: Path, rows: Sequence[Row], names: Sequence[str]) -> list[Path]:
+def write_table(folder: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
     """Write the rows, in order of their numbers, as CSV and, where pyarrow is, as Parquet.
 
-    Returns the files written. Equal rows give equal bytes. Raises ``OSError``.
+    Equal rows give equal bytes. Raises ``OSError``.
     """
     ordered = sorted(rows, key=lambda row: int(row[NUMBER]))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
     writer.writerows([_cell(row.get(name)) for name in names] for row in ordered)
-    path = folder / CSV_NAME
-    write_atomically(path, text.getvalue(), overwrite=True)
-    parquet = _write_parquet(folder / PARQUET_NAME, ordered, names)
-    return [path] if parquet is None else [path, parquet]
+    write_atomically(folder / CSV_NAME, text.getvalue(), overwrite=True)
+    if has_parquet():
+        _write_parquet(folder / PARQUET_NAME, ordered, names)
 
 
 def read_table(folder: Path) -> CampaignTable:
@@ -135,13 +134,10 @@ def _column(name: str, cells: Iterable[str]) -> NDArray[Any]:
         return np.array(texts, dtype=np.str_)
 
 
-def _write_parquet(path: Path, rows: Sequence[Row], names: Sequence[str]) -> Path | None:
-    if not has_parquet():
-        return None
+def _write_parquet(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
     pyarrow = importlib.import_module("pyarrow")
     parquet = importlib.import_module("pyarrow.parquet")
     table = pyarrow.table({name: [row.get(name) for row in rows] for name in names})
     part = path.with_name(f".{path.name}.part")
     parquet.write_table(table, part)
     part.replace(path)
-    return path

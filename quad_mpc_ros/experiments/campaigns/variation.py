@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,17 +19,20 @@ _MOST_DRAWS = 1000
 class Variation(ABC):
     """The values that one parameter takes: numbers, vectors, or whatever is chosen from."""
 
+    kind: ClassVar[str]
+    """The key in a file, below which stand the fields, in order."""
+
     @abstractmethod
     def drawn(self, random: np.random.Generator) -> Any:
         """Return a random value."""
 
-    @abstractmethod
     def described(self) -> dict[str, Any]:
         """Return what a file says of it."""
+        return {self.kind: list(vars(self).values())}
 
     def extremes(self) -> list[Any]:
         """Return values that the parameter must allow for all others to be allowed."""
-        return self.listed() or []
+        return list(vars(self).values())
 
     def listed(self) -> list[Any]:
         """Return all values, in order, where they can be counted; a grid goes through them."""
@@ -40,6 +43,7 @@ class Variation(ABC):
 class Uniform(Variation):
     """``uniform: [low, high]``, numbers or vectors whose elements vary independently."""
 
+    kind = "uniform"
     low: Any
     high: Any
 
@@ -47,17 +51,12 @@ class Uniform(Variation):
         low, high = np.asarray(self.low, dtype=float), np.asarray(self.high, dtype=float)
         return _plain(low + (high - low) * random.random(low.shape))
 
-    def extremes(self) -> list[Any]:
-        return [self.low, self.high]
-
-    def described(self) -> dict[str, Any]:
-        return {"uniform": [self.low, self.high]}
-
 
 @dataclass(frozen=True)
 class LogUniform(Variation):
     """``log_uniform: [low, high]``, uniform in the logarithm; all above zero."""
 
+    kind = "log_uniform"
     low: Any
     high: Any
 
@@ -67,17 +66,12 @@ class LogUniform(Variation):
         drawn = np.exp(low + (high - low) * random.random(low.shape))
         return _plain(np.clip(drawn, self.low, self.high))
 
-    def extremes(self) -> list[Any]:
-        return [self.low, self.high]
-
-    def described(self) -> dict[str, Any]:
-        return {"log_uniform": [self.low, self.high]}
-
 
 @dataclass(frozen=True)
 class Normal(Variation):
     """``normal: [mean, deviation]``; what the parameter does not allow is drawn again."""
 
+    kind = "normal"
     mean: Any
     deviation: Any
 
@@ -88,31 +82,24 @@ class Normal(Variation):
     def extremes(self) -> list[Any]:
         return [self.mean]
 
-    def described(self) -> dict[str, Any]:
-        return {"normal": [self.mean, self.deviation]}
-
 
 @dataclass(frozen=True)
 class Integers(Variation):
-    """``integers: [low, high]``, whole numbers, both ends among them."""
+    """``integers: [low, high]``, integers, both ends among them."""
 
+    kind = "integers"
     low: int
     high: int
 
     def drawn(self, random: np.random.Generator) -> Any:
         return int(random.integers(self.low, self.high, endpoint=True))
 
-    def extremes(self) -> list[Any]:
-        return [self.low, self.high]
-
-    def described(self) -> dict[str, Any]:
-        return {"integers": [self.low, self.high]}
-
 
 @dataclass(frozen=True)
 class Choice(Variation):
     """``choice: [a, b, …]``, each as often, or ``linspace: [first, last, count]``."""
 
+    kind = "choice"
     values: tuple[Any, ...]
 
     def drawn(self, random: np.random.Generator) -> Any:
@@ -121,8 +108,10 @@ class Choice(Variation):
     def listed(self) -> list[Any]:
         return list(self.values)
 
+    extremes = listed
+
     def described(self) -> dict[str, Any]:
-        return {"choice": [*self.values]}
+        return {self.kind: [*self.values]}
 
 
 @dataclass(frozen=True)
@@ -131,6 +120,7 @@ class Attitude(Variation):
     of the thrust within that cone alike, and turned by up to ``yaw`` either way.
     """
 
+    kind = "attitude"
     tilt: float
     yaw: float
 
@@ -146,14 +136,12 @@ class Attitude(Variation):
     def extremes(self) -> list[Any]:
         return [[0.0, 0.0, 0.0, 1.0]]
 
-    def described(self) -> dict[str, Any]:
-        return {"attitude": [self.tilt, self.yaw]}
-
 
 @dataclass(frozen=True)
 class SameAs(Variation):
     """``same_as: NAME``, with ``times`` and ``plus`` if wanted: the value of another parameter."""
 
+    kind = "same_as"
     name: str
     times: float = 1.0
     plus: float = 0.0
@@ -168,7 +156,10 @@ class SameAs(Variation):
         return _plain(self.times * np.asarray(value, dtype=float) + self.plus)
 
     def described(self) -> dict[str, Any]:
-        return {"same_as": self.name, "times": self.times, "plus": self.plus}
+        return {self.kind: self.name, "times": self.times, "plus": self.plus}
+
+    def extremes(self) -> list[Any]:
+        return []
 
 
 def variation_of(name: str, given: Any) -> Variation:
@@ -214,14 +205,12 @@ def _range(arguments: list[Any]) -> tuple[Any, Any] | None:
 
 def _uniform(arguments: list[Any]) -> Variation | None:
     found = _range(arguments)
-    return None if found is None else Uniform(*found)
+    return found and Uniform(*found)
 
 
 def _log_uniform(arguments: list[Any]) -> Variation | None:
     found = _range(arguments)
-    if found is None or not np.all(np.asarray(found[0]) > 0.0):
-        return None
-    return LogUniform(*found)
+    return LogUniform(*found) if found and np.all(np.asarray(found[0]) > 0.0) else None
 
 
 def _normal(arguments: list[Any]) -> Variation | None:

@@ -1,4 +1,4 @@
-"""Every fault, what it must lead to, and when all must be well again: the one table of them."""
+"""Every fault, what it must lead to, and by when it must be recovered: the one table of them."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def _at_once(config: MpcConfig) -> float:
     return 2.0 / config.control_rate
 
 
-def _when_believed(config: MpcConfig) -> float:
-    """Stamps that jump back are a jump again, which must persist first."""
+def _when_accepted(config: MpcConfig) -> float:
+    """Stamps that jump back must persist, too, before they are accepted."""
     return config.odom_timeout + 2.0 / config.control_rate
 
 
@@ -50,7 +50,7 @@ class Fault:
 
     name: str
     injected: str
-    course: Callable[[MpcConfig], Course] = courses.unimpressed
+    course: Callable[[MpcConfig], Course] = courses.unaffected
     _: KW_ONLY
     duration: float = 1.0
     recovery: Callable[[MpcConfig], float] = _at_once
@@ -80,7 +80,7 @@ _unusable_odometry = functools.partial(
     Fault, course=courses.odometry_lost, duration=_BRIEF, counter="rejected_inputs"
 )
 _odometry_of_another_time = functools.partial(
-    Fault, course=courses.clocks_apart, recovery=_when_believed, counter="rejected_inputs"
+    Fault, course=courses.clocks_apart, recovery=_when_accepted, counter="rejected_inputs"
 )
 _unusable_reference = functools.partial(
     Fault, course=courses.reference_lost, duration=_REACH, counter="rejected_inputs"
@@ -89,7 +89,7 @@ _solver_failure = functools.partial(
     Fault, course=courses.solver_lost, duration=_BRIEF, counter="solver_failures"
 )
 _clock_set = functools.partial(
-    Fault, course=courses.accepted_after_timeout, recovery=_when_believed
+    Fault, course=courses.accepted_after_timeout, recovery=_when_accepted
 )
 _on_the_ground = functools.partial(Fault, grounded=True)
 
@@ -103,14 +103,14 @@ _TABLE = (
     ),
     Fault(
         "odometry_freezes",
-        "the last pose and twist for ever, under new stamps, though they tell of motion",
+        "the last pose and twist repeated under new stamps, in motion",
         courses.odometry_frozen,
         duration=_BRIEF,
         odometry=distortions.frozen,
     ),
     Fault(
         "odometry_repeats",
-        "the last odometry for ever, stamp and all",
+        "the last odometry repeated, with its stamp",
         courses.odometry_lost,
         duration=_BRIEF,
         odometry=distortions.repeated,
@@ -273,7 +273,7 @@ _TABLE = (
     ),
     _on_the_ground(
         "ground_odometry_freezes",
-        "on the ground: the same pose and twist for ever, which tell of rest",
+        "on the ground: the same pose and twist repeated under new stamps",
         odometry=distortions.frozen,
     ),
     _on_the_ground(

@@ -37,7 +37,7 @@ def throughout(*sources: str) -> Callable[[MpcConfig], Course]:
     return lambda config: (CoursePhase(sources),)
 
 
-unimpressed = throughout("mpc")
+unaffected = throughout("mpc")
 
 
 def accepted_after_timeout(config: MpcConfig) -> Course:
@@ -47,7 +47,7 @@ def accepted_after_timeout(config: MpcConfig) -> Course:
 
 
 def clocks_apart(config: MpcConfig) -> Course:
-    """The new stamps are believed after the timeout, but the reference is of another time."""
+    """The new stamps are accepted after the timeout, but the reference is of another time."""
     end = config.plan_hold_time
     return (
         _MPC_OR_PLAN,
@@ -56,15 +56,15 @@ def clocks_apart(config: MpcConfig) -> Course:
 
 
 def odometry_lost(config: MpcConfig, *, standing: bool = False) -> Course:
-    """The MPC foresees, then blind (standing on the ground: idle at once), then silence."""
+    """The MPC predicts, then blind (standing on the ground: idle at once), then silence."""
     late = 1.0 / config.control_rate
-    # Standing on the ground nothing is foreseen.
-    foreseen = config.odom_timeout if standing else _foreseen(config)
-    blind = max(foreseen, config.plan_hold_time)
+    # Standing on the ground nothing is predicted.
+    predicted = config.odom_timeout if standing else _predicted(config)
+    blind = max(predicted, config.plan_hold_time)
     silent = blind + config.blind_time
     return (
         _MPC,
-        *_plan(foreseen, blind, late=late, standing=standing),
+        *_plan(predicted, blind, late=late, standing=standing),
         CoursePhase(("idle" if standing else "blind",), begins=blind, reached=blind + late),
         # The time of blindness counts from its first tick, which may be late by a period itself.
         CoursePhase(("silent",), begins=silent, reached=silent + 2.0 * late),
@@ -73,16 +73,16 @@ def odometry_lost(config: MpcConfig, *, standing: bool = False) -> Course:
 
 def odometry_frozen(config: MpcConfig) -> Course:
     """As when it is lost, but plans are made of it until the timeout."""
-    late, foreseen = 1.0 / config.control_rate, _foreseen(config)
-    blind = max(foreseen, config.odom_timeout + config.plan_hold_time)
+    late, predicted = 1.0 / config.control_rate, _predicted(config)
+    blind = max(predicted, config.odom_timeout + config.plan_hold_time)
     return (
         _MPC,
-        *_plan(foreseen, blind, late=late, standing=False),
+        *_plan(predicted, blind, late=late, standing=False),
         CoursePhase(("blind",), begins=blind - late, reached=blind + late),
     )
 
 
-def _foreseen(config: MpcConfig) -> float:
+def _predicted(config: MpcConfig) -> float:
     """Return for how long without odometry the MPC plans on [s]."""
     return max(config.odom_timeout, config.odom_gap)
 

@@ -96,7 +96,7 @@ class FaultFlight:
         )
 
     def _wake_up(self) -> None:
-        """Let a process that stood find its timer due, and a message on each topic."""
+        """Let a stopped process find its timer due, and one message on each topic."""
         self._windows.forget_all_but_last()
         self._odometries.forget_all_but_last()
         self._finish(self._controller.watch(now_ns=self._now_ns))
@@ -113,7 +113,7 @@ class FaultFlight:
             self._step()
 
     def _step(self) -> None:
-        """Let happen what is due now, and let time go on."""
+        """Do what is due now, and advance the time."""
         process = self._fault.process if self._active else None
         if process is ProcessFault.SET_PARAMETERS and self._time_ns % self._period_ns == 0:
             self._set_parameters()
@@ -148,7 +148,7 @@ class FaultFlight:
         self._finish(self._controller.receive_odometry(odometry, now_ns=self._now_ns))
 
     def _finish(self, tick: Tick | None) -> None:
-        """Let the command act, and keep what is to be judged."""
+        """Apply the command, and keep what is judged later."""
         if tick is None:
             return
         self.ticks.append((self._time_ns, tick))
@@ -196,7 +196,7 @@ class FaultFlight:
         )
 
     def _count(self) -> int | None:
-        """Return the fault's counter; None when it has none, or when it is not told."""
+        """Return the fault's counter; None when it has none, or no tick has it."""
         stats = dict(self.ticks[-1][1].stats.items())
         return int(stats[self._fault.counter]) if self._fault.counter in stats else None
 
@@ -219,7 +219,7 @@ class FaultFlight:
 
 
 class Channel(Generic[M]):
-    """A topic on its way to the controller: messages go on at once, or as a distortion says.
+    """A topic on its way to the controller: delivered at once, or as a distortion says.
 
     Times are in nanoseconds.
     """
@@ -243,12 +243,12 @@ class Channel(Generic[M]):
             self._wait(delivery.message, time_ns + delivery.delay_ns)
 
     def deliver(self, time_ns: int) -> None:
-        """Let arrive what is due."""
+        """Deliver what is due."""
         while self._waiting and self._waiting[0][0] <= time_ns:
             self._receive(heapq.heappop(self._waiting)[-1])
 
     def forget_all_but_last(self) -> None:
-        """Keep of what waits the last, as the queue of a topic does for a process that stands."""
+        """Keep the last waiting message, as the queue of a topic does for a stopped process."""
         self._waiting = self._waiting and [max(self._waiting)]
 
     def _wait(self, message: M, arrival_ns: int) -> None:

@@ -28,14 +28,14 @@ _BAD: Sequence[Mapping[str, Any]] = (
 
 
 def good_changes(config: MpcConfig) -> Iterator[Change]:
-    """Yield for ever what a person tunes in flight: weights and bounds, and back."""
+    """Yield endlessly what one tunes in flight: weights and bounds, and back."""
     given = {"Q": list(config.Q), "omega_max": list(config.omega_max)}
     other = {"Q": [1.5 * q for q in config.Q], "omega_max": [0.8 * w for w in config.omega_max]}
     return itertools.cycle((Change(other, good=True), Change(given, good=True)))
 
 
 def good_and_bad_changes(config: MpcConfig) -> Iterator[Change]:
-    """Yield for ever good changes and, between them, all that must be refused."""
+    """Yield endlessly good changes and, between them, all that must be refused."""
     good = good_changes(config)
     for bad in itertools.cycle(_BAD):
         yield next(good)

@@ -1,7 +1,6 @@
 """A stand-in for OSQP that fails, lies or takes long on demand.
 
-It is put in the place of the adapter to OSQP and not into the controller, whose own checks are to
-be seen working.
+It replaces the adapter to OSQP and not the controller, so that the checks of the controller work.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ class SolverFault(enum.Enum):
     """What the solver does instead of solving."""
 
     FAIL = "fail"  # it reaches its limit of iterations
-    LIE = "lie"  # it says "solved" of numbers that are none
+    LIE = "lie"  # it reports "solved" with NaN
     RUN_LONG = "run_long"  # it solves, but not in time
 
 
@@ -32,7 +31,7 @@ class FaultySolver:
     def __init__(self) -> None:
         self.fault: SolverFault | None = None
         self.long = 0.03
-        """How many seconds a solve takes that runs long."""
+        """Duration of a solve that runs long [s]."""
 
     @contextmanager
     def installed(self) -> Iterator[None]:
@@ -43,7 +42,7 @@ class FaultySolver:
             def solve(self, x: Array, y: Array) -> OsqpResult:
                 if faults.fault is SolverFault.RUN_LONG:
                     time.sleep(faults.long)
-                return faults._spoiled(super().solve(x, y))
+                return faults._with_fault(super().solve(x, y))
 
         original, osqp_adapter.set_up = osqp_adapter.set_up, Faulty
         try:
@@ -51,8 +50,8 @@ class FaultySolver:
         finally:
             osqp_adapter.set_up = original
 
-    def _spoiled(self, result: OsqpResult) -> OsqpResult:
-        """Return a result but for the fault of the moment."""
+    def _with_fault(self, result: OsqpResult) -> OsqpResult:
+        """Return a result as the present fault changes it."""
         match self.fault:
             case SolverFault.FAIL:
                 return result._replace(

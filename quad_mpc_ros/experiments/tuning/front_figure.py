@@ -29,7 +29,7 @@ def write_front(
     best: Trial,
     objectives: Sequence[Objective],
 ) -> None:
-    """Draw all trials, the front, where the study began and what was chosen, as PNG.
+    """Draw all trials, the front, the start and what was chosen, as PNG.
 
     One objective alone is drawn over the trials. Raises ``OSError``.
     """
@@ -44,7 +44,7 @@ def write_front(
         axes.margins(0.05)
         _draw(axes, pair, measured, front)
         for trial, colour, marker, label in (
-            (measured[0], style.REFERENCE, "D", "where you stand"),
+            (measured[0], style.REFERENCE, "D", "start"),
             (best, style.BOUND, "*", f"chosen, trial {best.number}"),
         ):
             size = 130 if marker == "*" else 45

@@ -1,8 +1,8 @@
 """Optuna: what it proposes, and the file in which it keeps what was tried.
 
 ``study.db`` holds finished trials only, each written at once. What is proposed depends on the
-seed, the number of the trial and the trials before, so that a study that was killed goes on as if
-it had not been.
+seed, the number of the trial and the trials before, so that a killed study continues as if it had
+not been.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Optimiser:
     """Proposes points of the search space and keeps the trials in a folder."""
 
     def __init__(self, folder: Path, tuning: Tuning) -> None:
-        """Begin the file of a folder, or go on with it.
+        """Begin the file of a folder, or continue it.
 
         Raises :class:`UserError` where Optuna is not installed, and for the file of another study
         or of another version.

@@ -6,9 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-import yaml
-
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.experiments.campaigns.campaign import Campaign, Target, target_of, value_in
 from quad_mpc_ros.experiments.campaigns.variation import (
     Choice,
@@ -93,7 +91,7 @@ class SearchSpace:
 def labels(choice: Choice) -> list[Any]:
     """Return a label for each value: itself, or a text for a list."""
     return [
-        value if isinstance(value, bool | int | float | str) else _text(value)
+        value if isinstance(value, bool | int | float | str) else files.value_text(value)
         for value in choice.values
     ]
 
@@ -128,7 +126,3 @@ def _within(dimension: Variation, value: Any, name: str) -> Any:
 
 def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
-
-
-def _text(value: Any) -> str:
-    return yaml.safe_dump([value], default_flow_style=True, width=10**6).strip()[1:-1]

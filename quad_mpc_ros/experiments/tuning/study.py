@@ -1,6 +1,6 @@
 """A study: trials one after the other, their flights side by side, each kept before the next one.
 
-Trial 0 is the campaigns' own configuration, wherever that is.
+Trial 0 is the configuration of the campaigns themselves.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from quad_mpc_ros.experiments.tuning.trial_flights import TrialFlights, fly_tria
 from quad_mpc_ros.experiments.tuning.tune_file import Tuning
 
 Observer = Callable[[list[Trial], int], None]
-"""Told the trials done, and how many flights of the next one are flown."""
+"""Called with the trials done, and how many flights of the next one are flown."""
 
 _FlightObserver = Callable[[int], None]
 
@@ -32,7 +32,7 @@ class Study:
     """The trials in a folder."""
 
     def __init__(self, folder: Path, tuning: Tuning) -> None:
-        """Begin the study of a folder, or go on with it.
+        """Begin the study of a folder, or continue it.
 
         Raises :class:`UserError` where Optuna is not installed, and for the study of other
         campaigns or of another version.
@@ -49,13 +49,13 @@ class Study:
         """Fly trials until there are enough, or have taken long enough."""
         done = self.trials()
         while self._goes_on(done):
-            told = functools.partial(observe, done) if observe is not None else None
-            done.append(self._next(engine, len(done), told) if done else self._base(engine, told))
+            tell = functools.partial(observe, done) if observe is not None else None
+            done.append(self._next(engine, len(done), tell) if done else self._base(engine, tell))
         if observe is not None:
             observe(done, 0)
 
     def _goes_on(self, done: list[Trial]) -> bool:
-        in_time = sum(map(_seconds, done)) < self._tuning.timeout
+        in_time = sum(trial.seconds for trial in done) < self._tuning.timeout
         return not done or (in_time and len(done) < self._tuning.trials)
 
     def _base(self, engine: Engine, observe: _FlightObserver | None) -> Trial:
@@ -81,7 +81,7 @@ class Study:
         try:
             campaigns = self._configured(values)
         except (UserError, ValueError) as error:
-            trial = _refused(number, values, str(error))
+            trial = Trial(number=number, values=values, outcome=REFUSED, reason=str(error))
         else:
             give_up = self._tuning.give_up
             flown = fly_trial(campaigns, engine, give_up=give_up, observe=observe)
@@ -108,7 +108,6 @@ class Study:
             values=values,
             outcome=GIVEN_UP if flown.given_up else FLOWN,
             objectives=tuple(each.value(flown.rows.get(each.campaign, [])) for each in objectives),
-            reason="",
             flights=flown.flights,
             lost=flown.lost,
             seconds=time.monotonic() - begun,
@@ -117,23 +116,6 @@ class Study:
 
 def time_left(done: list[Trial], *, trials: int, timeout: float) -> float:
     """Return how long [s] a study is going to take, by the time that its trials took."""
-    spent = sum(map(_seconds, done))
+    spent = sum(trial.seconds for trial in done)
     each = spent / len(done) if done else math.nan
     return min(each * (trials - len(done)), max(timeout - spent, 0.0))
-
-
-def _seconds(trial: Trial) -> float:
-    return trial.seconds
-
-
-def _refused(number: int, values: Mapping[str, Any], reason: str) -> Trial:
-    return Trial(
-        number=number,
-        values=values,
-        outcome=REFUSED,
-        objectives=(),
-        reason=reason,
-        flights=0,
-        lost=0,
-        seconds=0.0,
-    )

@@ -13,7 +13,7 @@ from quad_mpc_ros.experiments.tuning.objectives import is_lost
 _FIRST_LOOK = 8
 
 Observer = Callable[[int], None]
-"""Told after each batch how many flights of the trial are flown."""
+"""Called after each batch with the number of flights of the trial flown."""
 
 
 @dataclass(frozen=True, kw_only=True)

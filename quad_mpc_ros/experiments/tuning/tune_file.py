@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,6 +20,13 @@ from quad_mpc_ros.experiments.campaigns.campaign_file import (
     read_variations,
 )
 from quad_mpc_ros.experiments.campaigns.variation import Variation
+from quad_mpc_ros.experiments.campaigns.yaml_content import (
+    check_keys,
+    content_text,
+    errors_of,
+    integer,
+    read_content,
+)
 from quad_mpc_ros.experiments.tuning.objectives import Objective, read_objectives
 from quad_mpc_ros.experiments.tuning.search_space import SearchSpace
 
@@ -41,7 +47,7 @@ class Tuning:
         give_up: A trial ends as soon as more than this share of a campaign's flights is lost.
         search: What may change, by names ``mpc.parameter`` or ``mpc.parameter.element``.
         campaigns: What each trial flies, in this order, by name.
-        objectives: What is to be small.
+        objectives: What is minimised.
     """
 
     seed: int
@@ -62,20 +68,9 @@ def read_tuning(path: Path, overrides: Overrides | None = None) -> Tuning:
 
     Raises :class:`UserError` for a file that cannot be read or describes no study.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise UserError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(content, dict):
-        raise UserError(f"{path}: expected the keys of a study, given {content!r:.60}")
-    try:
+    content = read_content(path, "study")
+    with errors_of(str(path)):
         return _tuning(content, overrides or Overrides(), path.parent)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error.name}", error.given, error.expected) from error
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
 
 
 def tuning_text(tuning: Tuning) -> str:
@@ -83,12 +78,12 @@ def tuning_text(tuning: Tuning) -> str:
     limits: dict[str, Any] = {"trials": tuning.trials}
     if math.isfinite(tuning.timeout):
         limits |= {"timeout": tuning.timeout}
-    return _dumped({**limits, **_content(tuning)})
+    return content_text({**limits, **_content(tuning)})
 
 
 def identity_text(tuning: Tuning) -> str:
-    """Return what may not change while a study goes on: all but how long it does."""
-    return _dumped(_content(tuning))
+    """Return what may not change during a study: all but its length."""
+    return content_text(_content(tuning))
 
 
 def _content(tuning: Tuning) -> dict[str, Any]:
@@ -104,24 +99,16 @@ def _content(tuning: Tuning) -> dict[str, Any]:
     }
 
 
-def _dumped(content: Mapping[str, Any]) -> str:
-    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=math.inf)
-
-
 def _tuning(content: Mapping[Any, Any], overrides: Overrides, folder: Path) -> Tuning:
-    for key in content:
-        if key not in _KEYS:
-            close = difflib.get_close_matches(str(key), _KEYS, n=1)
-            hint = f"did you mean {close[0]}?" if close else ", ".join(_KEYS)
-            raise UserError(f"unknown key {key!r} ({hint})")
+    check_keys(content, _KEYS)
     campaigns = {
         str(name): _campaign(str(name), each, overrides, folder)
         for name, each in _mapping(content, "campaigns", "NAME: a campaign or its file").items()
     }
     search = _search(_mapping(content, "search", "mpc.PARAMETER: how it varies"), campaigns)
     return Tuning(
-        seed=_whole("seed", content.get("seed", 0), least=0, most=2**63 - 1),
-        trials=_whole("trials", content.get("trials", _TRIALS), least=1, most=_MOST_TRIALS),
+        seed=integer("seed", content.get("seed", 0), least=0, most=2**63 - 1),
+        trials=integer("trials", content.get("trials", _TRIALS), least=1, most=_MOST_TRIALS),
         timeout=_number("timeout", content.get("timeout", math.inf)),
         give_up=_number("give_up", content.get("give_up", _GIVE_UP), most=1.0),
         search=search,
@@ -168,12 +155,6 @@ def _mapping(content: Mapping[Any, Any], key: str, expected: str) -> dict[Any, A
     given = content.get(key)
     if not isinstance(given, dict) or not given:
         raise ConfigurationError(key, given, expected)
-    return given
-
-
-def _whole(name: str, given: Any, *, least: int, most: int) -> int:
-    if type(given) is not int or not least <= given <= most:
-        raise ConfigurationError(name, given, f"a whole number from {least} to {most}")
     return given
 
 

@@ -1,26 +1,29 @@
-"""What a study leaves: tables, parameter files, a picture, and a text for the terminal."""
+"""The results of a study: tables, parameter files, a picture, and a text for the terminal."""
 
 from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.configuration.atomic_file import write_atomically
 from quad_mpc_ros.configuration.text_tables import text_table
-from quad_mpc_ros.experiments.campaigns.campaign import Campaign, number_text
+from quad_mpc_ros.experiments.campaigns.campaign import number_text
 from quad_mpc_ros.experiments.campaigns.campaign_file import campaign_text
-from quad_mpc_ros.experiments.tuning.front import chosen, front_of
 from quad_mpc_ros.experiments.tuning.front_figure import write_front
 from quad_mpc_ros.experiments.tuning.optimiser import NAME as STUDY_NAME
-from quad_mpc_ros.experiments.tuning.trial import FLOWN, GIVEN_UP, REFUSED, Trial
+from quad_mpc_ros.experiments.tuning.trial import (
+    FLOWN,
+    GIVEN_UP,
+    REFUSED,
+    Trial,
+    chosen,
+    front_of,
+)
 from quad_mpc_ros.experiments.tuning.tune_file import Tuning, read_tuning, tuning_text
 
 TUNE_NAME, CAMPAIGNS_NAME = "tune.yaml", "campaigns"
@@ -104,7 +107,7 @@ def results_text(folder: Path, results: Results) -> str:
         for outcome in (FLOWN, GIVEN_UP, REFUSED)
     )
     names = [objective.name for objective in results.tuning.objectives]
-    rows = [["", "trial", *names], ["where you stand", "0", *_shown(trials[0])], []]
+    rows = [["", "trial", *names], ["start", "0", *_shown(trials[0])], []]
     rows += [
         ["chosen" if trial is best else "", str(trial.number), *_shown(trial)]
         for trial in front[:_MOST_SHOWN]
@@ -116,7 +119,11 @@ def results_text(folder: Path, results: Results) -> str:
     if len(front) > _MOST_SHOWN:
         lines.append(f"… and {len(front) - _MOST_SHOWN} more in {folder / FRONT_NAME}")
     parameters = results.tuning.space().parameters(best.values)
-    lines += ["", *(f"{name}: {_yaml(value)}" for name, value in parameters.items()), ""]
+    lines += [
+        "",
+        *(f"{name}: {files.value_text(value)}" for name, value in parameters.items()),
+        "",
+    ]
     lines += [
         f"chosen   {folder / BEST_NAME}",
         f"others   {folder / FOLDER_NAME}/NUMBER.yaml",
@@ -131,14 +138,11 @@ def results_text(folder: Path, results: Results) -> str:
 def _check(folder: Path, tuning: Tuning) -> str:
     name = tuning.objectives[0].campaign
     campaign = tuning.campaigns[name]
+    more = f" --flights {_FRESH_FLIGHTS}" if campaign.vary and not campaign.grid else ""
     return (
         f"quad_mpc campaign {folder / CAMPAIGNS_NAME / name}.yaml --config {folder / BEST_NAME} "
-        f"--seed {campaign.seed + 1}{_more(campaign)} --out {folder / 'check'}"
+        f"--seed {campaign.seed + 1}{more} --out {folder / 'check'}"
     )
-
-
-def _more(campaign: Campaign) -> str:
-    return f" --flights {_FRESH_FLIGHTS}" if campaign.vary and not campaign.grid else ""
 
 
 def _shown(trial: Trial) -> list[str]:
@@ -147,13 +151,15 @@ def _shown(trial: Trial) -> list[str]:
 
 def _parameter_file(tuning: Tuning, trial: Trial) -> str:
     """Return the searched parameters of a trial as a ROS parameter file."""
-    told = [
+    comments = [
         f"# {objective.name}: {value:.6g}"
         for objective, value in zip(tuning.objectives, trial.objectives, strict=True)
     ]
     parameters = tuning.space().parameters(trial.values)
-    lines = [f"    {name}: {_yaml(value)}" for name, value in parameters.items()]
-    return "\n".join([f"# trial {trial.number}", *told, "mpc:", "  ros__parameters:", *lines, ""])
+    lines = [f"    {name}: {files.value_text(value)}" for name, value in parameters.items()]
+    return "\n".join(
+        [f"# trial {trial.number}", *comments, "mpc:", "  ros__parameters:", *lines, ""]
+    )
 
 
 def _table(results: Results, trials: Sequence[Trial]) -> str:
@@ -173,7 +179,3 @@ def _table(results: Results, trials: Sequence[Trial]) -> str:
         effort = [trial.flights, trial.lost, f"{trial.seconds:.1f}", trial.reason]
         writer.writerow([*row, *objectives, *effort])
     return text.getvalue()
-
-
-def _yaml(value: Any) -> str:
-    return yaml.safe_dump([value], default_flow_style=True, width=math.inf).strip()[1:-1]

@@ -28,7 +28,7 @@ from quad_mpc_ros.simulation.plant import Plant
 
 
 class FlightConfig(NamedTuple):
-    """What a simulated flight is configured by, in the order in which :func:`simulate` asks."""
+    """The configuration of a simulated flight; its order is that of :func:`simulate`."""
 
     mpc: MpcConfig
     simulator: SimulatorConfig
@@ -81,7 +81,7 @@ def simulate(
     The commands are those of a lockstep flight over DDS with these parameters, bit for bit.
 
     Args:
-        mpc: The MPC; the paper's vehicle unless told otherwise.
+        mpc: The MPC; the paper's vehicle by default.
         simulator: Plant and sensors; by default the true rigid body, at rest on the ground, and
             odometry without errors.
         reference: What to fly; by default the paper's square.

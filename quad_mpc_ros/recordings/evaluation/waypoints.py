@@ -20,8 +20,8 @@ _SAME_POSITION = 1e-6  # m
 class Waypoint:
     """A position ``p_WB`` (3,) [m] that the reference held up to the odometry ``last``.
 
-    ``complete`` tells that it was left by a jump, or that at the end of the flight it had been
-    held for as long as the longest of those that were.
+    ``complete``: it was left by a jump, or the flight ended after it had been held as long as the
+    longest of those that were.
     """
 
     p_WB: Array

@@ -22,8 +22,8 @@ _PATIENCE_S = 0.1
 class PlaybackThread:
     """Steps a playback when it is due; pause, resume and stop come from other threads.
 
-    ``at_end`` is called from the thread once: with None when the last message has been passed on,
-    or with what went wrong. It is not called when the thread is stopped.
+    ``at_end`` is called once from the thread, with None after the last message or with the error;
+    not when the thread is stopped.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class PlaybackThread:
 
     def stop(self) -> None:
         """End the thread and wait for it."""
-        # Before the lock, which a thread that is behind time hardly ever lets go.
+        # Before the lock, which a thread that is late rarely releases.
         self._stopped = True
         with self._changed:
             self._changed.notify()
@@ -74,7 +74,7 @@ class PlaybackThread:
                 self._step_until_end()
                 if self._stopped:
                     return
-        except Exception as error:  # told by whoever runs the thread
+        except Exception as error:  # reported by the owner of the thread
             problem = error
         self._at_end(problem)
 
@@ -94,7 +94,7 @@ class _End:
 class ReadAhead(Generic[T]):
     """An iterator over ``items`` that holds up to ``depth`` of them ready.
 
-    What their iteration raises is raised here in its turn.
+    An exception of their iteration is raised here when its turn comes.
     """
 
     def __init__(self, items: Iterator[T], *, depth: int) -> None:

@@ -1,9 +1,8 @@
-"""Feeding a recorded flight to a controller once more: what would it have commanded?
+"""Feed a recorded flight to a controller: what would it have commanded?
 
-The flight stays as it was: whatever the controller answers, the next odometry is the recorded
-one, and the command on its way to the vehicle is the recorded one too. With the configuration of
-the flight the answers are those of the flight, bit for bit, as far as the recording tells what
-the controller knew and when.
+Whatever the controller answers, the next odometry is the recorded one, and so is the command on
+its way to the vehicle. With the configuration of the flight the answers are those of the flight,
+bit for bit, where the recording has what the controller knew and when.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ S = TypeVar("S", CommandSample, ReferenceWindow)
 WindowSource = Callable[[int], ReferenceWindow]
 """Returns the reference window of a stamp [ns], in place of the recorded ones."""
 
-# From its publication to its reception a window takes no longer; else it was not recorded.
+# The longest time from publication to reception; beyond it the window was not recorded.
 _LONGEST_WAY_NS = 100_000_000
 
 
@@ -59,9 +58,9 @@ def resolve(
 ) -> Iterator[Resolved]:
     """Yield every odometry of a recorded flight with what a controller answers to it.
 
-    Live parameters that were set in flight are set again, but for those that ``config`` has
-    otherwise than the flight began with. ``windows`` replaces the recorded reference. ``warn`` is
-    given what the controller would have told the log.
+    Live parameters that were set in flight are set again, except those that differ in ``config``
+    from the values at the start of the flight. ``windows`` replaces the recorded reference.
+    ``warn`` gets what the controller would have logged.
     """
     controller = Controller(config)
     sent = _first_by_stamp(run.commands)
@@ -82,7 +81,7 @@ def resolve(
         # Windows that no tick used change nothing.
         if event.window is not None and event.window is not window:
             window = event.window
-            reset_estimate_until(event.window_ns)  # what came later moved this window as well
+            reset_estimate_until(event.window_ns)  # a later reset moved this window as well
             controller.receive_reference(window, now_ns=event.window_ns)
         reset_estimate_until(event.now_ns)
         changed = changes.before(event)
@@ -104,7 +103,7 @@ def resolve(
 class _Event:
     """An odometry, or the watchdog, with the window in force and when that was received.
 
-    What was ``answered`` had not been refused, for whatever reason others were.
+    An odometry that was ``answered`` had not been refused.
     """
 
     now_ns: int
@@ -117,8 +116,8 @@ class _Event:
 class _Changes:
     """The parameters that were set in flight, one after the other.
 
-    One thread sets parameters and sends commands, so what was published before a command was in
-    force when that was found. Stamps would not tell: in simulated time they are alike.
+    One thread sets parameters and sends commands, so a change published before a command applied
+    to it. Stamps do not order them: in simulated time they are equal.
     """
 
     def __init__(self, run: RecordedRun, config: MpcConfig) -> None:
@@ -167,7 +166,7 @@ def _at_stamps(
 ) -> Iterator[_Event]:
     """Give each odometry the window of its stamp, at that time.
 
-    In lockstep the controller waits for it, and answers none that is sent ``again``.
+    In lockstep the controller waits for it, and ignores what is sent ``again``.
     """
     answered: set[int] = set()
     for odometry in run.odometries:
@@ -181,11 +180,10 @@ def _at_stamps(
 def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
     """Give each odometry the window that the controller had, when it had it.
 
-    The recorder hears messages at other times than the controller does, and some that it does
-    not, but each tick tells in its figures when it began, which window it had and when that had
-    arrived; earlier versions did not tell which. At the
-    recorded control rate the odometries are therefore those that were answered. Where no tick
-    tells, the time is the odometry's stamp and the window the last one recorded before it.
+    The recorder receives messages at other times than the controller, and some that it missed.
+    But the figures of each tick say when it began, which window it had (not in bags of earlier
+    versions) and when that had arrived. At the recorded control rate only answered odometries are
+    given. Without a tick the time is the odometry's stamp and the window the last recorded before.
     """
     ticks = {stats.stamp_ns: stats for stats in run.stats}
     stamps = {odometry.value.stamp_ns for odometry in run.odometries}
@@ -204,7 +202,7 @@ def _in_real_time(run: RecordedRun, config: MpcConfig) -> Iterator[_Event]:
         tick = ticks.get(stamp_ns)
         if tick is None and answered_only:
             continue
-        # Ages were whole nanoseconds before they were told in ms.
+        # Ages were whole nanoseconds before they became ms.
         now_ns = window_ns = stamp_ns + (round(1e6 * tick.odom_age_ms) if tick else 0)
         while watched and watched[-1] < now_ns:
             yield unseen(watched.pop())
@@ -230,7 +228,7 @@ def _recorded_rate(run: RecordedRun) -> float:
 
 
 class _Windows:
-    """The recorded windows, to be found by when the controller received them."""
+    """The recorded windows, by when the controller received them."""
 
     def __init__(self, windows: Sequence[Received[ReferenceWindow]]) -> None:
         self._windows = windows
@@ -248,7 +246,7 @@ class _Windows:
         return self._windows[number].value if number >= 0 else None
 
     def of_stamp(self, stamp_ns: int, *, received_ns: int) -> ReferenceWindow | None:
-        """Return the window of a stamp, of several the last one published when it was received."""
+        """Return the window of a stamp; of several, the last published by its reception."""
         alike = [self._windows[place] for place in self._places.get(stamp_ns, [])]
         before = [window for window in alike if window.publish_time_ns <= received_ns]
         found = before[-1:] or alike[:1]

@@ -22,7 +22,6 @@ from quad_mpc_ros.control.estimation.ground import (
     StandingHeight,
 )
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.reference_window import sample
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.bridges.config import HandoverParameters
 
@@ -190,7 +189,7 @@ class Surroundings:
         window, seen_ns = self._reference
         if _is_old(seen_ns, now_ns, _REFERENCE_FRESH_NS):
             return "the reference is old"
-        away = sample(window, odometry.stamp_ns).p_WB - odometry.p_WB
+        away = window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB
         if landed:  # the reference may ask to stay down, by resting below the ground
             rises = float(window.p_WB[:, 2].max() - odometry.p_WB[2])
             if rises > TAKING_OFF:

@@ -12,9 +12,7 @@ from rclpy.clock import Clock, ClockType
 from std_srvs.srv import SetBool
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.control.model.reference_window import sample
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.safety.validation import odometry_fault
+from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages import conversions, topics
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import Topic
@@ -29,7 +27,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.serial_line import SerialLine
-from quad_mpc_ros.ros.clocks import SteadyTime, progress_logged
+from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.spin import run
@@ -50,11 +48,6 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         command = dataclasses.replace(topics.COMMAND, name=self.config.mpc_command_topic)
         self._refuse_clashes(command)
         self._refuse_other_releases()
-        with progress_logged(
-            self
-        ):  # compiled code is loaded when it is first called: not in flight
-            odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id="odom")
-            sample(ReferenceWindow.hover((0.0, 0.0, 0.0)), 0)
         self._silence = ""
         self._command_ns = 0
         self._odometry = self.health.publisher(topics.ODOMETRY)

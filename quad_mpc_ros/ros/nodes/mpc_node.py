@@ -17,7 +17,8 @@ from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
 from quad_mpc_ros.ros import realtime
-from quad_mpc_ros.ros.clocks import SteadyTime, progress_logged
+from quad_mpc_ros.ros.clocks import SteadyTime
+from quad_mpc_ros.ros.compiling import reported
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import odometry_in, reference_in
@@ -65,7 +66,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             )
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
-        with progress_logged(self):
+        with reported(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds)
         self._standby = Standby()
         self._in_lockstep = config.lockstep

@@ -27,7 +27,6 @@ from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 from quad_mpc_ros.ros.nodes.bag_qos import offered_again
 from quad_mpc_ros.ros.nodes.played_topics import PlayedTopics, played_topics
-from quad_mpc_ros.ros.rclpy_internals import RCLError
 from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run, stop
 
 _READ_AHEAD = 1000
@@ -143,7 +142,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         """Ignore errors after a signal has shut ROS down."""
         try:
             yield
-        except RCLError:
+        except RuntimeError:  # of rclpy
             if self.context.ok():
                 raise
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from std_srvs.srv import Trigger
 
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import cdr, conversions, topics
 from quad_mpc_ros.messages.diagnostics import OK, WARN
@@ -24,10 +24,10 @@ from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.references.timeline import FlightTime, StampClock
 from quad_mpc_ros.references.trajectory import TrajectorySamples
-from quad_mpc_ros.ros.clocks import SteadyTime, progress_logged
+from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
-from quad_mpc_ros.ros.messages import new_message, odometry_in, stamp_of
+from quad_mpc_ros.ros.messages import odometry_in
 from quad_mpc_ros.ros.spin import run
 
 _BODY_FRAME = "base_link"
@@ -76,9 +76,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def configure(self, config: ReferenceConfig) -> None:
         """Prepare the trajectory and listen."""
         self._config = config
-        with progress_logged(self):  # loads compiled code now, not when the flight begins
-            odometry_fault(OdometrySample.at_rest((0.0, 0.0, 0.0)), frame_id=config.frame_id)
-            self._live = self._prepared()
+        self._live = self._prepared()
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
@@ -133,7 +131,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if not self.active:
             return
         if not self._config.lockstep:
-            self._stamps.note(stamp_of(data), now_ns=self._now_ns())
+            self._stamps.note(cdr.header_stamp_ns(data), now_ns=self._now_ns())
             if not self._live.needs_odometry(self._flight_ns()):
                 return  # in real time most need not be decoded
         try:
@@ -264,16 +262,14 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def _publish_path(self, samples: TrajectorySamples) -> None:
         stamp_ns = int(self.get_clock().now().nanoseconds)
-        message = new_message(topics.REFERENCE_PATH.type_name)
-        conversions.fill_path(
-            message,
+        path = cdr.written_path(
             stamp_ns=stamp_ns,
+            step_ns=0,
             frame_id=self._config.frame_id,
             p_WB=samples.p_WB,
             q_WB_xyzw=samples.q_WB_xyzw,
-            new=new_message,
         )
-        self._path.publish(message)
+        self._path.publish(path)
 
     def _flight_ns(self) -> int:
         """Return the time of the flight."""

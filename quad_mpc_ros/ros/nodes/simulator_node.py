@@ -14,13 +14,13 @@ from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.messages.diagnostics import ERROR, OK
 from quad_mpc_ros.messages.topics import BATTERY, CLOCK, COMMAND, ODOMETRY, REFERENCE
-from quad_mpc_ros.ros.clocks import create_steady_timer, progress_logged
+from quad_mpc_ros.ros.clocks import create_steady_timer
+from quad_mpc_ros.ros.compiling import reported
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import new_message
 from quad_mpc_ros.ros.spin import run, stop
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
-from quad_mpc_ros.simulation.plant import Plant, Powered
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant, Powered
 from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
 from quad_mpc_ros.simulation.warm_up import warm_up
 
@@ -146,7 +146,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         self._fault: str | None = None
         self._running = False
 
-        with progress_logged(self):
+        with reported(self):
             warm_up(self.config)
         pacing = Lockstep if self.config.lockstep else RealTime
         plant = make_plant(self.config)
@@ -163,10 +163,8 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         self._odometry.publish(cdr.written_odometry(sent.odometry))
         self._odometries += 1
         if sent.voltage is not None and self._battery is not None:
-            message = new_message(BATTERY.type_name)
             stamp_ns = sent.odometry.stamp_ns
-            conversions.fill_battery(message, sent.voltage, stamp_ns=stamp_ns)
-            self._battery.publish(message)
+            self._battery.publish(cdr.written_battery(sent.voltage, stamp_ns=stamp_ns))
 
     def starting(self) -> str:
         """Return which nodes of the vehicle exist and do not publish yet."""

@@ -11,14 +11,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from matplotlib.image import imread
+
+from quad_mpc_ros.analysis.figures import space, style, write_comparison, write_figures
 from quad_mpc_ros.analysis.figures.panels import (
     Curve,
     attitude_panels,
     input_panels,
     velocity_panels,
 )
-
-from quad_mpc_ros.analysis.figures import space, style, write_comparison, write_figures
 from quad_mpc_ros.recordings.flight import Flight
 
 FlightMaker = Callable[..., Flight]
@@ -50,7 +50,7 @@ def fraction_of(path: Path, colour: str) -> float:
     return float(np.mean(np.all(np.abs(pixels - style.rgb(colour)) < 0.02, axis=-1)))
 
 
-def test_five_figures_with_something_on_them(circling: Flight, tmp_path: Path) -> None:
+def test_five_figures_are_not_empty(circling: Flight, tmp_path: Path) -> None:
     paths = write_figures(circling, tmp_path / "deep" / "figures")
     names = ["position", "attitude", "velocity", "inputs", "path"]
     assert [path.name for path in paths] == [f"{name}.png" for name in names]
@@ -65,7 +65,7 @@ def test_five_figures_with_something_on_them(circling: Flight, tmp_path: Path) -
     assert fraction_of(paths[4], style.BOUND) > 1e-4  # waypoints
 
 
-def test_flights_with_little_in_them(
+def test_draws_flights_with_missing_data(
     make_flight: FlightMaker, build: SimpleNamespace, tmp_path: Path
 ) -> None:
     none = np.zeros(0, dtype=np.int64)
@@ -98,7 +98,7 @@ class TestAttitude:
         assert z.curve("flown").values == pytest.approx(np.sin(turned))
         assert np.all(w.curve("reference").values == 1.0)
 
-    def test_a_source_that_always_keeps_w_positive(
+    def test_continues_the_sign_of_a_source_with_positive_w(
         self, make_flight: FlightMaker, circling: Flight
     ) -> None:
         q = circling.q_WB_xyzw * np.where(circling.q_WB_xyzw[:, 3:] < 0.0, -1.0, 1.0)
@@ -125,7 +125,7 @@ def test_inputs_are_held_within_the_bounds_of_the_controller(circling: Flight) -
     assert not any(panel.curve("flown").held for panel in velocity_panels(circling))
 
 
-def test_of_a_long_curve_the_peaks_are_drawn() -> None:
+def test_peaks_of_a_long_curve_are_drawn() -> None:
     values = np.sin(np.arange(100_001) / 1000.0)
     values[70_123], values[30_456] = 5.0, -7.0
     values[50_000:50_010] = np.nan
@@ -141,7 +141,7 @@ def test_of_a_long_curve_the_peaks_are_drawn() -> None:
     assert whole.thinned(100_001) is whole
 
 
-def test_the_grid_of_space_is_as_light_as_that_of_the_others(tmp_path: Path) -> None:
+def test_grid_of_3d_figures_is_as_light_as_of_others(tmp_path: Path) -> None:
     """It takes its colour where mplot3d lets one give it, which is in no argument."""
     figure = style.new_figure(4.0, 4.0, dpi=100)
     axes = space.draw_room(figure, np.zeros(3), np.ones(3))

@@ -30,8 +30,7 @@ from quad_mpc_ros.analysis.identification.report import (
 )
 from quad_mpc_ros.analysis.identification.result import Identification
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.messages.codec import RosbagsMessages
-from quad_mpc_ros.messages.conversions import fill_battery
+from quad_mpc_ros.messages.cdr import written_battery
 from quad_mpc_ros.messages.topics import BATTERY
 from quad_mpc_ros.recordings.recording import Recording
 from quad_mpc_ros.recordings.run import RecordedRun
@@ -252,16 +251,15 @@ def test_a_recording_with_a_battery_is_identified(
     tmp_path: Path, make_bag: Callable[..., Any]
 ) -> None:
     run = flown(duration=15.0, capacity=CAPACITY * 15.0 / DURATION)
-    bag, messages = make_bag(), RosbagsMessages()
+    bag = make_bag()
     for odometry in run.odometries:
         bag.odometry(odometry.value)
     for command in run.commands:
         bag.command(command.value)
     as_told = []
     for told in run.voltages:
-        message = messages.new(BATTERY.type_name)
-        fill_battery(message, told.value, stamp_ns=told.log_time_ns)
-        bag.write("/power/any_name", BATTERY.type_name, message, told.log_time_ns)
+        data = written_battery(told.value, stamp_ns=told.log_time_ns)
+        bag.write("/power/any_name", BATTERY.type_name, data, told.log_time_ns)
         as_told.append(received(float(np.float32(told.value)), told.log_time_ns))
     bridge = {"thrust_map.battery_voltage": 16.0, "thrust_map.battery_exponent": 0.5}
     bag.parameters("px4_bridge", bridge)

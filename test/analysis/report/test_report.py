@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 from fixtures.html_page import Elements
+
 from quad_mpc_ros.analysis.figures.panels import (
     attitude_panels,
     input_panels,
     position_panels,
     solver_panels,
 )
-
 from quad_mpc_ros.analysis.report import TABLE_NAMES, ReportedRun, csv_tables, page
 from quad_mpc_ros.analysis.report.overview import verdict
 from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, fallback_spans
@@ -71,18 +71,18 @@ def test_a_span_lasts_until_the_end_of_the_flight(
     assert (span.start, span.end) == pytest.approx((1.2, 1.98))
 
 
-def test_waiting_is_no_fallback(make_flight: FlightMaker, build: SimpleNamespace) -> None:
+def test_waiting_is_not_a_fallback(make_flight: FlightMaker, build: SimpleNamespace) -> None:
     waiting = build.tick(build.start_ns, source="waiting", reason="no reference yet")
     assert fallback_spans(make_flight(5, stats=build.stats([waiting]))) == []
 
 
-def test_the_verdict_tells_who_commanded_and_why(
+def test_verdict_states_who_commanded_and_why(
     failing: ReportedRun, make_flight: FlightMaker
 ) -> None:
     assert verdict(run_of(make_flight(7))) == "The MPC gave every one of the 7 commands."
-    told = verdict(failing)
-    assert "at 20 of 100 ticks: 10 plan, 10 hover." in told
-    assert "First at 0.60 s: solver <failed>" in told
+    message = verdict(failing)
+    assert "at 20 of 100 ticks: 10 plan, 10 hover." in message
+    assert "First at 0.60 s: solver <failed>" in message
 
 
 def test_tables_hold_every_digit(make_flight: FlightMaker, build: SimpleNamespace) -> None:
@@ -127,7 +127,7 @@ def test_a_run_without_reference_commands_or_ticks(
     assert "No command was given." in page([bare])
 
 
-def test_horizons_are_apart_and_few(make_flight: FlightMaker) -> None:
+def test_horizons_are_separate_and_limited(make_flight: FlightMaker) -> None:
     p_WB, time = drawn_horizons(run_of(make_flight(1000), plans=1000).flight)
     gaps = np.flatnonzero(np.isnan(p_WB[:, 0]))
     assert len(gaps) == MOST_HORIZONS
@@ -171,7 +171,7 @@ def test_the_page_of_a_long_flight_stays_small(make_flight: FlightMaker) -> None
     assert "<button" not in text
 
 
-def test_parameters_that_differ_are_told(make_flight: FlightMaker) -> None:
+def test_lists_parameters_that_differ(make_flight: FlightMaker) -> None:
     left, right = (
         run_of(make_flight(5, parameters={"mpc": {"mass": mass, "control_rate": 50.0}}), name=name)
         for name, mass in (("light", 0.4), ("heavy", 0.5))
@@ -182,7 +182,7 @@ def test_parameters_that_differ_are_told(make_flight: FlightMaker) -> None:
     assert "control_rate" not in differing
 
 
-def test_without_plotly_it_is_told_what_to_install(
+def test_without_plotly_says_what_to_install(
     make_flight: FlightMaker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "plotly", None)
@@ -190,7 +190,9 @@ def test_without_plotly_it_is_told_what_to_install(
         page([run_of(make_flight(5))])
 
 
-def test_plotly_too_old_is_told(make_flight: FlightMaker, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reports_a_plotly_that_is_too_old(
+    make_flight: FlightMaker, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("plotly.__version__", "5.24.1")
     with pytest.raises(UserError, match=r"Plotly 5\.24\.1 is installed"):
         page([run_of(make_flight(5))])

@@ -55,7 +55,7 @@ class Ekf(DisturbanceEkf):
         after: Array,
         acting: Acting,
         lesson: int = LEARNED,
-        told_variance: float = 0.0,
+        given_variance: float = 0.0,
     ) -> int:
         return update(
             self.filters,
@@ -64,7 +64,7 @@ class Ekf(DisturbanceEkf):
             commands=acting.commands,
             durations=acting.durations,
             lesson=lesson,
-            told_variance=told_variance,
+            given_variance=given_variance,
         )
 
 

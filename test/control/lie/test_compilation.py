@@ -10,30 +10,24 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import numba
-import pytest
-
 import quad_mpc_ros
 from quad_mpc_ros.configuration import compilation
-from quad_mpc_ros.control.lie import kernels
 
 PACKAGE = Path(quad_mpc_ros.__file__).parent
-COMPILER = (
-    "configuration/compilation.py",
-    "configuration/machine_code.py",
-    "configuration/atomic_file.py",
-)
+COMPILER = "configuration/compilation.py"
 
 
 def test_nowhere_to_write_is_no_reason_to_fail(tmp_path: Path) -> None:
     """As in a container whose file system is read-only and whose user has no home."""
-    package = tmp_path / "quad_mpc_ros"
-    package.mkdir()
-    for name in ("__init__.py", *COMPILER):
-        shutil.copy(PACKAGE / name, package)
-    shutil.copytree(PACKAGE / "lie", package / "lie", ignore=shutil.ignore_patterns("__pycache__"))
-    # A file where numba would make its folder, for root may write everywhere.
-    (package / "lie" / "__pycache__").touch()
+    package = _copied_compiler(tmp_path)
+    shutil.copy(PACKAGE / "control/__init__.py", package / "control")
+    shutil.copytree(
+        PACKAGE / "control/lie",
+        package / "control/lie",
+        ignore=shutil.ignore_patterns("__pycache__"),
+    )
+    # A file where the folder would be made, for root may write everywhere.
+    (package / "__pycache__").touch()
     (tmp_path / "home").touch()
     found = subprocess.run(
         [
@@ -50,11 +44,24 @@ def test_nowhere_to_write_is_no_reason_to_fail(tmp_path: Path) -> None:
         cwd=tmp_path,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=False,
     )
     assert found.returncode == 0, found.stderr
     assert found.stdout.split() == ["1.0"]
+
+
+def _copied_compiler(folder: Path) -> Path:
+    """Copy of the package what compiles, without the rest."""
+    package = folder / "quad_mpc_ros"
+    (package / "control").mkdir(parents=True)
+    (package / "configuration").mkdir()
+    (package / "__init__.py").touch()
+    (package / "configuration/__init__.py").touch()
+    for name in compilation.SHARED:
+        if name.endswith(".py"):
+            shutil.copy(PACKAGE / name, package / name)
+    return package
 
 
 def test_machine_code_of_an_earlier_version_is_no_reason_to_fail(tmp_path: Path) -> None:
@@ -76,46 +83,25 @@ def test_machine_code_follows_what_it_calls_in_another_file(tmp_path: Path) -> N
         assert _run(module) == constant
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "_cache._cache_file._source_stamp",
-        "_cache.load_overload",
-        "_cache.flush",
-        "_cache._impl.reduce",
-        "_cache._impl.rebuild",
-    ],
-)
-def test_numba_has_what_is_mended(name: str) -> None:
-    held = kernels.exp.dispatcher
-    for step in name.split("."):
-        assert hasattr(held, step), (
-            f"Numba {numba.__version__} has no {name} of a dispatcher any more, which "
-            "quad_mpc_ros/configuration/compilation.py uses"
-        )
-        held = getattr(held, step)
-
-
 def test_machine_code_is_made_of_files_that_its_digest_covers() -> None:
-    """Whatever compiled code takes from elsewhere in the package is of its folder or of a room."""
+    """Whatever compiled code takes from elsewhere in the package is of its door or shared."""
     taken = {
-        (path.parent, folder_of(module))
+        (path.parent, file_of(module))
         for path in PACKAGE.rglob("*.py")
         for module in taken_by_compiled_code(ast.parse(path.read_text()))
     }
-    assert (PACKAGE / "model", PACKAGE / "lie") in taken
-    rooms = {PACKAGE / room for room in compilation.ROOMS}
-    for user, folder in taken:
-        assert folder in rooms | {user}, (
-            f"compiled code of {user} takes something from {folder}: add its room to "
-            "quad_mpc_ros.configuration.compilation.ROOMS"
+    assert (PACKAGE / "control/model", PACKAGE / "control/lie/kernels.py") in taken
+    for room, file in taken:
+        assert file in set(compilation.sources(room)), (
+            f"compiled code of {room} takes something from {file}: add it to "
+            "quad_mpc_ros.configuration.compilation.SHARED"
         )
 
 
-def folder_of(module: str) -> Path:
-    """Return the folder that a module of the package, or a package in it, is in."""
+def file_of(module: str) -> Path:
+    """Return the file of a module of the package."""
     path = PACKAGE.joinpath(*module.split(".")[1:])
-    return path if path.is_dir() else path.parent
+    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
 
 
 def taken_by_compiled_code(module: ast.Module) -> Iterator[str]:
@@ -128,13 +114,14 @@ def taken_by_compiled_code(module: ast.Module) -> Iterator[str]:
         if isinstance(node, ast.Name)
     }
     for node in ast.walk(module):
-        if (
-            isinstance(node, ast.ImportFrom)
-            and (node.module or "").startswith("quad_mpc_ros.")
-            and node.module != compilation.__name__
-            and used & {alias.asname or alias.name for alias in node.names}
-        ):
-            yield str(node.module)
+        if not isinstance(node, ast.ImportFrom) or node.module == compilation.__name__:
+            continue
+        if not (node.module or "").startswith("quad_mpc_ros."):
+            continue
+        for alias in node.names:
+            if (alias.asname or alias.name) in used:
+                within = f"{node.module}.{alias.name}"
+                yield within if file_of(within).exists() else str(node.module)
 
 
 def is_compiled(node: ast.AST) -> bool:
@@ -146,22 +133,28 @@ def is_compiled(node: ast.AST) -> bool:
 
 def test_how_code_is_compiled_is_part_of_its_digest(tmp_path: Path) -> None:
     """With other options of Numba the machine code is another, though no function has changed."""
-    package = tmp_path / "quad_mpc_ros"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    for name in COMPILER:
-        shutil.copy(PACKAGE / name, package)
+    package = _copied_compiler(tmp_path)
     (tmp_path / "divided.py").write_text(_DIVIDED)
-    source = (PACKAGE / "configuration/compilation.py").read_text()
-    assert source.count('error_model="numpy"') == 2
+    source = (PACKAGE / COMPILER).read_text()
+    assert source.count('error_model="numpy"') == 1
     outcomes = []
     for model in ("numpy", "python"):
-        (package / "configuration/compilation.py").write_text(
-            source.replace('="numpy"', f'="{model}"')
-        )
+        (package / COMPILER).write_text(source.replace('="numpy"', f'="{model}"'))
         outcomes.append(_run(tmp_path / "divided.py", package=package))
     assert outcomes == ["inf", "ZeroDivisionError"]
 
+
+def test_a_process_counts_what_it_compiles(tmp_path: Path) -> None:
+    """Once, and not again in the next process, which finds it."""
+    (tmp_path / "called.py").write_text(_CALLED.format("3.0"))
+    module = tmp_path / "caller.py"
+    module.write_text(f"{_CALLER}\nfrom quad_mpc_ros.configuration import compilation\n{_COUNTED}")
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    counts = [_run(module, **environment).split()[-1] for _ in range(2)]
+    assert counts == ["2", "0"]
+
+
+_COUNTED = "print(compilation.compiled_here())"
 
 _DIVIDED = """
 from quad_mpc_ros.configuration.compilation import compiled
@@ -207,11 +200,15 @@ if __name__ != "__main__":
 """
 
 
-def _run(module: Path, *, package: Path = PACKAGE) -> str:
+def _run(module: Path, *, package: Path = PACKAGE, **environment: str) -> str:
     """Return what a module prints when it is imported in a process of its own."""
     return subprocess.run(
         [sys.executable, "-c", f"import {module.stem}"],
-        env={**os.environ, "PYTHONPATH": f"{module.parent}:{package.parent}"},
+        env={
+            **os.environ,
+            "PYTHONPATH": f"{module.parent}:{package.parent}",
+            **environment,
+        },
         capture_output=True,
         text=True,
         timeout=120,

@@ -11,11 +11,8 @@ import pytest
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.control.safety.validation import (
-    coverage_fault,
-    odometry_fault,
-    reference_fault,
-)
+from quad_mpc_ros.control.safety.validation import coverage_fault, odometry_fault
+from quad_mpc_ros.control.safety.window_validation import reference_fault
 
 MakeOdometry = Callable[..., OdometrySample]
 MakeWindow = Callable[..., ReferenceWindow]

@@ -10,21 +10,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures.scripts import script_module
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.mpc import Mpc
 from quad_mpc_ros.experiments.bench import flights as bench_flight
-from quad_mpc_ros.experiments.bench.acados_peer import AcadosPeer
-from quad_mpc_ros.experiments.bench.acados_solver import build_solver
-from quad_mpc_ros.experiments.bench.controller_peer import ControllerPeer
+from quad_mpc_ros.experiments.bench.controller import ControllerPeer
 from quad_mpc_ros.experiments.bench.flights import summarise
 from quad_mpc_ros.experiments.bench.peers import PeerUnavailableError
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation import closed_loop
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
+acados = script_module("bench/peers/acados.py")
 _ITERATIONS = 40
 
 
@@ -40,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def solver(folder: Path, mpc: MpcConfig) -> Any:
     """Return the solver of the peer, one real-time iteration a call."""
-    return build_solver(mpc, folder / "peer")
+    return acados.build_solver(mpc, folder / "peer")
 
 
 def converged_inputs(mpc: MpcConfig, odometry: OdometrySample, window: ReferenceWindow) -> Array:
@@ -56,9 +56,9 @@ def test_both_converge_to_the_same_plan(
     folder: Path, mpc: MpcConfig, odometries: list[OdometrySample], window: ReferenceWindow
 ) -> None:
     exact = dataclasses.replace(mpc, solver=dataclasses.replace(mpc.solver, tolerance=1e-6))
-    to_the_end = build_solver(mpc, folder / "converging", converge=True)
+    to_the_end = acados.build_solver(mpc, folder / "converging", converge=True)
     for odometry in odometries:
-        peer = AcadosPeer(mpc, to_the_end)
+        peer = acados.AcadosPeer(mpc, to_the_end)
         assert peer.step(odometry, window) is not None
 
         difference = np.abs(peer.inputs() - converged_inputs(exact, odometry, window))
@@ -68,8 +68,12 @@ def test_both_converge_to_the_same_plan(
 def test_both_fly_the_same_square(
     solver: Any, mpc: MpcConfig, simulator: SimulatorConfig, reference: ReferenceConfig
 ) -> None:
-    theirs = bench_flight.fly(AcadosPeer(mpc, solver), simulator=simulator, reference=reference)
-    again = bench_flight.fly(AcadosPeer(mpc, solver), simulator=simulator, reference=reference)
+    theirs = bench_flight.fly(
+        acados.AcadosPeer(mpc, solver), simulator=simulator, reference=reference
+    )
+    again = bench_flight.fly(
+        acados.AcadosPeer(mpc, solver), simulator=simulator, reference=reference
+    )
     ours = bench_flight.fly(ControllerPeer(mpc), simulator=simulator, reference=reference)
 
     assert theirs.solved.all()
@@ -84,7 +88,7 @@ def test_the_sign_of_the_quaternion_means_nothing(
 ) -> None:
     commands = []
     for sign in (1.0, -1.0):
-        peer = AcadosPeer(mpc, solver)
+        peer = acados.AcadosPeer(mpc, solver)
         peer.step(odometries[0], window)
         turned = dataclasses.replace(odometries[0], q_WB_xyzw=sign * odometries[0].q_WB_xyzw)
         command = peer.step(turned, window)
@@ -97,15 +101,15 @@ def test_the_sign_of_the_quaternion_means_nothing(
 def test_nothing_is_written_into_the_installed_package(folder: Path, mpc: MpcConfig) -> None:
     installed = Path(importlib.import_module("acados").__file__ or "").parent / "install"
     before = sorted(installed.rglob("*"))
-    build_solver(dataclasses.replace(mpc, horizon_steps=3), folder / "short")
+    acados.build_solver(dataclasses.replace(mpc, horizon_steps=3), folder / "short")
 
     assert sorted(installed.rglob("*")) == before
 
 
-def test_what_its_model_lacks_is_told(tmp_path: Path, mpc: MpcConfig) -> None:
+def test_refuses_what_its_model_lacks(tmp_path: Path, mpc: MpcConfig) -> None:
     lagging = dataclasses.replace(mpc, rate_time_constant=0.03)
     with pytest.raises(PeerUnavailableError, match="rate_time_constant"):
-        build_solver(lagging, tmp_path)
+        acados.build_solver(lagging, tmp_path)
 
 
 def test_both_keep_a_tilt_softly(
@@ -113,7 +117,7 @@ def test_both_keep_a_tilt_softly(
 ) -> None:
     """Theirs is a square about the disc of tilts, which is wider at its corners."""
     limited = mpc.updated({"limits.tilt_max": 0.5, "limits.speed_max": 3.0})
-    theirs = AcadosPeer(limited, build_solver(limited, folder / "limited"))
+    theirs = acados.AcadosPeer(limited, acados.build_solver(limited, folder / "limited"))
     corner = np.arcsin(np.sqrt(2.0) * np.sin(0.5))
     mean_errors = []
     for peer, tilt in ((theirs, corner), (ControllerPeer(limited), 0.5)):
@@ -130,4 +134,4 @@ def test_both_keep_a_tilt_softly(
 
 def test_other_limits_are_refused(folder: Path, mpc: MpcConfig) -> None:
     with pytest.raises(PeerUnavailableError, match=r"has no mpc\.limits\.rate_slew"):
-        build_solver(mpc.updated({"limits.rate_slew": 50.0}), folder / "refused")
+        acados.build_solver(mpc.updated({"limits.rate_slew": 50.0}), folder / "refused")

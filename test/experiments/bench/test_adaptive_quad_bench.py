@@ -41,7 +41,7 @@ def test_families_share_their_references_and_differ_in_one_perturbation(
             assert not trial.torque.any() or family == "torque"
             assert trial.payload == 0.0 or family == "payload"
             assert (trial.efficiency == 1.0).all() or family == "rotor efficiency"
-            assert not trial.told or family == "uncertainty"
+            assert not trial.assumed or family == "uncertainty"
             assert len(trial.wind) == (600 if family == "wind" else 1)
             assert (np.diff(trial.toggles) >= 0.5).all()
 
@@ -79,7 +79,7 @@ def moved(body: Any, speeds: Array) -> dict[str, Array]:
     return {name: 0.5 * after[name] for name in ("v", "w")}
 
 
-def test_pushes_payloads_and_weak_rotors_move_it_as_newton_says(script: ModuleType) -> None:
+def test_pushes_payloads_and_weak_rotors_follow_newton(script: ModuleType) -> None:
     goal, still = np.zeros((3, 3)), np.zeros(4)
     hover = np.full(4, np.sqrt(0.826 * 9.81 / 4 / 7.64e-6))
     body = script.multirotor(np.ones(4))
@@ -107,16 +107,16 @@ def test_pushes_payloads_and_weak_rotors_move_it_as_newton_says(script: ModuleTy
     assert_allclose(sagging["w"][1], -1e-3 * 0.15 * 0.826 * 9.81 * 0.11738 / 0.005, rtol=3e-3)
 
 
-def test_an_autopilot_told_of_stronger_rotors_turns_them_slower(script: ModuleType) -> None:
+def test_an_autopilot_that_assumes_stronger_rotors_turns_them_slower(script: ModuleType) -> None:
     config = load_config(str(script.SETTINGS))
-    told = script.trials("uncertainty")[0].told
-    vehicle = script.believed(config, told).mpc.vehicle()
-    assert vehicle.mass == pytest.approx(told["mass"] * 0.826)
+    assumed = script.trials("uncertainty")[0].assumed
+    vehicle = script.misjudged(config, assumed).mpc.vehicle()
+    assert vehicle.mass == pytest.approx(assumed["mass"] * 0.826)
     speeds = []
     for factor in (1.0, 1.21):
-        believed = script.believed(config, dict.fromkeys(told, 1.0) | {"thrust": factor})
-        craft = script.Craft(believed.simulator, script.Trial(goal=np.zeros((3, 3))))
-        throttle = believed.mpc.vehicle().hover_throttle
+        misjudged = script.misjudged(config, dict.fromkeys(assumed, 1.0) | {"thrust": factor})
+        craft = script.Craft(misjudged.simulator, script.Trial(goal=np.zeros((3, 3))))
+        throttle = misjudged.mpc.vehicle().hover_throttle
         craft.apply(CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.zeros(3)))
         craft.advance_to(8 * MILLISECOND)
         speeds.append(craft.rotor_speeds.mean())

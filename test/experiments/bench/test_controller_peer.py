@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 from quad_mpc_ros.cli import main
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.experiments.bench import flights as bench_flight
-from quad_mpc_ros.experiments.bench.controller_peer import ControllerPeer
+from quad_mpc_ros.experiments.bench.controller import ControllerPeer
 from quad_mpc_ros.experiments.bench.flights import (
     MeasuredFlight,
     errors_before_switches,

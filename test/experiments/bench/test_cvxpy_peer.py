@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from fixtures.scripts import script_module
 
 from quad_mpc_ros.control.config import MpcConfig, SolverParameters
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
@@ -14,12 +15,12 @@ from quad_mpc_ros.control.mpc import FORMULATIONS
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
 from quad_mpc_ros.control.ocp.qp_solver import QpSolver
 from quad_mpc_ros.experiments.bench import flights as bench_flight
-from quad_mpc_ros.experiments.bench.controller_peer import ControllerPeer
-from quad_mpc_ros.experiments.bench.cvxpy_peer import CvxpyPeer, stagewise_problem
+from quad_mpc_ros.experiments.bench.controller import ControllerPeer
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 cvxpy = pytest.importorskip("cvxpy", reason="the extra 'bench' is not installed")
+peers = script_module("bench/peers/cvxpy.py")
 
 
 @pytest.mark.parametrize("formulation", list(FORMULATIONS))
@@ -31,7 +32,7 @@ def test_both_write_down_the_same_problem(
         pattern = model.pattern()
         model.begin(DelayCompensation(mpc).predict(odometry), window)
         stages = model.linearise()
-        problem, inputs, states = stagewise_problem(cvxpy, stages, pattern)
+        problem, inputs, states = peers.stagewise_problem(cvxpy, stages, pattern)
         problem.solve(solver=cvxpy.CLARABEL)
         qp = HorizonQP(pattern)
         qp.update(stages)
@@ -49,7 +50,7 @@ def test_both_fly_the_same(
 ) -> None:
     short = SimulatorConfig(dynamics=simulator.dynamics, duration=0.3, lockstep=True)
     ours = bench_flight.fly(ControllerPeer(mpc), simulator=short, reference=reference)
-    theirs = bench_flight.fly(CvxpyPeer(mpc, cvxpy), simulator=short, reference=reference)
+    theirs = bench_flight.fly(peers.CvxpyPeer(mpc, cvxpy), simulator=short, reference=reference)
 
     assert theirs.solved.all()
     assert np.all(theirs.iterations > 0)
@@ -58,11 +59,11 @@ def test_both_fly_the_same(
     np.testing.assert_allclose(theirs.p_WB, ours.p_WB, atol=1e-3)
 
 
-def test_a_solver_that_gives_up_is_told(
+def test_reports_a_solver_that_gives_up(
     mpc: MpcConfig, odometries: list[OdometrySample], window: ReferenceWindow
 ) -> None:
     hasty = dataclasses.replace(mpc, solver=SolverParameters(tolerance=1e-9, max_iterations=1))
-    peer = CvxpyPeer(hasty, cvxpy)
+    peer = peers.CvxpyPeer(hasty, cvxpy)
 
     with pytest.warns(UserWarning, match="inaccurate"):
         assert peer.step(odometries[0], window) is None

@@ -13,7 +13,7 @@ def script() -> ModuleType:
     return script_module("bench/identified.py")
 
 
-def test_a_flight_is_identified_and_flown_by(
+def test_identified_vehicle_is_flown_with_the_result(
     script: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(script, "DURATION", 8.0)
@@ -27,7 +27,7 @@ def test_a_flight_is_identified_and_flown_by(
 
 
 @pytest.mark.parametrize(("channel", "lag"), [("x", 0.05), ("thrust", 0.005)])
-def test_the_time_of_an_answer_is_that_of_the_loop(
+def test_mean_response_time_is_that_of_the_loop(
     script: ModuleType, channel: str, lag: float
 ) -> None:
     """Of a proportional loop 1 / P, of rotors their own."""

@@ -41,6 +41,10 @@ def entry(peer: str, steps: int, **given: Any) -> dict[str, Any]:
     return known | given
 
 
+def peer(title: str, solver: str, *, swept: bool = False) -> dict[str, Any]:
+    return {"title": title, "solver": solver, "description": "as known", "swept": swept}
+
+
 @pytest.fixture
 def result() -> dict[str, Any]:
     return {
@@ -58,6 +62,11 @@ def result() -> dict[str, Any]:
             "R": [0.0, 0.001, 0.001, 0.001],
             "terminal_weight": 1.0,
             "solver_tolerance": 1e-4,
+        },
+        "peers": {
+            "controller": peer("this controller", "OSQP", swept=True),
+            "acados": peer("acados SQP_RTI + HPIPM", "its C code", swept=True),
+            "cvxpy": peer("cvxpy, rebuilt each step", "OSQP"),
         },
         "skipped": {"cvxpy": "it is not installed"},
         "entries": [
@@ -106,7 +115,7 @@ def test_ratios_are_over_the_peer(result: dict[str, Any]) -> None:
     assert "1.50 at p50, 1.50 at p99" in beside_acados
 
 
-def test_what_was_not_measured_is_not_made_up(result: dict[str, Any]) -> None:
+def test_missing_measurements_are_dashes(result: dict[str, Any]) -> None:
     result["entries"] = [entry("controller", 10, step_us=times(None, None, None))]
 
     assert peer_rows(result)[1][1:4] == ["-", "-", "-"]

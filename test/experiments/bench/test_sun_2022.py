@@ -47,18 +47,18 @@ def test_every_condition_of_every_row_is_flown_from_the_reference(script: Module
     assert float(lines[1][4]) < 0.05
 
 
-def test_latency_is_hidden_or_told(script: ModuleType) -> None:
+def test_latency_is_hidden_or_configured(script: ModuleType) -> None:
     arguments = script.parsed(["--conditions", "latency 30 ms", "--rows", "on", "declared"])
-    hidden, *_, told = script.jobs(arguments)
-    hidden, told = (
-        load_config(*job.sources, assignments=job.assignments) for job in (hidden, told)
+    hidden, *_, configured = script.jobs(arguments)
+    hidden, configured = (
+        load_config(*job.sources, assignments=job.assignments) for job in (hidden, configured)
     )
     assert (hidden.simulator.odom_delay, hidden.simulator.odom_stamp) == (0.03, "sent")
-    assert (told.simulator.odom_delay, told.simulator.odom_stamp) == (0.03, "measured")
-    np.testing.assert_allclose(told.mpc.input_delay - hidden.mpc.input_delay, 0.03)
+    assert (configured.simulator.odom_delay, configured.simulator.odom_stamp) == (0.03, "measured")
+    np.testing.assert_allclose(configured.mpc.input_delay - hidden.mpc.input_delay, 0.03)
 
 
-def test_what_is_far_off_counts_as_a_crash_of_five_metres(script: ModuleType) -> None:
+def test_far_deviation_counts_as_a_crash_of_five_metres(script: ModuleType) -> None:
     arguments = script.parsed(
         [
             *("--conditions", "baseline", "--rows", "off", "--duration", "4"),
@@ -71,8 +71,8 @@ def test_what_is_far_off_counts_as_a_crash_of_five_metres(script: ModuleType) ->
     assert script.cell([flown]) == "5.000 (100.0)"
 
 
-def test_late_odometry_costs_its_way_and_does_not_swing(script: ModuleType) -> None:
-    """At 20 m/s a pose that is 50 ms old and believed is off by 1 m."""
+def test_late_odometry_costs_its_distance_without_oscillation(script: ModuleType) -> None:
+    """At 20 m/s a pose that is 50 ms old and taken as current is off by 1 m."""
     arguments = script.parsed(["--conditions", "latency 50 ms", "--rows", "on", "--duration", "6"])
     course = script.Course("horizontal", 30.0, 20.0, 1)
     flown = script.flown(next(job for job in script.jobs(arguments) if job.course == course))

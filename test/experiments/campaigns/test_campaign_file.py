@@ -113,7 +113,7 @@ def test_a_grid_flies_every_combination():
     assert len({each["simulator.seed"] for each in drawn}) > 1
 
 
-def test_smooth_references_begin_in_motion_but_for_what_is_said_of_the_start():
+def test_smooth_references_begin_in_motion_except_for_given_start_values():
     content = changed(reference="circle", vary={}, set={"simulator.initial_throttle": 0.5})
     simulator = campaign_from(content).plan(0).config.simulator
     assert np.linalg.norm(simulator.initial_velocity) > 0.5
@@ -227,19 +227,19 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistakes_are_told_in_one_line_with_the_file(mistake, tmp_path: Path):
-    content, told = MISTAKES[mistake]
+def test_mistakes_are_reported_in_one_line_with_the_file(mistake, tmp_path: Path):
+    content, message = MISTAKES[mistake]
     path = tmp_path / "campaign.yaml"
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(UserError) as raised:
         read_campaign(path)
-    assert told in str(raised.value)
+    assert message in str(raised.value)
     assert str(path) in str(raised.value)
     assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize("text", ["- 1", "{", "a: b: c", "\x00"])
-def test_what_is_no_file_of_keys_is_refused(text, tmp_path):
+def test_refuses_a_file_without_keys(text, tmp_path):
     path = tmp_path / "campaign.yaml"
     path.write_text(text)
     with pytest.raises(UserError, match=r"campaign\.yaml"):

@@ -50,7 +50,7 @@ def _count(address: str) -> int:
         return len(client.nthreads())
 
 
-def test_a_cluster_leaves_the_same_bytes_through_the_deaths_of_a_worker_and_of_the_client(
+def test_cluster_writes_the_same_bytes_after_a_worker_and_the_client_died(
     cluster: tuple[str, list[subprocess.Popen[bytes]]], tmp_path: Path
 ) -> None:
     address, workers = cluster

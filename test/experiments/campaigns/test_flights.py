@@ -73,7 +73,7 @@ def test_rows_agree_with_simulated_flights() -> None:
     assert row["duration_s"] == flight.time[-1]
 
 
-def test_the_table_has_every_scalar_of_the_summary_that_is_no_clock_s() -> None:
+def test_table_has_every_scalar_of_the_summary_but_wall_times() -> None:
     campaign = campaign_from(CONTENT)
     summary = simulate(*load_config(), duration=0.1)
     from quad_mpc_ros.recordings.evaluation.metrics import summarise
@@ -85,14 +85,14 @@ def test_the_table_has_every_scalar_of_the_summary_that_is_no_clock_s() -> None:
 
 
 def test_worker_processes_leave_the_same_bytes(reference: Path, tmp_path: Path) -> None:
-    told = []
+    message = []
     folder = flown_into(
-        tmp_path / "flown", LocalWorkers(2), observe=lambda *numbers: told.append(numbers)
+        tmp_path / "flown", LocalWorkers(2), observe=lambda *numbers: message.append(numbers)
     )
     for file in (CSV_NAME, "flights.parquet", "campaign.yaml", "flights/0005.yaml"):
         if (reference / file).exists():
             assert (folder / file).read_bytes() == (reference / file).read_bytes()
-    assert told[-1][:2] == (6, 6)
+    assert message[-1][:2] == (6, 6)
 
 
 def test_a_flight_that_raises_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,7 +106,7 @@ def test_a_flight_that_raises_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not row["crashed"]
 
 
-def test_parameters_that_do_not_go_together_are_a_row() -> None:
+def test_incompatible_parameters_are_a_row() -> None:
     heavy = {**CONTENT, "vary": {"simulator.mass_scale": {"choice": [1.0, 9.0]}}}
     rows = fly(campaign_from({**heavy, "seed": 4}), HereAndNow())
     wrong = [row for row in rows if "error" in row]
@@ -146,7 +146,7 @@ def test_a_flight_that_no_worker_survives_is_a_row_and_the_others_fly(
     assert all("error" not in rows[number] for number in (0, 1, 3))
 
 
-def test_kills_lose_what_was_under_way_and_no_more(reference: Path, tmp_path: Path) -> None:
+def test_kill_loses_only_flights_under_way(reference: Path, tmp_path: Path) -> None:
     file, out = tmp_path / "file.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump({**CONTENT, "flights": 40}, sort_keys=False))
     process = start(str(file), "--out", str(out), "--workers", "2")
@@ -193,13 +193,13 @@ def test_ctrl_c_ends_at_once_and_says_how_to_go_on(tmp_path: Path, after: float)
     wait_until(lambda: (out / "journal.jsonl").exists() and bool(children_of(process.pid)))
     time.sleep(after)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-    _, told = process.communicate(timeout=30)  # which waits for the workers as well
+    _, message = process.communicate(timeout=30)  # which waits for the workers as well
     assert process.returncode == 130
-    assert f"quad_mpc campaign --resume {out}" in told
-    assert "Traceback" not in told
+    assert f"quad_mpc campaign --resume {out}" in message
+    assert "Traceback" not in message
 
 
-def test_a_folder_whose_campaign_changed_is_not_gone_on_with(
+def test_refuses_to_resume_a_changed_campaign(
     reference: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = flown_into(tmp_path / "flown", HereAndNow())
@@ -219,7 +219,7 @@ def test_a_folder_whose_campaign_changed_is_not_gone_on_with(
 
 
 MISTAKES = {
-    "no file": ([], "FILE: expected a campaign file"),
+    "no file": ([], "FILE: expected the file of a campaign"),
     "workers": (["{file}", "--workers", "0"], "--workers: given 0"),
     "scheduler": (["{file}", "--scheduler", "tcp://127.0.0.1:1"], "no Dask scheduler answers"),
     "no address": (["{file}", "--scheduler", "nowhere at all"], "--scheduler"),
@@ -239,18 +239,18 @@ def test_mistakes_on_the_command_line_are_one_line(
     if "scheduler" in mistake or "address" in mistake:
         pytest.importorskip("distributed")
         monkeypatch.setattr(dask_workers, "PATIENCE", 0.5)
-    arguments, told = MISTAKES[mistake]
+    arguments, message = MISTAKES[mistake]
     file, out = tmp_path / "file.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump(CONTENT))
     given = [argument.format(file=file) for argument in arguments]
     assert main(["campaign", *given, "--out", str(out)]) == 2
     printed = capsys.readouterr().err
-    assert told in printed
+    assert message in printed
     assert len(printed.strip().splitlines()) == 1
     assert not out.exists()
 
 
-def test_nothing_is_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, out = tmp_path / "file.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump(CONTENT))
     out.mkdir()

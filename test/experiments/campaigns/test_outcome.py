@@ -67,12 +67,12 @@ def test_the_ground_under_a_reference_in_the_air_is_a_crash():
     assert crash_of(flown(line(2.0, 1.95, 0.05, 0.0, 0.0))) == ("ground", 0.3)
 
 
-def test_a_gentle_landing_where_the_reference_ends_is_none():
+def test_a_gentle_landing_at_the_end_of_the_reference_is_no_crash():
     reference = np.array(line(0.3, 0.2, 0.1, 0.0, 0.0, 0.0))
     assert crash_of(flown(line(0.3, 0.2, 0.12, 0.04, 0.0, 0.0), reference=reference)) is None
 
 
-def test_a_hard_one_is():
+def test_a_hard_landing_is_a_crash():
     reference = np.array(line(0.9, 0.6, 0.3, 0.0, 0.0))
     assert crash_of(flown(line(0.9, 0.6, 0.3, 0.0, 0.0), reference=reference)) == ("ground", 0.3)
 
@@ -82,7 +82,7 @@ def test_upside_down_is_a_crash():
     assert crash_of(flown([HOVER] * 5, tilts=tilts)) == ("upside_down", 0.3)
 
 
-def test_upside_down_as_the_reference_is_none():
+def test_upside_down_like_the_reference_is_no_crash():
     asked = np.radians([0, 60, 120, 180, 180])
     assert (
         crash_of(flown([HOVER] * 5, tilts=asked[[0, 0, 1, 2, 3]], reference_tilts=asked)) is None
@@ -118,5 +118,5 @@ def test_figures():
     assert list(figures.values()) == pytest.approx(list(expected), abs=1e-12)
 
 
-def test_what_never_flew_has_no_lowest_altitude():
+def test_a_vehicle_that_never_flew_has_no_lowest_altitude():
     assert flown(line(0.0, 0.0)).figures(settle_time=0.0)["altitude_min_m"] is None

@@ -22,10 +22,16 @@ from fixtures.engines import FormulaEngine
 from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.experiments.campaigns.campaign import Campaign
-from quad_mpc_ros.experiments.tuning.front import chosen, front_of
 from quad_mpc_ros.experiments.tuning.objectives import Objective
 from quad_mpc_ros.experiments.tuning.study import Study
-from quad_mpc_ros.experiments.tuning.trial import FLOWN, GIVEN_UP, REFUSED, Trial
+from quad_mpc_ros.experiments.tuning.trial import (
+    FLOWN,
+    GIVEN_UP,
+    REFUSED,
+    Trial,
+    chosen,
+    front_of,
+)
 from quad_mpc_ros.experiments.tuning.trial_flights import fly_trial
 from quad_mpc_ros.experiments.tuning.tune_file import read_tuning, tuning_text
 from quad_mpc_ros.experiments.tuning.tune_results import (
@@ -67,7 +73,7 @@ def two_parabolas(campaign: Campaign, number: int) -> dict[str, Any]:
     return {"settled_error_mean_m": weight**2, "position_rmse_m": (weight - 2.0) ** 2}
 
 
-def test_front_is_schaffers(tmp_path: Path) -> None:
+def test_finds_the_front_of_schaffers_problem(tmp_path: Path) -> None:
     study = simple(tmp_path)
     study.run(FormulaEngine(two_parabolas))
     trials = study.trials()
@@ -87,7 +93,7 @@ def test_front_is_schaffers(tmp_path: Path) -> None:
             assert (trial.number in on_front) != bettered
 
 
-def test_first_trial_is_where_the_campaigns_stand(tmp_path: Path) -> None:
+def test_first_trial_is_the_configuration_of_the_campaigns(tmp_path: Path) -> None:
     study = simple(tmp_path, trials=2)
     study.run(FormulaEngine(two_parabolas))
     first = study.trials()[0]
@@ -96,7 +102,7 @@ def test_first_trial_is_where_the_campaigns_stand(tmp_path: Path) -> None:
     assert first.reason == ""
 
 
-def test_begins_outside_of_the_search_and_searches_all_the_same(tmp_path: Path) -> None:
+def test_searches_although_the_start_is_outside(tmp_path: Path) -> None:
     text = SIMPLE.format(trials=22, give_up=1.0).replace("weight: 3.5", "weight: 30.0")
     study = study_in(tmp_path, text)
     study.run(FormulaEngine(two_parabolas))
@@ -135,9 +141,7 @@ def crashes(share: float) -> Any:
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.25, 0.275, 0.5, 1.0])
 @pytest.mark.parametrize("workers", [1, 2, 7, 50])
-def test_given_up_is_what_would_have_lost_too_many(
-    share: float, workers: int, tmp_path: Path
-) -> None:
+def test_gives_up_trials_that_lose_too_many(share: float, workers: int, tmp_path: Path) -> None:
     """And the same flights count, however many workers there are."""
     (tmp_path / "file.yaml").write_text(SIMPLE.format(trials=1, give_up=0.25))
     campaigns = read_tuning(tmp_path / "file.yaml").campaigns
@@ -172,7 +176,7 @@ def test_given_up_trial_flies_no_other_campaign_and_is_on_no_front(tmp_path: Pat
     assert {trial.outcome for trial in front_of(trials)} == {FLOWN}
 
 
-def test_where_you_stand_is_flown_to_the_end(tmp_path: Path) -> None:
+def test_first_trial_is_flown_to_the_end(tmp_path: Path) -> None:
     study = simple(tmp_path, trials=1, give_up=0.0)
     study.run(FormulaEngine(crashes(1.0)))
     (trial,) = study.trials()
@@ -218,12 +222,12 @@ def test_study_repeats_itself_whatever_stops_it(tmp_path: Path) -> None:
     for trials in (2, 12, 14):
         part = Study(halves, dataclasses.replace(tuning, trials=trials))
         part.run(FormulaEngine(two_parabolas))
-    assert told(study.trials()) == told(part.trials())
+    assert outcomes_of(study.trials()) == outcomes_of(part.trials())
     weights = [trial.values["mpc.terminal_weight"] for trial in study.trials()]
     assert len(set(weights)) == len(weights)
 
 
-def told(trials: Sequence[Trial]) -> list[Any]:
+def outcomes_of(trials: Sequence[Trial]) -> list[Any]:
     """Return what does not depend on the clock."""
     return [dataclasses.replace(trial, seconds=0.0) for trial in trials]
 
@@ -251,7 +255,7 @@ Study(folder, tuning_of(folder)).run(FormulaEngine(formula))
 """
 
 
-def test_killed_study_goes_on_as_if_nothing_had_been(tmp_path: Path) -> None:
+def test_killed_study_resumes_with_the_same_trials(tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     whole.mkdir()
     killed.mkdir()
@@ -268,7 +272,7 @@ def test_killed_study_goes_on_as_if_nothing_had_been(tmp_path: Path) -> None:
     engine = FormulaEngine(two_parabolas)
     resumed.run(engine)
     assert engine.flown == 2 * 40
-    assert told(resumed.trials()) == told(study.trials())
+    assert outcomes_of(resumed.trials()) == outcomes_of(study.trials())
 
 
 def test_folder_whose_file_has_changed_is_refused(tmp_path: Path) -> None:
@@ -281,7 +285,7 @@ def test_folder_whose_file_has_changed_is_refused(tmp_path: Path) -> None:
         Study(tmp_path, tuning_of(tmp_path))
 
 
-def test_time_that_a_study_took_before_counts(tmp_path: Path) -> None:
+def test_timeout_includes_earlier_runs(tmp_path: Path) -> None:
     study = simple(tmp_path, trials=3)
     study.run(FormulaEngine(two_parabolas))
     spent = sum(trial.seconds for trial in study.trials())
@@ -290,7 +294,7 @@ def test_time_that_a_study_took_before_counts(tmp_path: Path) -> None:
     assert len(study.trials()) == 3
 
 
-def test_study_opens_as_optunas_own(tmp_path: Path) -> None:
+def test_study_opens_in_optuna(tmp_path: Path) -> None:
     import optuna
 
     study = simple(tmp_path, trials=5)
@@ -324,7 +328,7 @@ objectives:
 """
 
 
-def test_parameter_files_are_what_flew(tmp_path: Path) -> None:
+def test_parameter_files_repeat_the_trials(tmp_path: Path) -> None:
     """Each is read back by the loader of --config, to the parameters that the flights had."""
     seen: dict[float, MpcConfig] = {}
 
@@ -355,7 +359,7 @@ def test_parameter_files_are_what_flew(tmp_path: Path) -> None:
     assert "not in the search space" in text
 
 
-def test_a_fifth_is_bettered_by_what_is_first_in_order() -> None:
+def test_tolerance_prefers_the_first_objective() -> None:
     objectives = [
         Objective(campaign="a", figure=str(place), of="mean", lost=1.0, tolerance=tolerance)
         for place, tolerance in enumerate((0.0, 0.2, 0.0))
@@ -382,7 +386,7 @@ def trial_with(number: int, objectives: tuple[float, ...]) -> Trial:
     )
 
 
-def test_file_of_the_study_says_all(tmp_path: Path) -> None:
+def test_file_of_the_study_is_complete(tmp_path: Path) -> None:
     """Campaigns in files of their own are in it, and reading it gives it again."""
     (tmp_path / "own.yaml").write_text(
         "{flights: 3, duration: 2.0, vary: {simulator.thrust_scale: {uniform: [0.9, 1.1]}}}"
@@ -436,7 +440,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("mistake", BAD)
-def test_mistake_is_told_in_one_line(mistake: str, tmp_path: Path) -> None:
+def test_mistake_is_reported_in_one_line(mistake: str, tmp_path: Path) -> None:
     (old, new), expected = BAD[mistake]
     text = SIMPLE.format(trials=25, give_up=1.0)
     assert old in text
@@ -444,7 +448,7 @@ def test_mistake_is_told_in_one_line(mistake: str, tmp_path: Path) -> None:
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(UserError) as caught:
         read_tuning(path)
-    told = str(caught.value)
-    assert expected in told
-    assert "\n" not in told
-    assert told.startswith(str(path))
+    message = str(caught.value)
+    assert expected in message
+    assert "\n" not in message
+    assert message.startswith(str(path))

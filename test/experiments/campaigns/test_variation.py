@@ -16,7 +16,7 @@ DISTRIBUTIONS = {
 
 
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
-def test_numbers_are_distributed_as_said(name):
+def test_numbers_have_the_given_distribution(name):
     said, expected = DISTRIBUTIONS[name]
     variation = variation_of("x", said)
     random = np.random.default_rng(1)
@@ -73,7 +73,7 @@ def test_a_linspace_is_listed_and_a_grid_has_every_combination_once():
     assert sorted(set(grid)) == sorted((x, y) for x in first for y in second)
 
 
-def test_what_is_not_allowed_is_drawn_again():
+def test_draws_again_until_a_value_is_allowed():
     variation = variation_of("x", {"normal": [0.0, 1.0]})
     random = np.random.default_rng(1)
     drawn = [drawn_within(variation, random, lambda value: value >= 0.0) for _ in range(2000)]
@@ -102,7 +102,7 @@ def test_one_value_follows_another():
         *({"uniform": [0, float("nan")]}, {"uniform": [0, float("inf")]}),
     ],
 )
-def test_what_is_no_variation_is_refused(said):
+def test_refuses_an_invalid_variation(said):
     with pytest.raises(ConfigurationError, match="x"):
         variation_of("x", said)
 
@@ -115,5 +115,5 @@ def test_what_is_no_variation_is_refused(said):
         *({"choice": ["a", 2, [1.0]]}, {"same_as": "y", "times": 2.0, "plus": 0.0}),
     ],
 )
-def test_what_is_described_is_what_was_said(said):
+def test_description_reads_back_as_the_same_variation(said):
     assert variation_of("x", said).described() == said

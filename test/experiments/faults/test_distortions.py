@@ -73,7 +73,7 @@ def test_dropouts_lose_their_share_and_the_same_ones_again() -> None:
     assert stamps(distortions.dropping(0.3), 100) == stamps(distortions.dropping(0.3), 100)
 
 
-def test_second_publisher_is_told_from_the_first() -> None:
+def test_second_publisher_is_distinguished_from_the_first() -> None:
     moved = distortions.doubled(p_WB=lambda p_WB: p_WB + 1.0)
     first, second = moved(odometry(START + PERIOD), BEFORE, 0)
     assert (first.intruder, second.intruder) == (False, True)

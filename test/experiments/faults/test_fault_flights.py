@@ -29,6 +29,6 @@ def flight(fault: Fault) -> FaultFlight:
 
 
 @pytest.mark.parametrize("fault", FLOWN, ids=lambda fault: fault.name)
-def test_fault_leads_where_it_must_and_back(fault: Fault) -> None:
+def test_fault_follows_its_course_and_recovers(fault: Fault) -> None:
     wrong = complaints(fault, flight(fault).run(), CONFIG, slack=1e-6)
     assert not wrong, "\n".join(wrong)

@@ -56,7 +56,7 @@ def judged(record: Record, *, slack: float = 0.0) -> list[str]:
     return complaints(STOPS, record, CONFIG, slack=slack)
 
 
-def test_right_flight_is_not_complained_of() -> None:
+def test_correct_flight_has_no_complaint() -> None:
     assert judged(silent_flight()) == []
     assert course_seen(silent_flight()) == "blind 0.41, silent 1.43, mpc +0.01"
 
@@ -72,38 +72,38 @@ def test_right_flight_is_not_complained_of() -> None:
         (1.42, 1.7, "blind"),  # never silent
     ],
 )
-def test_wrong_rung_is_complained_of(start: float, end: float, source: str) -> None:
+def test_reports_a_wrong_rung(start: float, end: float, source: str) -> None:
     assert judged(renamed(silent_flight(), start, end, source))
 
 
-def test_slack_forgives_only_what_it_is_for() -> None:
+def test_slack_applies_to_times_only() -> None:
     late = renamed(silent_flight(), 0.40, 0.44, "mpc")
     assert judged(late, slack=0.02) == []
     assert judged(renamed(silent_flight(), 0.40, 0.49, "mpc"), slack=0.02)
 
 
-def test_ticks_that_do_not_come_are_complained_of() -> None:
+def test_reports_missing_ticks() -> None:
     record = silent_flight()
     sparse = [seen for seen in record.sightings if not 0.5 < seen.time < 1.3]
     assert judged(dataclasses.replace(record, sightings=sparse)) == []
     none = [seen for seen in record.sightings if seen.source != "blind"]
-    assert any("blind never seen" in told for told in judged(silent_flight(sightings=none)))
+    assert any("blind never seen" in message for message in judged(silent_flight(sightings=none)))
 
 
-def test_command_in_silence_is_complained_of() -> None:
-    (told,) = judged(silent_flight(commands=[0.5, 1.5]))
-    assert told == "1 commands while silent"
+def test_reports_a_command_while_silent() -> None:
+    (message,) = judged(silent_flight(commands=[0.5, 1.5]))
+    assert message == "1 commands while silent"
 
 
-def test_missing_recovery_is_complained_of() -> None:
+def test_reports_a_missing_recovery() -> None:
     assert judged(renamed(silent_flight(), 2.5, 2.53, "plan"))
     assert judged(silent_flight(home=None)) == ["not back at the reference within 4 s"]
     assert judged(silent_flight(home=9.0)) == ["not back at the reference within 4 s"]
     before = [seen for seen in silent_flight().sightings if seen.time < 1.7]
-    assert any("no tick after" in told for told in judged(silent_flight(sightings=before)))
+    assert any("no tick after" in message for message in judged(silent_flight(sightings=before)))
 
 
-def test_fault_that_is_not_counted_is_complained_of() -> None:
+def test_reports_a_fault_that_is_not_counted() -> None:
     nan = FAULTS["odometry_nan"]
     record = silent_flight(counted=0)
     assert "not counted in rejected_inputs" in complaints(nan, record, CONFIG, slack=0.0)
@@ -111,12 +111,12 @@ def test_fault_that_is_not_counted_is_complained_of() -> None:
     assert "not counted in rejected_inputs" not in complaints(nan, counted, CONFIG, slack=0.0)
 
 
-def test_unsound_command_is_complained_of() -> None:
+def test_reports_an_unsound_command() -> None:
     assert judged(silent_flight(unsound=["throttle 2 is out of bounds"]))
 
 
 @pytest.mark.parametrize(
-    ("throttle", "rates", "told"),
+    ("throttle", "rates", "message"),
     [
         (0.5, (0.0, 0.0, 0.0), None),
         (1.0, CONFIG.omega_max, None),
@@ -128,14 +128,14 @@ def test_unsound_command_is_complained_of() -> None:
     ],
 )
 def test_commands_that_must_never_be_sent(
-    throttle: float, rates: tuple[float, ...], told: str | None
+    throttle: float, rates: tuple[float, ...], message: str | None
 ) -> None:
     command = CommandSample(stamp_ns=1, throttle=throttle, w_WB_B=np.array(rates))
     fault = command_fault(command, CONFIG)
-    assert (fault is None) if told is None else (fault is not None and told in fault)
+    assert (fault is None) if message is None else (fault is not None and message in fault)
 
 
-def test_plan_is_right_where_the_machine_brings_no_odometry() -> None:
+def test_accepts_the_plan_while_the_machine_delivers_no_odometry() -> None:
     """And only there: neither before the timeout nor once odometry is back, nor another rung."""
     flight = renamed(silent_flight(), 2.13, 2.18, "plan")  # ticks at 2.15 and 2.17
     starved = [(1.8, 1.82), (2.04, 2.16)]

@@ -76,7 +76,7 @@ def test_attitude_error_is_the_angle(make_flight: FlightMaker, angle: float) -> 
     assert summary["attitude_rmse_rad"] == pytest.approx(abs(angle), abs=1e-9)
 
 
-def test_the_other_sign_of_a_quaternion_is_the_same_attitude(make_flight: FlightMaker) -> None:
+def test_attitude_error_ignores_the_quaternion_sign(make_flight: FlightMaker) -> None:
     flight = make_flight(10, q_WB_xyzw=-yawed(np.zeros(10)))
     assert summarise(flight, wall_seconds=None)["attitude_rmse_rad"] == 0.0
 
@@ -113,7 +113,7 @@ class TestWaypoints:
         assert found == pytest.approx([0.1, 0.2])
 
     @pytest.mark.parametrize("counts", [[50, 51, 50], [51, 50, 49], [50, 50, 51]])
-    def test_a_switch_between_two_odometries_may_shift_by_one(
+    def test_switch_between_two_odometries(
         self, make_flight: FlightMaker, build: SimpleNamespace, counts: list[int]
     ) -> None:
         flight = self.flight(make_flight, build, counts, [0.1, 0.2, 0.3])
@@ -128,7 +128,7 @@ class TestWaypoints:
         summary = summarise(make_flight(200, reference=reference), wall_seconds=None)
         assert summary["waypoint_error_m"] == []
 
-    def test_leaving_a_hover_smoothly_is_no_switch(
+    def test_smooth_departure_is_no_switch(
         self, make_flight: FlightMaker, build: SimpleNamespace
     ) -> None:
         t = np.maximum(0.02 * np.arange(200) - 2.0, 0.0)  # then 5 m/s^2
@@ -148,7 +148,7 @@ class TestTiming:
             {"p50": 5.0, "p90": 9.0, "p99": 9.9, "max": 10.0}
         )
 
-    def test_a_command_later_than_a_period_is_a_miss(
+    def test_command_after_a_period_is_a_deadline_miss(
         self, make_flight: FlightMaker, build: SimpleNamespace
     ) -> None:
         flight = make_flight(6)
@@ -158,7 +158,7 @@ class TestTiming:
         faster = dataclasses.replace(flight, mpc=MpcConfig(control_rate=100.0))
         assert summarise(faster, wall_seconds=None)["deadline_misses"] == 4
 
-    def test_delays_are_between_publications_not_stamps(
+    def test_latency_is_between_publications(
         self, make_flight: FlightMaker, build: SimpleNamespace
     ) -> None:
         flight = make_flight(10)
@@ -169,7 +169,7 @@ class TestTiming:
         assert found["odom_to_command_ms"]["max"] == pytest.approx(2.0)
         assert found["deadline_misses"] == 0
 
-    def test_commands_published_with_their_odometry(
+    def test_latency_of_simulated_commands_is_zero(
         self, make_flight: FlightMaker, build: SimpleNamespace
     ) -> None:
         flight = make_flight(10)
@@ -177,7 +177,7 @@ class TestTiming:
         found = summarise(dataclasses.replace(flight, commands=commands), wall_seconds=None)
         assert found["odom_to_command_ms"] == {"p50": 0.0, "p90": 0.0, "p99": 0.0, "max": 0.0}
 
-    def test_a_command_of_the_watchdog_answers_nothing(
+    def test_watchdog_command_answers_no_odometry(
         self, make_flight: FlightMaker, build: SimpleNamespace
     ) -> None:
         flight = make_flight(10)
@@ -204,7 +204,7 @@ class TestUnanswered:
         flight = make_flight(total, stamp_ns=stamp_ns, commands=build.commands(stamp_ns[answered]))
         return int(summarise(flight, wall_seconds=None)["unanswered_odometries"])
 
-    def test_from_the_first_command_to_the_last_odometry(
+    def test_counts_unanswered_from_first_command_to_last_odometry(
         self, make_flight: FlightMaker, build: SimpleNamespace
     ) -> None:
         answered = [n for n in range(50) if n >= 5 and n not in (10, 11, 30, 49)]
@@ -213,7 +213,7 @@ class TestUnanswered:
     @pytest.mark.parametrize(
         ("rate", "every"), [(30.0, 1), (50.0, 1), (100.0, 2), (200.0, 4), (500.0, 10)]
     )
-    def test_odometry_between_two_ticks_needs_no_answer(
+    def test_decimated_odometry_needs_no_answer(
         self, make_flight: FlightMaker, build: SimpleNamespace, rate: float, every: int
     ) -> None:
         answered = list(range(0, 400, every))
@@ -223,7 +223,7 @@ class TestUnanswered:
         assert count(answered) == 0
         assert count(answered[:20] + answered[21:]) == 1
 
-    def test_a_gap_in_the_odometry_is_not_the_fault_of_the_controller(
+    def test_odometry_gap_is_not_unanswered(
         self, make_flight: FlightMaker, build: SimpleNamespace
     ) -> None:
         stamp_ns = build.start_ns + build.period_ns * np.array([0, 1, 2, 12, 13, 14])
@@ -249,7 +249,7 @@ def test_saturation_is_the_fraction_of_commands_at_any_bound(
     assert summarise(tighter, wall_seconds=None)["rate_saturation_fraction"] == 0.625
 
 
-def test_ticks_without_a_solve_are_no_solves(
+def test_ticks_without_a_solve_are_excluded(
     make_flight: FlightMaker, build: SimpleNamespace
 ) -> None:
     idle = {"solver_status": "not run", "iterations": 0, "solve_time_us": 0.0, "step_time_us": 0.0}
@@ -272,9 +272,7 @@ def test_ticks_without_a_solve_are_no_solves(
     assert found["fallbacks"] == 4  # silent sends nothing
 
 
-def test_what_there_is_no_data_for_is_null(
-    make_flight: FlightMaker, build: SimpleNamespace
-) -> None:
+def test_missing_data_is_null(make_flight: FlightMaker, build: SimpleNamespace) -> None:
     none = np.zeros(0, dtype=np.int64)
     flight = make_flight(1, reference=None, commands=build.commands(none), stats=build.stats([]))
     found = json.loads(json.dumps(summarise(flight, wall_seconds=0.0), allow_nan=False))

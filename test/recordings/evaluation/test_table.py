@@ -52,7 +52,7 @@ def test_columns_are_aligned_and_narrow(make_flight: FlightMaker, build: SimpleN
         assert len(ends) == 1, text
 
 
-def test_nothing_to_tell(make_flight: FlightMaker, build: SimpleNamespace) -> None:
+def test_table_without_data(make_flight: FlightMaker, build: SimpleNamespace) -> None:
     none = np.zeros(0, dtype=np.int64)
     flight = make_flight(1, reference=None, commands=build.commands(none), stats=build.stats([]))
     text = summary_table(summarise(flight, wall_seconds=None))

@@ -79,7 +79,7 @@ def times(player: Player) -> list[float]:
 
 
 @pytest.mark.parametrize("rate", [1.0, 2.0, 0.1, 1000.0])
-def test_messages_come_at_their_times(reader: BagReader, rate: float) -> None:
+def test_publishes_messages_at_their_times(reader: BagReader, rate: float) -> None:
     player = Player(reader, rate=rate)
     player.run(10_000 * MS)
     assert times(player) == pytest.approx(
@@ -89,19 +89,19 @@ def test_messages_come_at_their_times(reader: BagReader, rate: float) -> None:
     assert player.playback.finished
 
 
-def test_nothing_comes_before_the_start(reader: BagReader) -> None:
+def test_publishes_nothing_before_the_start(reader: BagReader) -> None:
     player = Player(reader)
     player.run(499 * MS)
     assert player.published == []
 
 
-def test_what_is_late_delays_nothing_after_it(reader: BagReader) -> None:
+def test_late_message_delays_no_other(reader: BagReader) -> None:
     player = Player(reader)
     player.run(10_000 * MS, late_ns=4 * MS)
     assert times(player) == [504.0, 524.0, 524.0, 554.0, 804.0]
 
 
-def test_a_pause_shifts_what_follows_by_its_length(reader: BagReader) -> None:
+def test_pause_shifts_later_messages(reader: BagReader) -> None:
     player = Player(reader)
     player.run(530 * MS)
     player.timeline.set_paused(True, player.now_ns)
@@ -112,7 +112,7 @@ def test_a_pause_shifts_what_follows_by_its_length(reader: BagReader) -> None:
     assert times(player) == [500.0, 520.0, 520.0, 2550.0, 2800.0]
 
 
-def test_paused_from_the_start(reader: BagReader) -> None:
+def test_starts_paused(reader: BagReader) -> None:
     player = Player(reader, paused=True)
     player.run(3000 * MS)
     assert player.published == []
@@ -121,7 +121,7 @@ def test_paused_from_the_start(reader: BagReader) -> None:
     assert times(player)[0] == 3000.0
 
 
-def test_a_pause_before_the_start_does_not_bring_it_forward(reader: BagReader) -> None:
+def test_pause_before_the_start_keeps_the_start(reader: BagReader) -> None:
     player = Player(reader)
     player.run(100 * MS)
     player.timeline.set_paused(True, player.now_ns)
@@ -131,7 +131,7 @@ def test_a_pause_before_the_start_does_not_bring_it_forward(reader: BagReader) -
     assert times(player)[0] == 500.0
 
 
-def test_a_loop_begins_again_at_the_end(reader: BagReader) -> None:
+def test_loop_restarts_at_the_end(reader: BagReader) -> None:
     player = Player(reader, loop=True)
     player.run(500 * MS + 3 * 300 * MS - MS)
     lap = [0.0, 20.0, 20.0, 50.0, 300.0]
@@ -140,13 +140,13 @@ def test_a_loop_begins_again_at_the_end(reader: BagReader) -> None:
     assert not player.playback.finished
 
 
-def test_from_the_middle(reader: BagReader) -> None:
+def test_starts_in_the_middle(reader: BagReader) -> None:
     player = Player(reader, start_ns=1040 * MS)
     player.run(10_000 * MS)
     assert player.published == [(510 * MS, 3), (760 * MS, 4)]
 
 
-def test_the_clock_ticks_evenly_and_stands_in_a_pause(reader: BagReader) -> None:
+def test_clock_is_even_and_stops_in_a_pause(reader: BagReader) -> None:
     player = Player(reader, rate=2.0, clock_rate=100.0)
     player.run(550 * MS)
     player.timeline.set_paused(True, player.now_ns)
@@ -158,14 +158,14 @@ def test_the_clock_ticks_evenly_and_stands_in_a_pause(reader: BagReader) -> None
         assert time_ns == RECORDED[0] + 2 * elapsed
 
 
-def test_the_clock_of_a_loop_goes_back_with_it() -> None:
+def test_clock_goes_back_with_the_loop() -> None:
     section = Section(start_ns=1000, end_ns=1000 + 300 * MS, loop=True)
     assert section.log_time_ns(1000 + 299 * MS) == 1000 + 299 * MS
     assert section.log_time_ns(1000 + 300 * MS) == 1000
     assert section.log_time_ns(1000 + 7 * 300 * MS + 5) == 1005
 
 
-def test_a_loop_of_one_moment_is_not_endless_work() -> None:
+def test_loop_of_one_message_takes_time() -> None:
     once = Section(start_ns=1000, end_ns=1000 + 300 * MS)
     assert once.log_time_ns(1000 + 299 * MS) == 1000 + 299 * MS
     assert once.log_time_ns(1000 + 301 * MS) == once.end_ns
@@ -189,7 +189,7 @@ def test_played_time_is_steady_time_without_pauses(
     assert timeline.recorded_ns(now_ns) == pytest.approx(running_ns * rate, abs=len(pauses) + 1)
 
 
-def test_reading_ahead_gives_the_same_and_no_more_than_it_may() -> None:
+def test_read_ahead_keeps_order_and_depth() -> None:
     taken: list[int] = []
 
     def numbers() -> Iterator[int]:
@@ -205,7 +205,7 @@ def test_reading_ahead_gives_the_same_and_no_more_than_it_may() -> None:
     ahead.close()
 
 
-def test_what_goes_wrong_while_reading_ahead_is_raised_in_its_turn() -> None:
+def test_read_ahead_raises_errors_in_turn() -> None:
     def failing() -> Iterator[int]:
         yield 1
         raise ValueError("torn page")
@@ -217,7 +217,7 @@ def test_what_goes_wrong_while_reading_ahead_is_raised_in_its_turn() -> None:
     ahead.close()
 
 
-def test_reading_ahead_ends_when_told_to() -> None:
+def test_read_ahead_closes() -> None:
     before = threading.active_count()
     ahead = ReadAhead(itertools.count(), depth=5)
     next(ahead)
@@ -225,6 +225,6 @@ def test_reading_ahead_ends_when_told_to() -> None:
     assert threading.active_count() == before
 
 
-def test_a_missing_topic_does_not_loop_for_ever(reader: BagReader, tmp_path: Path) -> None:
+def test_loop_without_messages_ends(reader: BagReader, tmp_path: Path) -> None:
     section = Section(start_ns=0, end_ns=1, loop=True)
     assert list(in_laps(lambda: reader.messages(["/none"]), section)) == []

@@ -150,7 +150,7 @@ def as_bytes(commands: list[CommandSample]) -> list[tuple[int, bytes]]:
     ]
 
 
-def test_commands_that_did_not_act_are_resolved_as_such() -> None:
+def test_resolves_commands_while_disengaged() -> None:
     run, ticks = flown_in_real_time(
         engaged={50: False, 1205: True}, landed={305: True, 905: False}
     )
@@ -161,7 +161,7 @@ def test_commands_that_did_not_act_are_resolved_as_such() -> None:
         assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
 
 
-def test_steps_of_the_estimate_are_resolved_as_they_were_announced() -> None:
+def test_resolves_estimate_resets() -> None:
     step = EstimateReset(
         stamp_ns=START_NS + 1205 * MS, turn=0.7, step_W=np.array([1.0, -2.0, 0.3])
     )
@@ -179,7 +179,7 @@ CHANGES: dict[int, dict[str, object]] = {
 }
 
 
-def test_parameters_that_were_set_in_flight_are_set_again() -> None:
+def test_resolves_parameter_changes() -> None:
     run, ticks = flown_in_real_time(changes=CHANGES)
     flown = as_bytes([tick.command for tick in ticks if tick.command])
     assert as_bytes(commands_of(list(resolve(run, MPC)))) == flown
@@ -187,7 +187,7 @@ def test_parameters_that_were_set_in_flight_are_set_again() -> None:
     assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
 
 
-def test_what_is_asked_for_is_not_changed_by_what_was_set_in_flight() -> None:
+def test_given_parameters_override_changes_in_flight() -> None:
     run, _ = flown_in_real_time(changes=CHANGES)
     others = {ms: {k: v for k, v in set_.items() if k != "R"} for ms, set_ in CHANGES.items()}
     without, _ = flown_in_real_time(changes=others)
@@ -198,7 +198,7 @@ def test_what_is_asked_for_is_not_changed_by_what_was_set_in_flight() -> None:
 
 
 @pytest.mark.parametrize("odom_rate", [50.0, 120.0])
-def test_real_time_is_resolved_bit_for_bit(odom_rate: float) -> None:
+def test_resolves_real_time_bit_for_bit(odom_rate: float) -> None:
     run, ticks = flown_in_real_time(odom_rate=odom_rate)
     flown = [tick.command for tick in ticks if tick.command]
     assert len(flown) > 100
@@ -207,7 +207,7 @@ def test_real_time_is_resolved_bit_for_bit(odom_rate: float) -> None:
 
 
 @pytest.mark.parametrize("shift", [407, -393])
-def test_what_was_answered_is_answered_although_others_had_been_refused(shift: int) -> None:
+def test_answers_what_was_answered_despite_refusals(shift: int) -> None:
     """Whether an odometry fits its arrival is judged by those that were refused before it, too."""
     run, ticks = flown_in_real_time(shifted=(1.0, 2.0, shift))
     refused = [tick.stats.rejected_inputs for tick in ticks]
@@ -216,14 +216,14 @@ def test_what_was_answered_is_answered_although_others_had_been_refused(shift: i
     assert as_bytes(commands_of(list(resolve(run, MPC)))) == as_bytes(flown)
 
 
-def test_the_watchdog_acts_again() -> None:
+def test_resolves_watchdog_ticks() -> None:
     run, ticks = flown_in_real_time(silent=(1.0, 1.6))
     assert any(tick.stats.source == "blind" for tick in ticks)
     flown = [tick.command for tick in ticks if tick.command]
     assert as_bytes(commands_of(list(resolve(run, MPC)))) == as_bytes(flown)
 
 
-def test_a_recording_without_figures_is_resolved_all_the_same() -> None:
+def test_resolves_without_stats() -> None:
     run, ticks = flown_in_real_time()
     bare = RecordedRun(
         bag=run.bag,
@@ -246,7 +246,7 @@ def test_a_recording_without_figures_is_resolved_all_the_same() -> None:
     assert all(len(line) <= 80 for line in comparison_table(comparison).splitlines())
 
 
-def test_a_made_reference_takes_the_place_of_the_recorded_one() -> None:
+def test_given_reference_replaces_the_recorded_one() -> None:
     run, _ = flown_in_real_time()
     server = ReferenceServer(ReferenceConfig(trajectory="hover"))
     server.start(START_NS)
@@ -258,7 +258,7 @@ def test_a_made_reference_takes_the_place_of_the_recorded_one() -> None:
         assert np.ptp(step.window.p_WB, axis=0).max() == 0.0
 
 
-def test_lockstep_pairs_by_stamp_whatever_the_order_of_recording() -> None:
+def test_lockstep_pairs_by_stamp() -> None:
     run, _ = flown_in_real_time()
     lockstep = MPC.updated({"lockstep": True})
     server = ReferenceServer(ReferenceConfig(trajectory="lemniscate"))

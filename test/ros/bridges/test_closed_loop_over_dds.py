@@ -29,7 +29,8 @@ from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS, fly
+from quad_mpc_ros.simulation.closed_loop import fly
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 Process = subprocess.Popen[bytes]
 

@@ -17,7 +17,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.simulation.closed_loop import SIMULATION_START_NS
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 
 def bridged(case: str, new: New) -> Bridged:

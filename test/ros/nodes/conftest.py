@@ -26,8 +26,7 @@ from rclpy.qos import qos_profile_sensor_data
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.messages import cdr, conversions
 
 # s: a client that has found its service may not have been found by it, and would get no answer.
 MATCHING = 0.3
@@ -136,7 +135,7 @@ class Feed:
             )
             self._odometry.publish(odometry)
 
-    def _window(self, stamp_ns: int) -> MultiDOFJointTrajectory:
+    def _window(self, stamp_ns: int) -> bytes:
         held = np.array([[0.0, 0.0, 2.0]] * 2)
         window = ReferenceWindow(
             stamp_ns=stamp_ns,
@@ -147,9 +146,7 @@ class Feed:
             a_WB_W=0.0 * held,
             w_WB_W=0.0 * held,
         )
-        message = MultiDOFJointTrajectory()
-        conversions.fill_reference(message, window, child_frame_id="b", new=new_message)
-        return message
+        return cdr.written_reference(window, child_frame_id="b")
 
 
 @pytest.fixture

@@ -23,8 +23,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.messages import conversions, diagnostics
-from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.messages import cdr, conversions, diagnostics
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
@@ -172,7 +171,6 @@ def trajectory_message(
     points: list[tuple[float, float, float]], seconds: list[float], *, frame_id: str = "odom"
 ) -> MultiDOFJointTrajectory:
     count, rest = len(points), np.zeros((len(points), 3))
-    message = MultiDOFJointTrajectory()
     window = ReferenceWindow(
         stamp_ns=0,
         frame_id=frame_id,
@@ -183,8 +181,8 @@ def trajectory_message(
         a_WB_W=rest,
         w_WB_W=rest,
     )
-    conversions.fill_reference(message, window, child_frame_id="b", new=new_message)
-    return message
+    data = cdr.written_reference(window, child_frame_id="b")
+    return deserialize_message(data, MultiDOFJointTrajectory)
 
 
 @pytest.fixture

@@ -22,8 +22,7 @@ from rosbags.highlevel import AnyReader
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-from quad_mpc_ros.messages import conversions, diagnostics
-from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.messages import cdr, conversions, diagnostics
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
@@ -202,9 +201,7 @@ class Stack:
             a_WB_W=0.0 * held,
             w_WB_W=0.0 * held,
         )
-        reference = new_message("trajectory_msgs/msg/MultiDOFJointTrajectory")
-        conversions.fill_reference(reference, window, child_frame_id="b", new=new_message)
-        self._reference.publish(reference)
+        self._reference.publish(cdr.written_reference(window, child_frame_id="b"))
         values = {
             "stamp_ns": stamp_ns,
             "p_WB": np.zeros(3),

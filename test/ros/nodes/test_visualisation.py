@@ -17,8 +17,7 @@ from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import qos_profile_sensor_data
 from visualization_msgs.msg import MarkerArray
 
-from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.ros.messages import new_message
+from quad_mpc_ros.messages import cdr, conversions
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
@@ -52,21 +51,19 @@ class Flight:
 
     def tick(self, **position: float) -> None:
         self._ticks += 1
-        odometry, command, plan = Odometry(), TwistStamped(), PathMessage()
+        odometry, command = Odometry(), TwistStamped()
         stamp_ns = self._ticks * 20_000_000
         conversions.fill_time(odometry.header.stamp, stamp_ns)
         odometry.header.frame_id, odometry.child_frame_id = "odom", "base_link"
         odometry.pose.pose.position.x = position.get("x", 0.02 * self._ticks)
         odometry.pose.pose.orientation.w = 1.0
         command.twist.linear.z = 0.3
-        conversions.fill_path(
-            plan,
+        plan = cdr.written_path(
             stamp_ns=stamp_ns,
             step_ns=50_000_000,
             frame_id="odom",
             p_WB=np.outer(np.arange(11.0), [0.05, 0.0, 0.0]),
             q_WB_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (11, 1)),
-            new=new_message,
         )
         self._command.publish(command)
         self._plan.publish(plan)

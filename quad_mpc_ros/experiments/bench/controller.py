@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+from functools import partial
+from pathlib import Path
+
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.experiments.bench.peers import Effort
+from quad_mpc_ros.experiments.bench.peers import Effort, NewPeer, PeerKind
 
 
 class ControllerPeer:
@@ -37,3 +41,31 @@ class ControllerPeer:
             solve_time=self._tick.stats.solve_time_us * 1e-6,
             mpc_time=self._tick.stats.step_time_us * 1e-6,
         )
+
+
+def _controller(config: MpcConfig, _: Path) -> NewPeer:
+    return partial(ControllerPeer, config)
+
+
+def _paper(config: MpcConfig, folder: Path) -> NewPeer:
+    return _controller(dataclasses.replace(config, formulation="paper"), folder)
+
+
+CONTROLLERS = {
+    "controller": PeerKind(
+        title="this controller",
+        solver="OSQP",
+        description="`formulation: manifold` with all that the node does: validation, safety "
+        "ladder, statistics.",
+        make=_controller,
+        swept=True,
+    ),
+    "paper": PeerKind(
+        title="this controller, the paper's formulation",
+        solver="OSQP",
+        description="this controller with `formulation: paper`, one linearisation held over the "
+        "horizon.",
+        make=_paper,
+    ),
+}
+"""This package's own peers, by name."""

@@ -1,4 +1,4 @@
-"""The paper's way as a peer: the same QP, written down anew in cvxpy at every step.
+"""cvxpy as a peer of ``quad_mpc bench``, as the paper uses it: the same QP, rebuilt at every step.
 
 S. Diamond and S. Boyd, "CVXPY: A Python-embedded modeling language for convex optimization",
 Journal of Machine Learning Research, 2016. Model, linearisation and what becomes of a solution
@@ -8,6 +8,8 @@ are this package's; the QP goes through cvxpy to the same solver with the same t
 from __future__ import annotations
 
 import importlib
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.mpc import FORMULATIONS
 from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages
-from quad_mpc_ros.experiments.bench.peers import Effort, PeerUnavailableError
+from quad_mpc_ros.experiments.bench.peers import Effort, NewPeer, PeerKind, PeerUnavailableError
 
 
 def cvxpy_module() -> Any:
@@ -76,12 +78,12 @@ class CvxpyPeer:
         except self._cvxpy.error.SolverError:
             self._effort = Effort(solved=False, iterations=0, solve_time=0.0)
             return None
-        told = problem.solver_stats
+        stats = problem.solver_stats
         solved = problem.status == self._cvxpy.OPTIMAL
         self._effort = Effort(
             solved=solved,
-            iterations=self._effort.iterations + int(told.num_iters),
-            solve_time=self._effort.solve_time + float(told.solve_time),
+            iterations=self._effort.iterations + int(stats.num_iters),
+            solve_time=self._effort.solve_time + float(stats.solve_time),
         )
         if not solved:
             return None
@@ -118,3 +120,17 @@ def stagewise_problem(
         constraints += [x_next == A[i] @ x + B[i] @ u + c[i], u >= lower[i], u <= upper[i]]
         x = x_next
     return cvxpy.Problem(cvxpy.Minimize(cost), constraints), inputs, states
+
+
+def _made(config: MpcConfig, _: Path) -> NewPeer:
+    return partial(CvxpyPeer, config, cvxpy_module())
+
+
+PEER = PeerKind(
+    title="the same QP through cvxpy, rebuilt each step",
+    solver="OSQP",
+    description="this controller's linearisation, its QP written down stage by stage and rebuilt "
+    "at every step, solved by OSQP with the same tolerance.",
+    make=_made,
+    distributions=("cvxpy",),
+)

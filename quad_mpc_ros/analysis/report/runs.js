@@ -1,5 +1,3 @@
-"use strict";
-
 // A zoom in time in one figure is one in all of them: their time axes are one per figure.
 const overTime = [...document.querySelectorAll(".js-plotly-plot")].filter(
   (figure) => figure.layout.xaxis !== undefined,
@@ -39,12 +37,11 @@ for (const figure of overTime) {
   });
 }
 
-const tables = JSON.parse(document.getElementById("tables").textContent);
 for (const button of document.querySelectorAll("button[data-table]")) {
   button.addEventListener("click", () => {
     const { run, table } = button.dataset;
     const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob([tables[run][table]], { type: "text/csv" }));
+    link.href = URL.createObjectURL(new Blob([data[run][table]], { type: "text/csv" }));
     link.download = `${run}_${table}.csv`;
     link.click();
     URL.revokeObjectURL(link.href);

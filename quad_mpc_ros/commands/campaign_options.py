@@ -1,0 +1,107 @@
+"""What the commands that fly campaigns have in common: options, workers, resuming."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from quad_mpc_ros.commands.output import default_out
+from quad_mpc_ros.commands.run_options import add_config, add_out, add_set
+from quad_mpc_ros.configuration import UserError
+
+if TYPE_CHECKING:
+    from quad_mpc_ros.experiments.campaigns.engine import Engine
+
+
+T = TypeVar("T")
+
+
+def add_campaign_options(parser: argparse.ArgumentParser, kind: str) -> None:
+    """Add the file of a campaign or a study, its folder, the workers, what overrides the file."""
+    parser.add_argument(
+        "file",
+        type=Path,
+        nargs="?",
+        metavar="FILE",
+        help=f"file of the {kind}; may be left out with --resume",
+    )
+    add_out(parser, f"the {kind}; must not hold one", "<name of the file>")
+    parser.add_argument(
+        "--resume", type=Path, metavar="DIR", help=f"continue the {kind} in a folder"
+    )
+    add_engine_options(parser)
+    add_config(parser, "over what the file says")
+    add_set(parser, "set one parameter over what the file says")
+
+
+def new_or_resumed(
+    options: argparse.Namespace,
+    kind: str,
+    *,
+    read: Callable[[], T],
+    read_folder: Callable[[Path], T],
+    text: Callable[[T], str],
+    overrides: bool,
+) -> tuple[T, Path]:
+    """Return the campaign or study of the options, and its folder.
+
+    Raises :class:`UserError` for a new one into a folder that is not empty, and for resuming one
+    with another ``text`` than that of the file, or with ``overrides``.
+    """
+    out: Path | None = options.out
+    if options.resume is None:
+        if options.file is None:
+            raise UserError(f"FILE: expected the file of a {kind}, or --resume DIR")
+        asked, out = read(), out or default_out(options.file.stem)
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise UserError(
+                f"--out: {out} exists and is not overwritten; give a new folder, or continue with "
+                f"--resume {out}"
+            )
+        return asked, out
+    if out is not None:
+        raise UserError("--out: --resume says where: leave one out")
+    begun = read_folder(options.resume)
+    if options.file is not None:
+        if text(read()) != text(begun):
+            raise UserError(
+                f"--resume: {options.file} is not, or is no longer, the {kind} of "
+                f"{options.resume}: leave the file out, or begin anew with --out"
+            )
+    elif overrides:
+        raise UserError(
+            f"--resume: a {kind} continues unchanged: leave out options that change it"
+        )
+    return begun, options.resume
+
+
+def add_engine_options(parser: argparse.ArgumentParser) -> None:
+    """Add the choice of workers."""
+    workers = parser.add_mutually_exclusive_group()
+    workers.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="number of processes on this machine (default: one for each processor)",
+    )
+    workers.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="the workers of a Dask cluster, by the address of its scheduler: "
+        "tcp://127.0.0.1:8786. Needs Dask: pip install 'quad_mpc_ros[campaign]'",
+    )
+
+
+def engine_of(options: argparse.Namespace) -> Engine:
+    """Return the workers of the options. Raises :class:`UserError` where there are none."""
+    if options.scheduler is not None:
+        from quad_mpc_ros.experiments.campaigns.dask_workers import DaskWorkers
+
+        return DaskWorkers(options.scheduler)
+    from quad_mpc_ros.experiments.campaigns.local_workers import LocalWorkers
+
+    if options.workers is not None and options.workers < 1:
+        raise UserError(f"--workers: given {options.workers}, expected a number >= 1")
+    return LocalWorkers(options.workers)

@@ -1,0 +1,81 @@
+"""Is a reference window fit to be used? Compiled: it has hundreds of numbers, and comes often."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.control.safety.validation import (
+    LARGEST,
+    NOT_UNIT,
+    QUATERNION_TOLERANCE,
+    UNUSABLE,
+    is_frame,
+)
+
+_FIT, _UNUSABLE, _NOT_UNIT, _BACKWARDS = 0, 1, 2, 3
+_FAULTS = {_UNUSABLE: UNUSABLE, _NOT_UNIT: NOT_UNIT, _BACKWARDS: "times run backwards"}
+
+
+def reference_fault(window: ReferenceWindow, *, frame_id: str) -> str | None:
+    """Return why a reference window cannot be used."""
+    if len(window.offset_ns) == 0:
+        return "reference is empty"
+    fault = _reference_fault(
+        window.offset_ns,
+        window.p_WB,
+        window.q_WB_xyzw,
+        window.v_WB_W,
+        window.a_WB_W,
+        window.w_WB_W,
+    )
+    if fault != _FIT:
+        return f"reference {_FAULTS[fault]}"
+    if not is_frame(window.frame_id, frame_id):
+        return f"reference is in frame '{window.frame_id}', expected '{frame_id}'"
+    return None
+
+
+@compiled
+def _reference_fault(
+    offset_ns: NDArray[np.int64],
+    p_WB: Array,
+    q_WB_xyzw: Array,
+    v_WB_W: Array,
+    a_WB_W: Array,
+    w_WB_W: Array,
+) -> int:
+    """Return the first fault of samples one after another, all looked at in one call."""
+    for i in range(1, len(offset_ns)):
+        if offset_ns[i] < offset_ns[i - 1]:
+            return _BACKWARDS
+    if not (
+        _are_usable(p_WB)
+        and _are_usable(q_WB_xyzw)
+        and _are_usable(v_WB_W)
+        and _are_usable(a_WB_W)
+        and _are_usable(w_WB_W)
+    ):
+        return _UNUSABLE
+    for i in range(len(q_WB_xyzw)):
+        square = 0.0
+        for q in q_WB_xyzw[i]:
+            square += q * q
+        if abs(math.sqrt(square) - 1.0) > QUATERNION_TOLERANCE:
+            return _NOT_UNIT
+    return _FIT
+
+
+@compiled
+def _are_usable(rows: Array) -> bool:
+    """Whether all of (n, m) are."""
+    usable = True
+    for i in range(rows.shape[0]):
+        for k in range(rows.shape[1]):
+            usable &= abs(rows[i, k]) <= LARGEST  # NaN compares with nothing
+    return usable

@@ -1,0 +1,59 @@
+"""What the files of campaigns and of studies have in common: reading and writing their YAML."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from quad_mpc_ros.configuration import ConfigurationError, UserError
+
+
+def read_content(path: Path, what: str) -> dict[Any, Any]:
+    """Return the keys of a file; ``what`` it describes. Raises :class:`UserError`."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        raise UserError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(content, dict):
+        raise UserError(f"{path}: expected the keys of a {what}, given {content!r:.60}")
+    return content
+
+
+def content_text(content: Mapping[str, Any]) -> str:
+    """Return the text of a file with these keys, numbers exactly."""
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=math.inf)
+
+
+@contextlib.contextmanager
+def errors_of(where: str) -> Iterator[None]:
+    """Let errors begin with where the content is from."""
+    try:
+        yield
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{where}: {error.name}", error.given, error.expected) from error
+    except UserError as error:
+        raise UserError(f"{where}: {error}") from error
+
+
+def check_keys(content: Mapping[Any, Any], known: Sequence[str]) -> None:
+    """Raise :class:`UserError` for an unknown key."""
+    for key in content:
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean {close[0]}?" if close else ", ".join(known)
+            raise UserError(f"unknown key {key!r} ({hint})")
+
+
+def integer(name: str, given: Any, *, least: int, most: int) -> int:
+    """Return an integer within bounds. Raises :class:`ConfigurationError`."""
+    if type(given) is not int or not least <= given <= most:
+        raise ConfigurationError(name, given, f"a whole number from {least} to {most}")
+    return given

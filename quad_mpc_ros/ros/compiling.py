@@ -1,0 +1,34 @@
+"""A node that has to compile says so, for it takes most of a minute."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rclpy.node import Node
+
+from quad_mpc_ros.configuration.compilation import compiled_here
+from quad_mpc_ros.ros.clocks import Metronome
+
+_PERIOD = 3.0  # s
+
+
+@contextmanager
+def reported(node: Node, *, period: float = _PERIOD) -> Iterator[None]:
+    """Log how many functions have been compiled, every ``period`` seconds and in the end."""
+    begun, before = time.monotonic(), compiled_here()
+
+    def made() -> str:
+        return f"{compiled_here() - before} functions in {time.monotonic() - begun:.0f} s"
+
+    metronome = Metronome(period, lambda: node.get_logger().info(f"compiling: {made()} so far"))
+    try:
+        yield
+    finally:
+        metronome.stop()
+    if compiled_here() > before:
+        node.get_logger().warning(
+            f"compiled {made()}, for no machine code of them was kept: 'quad_mpc compile' does it "
+            "once for all nodes and starts"
+        )
