@@ -1,4 +1,4 @@
-"""What every plant is told, and the random numbers of a simulation."""
+"""What every plant is given, and the random numbers of a simulation."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Stream(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PlantParameters(VehicleParameters):
-    """What every plant is told: the true vehicle, its start, its commands and the air.
+    """What every plant is given: the true vehicle, its start, its commands and the air.
 
     A plant with parameters of its own declares them in a class derived from this one, in its own
     file. All of them together are the parameters of the simulator node, so their names must be

@@ -227,7 +227,7 @@ def parameter_file(
     for name in ("thrust_time_constant", "input_delay", "translational_lift"):
         estimate = _told(getattr(found, name))
         entries[name] = (
-            (getattr(given, name), vehicle_file.UNTOLD)
+            (getattr(given, name), vehicle_file.UNOBSERVED)
             if estimate is None
             else vehicle_file.found_entry(estimate)
         )
@@ -235,7 +235,7 @@ def parameter_file(
         entries |= vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
     else:
         kept = ("mass", "thrust_curve", "motor_count")
-        entries |= {name: (getattr(given, name), vehicle_file.UNTOLD) for name in kept}
+        entries |= {name: (getattr(given, name), vehicle_file.UNOBSERVED) for name in kept}
     remark = f"Identified from {bag}, {found.flown:.1f} s of flight under commands; +- is 95 %."
     scales_curve = found.thrust_scale.observable and keep == "mass"
     thrust_map = vehicle_file.map_entries(

@@ -19,7 +19,7 @@ Kept = Literal["mass", "curve"]
 Entries = dict[str, tuple[Any, str]]
 """Values by the name of their parameter, each with a remark."""
 
-KEPT, UNTOLD = "kept", "kept, not told"
+KEPT, UNOBSERVED = "kept", "kept, not observed"
 # What a bridge reads of its thrust map, and what of that scales with the thrust.
 _MAPS = {
     "model": (),
@@ -43,10 +43,10 @@ def axes_entry(estimates: Sequence[Estimate | None], given: PerAxis) -> tuple[An
     What is kept of all of them stays as it was given, one number or three.
     """
     if all(estimate is None for estimate in estimates):
-        return given, UNTOLD
+        return given, UNOBSERVED
     values, notes = [], []
     for estimate, kept in zip(estimates, per_axis(given), strict=True):
-        value, note = (kept, UNTOLD) if estimate is None else found_entry(estimate)
+        value, note = (kept, UNOBSERVED) if estimate is None else found_entry(estimate)
         values.append(value)
         notes.append(note)
     return values, "; ".join(notes)

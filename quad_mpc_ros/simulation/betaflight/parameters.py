@@ -1,4 +1,4 @@
-"""What the plant ``betaflight`` is told beside what the plant ``rotors`` is."""
+"""What the plant ``betaflight`` is given beside what the plant ``rotors`` is."""
 
 from __future__ import annotations
 

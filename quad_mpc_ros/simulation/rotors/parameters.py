@@ -1,4 +1,4 @@
-"""What the plant ``rotors`` is told beside what every plant is: its single source of names.
+"""What the plant ``rotors`` is given beside what every plant is: its single source of names.
 
 By default it is the paper's quadrotor; what the paper does not say is as ``config/vehicles``
 says where it is from.
@@ -111,7 +111,7 @@ class AirframeParameters(Configuration):
     )
     center_of_mass: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0),
-        doc="Centre of mass in the body; the autopilot believes it at the origin.",
+        doc="Centre of mass in the body; the autopilot assumes it at the origin.",
         unit="m",
         length=3,
     )

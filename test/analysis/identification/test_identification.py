@@ -261,9 +261,9 @@ def test_hover_shows_the_thrust_and_nothing_else() -> None:
     assert "warning: drag x, drag y, drag z cannot be told" in told
     assert proposed(found, given)["reference"].excitation_reach == (6.0, 6.0, 2.0)
     text = parameter_file(found, given, bag=Path("bag"), keep="mass")
-    assert "    rate_time_constant: [0.05, 0.05, 0.1]  # kept, not told\n" in text
-    assert "    thrust_time_constant: 0.04  # kept, not told\n" in text
-    assert "    drag: 0.3  # kept, not told\n" in text
+    assert "    rate_time_constant: [0.05, 0.05, 0.1]  # kept, not observed\n" in text
+    assert "    thrust_time_constant: 0.04  # kept, not observed\n" in text
+    assert "    drag: 0.3  # kept, not observed\n" in text
 
 
 def proposed(found: Identification, given: MpcConfig) -> dict[str, Any]:
@@ -474,7 +474,7 @@ def test_where_there_is_none_nothing_is_said_of_the_rotors_drag() -> None:
     assert not any(estimate.observable for estimate in found.rotor_drag)
     assert "rotor_drag" not in identification_table(found, GIVEN, command_age=float("nan"))
     text = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
-    assert "    rotor_drag: 0.0  # kept, not told\n" in text
+    assert "    rotor_drag: 0.0  # kept, not observed\n" in text
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -529,7 +529,7 @@ def test_yaw_that_did_not_turn_is_kept_as_given_and_spoils_nothing() -> None:
     assert (roll.value, pitch.value) == pytest.approx((0.03, 0.03), rel=0.02)
     text = parameter_file(found, given, bag=Path("bag"), keep="mass")
     (line,) = (line for line in text.splitlines() if "rate_time_constant:" in line)
-    assert line.endswith("; kept, not told")
+    assert line.endswith("; kept, not observed")
     assert ", 0.2]" in line
 
 
