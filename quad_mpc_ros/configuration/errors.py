@@ -1,4 +1,4 @@
-"""What is told to a person in one line instead of a traceback."""
+"""What is reported to a person in one line instead of a traceback."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ class ReferenceConfig(
     """Which trajectory to fly, within which limits, and how it is published.
 
     Attitudes and body rates of smooth trajectories are those of the vehicle, which is the paper's
-    unless told otherwise; one that it cannot fly is refused.
+    unless configured otherwise; one that it cannot fly is refused.
     """
 
     takeoff_height: float = parameter(

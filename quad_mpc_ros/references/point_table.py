@@ -166,8 +166,8 @@ def _smoothed(
         curve = smooth_curve(seconds, values, tolerance=tolerance, rests=rests)
     except ValueError as error:
         raise UserError(
-            f"{table.source}: {error} from its points, more than reference.path_tolerance, "
-            f"{tolerance:g}: set that higher"
+            f"{table.source}: {error} from its points, more than "
+            f"reference.advanced.path_tolerance, {tolerance:g}: set that higher"
         ) from error
     return SplinePath(curve, duration=float(seconds[-1]))
 

@@ -111,7 +111,7 @@ class AirframeParameters(Configuration):
     )
     center_of_mass: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0),
-        doc="Centre of mass in the body; the autopilot believes it at the origin.",
+        doc="Centre of mass in the body; the autopilot assumes it at the origin.",
         unit="m",
         length=3,
     )
