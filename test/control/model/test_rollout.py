@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, roll_out
 from quad_mpc_ros.control.model.vehicle import Vehicle
 
+ROOT = Path(__file__).resolve().parents[3]
 VEHICLE = Vehicle()
 STEP = 0.05
 LAGS = [(0.0, 0.0), (0.03, 0.0), (0.0, 0.04), (0.03, 0.04), (0.5, 0.3)]
@@ -233,3 +235,14 @@ def test_without_drag_the_motion_is_ballistic() -> None:
     states = rolled_out(x, np.zeros((10, 4)), model)
     fallen = x.p_WB + 0.5 * x.v_WB_W + np.array([0.0, 0.0, -0.5 * 9.81 * 0.25])
     np.testing.assert_allclose(states[-1].p_WB, fallen, atol=1e-12)
+
+
+def test_lines_that_contributing_changes_are_there() -> None:
+    """The diff that adds a parameter of the model."""
+    section = (ROOT / "CONTRIBUTING.md").read_text().split("## Add a parameter of the model")[1]
+    diff = section.split("```diff\n")[1].split("\n```")[0]
+    for change in diff.split("--- a/")[1:]:
+        path, *lines = change.splitlines()
+        source = (ROOT / path).read_text().splitlines()
+        expected = {line[1:] for line in lines if line.startswith((" ", "-"))}
+        assert expected <= set(source), path
