@@ -32,7 +32,7 @@ from quad_mpc_ros.control.safety.fallbacks import (
 from quad_mpc_ros.control.safety.flight_limits import FlightLimits
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.ladder import Action, Breach, Decision, LadderState, Source
-from quad_mpc_ros.control.safety.swinging import Swinging
+from quad_mpc_ros.control.safety.oscillation import OscillationMonitor
 
 
 class Counts(NamedTuple):
@@ -75,7 +75,7 @@ class Supervisor:
         self._weight = self._vehicle.mass * self._vehicle.gravity
         self.inputs = InputMonitor(config)
         self._flight_limits = FlightLimits(config)
-        self._swinging = Swinging(config)
+        self._oscillation = OscillationMonitor(config)
         self._ground = ground or GroundContact()
         self._hover = HoverFallback(config)
         self._blind = BlindFallback(config)
@@ -93,7 +93,7 @@ class Supervisor:
         self._timeouts = ladder.timeouts_of(config)
         self.inputs.reconfigure(config)
         self._flight_limits.reconfigure(config)
-        self._swinging.reconfigure(config)
+        self._oscillation.reconfigure(config)
         self._hover.reconfigure(config)
         self._blind.reconfigure(config)
 
@@ -103,8 +103,8 @@ class Supervisor:
         self._hover.reset_estimate(reset)
 
     def engage(self, engaged: bool) -> None:
-        """Tell whether commands act: while they do not, how it swings is nobody's fault here."""
-        self._swinging.engage(engaged)
+        """Set whether commands act; while they do not, oscillation is not watched."""
+        self._oscillation.engage(engaged)
 
     def take_warnings(self) -> list[str]:
         """Return what there is to tell the log since the last call."""
@@ -179,7 +179,7 @@ class Supervisor:
                 p_reference=reference[0] if reference is not None else None,
                 now_ns=now_ns,
             ),
-            self._swinging.check(odometry, reference, now_ns=now_ns),
+            self._oscillation.check(odometry, reference, now_ns=now_ns),
         )
         breach = max(filter(None, breaches), key=lambda each: each.action, default=None)
         return self._decision(now_ns, plan_fault=plan_fault, breach=breach)

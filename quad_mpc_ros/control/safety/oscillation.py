@@ -1,4 +1,4 @@
-"""A vehicle that swings to and fro: a limit cycle, because it answers later than the model does.
+"""Detecting a limit cycle: a vehicle oscillates because it answers later than the model does.
 
 Where lags or delay are longer than those modelled, every correction comes too late and the next
 one has to undo it. Then the thrust leans to one side of what the reference asks for, and to the
@@ -18,7 +18,7 @@ from quad_mpc_ros.control.safety.ladder import Action, Breach
 
 _SECOND = 1_000_000_000
 _WITHIN_NS = 3 * _SECOND
-_REVERSALS = 6  # within that, and since the reference jumped, after which it may well swing
+_REVERSALS = 6  # within that, and since the reference jumped, after which it may well oscillate
 _JUMP = 0.5  # m from tick to tick
 _NEAR = 5.0  # m from the reference; farther away it is on its way there, and tilts for that
 _QUICKEST_NS = _SECOND // 10  # no vehicle leans to the other side faster; upside down sides blur
@@ -26,7 +26,7 @@ _LONGER, _LONGEST_NS = 3, 300 * _SECOND
 _FORGOTTEN_NS = 30 * _SECOND  # after so long without it is for the first time again
 
 
-class Swinging:
+class OscillationMonitor:
     """Watches the tilt, and remembers for a while that it swung."""
 
     def __init__(self, config: MpcConfig) -> None:
@@ -43,7 +43,7 @@ class Swinging:
         self._action = Action[self._config.action.upper()]
 
     def engage(self, engaged: bool) -> None:
-        """Tell whether commands act; a pilot may swing as he likes."""
+        """Set whether commands act; a pilot may tilt as he likes."""
         if engaged is not self._engaged:
             self._engaged, self._until_ns = engaged, None
             self._forget()
@@ -62,10 +62,10 @@ class Swinging:
                 return None
             p_reference, q_reference_xyzw = reference
             self._follow(odometry.p_WB, p_reference)
-            if not self._is_swinging(odometry, q_reference_xyzw, now_ns):
+            if not self._is_oscillation(odometry, q_reference_xyzw, now_ns):
                 return None
             self._begin(now_ns)
-        return Breach(self._action, "it swings: lags or delay may be longer than the model's")
+        return Breach(self._action, "it oscillates: lags or delay may be longer than the model's")
 
     def _follow(self, p_WB: Array, p_reference: Array) -> None:
         """Forget what was before a jump of the reference, or far from it."""
@@ -75,7 +75,9 @@ class Swinging:
             self._forget()
         self._p_reference = position
 
-    def _is_swinging(self, odometry: OdometrySample, q_reference_xyzw: Array, now_ns: int) -> bool:
+    def _is_oscillation(
+        self, odometry: OdometrySample, q_reference_xyzw: Array, now_ns: int
+    ) -> bool:
         leans = _lean(odometry.q_WB_xyzw, q_reference_xyzw)
         counts = [
             reversals.count(lean, threshold=self._config.tilt_amplitude, now_ns=now_ns)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from quad_mpc_ros.control.config import OscillationParameters
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.ladder import Action
-from quad_mpc_ros.control.safety.swinging import Swinging
+from quad_mpc_ros.control.safety.oscillation import OscillationMonitor
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 
@@ -34,7 +34,7 @@ def odometry(attitude: Rotation, *, now_ns: int) -> OdometrySample:
 
 
 def breaches(
-    swinging: Swinging,
+    monitor: OscillationMonitor,
     *,
     amplitude: float,
     frequency: float,
@@ -49,7 +49,7 @@ def breaches(
         lean = amplitude * math.sin(2.0 * math.pi * frequency * 1e-9 * now_ns)
         attitude = Rotation.from_rotvec([lean, 0.0, 0.0]) * asked
         reference = np.zeros(3), asked.as_quat()
-        breach = swinging.check(odometry(attitude, now_ns=now_ns), reference, now_ns=now_ns)
+        breach = monitor.check(odometry(attitude, now_ns=now_ns), reference, now_ns=now_ns)
         if breach is not None:
             assert breach.action is Action.HOVER
             found.append(tick)
@@ -58,19 +58,25 @@ def breaches(
 
 @pytest.mark.parametrize("about", [Rotation.identity(), Rotation.from_euler("yz", [0.7, 2.0])])
 def test_detects_oscillation_within_three_seconds_and_holds(about: Rotation) -> None:
-    found = breaches(Swinging(agile()), amplitude=0.3, frequency=1.5, seconds=5.0, about=about)
+    found = breaches(
+        OscillationMonitor(agile()), amplitude=0.3, frequency=1.5, seconds=5.0, about=about
+    )
     assert 50 < found[0] < 150
     assert found == [*range(found[0], 250)]
 
 
 @pytest.mark.parametrize(("amplitude", "frequency"), [(0.15, 2.0), (0.6, 0.5), (0.0, 1.0)])
 def test_ignores_small_or_slow_oscillation(amplitude: float, frequency: float) -> None:
-    assert not breaches(Swinging(agile()), amplitude=amplitude, frequency=frequency, seconds=20.0)
+    assert not breaches(
+        OscillationMonitor(agile()), amplitude=amplitude, frequency=frequency, seconds=20.0
+    )
 
 
 def test_repeated_oscillation_is_held_three_times_as_long() -> None:
     config = agile(oscillation=OscillationParameters(hold_time=1.0))
-    found = np.array(breaches(Swinging(config), amplitude=0.3, frequency=2.0, seconds=30.0))
+    found = np.array(
+        breaches(OscillationMonitor(config), amplitude=0.3, frequency=2.0, seconds=30.0)
+    )
     ends = np.flatnonzero(np.diff(found) > 1)
     begins = found[np.insert(ends + 1, 0, 0)]
     held = found[ends] - begins[:-1] + 1
@@ -79,12 +85,12 @@ def test_repeated_oscillation_is_held_three_times_as_long() -> None:
 
 
 def test_ignores_oscillation_under_a_pilot() -> None:
-    swinging = Swinging(agile())
-    assert breaches(swinging, amplitude=0.3, frequency=1.5, seconds=5.0)
-    swinging.engage(False)
-    assert not breaches(swinging, amplitude=0.6, frequency=1.5, seconds=5.0)
-    swinging.engage(True)
-    assert not breaches(swinging, amplitude=0.0, frequency=1.0, seconds=5.0), "nothing is held"
+    monitor = OscillationMonitor(agile())
+    assert breaches(monitor, amplitude=0.3, frequency=1.5, seconds=5.0)
+    monitor.engage(False)
+    assert not breaches(monitor, amplitude=0.6, frequency=1.5, seconds=5.0)
+    monitor.engage(True)
+    assert not breaches(monitor, amplitude=0.0, frequency=1.0, seconds=5.0), "nothing is held"
 
 
 @pytest.mark.parametrize(
