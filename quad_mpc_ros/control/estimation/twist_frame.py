@@ -73,7 +73,7 @@ def _disagreement(
         1.0 / duration,
         kernels.plus(kernels.vector(p_after), kernels.scaled(-1.0, kernels.vector(p_before))),
     )
-    R_WB = kernels.rotation((q_WB_xyzw[0], q_WB_xyzw[1], q_WB_xyzw[2], q_WB_xyzw[3]))
+    R_WB = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
     world = kernels.vector(v)
     child = kernels.apply(R_WB, world)
     return (

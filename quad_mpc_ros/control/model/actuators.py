@@ -22,7 +22,7 @@ Actuators = tuple[float, float, float, float]
 @compiled
 def actuators_in(u: Array) -> Actuators:
     """Return throttle and rates (4,) as plain numbers."""
-    return u[0], u[1], u[2], u[3]
+    return u[0], u[1], u[2], u[-1]
 
 
 @compiled
@@ -60,5 +60,5 @@ def followed(kept: Actuators, y: Actuators, command: Actuators) -> Actuators:
         command[0] + kept[0] * (y[0] - command[0]),
         command[1] + kept[1] * (y[1] - command[1]),
         command[2] + kept[2] * (y[2] - command[2]),
-        command[3] + kept[3] * (y[3] - command[3]),
+        command[-1] + kept[-1] * (y[-1] - command[-1]),
     )

@@ -177,7 +177,7 @@ def substep(
 ) -> tuple[Body, Midpoint]:
     """Return the state after a substep under a command, and half way."""
     mean = followed(step.share, x.actuators, command)
-    half_turn = kernels.scaled(0.5 * step.dt, (mean[1], mean[2], mean[3]))
+    half_turn = kernels.scaled(0.5 * step.dt, mean[1:])
     half = kernels.exp(half_turn)
     R_mid = kernels.multiply(x.R, half)
     push = model.thrust_scale * ((model.a * mean[0] + model.b) * mean[0] + model.c)

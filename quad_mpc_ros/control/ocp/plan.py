@@ -46,7 +46,7 @@ def _mean_over(inputs: Array, begin: float, end: float) -> tuple[float, float, f
     last = len(inputs) - 1
     first = min(int(begin + _ROUNDING), last)
     if end <= first + 1 + _ROUNDING or first == last:
-        return inputs[first, 0], inputs[first, 1], inputs[first, 2], inputs[first, 3]  # exactly
+        return inputs[first, 0], inputs[first, 1], inputs[first, 2], inputs[first, -1]  # exactly
     a = b = c = d = 0.0
     for k in range(first, last + 1):
         until = end if k == last else min(end, k + 1.0)
@@ -54,7 +54,7 @@ def _mean_over(inputs: Array, begin: float, end: float) -> tuple[float, float, f
         a += share * inputs[k, 0]
         b += share * inputs[k, 1]
         c += share * inputs[k, 2]
-        d += share * inputs[k, 3]
+        d += share * inputs[k, -1]
         if until >= end:
             break
     return a, b, c, d

@@ -10,7 +10,7 @@ from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3, Vector4
 from quad_mpc_ros.control.config import LimitParameters, MpcConfig
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.state import TANGENT_SIZE
+from quad_mpc_ros.control.model.state import POSITION, TANGENT_SIZE
 
 
 class Settings(Record):
@@ -47,7 +47,7 @@ def settings_of(config: MpcConfig) -> RecordArray[Settings]:
     # The slope of the cost where the position is off by the distance at which the pull stays
     # the same, per 3 m/s.
     duration = config.horizon_steps * config.horizon_step
-    heaviest = max(config.terminal_weight, 1.0) * max(*config.Q[:3], 1e-9)
+    heaviest = max(config.terminal_weight, 1.0) * max(*config.Q[POSITION], 1e-9)
     given.steep = 3.0 * duration * heaviest * config.limits.pull_distance
     return settings
 

@@ -140,5 +140,5 @@ def _lean(q_WB_xyzw: Array, q_reference_xyzw: Array) -> tuple[float, float]:
 @compiled
 def _thrust_axis(q_xyzw: Array) -> kernels.Vector:
     """Return the body's z axis in the world."""
-    x, y, z, w = q_xyzw[0], q_xyzw[1], q_xyzw[2], q_xyzw[3]
+    x, y, z, w = kernels.quaternion_in(q_xyzw)
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
