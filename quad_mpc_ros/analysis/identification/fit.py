@@ -345,13 +345,20 @@ def _searched(model: ResponseModel, data: Measurements) -> Array:
     rate_cost, thrust_cost = np.empty((*shape, 3)), np.empty(shape)
     linear = np.empty((*shape, LINEAR_IN_VELOCITY.stop - LINEAR_IN_VELOCITY.start))
     constants = np.array(_TIME_CONSTANTS)
+    theta = np.zeros(model.parameters)
+    theta[RATE_GAIN] = theta[SCALE] = 1.0
+    if data.knows_voltage:
+        theta[EXPONENT] = data.compensated
     for j, delay in enumerate(_DELAYS):
+        theta[DELAY] = delay
         for i, tau in enumerate(_TIME_CONSTANTS):
-            off = measured - model.rates(rate_tau=tau, delay=delay)
+            theta[RATE_TAU] = tau
+            off = measured - model.rates(theta)
             rate_cost[i, j] = np.sum((off - off.mean(axis=0)) ** 2, axis=0)
-        best = constants[np.argmin(rate_cost[:, j], axis=0)]
+        theta[RATE_TAU] = constants[np.argmin(rate_cost[:, j], axis=0)]
         for i, tau in enumerate(_TIME_CONSTANTS):
-            left, columns = model.velocity_columns(rate_tau=best, thrust_tau=tau, delay=delay)
+            theta[THRUST_TAU] = tau
+            left, columns = model.velocity_columns(theta)
             A, b = columns.reshape(-1, columns.shape[-1]), left.ravel()
             linear[i, j] = np.linalg.lstsq(A, b, rcond=1e-6)[0]
             thrust_cost[i, j] = np.sum((b - A @ linear[i, j]) ** 2)
@@ -364,16 +371,10 @@ def _searched(model: ResponseModel, data: Measurements) -> Array:
     )
     j = int(np.argmin(total))
     i_thrust = int(np.argmin(thrust_cost[:, j]))
-    theta = np.zeros(model.parameters)
     theta[RATE_TAU] = constants[np.argmin(rate_cost[:, j], axis=0)]
-    theta[RATE_GAIN], theta[THRUST_TAU] = 1.0, _TIME_CONSTANTS[i_thrust]
-    theta[DELAY] = _DELAYS[j]
+    theta[THRUST_TAU], theta[DELAY] = _TIME_CONSTANTS[i_thrust], _DELAYS[j]
     theta[LINEAR_IN_VELOCITY] = linear[i_thrust, j]
-    theta[RATE_BIAS] = (measured - model.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])).mean(
-        axis=0
-    )
-    if data.knows_voltage:
-        theta[EXPONENT] = data.compensated
+    theta[RATE_BIAS] = (measured - model.rates(theta)).mean(axis=0)
     margin = 1e-3 * _SIZES[: len(theta)]
     return np.clip(theta, _LOWEST[: len(theta)] + margin, _HIGHEST[: len(theta)] - margin)
 
@@ -483,7 +484,7 @@ def _variances(H: Array, M: Array, sizes: Array) -> Array:
 
 
 def _rate_course(model: ResponseModel, data: Measurements, theta: Array) -> FittedCourse:
-    followed = model.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
+    followed = model.rates(theta)
     fitted = theta[RATE_GAIN] * followed + theta[RATE_BIAS]
     return FittedCourse(
         time=data.time[model.usable], measured=data.w_WB_B[model.usable], fitted=fitted
@@ -493,7 +494,7 @@ def _rate_course(model: ResponseModel, data: Measurements, theta: Array) -> Fitt
 def _specific_force(model: ResponseModel, data: Measurements, theta: Array) -> FittedCourse:
     """Return the specific force along the thrust axis (n, 1), averaged over a few odometries."""
     stride = max(1, round(_AVERAGED_OVER / data.period))
-    columns = model.fitted_increments(theta)
+    columns = model.increments(theta)
     interval = np.diff(data.time)
     fitted = columns @ theta[LINEAR_IN_VELOCITY]
     measured = np.diff(data.v_WB_W, axis=0)

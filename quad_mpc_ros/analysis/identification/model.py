@@ -102,22 +102,17 @@ class ResponseModel:
         # The last few are kept: a delay only shifts them.
         self._lag = functools.lru_cache(maxsize=8)(self._response)
 
-    def rates(self, *, rate_tau: ArrayLike, delay: float) -> Array:
-        """Return the modelled body rates (u, 3) [rad/s] of loops without a gain.
+    def rates(self, theta: Array) -> Array:
+        """Return the modelled body rates (u, 3) [rad/s] of loops without a gain."""
+        lag = self._lag("rate", _key(theta[RATE_TAU]))
+        return lag.at(self._data.time[self.usable] - theta[DELAY])
 
-        ``rate_tau`` [s] is one time constant or three.
-        """
-        lag = self._lag("rate", _key(rate_tau))
-        return lag.at(self._data.time[self.usable] - delay)
-
-    def thrust_impulse(
-        self, *, rate_tau: ArrayLike, rate_gain: ArrayLike = 1.0, thrust_tau: float, delay: float
-    ) -> tuple[Array, Array]:
+    def _thrust_impulse(self, theta: Array) -> tuple[Array, Array]:
         """Return what the modelled thrust adds to the velocity between odometries (n-1, 3).
 
         Second is the mean speed of the rotors there (n-1,), over that of hover.
         """
-        data, vehicle = self._data, self._data.vehicle
+        data, vehicle, delay = self._data, self._data.vehicle, theta[DELAY]
         edges = data.command_time + delay
         inside = edges[(edges > data.time[0]) & (edges < data.time[-1])]
         breaks = np.sort(np.concatenate((self._grid, inside)))
@@ -126,11 +121,11 @@ class ResponseModel:
         interval = np.clip(
             np.searchsorted(data.time, middle, side="right") - 1, 0, len(self._interval) - 1
         )
-        lag = self._lag("thrust", (thrust_tau,))
+        lag = self._lag("thrust", (theta[THRUST_TAU],))
         mean, mean_square = lag.means(start - delay, duration)
         a, b, c = vehicle.thrust_curve
         thrust = vehicle.motor_count * (a * mean_square + b * mean + c)[:, 0]
-        rates = _Rates(self._lag("rate", _key(rate_tau)), np.asarray(rate_gain))
+        rates = _Rates(self._lag("rate", _key(theta[RATE_TAU])), theta[RATE_GAIN])
         axis = self._thrust_axis(rates, delay, start, duration, interval)
         push = (duration * thrust / vehicle.mass)[:, None] * axis
         speed = np.sqrt(np.maximum(thrust, 0.0) / (vehicle.mass * vehicle.gravity))
@@ -164,62 +159,29 @@ class ResponseModel:
         turn += share[:, None] * (self._turn - whole)[interval]
         return np.asarray((self._data.R_WB[interval] @ so3.exp(turn))[..., 2])
 
-    def increments(
-        self,
-        *,
-        rate_tau: ArrayLike,
-        rate_gain: ArrayLike = 1.0,
-        thrust_tau: float,
-        delay: float,
-        scale: float = 1.0,
-        exponent: float | None = None,
-    ) -> Array:
+    def increments(self, theta: Array) -> Array:
         """Return the derivatives (n-1, 3, 10) of the velocity gained between odometries.
 
-        They are by the parameters of :class:`Linear`; the rotors turn as for a thrust ``scale``.
-        Without an ``exponent`` commands have compensated for all of the voltage.
+        They are by the parameters of :class:`Linear`.
         """
         columns = Linear.zeros(len(self._interval), 3)
-        columns["scale"], speed = self.thrust_impulse(
-            rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
-        )
-        if exponent is not None:
-            share = np.exp((exponent - self._data.compensated) * self._log_voltage)
+        columns["scale"], speed = self._thrust_impulse(theta)
+        if self._data.knows_voltage:
+            share = np.exp((theta[EXPONENT] - self._data.compensated) * self._log_voltage)
             columns["scale"] *= share[:, None]
             speed *= np.sqrt(share)
         columns["drag"], columns["lift"] = self._air
-        columns["rotor_drag"] = np.sqrt(scale) * speed[:, None, None] * columns["drag"]
+        columns["rotor_drag"] = np.sqrt(theta[SCALE]) * speed[:, None, None] * columns["drag"]
         for axis, along in enumerate(np.moveaxis(columns["acceleration"], -1, 0)):
             along[:, axis] = self._interval
         return np.asarray(columns).view(np.float64).reshape(*columns.shape, -1)
 
-    def velocity_columns(
-        self,
-        *,
-        rate_tau: ArrayLike,
-        rate_gain: ArrayLike = 1.0,
-        thrust_tau: float,
-        delay: float,
-    ) -> tuple[Array, Array]:
+    def velocity_columns(self, theta: Array) -> tuple[Array, Array]:
         """Return what the velocity is without thrust, and its derivatives (n, 3, 10).
 
         Both are relative to their windows; the derivatives are those of :meth:`increments`.
         """
-        columns = self.increments(
-            rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
-        )
-        return self._relative_to_windows(columns)
-
-    def fitted_increments(self, theta: Array) -> Array:
-        """Return the derivatives of :meth:`increments` for parameters (p,)."""
-        return self.increments(
-            rate_tau=theta[RATE_TAU],
-            rate_gain=theta[RATE_GAIN],
-            thrust_tau=theta[THRUST_TAU],
-            delay=theta[DELAY],
-            scale=theta[SCALE],
-            exponent=theta[EXPONENT] if self._data.knows_voltage else None,
-        )
+        return self._relative_to_windows(self.increments(theta))
 
     def _relative_to_windows(self, columns: Array) -> tuple[Array, Array]:
         fall = np.zeros((len(self._interval), 3))
@@ -245,9 +207,9 @@ class ResponseModel:
 
     def residuals(self, theta: Array) -> tuple[Array, Array]:
         """Return measured minus modelled body rates (u, 3) and velocities (n, 3)."""
-        modelled = self.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
+        modelled = self.rates(theta)
         rates = self._data.w_WB_B[self.usable] - theta[RATE_GAIN] * modelled - theta[RATE_BIAS]
-        left, columns = self._relative_to_windows(self.fitted_increments(theta))
+        left, columns = self.velocity_columns(theta)
         return rates, left - columns @ theta[LINEAR_IN_VELOCITY]
 
     def jacobians(self, theta: Array, *, difference: float = _DIFFERENCE) -> tuple[Array, Array]:
@@ -259,7 +221,7 @@ class ResponseModel:
         """
         rates = np.zeros((len(self.usable), 3, self.parameters))
         velocity = np.zeros((len(self._data.time), 3, self.parameters))
-        increments = self.fitted_increments(theta)
+        increments = self.increments(theta)
         _, columns = self._relative_to_windows(increments)
         velocity[:, :, LINEAR_IN_VELOCITY] = -columns
         by_speed = columns[:, :, _ROTORS] @ theta[ROTOR_DRAG]
@@ -269,10 +231,10 @@ class ResponseModel:
             by_power += 0.5 * increments[:, :, _ROTORS] @ theta[ROTOR_DRAG]
             by_power *= self._log_voltage[:, None]
             velocity[:, :, EXPONENT] = -self.relative(_summed(by_power))
-        modelled = self.rates(rate_tau=theta[RATE_TAU], delay=theta[DELAY])
+        modelled = self.rates(theta)
         above, below, span = _beside(theta, RATE_TAU, difference)
-        slower = self.rates(rate_tau=above[RATE_TAU], delay=theta[DELAY])
-        faster = self.rates(rate_tau=below[RATE_TAU], delay=theta[DELAY])
+        slower = self.rates(above)
+        faster = self.rates(below)
         by_tau = theta[RATE_GAIN] * (slower - faster) / span
         for axis in range(3):
             rates[:, axis, RATE_BIAS.start + axis] = -1.0
