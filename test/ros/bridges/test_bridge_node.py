@@ -285,7 +285,7 @@ def test_one_name_for_two_types_is_refused_in_one_line(
     monkeypatch.setattr(node_module, "_new", new)
     assert run_bridge(RosflightBridge, ["--ros-args", "-p", "mpc_command_topic:=command"]) == 2
     (line,) = capfd.readouterr().err.splitlines()
-    assert "/command is the stack's, of type rosflight_msgs/msg/Command, and ours" in line
+    assert "/command has the type rosflight_msgs/msg/Command in the stack" in line
 
 
 @pytest.mark.parametrize("namespace", ["/", "/ns_flight"])
