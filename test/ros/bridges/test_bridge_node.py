@@ -273,8 +273,8 @@ def test_messages_of_another_release_are_refused_in_one_line(
     assert run_bridge(OldBridge, ["--ros-args"]) == 2
     (line,) = capfd.readouterr().err.splitlines()
     assert line == (
-        "error: old_bridge: the installed std_srvs has no std_srvs/srv/Nonesuch, it is of another "
-        "release: build the release of the vehicle"
+        "error: old_bridge: the installed std_srvs has no std_srvs/srv/Nonesuch, it belongs to "
+        "another release: build the release of the vehicle"
     )
 
 
