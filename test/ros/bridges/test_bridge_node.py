@@ -273,8 +273,8 @@ def test_messages_of_another_release_are_refused_in_one_line(
     assert run_bridge(OldBridge, ["--ros-args"]) == 2
     (line,) = capfd.readouterr().err.splitlines()
     assert line == (
-        "error: old_bridge: the installed std_srvs has no std_srvs/srv/Nonesuch, it is of another "
-        "release: build the release of the vehicle"
+        "error: old_bridge: the installed std_srvs has no std_srvs/srv/Nonesuch, it belongs to "
+        "another release: build the release of the vehicle"
     )
 
 
@@ -288,7 +288,7 @@ def test_one_name_for_two_types_is_refused_in_one_line(
         == 2
     )
     (line,) = capfd.readouterr().err.splitlines()
-    assert "/command is the stack's, of type rosflight_msgs/msg/Command, and ours" in line
+    assert "/command has the type rosflight_msgs/msg/Command in the stack" in line
 
 
 @pytest.mark.parametrize("namespace", ["/", "/ns_flight"])
