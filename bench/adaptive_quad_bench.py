@@ -205,9 +205,9 @@ class Craft:
     def __init__(self, assumed: SimulatorConfig, trial: Trial) -> None:
         """``assumed`` is the vehicle as the autopilot has it."""
         self._trial = trial
-        self._loop, self._mix = rate_loop.loop_vector(assumed), mixing(assumed.rotors)
-        self._memory = np.zeros(rate_loop.MEMORY_SHAPE)
-        self._command, self._speeds = np.zeros(4), np.zeros(4)
+        self._loop, self._mix = rate_loop.loop_of(assumed), mixing(assumed.rotors)
+        self._memory = rate_loop.begun(np.zeros(3), self._loop)
+        self._throttle, self._rates, self._speeds = 0.0, np.zeros(3), np.zeros(4)
         self._turn_ns = round(1e9 / assumed.rate_loop.rate)
         self._random = np.random.RandomState(trial.noise_seed)
         self._body = multirotor(trial.efficiency)
@@ -221,7 +221,6 @@ class Craft:
             "wind": np.zeros(3),
             "rotor_speeds": np.zeros(4),
         }
-        rate_loop.begin(self._memory, w_WB_B=np.zeros(3), loop=self._loop)
 
     @property
     def rotor_speeds(self) -> Array:
@@ -230,7 +229,7 @@ class Craft:
 
     def apply(self, command: CommandSample) -> None:
         """Take a command that acts now."""
-        self._command[0], self._command[1:] = command.throttle, command.w_WB_B
+        self._throttle, self._rates = float(command.throttle), command.w_WB_B.copy()
 
     def advance_to(self, time_ns: int) -> None:
         """Move to a time in turns of the rate loop."""
@@ -238,11 +237,12 @@ class Craft:
             if self._time_ns % PERIOD_NS == 0:
                 self._disturb()
             rate_loop.run(
-                self._memory,
+                self._memory[()],
                 w_WB_B=self._state["w"],
-                command=self._command,
+                throttle=self._throttle,
+                rates=self._rates,
                 stands=False,
-                loop=self._loop,
+                loop=self._loop[()],
                 mix=self._mix,
                 out=self._speeds,
             )

@@ -57,7 +57,7 @@ def generate_launch_description() -> LaunchDescription:
                 "one_process",
                 default_value="true",
                 choices=SWITCH,
-                description="run the nodes in one process, which takes a third of the memory",
+                description="run the nodes in one process, which takes less memory",
             ),
             OpaqueFunction(function=_nodes),
         ]

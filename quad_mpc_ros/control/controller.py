@@ -139,23 +139,23 @@ class Controller:
         answered = self.receive_reference(reference, now_ns=now_ns)
         return self.receive_odometry(odometry, now_ns=now_ns) or answered
 
-    def receive_odometry(
-        self, odometry: OdometrySample, *, now_ns: int, believed: bool = False
-    ) -> Tick | None:
+    def check_stamps(self, wanted: bool) -> None:
+        """Compare stamps with arrivals, or not, as of a recorded odometry known to be accepted."""
+        self._supervisor.inputs.gate.checks_stamps = wanted
+
+    def receive_odometry(self, odometry: OdometrySample, *, now_ns: int) -> Tick | None:
         """Take an odometry, which may trigger a tick.
 
         Args:
             odometry: The state of the vehicle.
             now_ns: When it arrived [ns], by any clock that runs evenly; not read in lockstep.
-            believed: Whether its stamp is known to fit its arrival, as that of a flight that is
-                resolved and in which it was answered.
 
         Returns:
             The tick, with the command to send; None if the odometry is refused or none is due.
         """
         if self._config.lockstep:
             now_ns = odometry.stamp_ns
-        accepted = self._supervisor.accept_odometry(odometry, now_ns=now_ns, believed=believed)
+        accepted = self._supervisor.accept_odometry(odometry, now_ns=now_ns)
         if accepted is None:
             return None
         if self._config.lockstep:

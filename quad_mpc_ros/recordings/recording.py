@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Collection, Mapping
 from functools import cached_property, partial
 from pathlib import Path
@@ -164,18 +165,17 @@ class Recording:
         takers: dict[Topic, Taker] = {
             REFERENCE: _into(windows, conversions.reference_from_message),
             COMMAND: _into(commands, conversions.command_from_message),
-            ENGAGED: lambda m: engagements.append(_bool(m)),
-            LANDED: lambda m: landings.append(_bool(m)),
-            ODOMETRY_RESET: _values(
-                conversions.reset_from_message,
-                lambda message, reset: resets.append(_received(message, reset)),
-            ),
+            ENGAGED: _appended(engagements, lambda m: bool(m.data)),
+            LANDED: _appended(landings, lambda m: bool(m.data)),
+            ODOMETRY_RESET: _appended(resets, conversions.reset_from_message),
             STATS: self._figures(stats),
             PARAMETER_EVENTS: self._changes(changes),
         }
         takers = {topic: takers[topic] for topic in topics if topic is not BATTERY}
         if BATTERY in topics and (battery := self._battery(names.battery)) is not None:
-            takers[battery], named[battery] = _voltages_into(voltages), battery.name
+            voltage_of = operator.attrgetter(VOLTAGE_FIELDS[battery.type_name])
+            takers[battery] = _appended(voltages, lambda m: float(voltage_of(m)))
+            named[battery] = battery.name
         if names.pose:
             takers[POSE] = _into(poses, odometry_of_pose)
             takers[TWIST] = _into(twists, odometry_of_twist)
@@ -346,19 +346,9 @@ def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], Non
     return take
 
 
-def _voltages_into(voltages: list[logs.Received[float]]) -> Taker:
-    """Return what appends the voltages [V] of a battery."""
-
-    def take(message: RecordedMessage) -> None:
-        voltage = float(getattr(message.message, VOLTAGE_FIELDS[message.type_name]))
-        voltages.append(_received(message, voltage))
-
-    return take
-
-
-def _bool(message: RecordedMessage) -> logs.Received[bool]:
-    """Return the value of a ``std_msgs/Bool``."""
-    return _received(message, bool(message.message.data))
+def _appended(values: list[logs.Received[T]], convert: Callable[[Any], T]) -> Taker:
+    """Return what appends the values of messages to a list."""
+    return _values(convert, lambda message, value: values.append(_received(message, value)))
 
 
 def _received(message: RecordedMessage, value: T) -> logs.Received[T]:

@@ -26,7 +26,7 @@ class CircleParameters(TrajectoryParameters):
 
 
 class Circle:
-    """The circle, round and round; at t = 0 in full motion, east of its origin."""
+    """The circle, repeated; at t = 0 in full motion, east of its origin."""
 
     periodic = True
 

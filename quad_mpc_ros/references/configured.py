@@ -1,7 +1,4 @@
-"""From a configuration, or a message, to the trajectory that it asks for.
-
-A configured one is judged against the vehicle's limits.
-"""
+"""Trajectories from a configuration, judged against the vehicle's limits, or a message."""
 
 from __future__ import annotations
 
@@ -32,11 +29,11 @@ _MOST_POINTS, _LONGEST = 1000, 600.0  # s
 def configured_trajectory(
     config: ReferenceConfig, *, read_bag: point_table.BagReader | None = None
 ) -> Trajectory:
-    """Return the trajectory that a configuration asks for, slowed down if it says so.
+    """Return the configured trajectory, slowed down with ``time_scaling`` ``auto``.
 
     Raises :class:`UserError` for input that gives no trajectory, and for a smooth one that the
-    vehicle cannot fly, with where and by how much. One that jumps is feasible for no vehicle and
-    not refused: it is there to test controllers.
+    vehicle cannot fly, with where and by how much. One that jumps is feasible for no vehicle but
+    accepted: it is there to test controllers.
     """
     return _approved(*judged_trajectory(config, read_bag=read_bag), config)
 
@@ -72,9 +69,9 @@ def _judged(made: Path | Trajectory, config: ReferenceConfig) -> tuple[Trajector
 
 
 def _quickest(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict] | None:
-    """Return the trajectory of the least slowed path that is feasible, or None.
+    """Return the trajectory of the path slowed down least that is feasible, or None.
 
-    The factor of time is searched for from 1 upwards, then by bisection.
+    The factor is searched from 1 upwards, then by bisection.
     """
     factor, found = 1.0, _feasible(Slowed(path, 1.0), config)
     while found is None:
@@ -103,13 +100,7 @@ def _feasible(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]
 
 def _flown(path: Path, config: ReferenceConfig) -> tuple[Trajectory, Verdict]:
     try:
-        trajectory = FlatTrajectory(
-            path,
-            gravity=config.gravity,
-            drag=config.drag,
-            rotor_drag=config.rotor_drag,
-            yaw=config.yaw,
-        )
+        trajectory = FlatTrajectory.of(config, path, yaw=config.yaw)
     except ValueError as error:
         raise _refusal(config, str(error)) from error
     return trajectory, judged(trajectory, config)
@@ -122,13 +113,13 @@ def _approved(trajectory: Trajectory, verdict: Verdict, config: ReferenceConfig)
 
 
 def _refusal(config: ReferenceConfig, reason: str) -> ConfigurationError:
-    """Return the error of a trajectory that the vehicle cannot fly, with what to do."""
+    """Return the error for a trajectory that the vehicle cannot fly, with advice."""
     if not config.entry().scalable:
         advice = f"change the parameters of {config.trajectory}"
     elif config.time_scaling == "none":
         advice = "slow it down, or set time_scaling to auto"
     else:
-        advice = "however slow"
+        advice = "no slowing down helps"
     return ConfigurationError(
         f"{config.owner}.trajectory",
         config.trajectory,
@@ -139,9 +130,9 @@ def _refusal(config: ReferenceConfig, reason: str) -> ConfigurationError:
 def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> FlatTrajectory:
     """Return the trajectory through the points of a message, at their times, from rest to rest.
 
-    Positions and headings count; everything else follows from them by flatness. Few points are
-    flown through by the path of least snap, more are smoothed as a table is. Raises
-    :class:`UserError` or ``ValueError`` with the reason for what is no trajectory.
+    Positions and yaw are used; everything else follows by flatness. Few points are joined by the
+    path of minimum snap, more are smoothed like a table. Raises :class:`UserError` or
+    ``ValueError`` for what is no trajectory.
     """
     count = len(window.offset_ns)
     if not 2 <= count <= _MOST_POINTS:
@@ -164,10 +155,7 @@ def received_trajectory(window: ReferenceWindow, config: ReferenceConfig) -> Fla
         raise UserError(f"it takes {seconds[-1] - seconds[0]:g} s, expected at most {_LONGEST:g}")
     R_WB = so3.rotation_from_quaternion_xyzw(window.q_WB_xyzw)
     yaw = np.unwrap([yaw_of(R) for R in R_WB])
-    path = _through(seconds - seconds[0], window.p_WB, yaw, config)
-    return FlatTrajectory(
-        path, gravity=config.gravity, drag=config.drag, rotor_drag=config.rotor_drag
-    )
+    return FlatTrajectory.of(config, _through(seconds - seconds[0], window.p_WB, yaw, config))
 
 
 def _through(seconds: Array, p_WB: Array, yaw: Array, config: ReferenceConfig) -> Path:

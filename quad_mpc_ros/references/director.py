@@ -1,14 +1,13 @@
-"""Who is to fly what, when: take-off, hold, the trajectory, a goal, landing.
+"""What is flown when: take-off, hold, the trajectory, a goal, landing.
 
-A state machine over a :class:`Timeline`, told the time and without ROS. Every request either is
-accepted, and then what it asks for is joined to the present reference without a jump, or is
-refused with the reason and changes nothing: a transition is judged against the vehicle's limits
-as a trajectory is. Only to come to rest and to land is never refused in the air: what exceeds a
-limit least is flown then, and what is upside down first flies on until it is not.
+A state machine over a :class:`Timeline`, given the time and without ROS. A request is either
+accepted, and joined to the present reference without a jump, or refused with the reason, and
+changes nothing: a transition is judged against the vehicle's limits like a trajectory. Only hold
+and land are never refused in the air: then the transition that exceeds a limit least is flown, and
+a vehicle that is upside down first continues until it is not.
 
-On the ground the reference rests ``IDLE_DEPTH`` below it. That is more than a controller needs to
-give up all thrust, and so the motors idle; should the vehicle not stand there after all, it sinks
-by that depth and no further.
+On the ground the reference rests below it, so that the motors idle
+(``control/estimation/ground.py``).
 """
 
 from __future__ import annotations
@@ -19,30 +18,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quad_mpc_ros.control.estimation.ground import stay_down
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.feasibility import Verdict, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.minimum_snap import End, Leg
-from quad_mpc_ros.references.path import Path, Rest, Straight
+from quad_mpc_ros.references.path import Rest, Straight
 from quad_mpc_ros.references.timeline import Phase, Timeline
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.transition import FlatState, flat_state_of, transition
 
 GROUND, TAKEOFF, HOLD = "ground", "takeoff", "hold"
 GOING, TRACKING, LANDING = "going", "tracking", "landing"
-IDLE_DEPTH = 0.5  # m; with 0.3 m both formulations command no throttle
 _VERTICAL_SPEED = 1.0  # m/s, from and to the ground
 _FLARE = 0.5  # m above the ground: from here on down at the touchdown speed
 _YAW_SHARE = 0.5  # of the limit
-_GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)  # shares of the acceleration, for who has to come to rest
+_GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)  # shares of the acceleration, to come to rest
 _UPRIGHT_STEP_NS, _UPRIGHT_WITHIN_NS = 20_000_000, 10_000_000_000
 _LATER_NS, _LATER_TRIALS = 100_000_000, 6
 _UPSIDE_DOWN = 1e3  # worse than any excess
 _BEFORE_ALL = -(2**62)
 _RESTS = 0.05  # m/s: it need not come to rest
-_STOP_PEAK = 1.9  # greatest acceleration of a stop over the mean, and a little
+_STOP_PEAK = 1.9  # a little above the peak of a stop's acceleration over its mean
 _SHORTEST_STOP = 0.5  # s
 
 _Wanted = tuple[str, FlatState, FlatState]
@@ -51,7 +50,7 @@ _Wanted = tuple[str, FlatState, FlatState]
 
 @dataclass(frozen=True, kw_only=True)
 class Reply:
-    """Whether a request was accepted, and what is done or why not."""
+    """Whether a request was accepted, and what follows or why not."""
 
     accepted: bool
     text: str
@@ -68,13 +67,13 @@ class Director:
         self.ground = ground
         """Its height [m]."""
         self.too_late: Callable[[int], bool] = lambda start_ns: False
-        """Whether it is too late to follow what begins at a time, asked when it is planned."""
+        """Whether it is too late to begin at a time; checked once a plan is ready."""
         self.timeline = Timeline(first)
 
     @classmethod
     def standing(cls, config: ReferenceConfig, *, p_WB: Array, yaw: float) -> Director:
         """Return the director of a vehicle that stands on the ground at ``p_WB`` (3,) [m]."""
-        rest = _at_rest(config, _below(p_WB), yaw)
+        rest = _at_rest(config, stay_down(p_WB), yaw)
         first = Phase(start_ns=_BEFORE_ALL, name=GROUND, trajectory=rest)
         return cls(config, first, ground=float(p_WB[2]))
 
@@ -88,17 +87,17 @@ class Director:
     def stopping(
         cls, config: ReferenceConfig, start: FlatState, *, start_ns: int, ground: float
     ) -> Director:
-        """Return the director of a vehicle that flies in a state, and is to come to rest."""
+        """Return the director of a vehicle in flight that comes to rest."""
         assert start.end.p_WB is not None
         here = _at_rest(config, start.end.p_WB, start.yaw)
         director = cls(
             config, Phase(start_ns=_BEFORE_ALL, name=HOLD, trajectory=here), ground=ground
         )
         speed = float(np.linalg.norm(start.end.v_WB_W))
-        if speed > _RESTS:  # at once and not as quickly as can be: asked for at every window
+        if speed > _RESTS:  # closed form, not the quickest: it is planned at every window
             seconds = max(_STOP_PEAK * speed / config.max_acceleration, _SHORTEST_STOP)
             path = Leg(start.end, End.at_rest(None), duration=seconds)
-            leg = _flat(config, path, start.yaw)
+            leg = FlatTrajectory.of(config, path, yaw=start.yaw)
             phase = Phase(start_ns=start_ns, name=GOING, trajectory=leg)
             director._follow(start_ns, [phase], HOLD, None)
         return director
@@ -108,17 +107,17 @@ class Director:
         return self.timeline.phase(now_ns).name
 
     def moved(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
-        """Tell where the vehicle stands that was carried over the ground."""
+        """Take where a vehicle stands that was carried over the ground."""
         if self.mode(now_ns) == GROUND:
             self.ground = float(p_WB[2])
-            rest = _at_rest(self._config, _below(p_WB), yaw)
+            rest = _at_rest(self._config, stay_down(p_WB), yaw)
             self.timeline.follow([Phase(start_ns=now_ns, name=GROUND, trajectory=rest)])
 
     def reset_estimate(self, now_ns: int, reset: EstimateReset) -> bool:
-        """Take an announced step of the estimate; return whether what is flown moves along.
+        """Take an announced step of the estimate; return whether the reference moves along.
 
-        What is held does, and take-off and landing: they are where the vehicle is. A trajectory
-        or a goal was given in the coordinates of the world, and stays there.
+        Hold, take-off and landing do, as they are relative to the vehicle. A trajectory or a goal
+        was given in world coordinates, and stays there.
         """
         self.ground += float(reset.step_W[2])
         moves = self.mode(now_ns) in (GROUND, TAKEOFF, HOLD, LANDING)
@@ -139,14 +138,14 @@ class Director:
         return self._go(now_ns, [(TAKEOFF, start, goal)], then=HOLD)
 
     def fly(self, now_ns: int, trajectory: Trajectory) -> Reply:
-        """Go to the beginning of a trajectory, in the motion that it begins with, and fly it."""
+        """Go to the beginning of a trajectory, matching its initial motion, and fly it."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "start")
         legs = [(GOING, flat_state_of(self.timeline, now_ns), flat_state_of(trajectory, 0))]
         return self._go(now_ns, legs, then=TRACKING, trajectory=trajectory)
 
     def hold(self, now_ns: int) -> Reply:
-        """Come to rest as soon as the limits let it, and stay there."""
+        """Come to rest as soon as the limits allow, and stay there."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "hold")
         stop = self._stop(now_ns, GOING)
@@ -162,7 +161,7 @@ class Director:
         return self._go(now_ns, legs, then=HOLD)
 
     def land(self, now_ns: int) -> Reply:
-        """Come to rest, descend to the ground where that is, and sink until it is touched."""
+        """Come to rest, descend, and sink until the touchdown."""
         if not self._airborne(now_ns):
             return self._refused(now_ns, "landing")
         stop = self._stop(now_ns, LANDING)
@@ -175,10 +174,12 @@ class Director:
                 start_ns=stop.start_ns + stop.trajectory.period_ns, name=LANDING, trajectory=leg
             ),
         ]
-        # A leg that is too low for a descent ends wherever it has the speed to sink.
+        # A leg that is too low for a descent ends where it has reached the speed of sinking.
         lowest = planned[-1].trajectory.at([planned[-1].trajectory.period_ns - 1]).p_WB[0]
         down = Straight(lowest, v_WB_W=sinking.end.v_WB_W)
-        reply = self._follow(now_ns, planned, LANDING, _flat(self._config, down, above.yaw))
+        reply = self._follow(
+            now_ns, planned, LANDING, FlatTrajectory.of(self._config, down, yaw=above.yaw)
+        )
         if not reply.accepted:
             return reply
         still = max(float(lowest[2]) - self.ground, 0.0) / self._config.touchdown_speed
@@ -191,15 +192,15 @@ class Director:
             return self._refused(now_ns, "touchdown")
         self.ground = float(p_WB[2])
         start = flat_state_of(self.timeline, now_ns)
-        below = FlatState.at_rest(_below(p_WB), yaw=start.yaw)
+        below = FlatState.at_rest(stay_down(p_WB), yaw=start.yaw)
         return self._go(now_ns, [(LANDING, start, below)], then=GROUND)
 
     def is_sinking(self, now_ns: int) -> bool:
-        """Return whether a landing is under way that no touchdown has ended."""
+        """Return whether a landing is in progress, without a touchdown yet."""
         return self.mode(now_ns) == LANDING == self.timeline.last.name
 
     def resting_height(self, now_ns: int) -> float:
-        """Return the height [m] to keep: where it rests or will, else the present one."""
+        """Return the height [m] to keep: where it rests or will rest, else the present one."""
         last = self.timeline.last
         if self.mode(now_ns) == LANDING:
             return self.ground + self._config.takeoff_height
@@ -207,7 +208,7 @@ class Director:
         return float(self.timeline.at([max(time_ns, now_ns)]).p_WB[0, 2])
 
     def _sinking(self, above: FlatState) -> FlatState:
-        """Return the flat state in which a landing from a rest above goes on to sink."""
+        """Return the flat state in which a landing from a rest above begins to sink."""
         assert above.end.p_WB is not None
         flare = np.array([*above.end.p_WB[:2], self.ground + _FLARE])
         rest = End.at_rest(flare if above.end.p_WB[2] > flare[2] + _FLARE else None)
@@ -228,7 +229,7 @@ class Director:
     ) -> Reply:
         """Follow phases, and then a trajectory under a name, or stay where the last one ends.
 
-        What took longer to plan than until it was to begin is not followed.
+        A plan that took longer than until its beginning is refused.
         """
         if self.too_late(now_ns):
             return TOO_LATE
@@ -248,23 +249,23 @@ class Director:
         phases, time_ns = [], now_ns
         for name, start, goal in legs:
             if start.inverted:
-                return Reply(accepted=False, text="not while upside down: ask again")
+                return Reply(accepted=False, text="not while upside down: try again")
             try:
                 leg = self._leg(name, start, goal)
             except ValueError as error:
-                return Reply(accepted=False, text=f"no way there: {error}")
+                return Reply(accepted=False, text=f"no feasible way there: {error}")
             reason = self._objection(name, leg)
             if reason:
-                return Reply(accepted=False, text=f"no way there: {reason}")
+                return Reply(accepted=False, text=f"no feasible way there: {reason}")
             phases.append(Phase(start_ns=time_ns, name=name, trajectory=leg))
             time_ns += leg.period_ns
         return phases
 
     def _stop(self, now_ns: int, name: str) -> Phase:
-        """Return the phase that leads to rest: what exceeds the limits least, and soon.
+        """Return the phase that leads to rest soon and exceeds the limits least.
 
-        It begins when the reference is not upside down, and a little later if it would else turn
-        upside down again.
+        It begins when the reference is not upside down, or a little later if it would otherwise
+        turn upside down again.
         """
         first_ns = self._upright_from(now_ns)
         stops = [self._stop_from(first_ns, name)]
@@ -275,7 +276,7 @@ class Director:
         return min(stops, key=lambda stop: stop[0])[1]
 
     def _stop_from(self, begin_ns: int, name: str) -> tuple[float, Phase]:
-        """Return the best way to rest from a time on, and by how much it exceeds the limits."""
+        """Return by how much the best way to rest from a time on exceeds the limits, and it."""
         start = flat_state_of(self.timeline, begin_ns)
         rest = FlatState.at_rest(None, yaw=start.yaw)
         found: list[tuple[float, FlatTrajectory]] = []
@@ -295,17 +296,17 @@ class Director:
         return now_ns
 
     def _excess(self, name: str, leg: FlatTrajectory) -> float:
-        """Return by how much of a limit a leg exceeds the limits in all; 0 if it can be flown."""
+        """Return the sum of the relative excesses over the limits; 0 for a feasible leg."""
         needs = self._judged(name, leg).exceeded
         share = sum(abs(need.margin) / max(abs(need.limit), 1.0) for need in needs)
         return float(share) + (0.0 if leg.upright else _UPSIDE_DOWN)
 
     def _objection(self, name: str, leg: FlatTrajectory) -> str:
-        """Return why a leg cannot be flown, or nothing."""
+        """Return why a leg cannot be flown, or an empty string."""
         verdict = self._judged(name, leg)
         if not verdict.feasible:
             return verdict.reason()
-        return "" if leg.upright else "it would have to be flown upside down"
+        return "" if leg.upright else "it leads through upside down"
 
     def _judged(self, name: str, leg: FlatTrajectory) -> Verdict:
         ground = -np.inf if _is_vertical(name) else self.ground
@@ -314,7 +315,7 @@ class Director:
     def _leg(
         self, name: str, start: FlatState, goal: FlatState, *, share: float = 1.0
     ) -> FlatTrajectory:
-        """Return a leg with a ``share`` of the acceleration that a request may ask for."""
+        """Return a leg with a ``share`` of ``max_acceleration``."""
         path = transition(
             start,
             goal,
@@ -324,7 +325,7 @@ class Director:
             max_acceleration=share * self._config.max_acceleration,
             max_yaw_rate=_YAW_SHARE * self._config.trajectory_omega_max[2],
         )
-        return _flat(self._config, path, 0.0)
+        return FlatTrajectory.of(self._config, path)
 
     def _airborne(self, now_ns: int) -> bool:
         return self.mode(now_ns) != GROUND
@@ -334,23 +335,12 @@ class Director:
 
 
 def _is_vertical(name: str) -> bool:
-    """Return whether a leg leads from or to the ground, and slowly."""
+    """Return whether a leg leads from or to the ground, slowly."""
     return name in (TAKEOFF, LANDING)
 
 
-def _below(p_WB: Array) -> Array:
-    """Return where the reference rests while the vehicle stands on the ground."""
-    return np.asarray(p_WB - [0.0, 0.0, IDLE_DEPTH])
-
-
 def _at_rest(config: ReferenceConfig, p_WB: Array, yaw: float) -> FlatTrajectory:
-    return _flat(config, Rest(p_WB, duration=1.0), yaw)
-
-
-def _flat(config: ReferenceConfig, path: Path, yaw: float) -> FlatTrajectory:
-    return FlatTrajectory(
-        path, gravity=config.gravity, drag=config.drag, rotor_drag=config.rotor_drag, yaw=yaw
-    )
+    return FlatTrajectory.of(config, Rest(p_WB, duration=1.0), yaw=yaw)
 
 
 def _end_of(trajectory: Trajectory) -> FlatState:

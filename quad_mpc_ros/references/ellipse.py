@@ -1,8 +1,8 @@
-"""An ellipse, level or upright, flown round and round with the nose wherever it is wanted.
+"""An ellipse, level or upright, with a choice of headings.
 
-Of the angle w t, with semi-axes A and B around the origin: x = A sin(w t), and B cos(w t) is how
-far north it is, or with an upright ellipse how high. On a level one the nose may look at the
-centre or along the way: both directions follow from the path in closed form, without jumps.
+With semi-axes A and B around the origin, x = A sin(w t), and y, or z of an upright one, is
+B cos(w t). On a level one the nose may point to the centre or along the path: both headings follow
+from the path in closed form, without jumps.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class EllipseParameters(TrajectoryParameters):
     )
 
     def check(self) -> None:
-        """Refuse a heading that an upright ellipse does not tell."""
+        """Refuse a heading that an upright ellipse does not define."""
         super().check()
         if self.ellipse_plane == "vertical" and self.ellipse_heading != "fixed":
             raise ConfigurationError(
@@ -61,7 +61,7 @@ class EllipseParameters(TrajectoryParameters):
 
 
 class Ellipse:
-    """The ellipse, round and round; at t = 0 in full motion eastwards, at +B."""
+    """The ellipse, repeated; at t = 0 in full motion eastwards, at +B."""
 
     periodic = True
 
@@ -103,7 +103,7 @@ class Ellipse:
         return direction - math.pi, rate
 
     def _direction(self, angle: Array) -> tuple[Array, Array]:
-        """Return where (A sin, B cos) points, continuously, and how fast that turns."""
+        """Return the continuous direction of (A sin, B cos), and its rate."""
         a, b = self._semi_axes
         s, c = np.sin(angle), np.cos(angle)
         ahead = np.arctan2((a - b) * s * c, a * s * s + b * c * c)

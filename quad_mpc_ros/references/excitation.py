@@ -1,11 +1,11 @@
-"""A flight that tells what a vehicle is like: sweeps along all axes at once about one place.
+"""A flight for identification: frequency sweeps along all axes at once about one position.
 
-Each of x, y, z and the turn about body z is an oscillation whose frequency sweeps between the
-lowest that its bounds let fill its reach and a highest one: slow and wide, where drag shows, to
-quick and small, where lags and delay do. x sweeps upwards, y downwards, z up and down, the turn
-down and up, so that no two go alike for long. The amplitude is what reach, speed and acceleration
-leave at each frequency; all begins and ends at rest. Positions are made first, and a spline
-through them has the derivatives.
+Each of x, y, z and the turn about body z oscillates with a frequency that sweeps between the
+lowest at which its bounds let it fill its reach, and a highest: slow and wide, which shows drag,
+to fast and small, which shows lags and delay. x sweeps upwards, y downwards, z up and down, the
+turn down and up, so that no two coincide for long. The amplitude follows from reach, speed and
+acceleration at each frequency; everything begins and ends at rest. Positions are sampled first,
+and a spline through them has the derivatives.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from quad_mpc_ros.references.trajectory import TrajectoryParameters
 
 _PER_PERIOD, _FEWEST = 48, 100.0  # samples of the quickest oscillation, and in a second
 _RAMP, _LARGEST_RAMP = 2.0, 0.25  # s, share of the whole
-_CORNER = 8.0  # how sharply the least of the bounds is taken
+_CORNER = 8.0  # sharpness of the smooth minimum over the bounds
 _YAW_SHARE = 0.3  # of the highest frequency: yaw is weak
-_SLOWLY = 3.0  # the larger, the longer x, y and z are slow
+_SLOWLY = 3.0  # larger: x, y and z stay slow for longer
 _BEGIN = {"x": 0.0, "y": 0.0, "z": 0.5 * math.pi, "yaw": 0.0}  # phases
 _ROUNDS = 4
 
@@ -138,8 +138,8 @@ class _Sweeps:
     def yaw(self, places: Array) -> Array:
         """Return the yaw (n,) [rad] at places (n, 3) [m] for a sweep about the body's z axis.
 
-        Of a body that tilts to and fro in turning directions the heading turns by itself, which
-        a vehicle with little torque about z could not prevent as quickly.
+        The heading of a body that tilts in changing directions turns by itself, which a vehicle
+        with little torque about z could not prevent as quickly.
         """
         config = self._config
         turns = self._within(
@@ -150,7 +150,7 @@ class _Sweeps:
         force = self._force(places)
         x, y, z = (force / np.linalg.norm(force, axis=1, keepdims=True)).T
         added = np.cumsum((x * np.gradient(y) - y * np.gradient(x)) / (1.0 + z))
-        # Slowly it turns back, so that it ends with the heading that it began with.
+        # It slowly turns back to the initial heading.
         back = SmoothTurn(-float(added[-1]), duration=self.duration).at(self.seconds)[0]
         return np.asarray(turns + added + back)
 
@@ -161,10 +161,10 @@ class _Sweeps:
         return self._within(axis, bounds, highest=config.excitation_frequency)
 
     def _within(self, axis: str, bounds: tuple[float, ...], *, highest: float) -> Array:
-        """Return a sweep (n,) whose value and first two derivatives stay within bounds."""
+        """Return a sweep (n,) with value and first two derivatives within bounds."""
         share, step = self._shares[axis], self.seconds[1]
         reach, speed, acceleration = bounds
-        # Slower than this nothing but the reach would bound it.
+        # Below this frequency only the reach limits it.
         slowest = min(speed / reach, math.sqrt(acceleration / reach))
         quickest = max(math.tau * highest, slowest)
         frequency = slowest * (quickest / slowest) ** share

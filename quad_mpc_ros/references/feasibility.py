@@ -1,7 +1,7 @@
-"""Whether a vehicle can fly a trajectory: what it needs along the whole way, against the limits.
+"""Whether a vehicle can fly a trajectory: its needs along the whole way, against the limits.
 
-The throttle is that of the thrust along the body's z axis which Newton's law asks for, with drag;
-the body rates are the trajectory's own. Both are looked at every 2 ms, or a thousand times in all.
+The throttle is that of the thrust along the body's z axis by Newton's law, with drag; the body
+rates are the trajectory's own. Both are checked every 2 ms, or a thousand times in all.
 """
 
 from __future__ import annotations
@@ -102,10 +102,7 @@ class Needs:
 
 @dataclass(frozen=True, kw_only=True)
 class Need:
-    """The worst of one need: its value and time [s], and the limit it is held against.
-
-    ``margin`` is what is left to the limit, negative where it is exceeded.
-    """
+    """The worst of one need: its value and time [s], its limit, and the margin to the limit."""
 
     name: str
     unit: str
@@ -115,7 +112,7 @@ class Need:
     margin: float
 
     def complaint(self) -> str:
-        """Return what is wrong and where: ``'highest throttle 1.08 at 2.31 s, 0.08 beyond …'``."""
+        """Return a line like ``'highest throttle 1.08 at 2.31 s, 0.08 beyond …'``."""
         return (
             f"{self.name} {self.worst:.4g}{self.unit} at {self.time:.3f} s, "
             f"{-self.margin:.3g}{self.unit} beyond the limit of {self.limit:.4g}{self.unit}"
@@ -142,7 +139,7 @@ class Verdict:
         return tuple(need for need in self.needs if not need.margin >= 0.0)
 
     def reason(self) -> str:
-        """Return why it is not feasible, or nothing."""
+        """Return why it is not feasible, or an empty string."""
         complaints = [need.complaint() for need in self.exceeded]
         if self.jumps:
             complaints.append(f"{len(self.jumps)} jumps, the first at {self.jumps[0]:.3f} s")
@@ -150,7 +147,7 @@ class Verdict:
 
 
 def judged(trajectory: Trajectory, limits: LimitParameters, *, ground: float = 0.0) -> Verdict:
-    """Return the verdict on a trajectory, once through or once round; a second of a rest.
+    """Return the verdict on a trajectory over its duration or period; a second of a rest.
 
     ``ground`` [m] is the height of the ground.
     """
@@ -160,7 +157,7 @@ def judged(trajectory: Trajectory, limits: LimitParameters, *, ground: float = 0
     step = max(step, -(-period // _MOST_SAMPLES), 1)
     times = [*range(0, period, step), period]
     needs = needs_of(trajectory.at(times), vehicle, seconds=1e-9 * np.array(times))
-    # A trajectory that begins in motion is begun in motion: see --start.
+    # A trajectory that begins in motion is also started in motion: see --start.
     jumps = trajectory.jumps(0, period - 1)
     return Verdict(
         needs=_worst(needs, limits, hover=vehicle.hover_throttle, ground=ground),
@@ -187,7 +184,7 @@ def needs_of(samples: TrajectorySamples, vehicle: Vehicle, *, seconds: Array) ->
 
 
 def _throttle(vehicle: Vehicle, thrust: Array) -> Array:
-    """Return throttles (n,) for thrusts (n,) [N], also those that the vehicle does not have."""
+    """Return throttles (n,) for thrusts (n,) [N], also beyond those of the vehicle."""
     a, b, c = vehicle.thrust_curve
     wanted = thrust / vehicle.motor_count - c
     # The root of Vehicle.throttle_for; below the curve's least thrust that of the curve mirrored

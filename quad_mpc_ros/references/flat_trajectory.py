@@ -1,4 +1,4 @@
-"""A path made a reference: attitude and body rates added by differential flatness."""
+"""A path with attitude and body rates by differential flatness: a trajectory."""
 
 from __future__ import annotations
 
@@ -8,12 +8,8 @@ import numpy as np
 
 from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.references.flatness import (
-    FlatInputs,
-    ThrustFrames,
-    flat_inputs,
-    thrust_axis,
-)
+from quad_mpc_ros.control.model.vehicle import VehicleParameters
+from quad_mpc_ros.references.flatness import FlatInputs, ThrustFrames, flat_inputs, thrust_axis
 from quad_mpc_ros.references.path import Path, PathSamples
 from quad_mpc_ros.references.trajectory import TrajectorySamples, at_rest, combined
 
@@ -27,9 +23,9 @@ _FRAME_ROUNDS = 3
 class FlatTrajectory:
     """A path, flown with the nose at ``yaw`` while level.
 
-    A path whose thrust stays above the horizon is flown in one chart of the Hopf fibration, any
-    other by rotation-minimising frames. Before its start it rests where it begins, level; one
-    that is not periodic rests after its end with the heading that it arrived with.
+    If the thrust stays above the horizon it uses one chart of the Hopf fibration, otherwise
+    rotation-minimising frames. Before its start it rests where it begins, level; if not periodic,
+    it rests after its end with its last heading.
     """
 
     smooth = True
@@ -54,6 +50,17 @@ class FlatTrajectory:
             max(np.abs(start.v_WB_W).max(), np.abs(start.a_WB_W).max()) > _AT_REST
         )
 
+    @classmethod
+    def of(cls, vehicle: VehicleParameters, path: Path, *, yaw: float = 0.0) -> FlatTrajectory:
+        """Return a path as a vehicle flies it; raises as the constructor."""
+        return cls(
+            path,
+            gravity=vehicle.gravity,
+            drag=vehicle.drag,
+            rotor_drag=vehicle.rotor_drag,
+            yaw=yaw,
+        )
+
     @property
     def period_ns(self) -> int:
         """The path's duration, once round if it is periodic."""
@@ -75,12 +82,7 @@ class FlatTrajectory:
         waiting = at_rest(moving.p_WB, yaw=self._heading)
         over = dataclasses.replace(waiting, q_WB_xyzw=moving.q_WB_xyzw)
         when = [before[:, None], after[:, None]]
-        return combined(
-            lambda *parts: np.select(when, parts[:2], parts[2]),
-            waiting,
-            over,
-            moving,
-        )
+        return combined(lambda *parts: np.select(when, parts[:2], parts[2]), waiting, over, moving)
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return the start if it is from rest into motion and in (start, end]."""
@@ -116,7 +118,7 @@ class FlatTrajectory:
         duration = self._path.duration
         steps = np.clip(np.ceil(duration / _KNOT_STEP), _LEAST_KNOTS, _MOST_KNOTS)
         knots = np.linspace(0.0, duration, int(steps) + 1)
-        # What it is at the speed of hover: the charts only have to be near.
+        # The drag at the speed of hover: the charts need not be exact.
         total = np.add(per_axis(self._drag), per_axis(self._rotor_drag))
         x_drag, y_drag = float(total[0]), float(total[1])
         depends_on_frame = x_drag != y_drag or any(per_axis(self._rotor_drag))

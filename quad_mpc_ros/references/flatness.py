@@ -10,8 +10,8 @@ a + mu_x v + g e_3 and its y axis across a + mu_y v + g e_3 (Faessler, Franchi, 
 depends on the yaw, and is found by iteration from that for the mean of the two. What acts along
 the body's z axis, mu_z and the lift k_h (v_x^2 + v_y^2), changes the thrust and nothing else.
 
-Drag of the rotors, mu + nu sqrt(T / m g), makes a drag of its own of each moment: thrust and its
-rate of change, which it depends on, are looked for by iteration around all of the above.
+Drag of the rotors, mu + nu sqrt(T / m g), depends on the thrust and its rate of change, which are
+found by iteration around all of the above.
 
 Attitude is the shortest rotation that takes the world's z axis to z_B, followed by the yaw about
 z_B: the Hopf fibration of Watterson and Kumar, "Control of quadrotors using the Hopf fibration on

@@ -1,8 +1,7 @@
-"""A flip: a whole turn about the pitch or the roll axis, in the air that a short climb gives.
+"""A flip: a full turn about the pitch or the roll axis during a short climb and fall.
 
-While it turns the vehicle pushes with a constant small thrust and falls freely otherwise
-(``references/thrust_path.py``); minimum-snap legs lead from hovering to the climb that the turn
-begins with, and from the fall that it ends with back to where it began.
+While turning the vehicle has a constant small thrust (``references/thrust_path.py``); minimum-snap
+legs lead from hovering to the climb before the turn, and from the fall after it back to the start.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A lying eight, x = A_x sin(w t) and y = A_y sin(2 w t), flown with the nose where it is.
+"""A lemniscate, x = A_x sin(w t) and y = A_y sin(2 w t), at a constant heading.
 
 Smooth and, by differential flatness with drag, complete: attitude, body rates and acceleration
 belong to the path. It crosses its origin at t = 0, in full motion.
@@ -36,7 +36,7 @@ class LemniscateParameters(TrajectoryParameters):
 
 
 class Lemniscate:
-    """The eight, round and round."""
+    """The lemniscate, repeated."""
 
     periodic = True
 
@@ -47,7 +47,7 @@ class Lemniscate:
         self.duration = math.tau / config.angular_frequency
 
     def at(self, seconds: Array) -> PathSamples:
-        """Return the eight at times (n,) [s]."""
+        """Return the lemniscate at times (n,) [s]."""
         w = self._frequency
         phase = seconds[:, None] * w
         sine, cosine = self._amplitude * np.sin(phase), self._amplitude * np.cos(phase)

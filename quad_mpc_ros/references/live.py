@@ -1,12 +1,12 @@
 """The reference of a live flight: requests and odometry in, windows out; without ROS.
 
-At once, it is the configured trajectory from the first odometry on, and nothing else until a
-request is accepted. On request, the vehicle stands on the ground until it is told to take off.
+In the mode ``at_once`` it is the configured trajectory from the first odometry on, until a request
+is accepted. In the mode ``on_request`` the vehicle stands on the ground until a take-off.
 
-Where somebody tells whether commands act on the vehicle, nothing is flown until they do: the
-reference waits where the vehicle is, on the ground below it, in the air coming to rest from how it
-moves. When they begin to act it goes on from just there: on request it stays, at once the
-trajectory begins, after a take-off from the ground. When they cease to, it waits again.
+Where ``engaged`` is published, nothing is flown until commands act on the vehicle: the reference
+waits at the vehicle, on the ground below it, in the air coming to rest from its present motion.
+Once they act, it continues from there: ``on_request`` stays, ``at_once`` begins the trajectory,
+after a take-off if on the ground. When they stop acting, it waits again.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.estimation.ground import LEFT_GROUND_UNPOWERED, StandingHeight
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
@@ -35,8 +36,6 @@ _CARRIED = 0.1  # m
 _MOST_DRAWN = 500  # poses: a path is drawn between two windows
 _STEP_NS = 50_000_000
 
-_LEFT = 0.3  # m of height from where it stood: it flies
-
 _NOT_YET = Reply(accepted=False, text="no usable odometry yet")
 _NOT_ENGAGED = Reply(
     accepted=False, text="the vehicle does not act on commands: engage and arm it first"
@@ -45,11 +44,10 @@ WAITING = "waiting"
 
 
 class LiveReference:
-    """What one vehicle is to follow now and next.
+    """What one vehicle follows, now and next.
 
-    ``trajectory`` is flown at once, ``joined`` returns the one that is flown on request, which
-    must not jump. Times are nanoseconds of the clock of the windows' stamps; between two calls
-    they do not run backwards.
+    ``trajectory`` is flown at once; ``joined`` returns the one flown on request, which must not
+    jump. Times are nanoseconds of the windows' clock, and do not run backwards.
     """
 
     def __init__(
@@ -65,24 +63,23 @@ class LiveReference:
         self._newest: OdometrySample | None = None
         self._engaged: bool | None = None
         self._landed: bool | None = None
-        self._ground_height: float | None = None
-        self._left_ground = False
+        self._stood = StandingHeight(LEFT_GROUND_UNPOWERED)
         self.too_late: Callable[[int], bool] = lambda start_ns: False
-        """Whether it is too late to begin at a time: then a request is not accepted."""
+        """Whether it is too late to begin at a time; such requests are refused."""
         self._touchdown = Touchdown(config.touchdown_speed)
 
     @property
     def started(self) -> bool:
-        """Whether an odometry has come to start from, and commands act as far as is known."""
+        """Whether there is an odometry to start from, and commands act as far as is known."""
         return self._director is not None
 
     @property
     def waits(self) -> bool:
-        """Whether it waits at the vehicle, as commands are told not to act."""
+        """Whether it waits at the vehicle, because commands are reported not to act."""
         return self._engaged is False
 
     def engage(self, engaged: bool) -> Reply | None:
-        """Tell whether commands act on the vehicle; return what follows, if anything does."""
+        """Take whether commands act on the vehicle; return what follows, if anything does."""
         before, self._engaged = self._engaged, engaged
         if not engaged:
             self._director, self._at_once = None, self._config.mode == "at_once"
@@ -92,15 +89,15 @@ class LiveReference:
         return self._take_over(self._newest)
 
     def landed(self, landed: bool | None) -> None:
-        """Tell what the flight stack says of the ground, if it does: landed, or not."""
+        """Take whether the flight stack reports to have landed; None if it does not say."""
         self._landed = landed
 
     def reset_estimate(self, now_ns: int, reset: EstimateReset) -> Reply:
         """Take an announced step of the estimate; return what follows for the reference."""
         if self._newest is not None:
             self._newest, self._home = reset.odometry(self._newest), reset.points(self._home)
-        if self._ground_height is not None:
-            self._ground_height += float(reset.step_W[2])
+        if self._stood.height is not None:
+            self._stood.height += float(reset.step_W[2])
         self._touchdown = Touchdown(self._config.touchdown_speed)
         moves = self._director is None or self._director.reset_estimate(now_ns, reset)
         stepped = f"the estimate steps by {np.linalg.norm(reset.step_W):.2f} m"
@@ -112,7 +109,7 @@ class LiveReference:
         return WAITING if self._director is None else self._director.mode(now_ns)
 
     def needs_odometry(self, now_ns: int) -> bool:
-        """Whether the next odometry makes a difference: at the beginning and near the ground."""
+        """Whether the next odometry matters: at the beginning and near the ground."""
         return self.mode(now_ns) in (WAITING, GROUND, LANDING)
 
     def observe(self, odometry: OdometrySample) -> Reply | None:
@@ -129,12 +126,12 @@ class LiveReference:
         if self._director.is_sinking(now_ns):
             height = float(self._director.timeline.at([now_ns]).p_WB[0, 2])
             if self._touchdown.felt(odometry, reference_height=height):
-                self._stood(odometry)
+                self._stood.stand(float(odometry.p_WB[2]))
                 return self._director.touched(now_ns, p_WB=odometry.p_WB)
         return None
 
     def window(self, stamp_ns: int) -> ReferenceWindow | None:
-        """Return the reference from ``stamp_ns`` on; None while there is nothing to start from."""
+        """Return the reference from ``stamp_ns`` on; None without odometry to start from."""
         if self._director is None and self._engaged is not None:
             if self._newest is None:
                 return None
@@ -144,24 +141,24 @@ class LiveReference:
         return self._server.window(stamp_ns)
 
     def outlook(self) -> tuple[object, ...]:
-        """Return objects that are the same ones as long as an earlier window holds.
+        """Return objects that stay the same as long as an earlier window holds.
 
-        None of them where each window is another: waiting at a vehicle that moves.
+        Empty where each window differs: waiting at a vehicle that moves.
         """
         if self._director is None:
             return () if self._engaged is not None else (self._server,)
         return self._server, self._director.timeline.last
 
     def changes(self, after_ns: int, until_ns: int) -> bool:
-        """Whether the reference jumps between two times, where windows do not show it before."""
+        """Whether the reference jumps between two times without preview."""
         return self._server.changes(after_ns, until_ns)
 
     def whole(self) -> TrajectorySamples:
-        """Return the trajectory that is configured, to be drawn."""
+        """Return the configured trajectory, for drawing."""
         return ReferenceServer(self._config, self._trajectory).whole()
 
     def course(self, now_ns: int) -> TrajectorySamples:
-        """Return all that is planned from now on, to be drawn: once round what is periodic."""
+        """Return all that is planned from now on, for drawing; one period of what repeats."""
         if self._director is None:
             return self.whole()
         last = self._director.timeline.last
@@ -171,78 +168,84 @@ class LiveReference:
 
     def take_off(self, now_ns: int) -> Reply:
         """Climb to the configured height above the ground, and hold."""
-        if self._director is None:
-            return self._not_yet()
-        self._follow_over_the_ground(self._director, now_ns)
-        return self._done(self._director.take_off(now_ns, height=self._config.takeoff_height))
+
+        def request(director: Director) -> Reply:
+            self._follow_over_the_ground(director, now_ns)
+            return director.take_off(now_ns, height=self._config.takeoff_height)
+
+        return self._requested(request)
 
     def start(self, now_ns: int) -> Reply:
         """Go to the configured trajectory and fly it."""
-        if self._director is None:
-            return self._not_yet()
-        try:
-            trajectory = self._joined()
-        except UserError as error:
-            return Reply(accepted=False, text=str(error))
-        return self._done(self._director.fly(now_ns, trajectory))
+        return self._requested(lambda director: director.fly(now_ns, self._joined()))
 
     def hold(self, now_ns: int) -> Reply:
         """Come to rest and stay there."""
-        if self._director is None:
-            return self._not_yet()
-        return self._done(self._director.hold(now_ns))
+        return self._requested(lambda director: director.hold(now_ns))
 
     def land(self, now_ns: int) -> Reply:
         """Descend to the ground and idle there."""
-        if self._director is None:
-            return self._not_yet()
-        reply = self._done(self._director.land(now_ns))
+        reply = self._requested(lambda director: director.land(now_ns))
         if reply.accepted:
             self._touchdown = Touchdown(self._config.touchdown_speed)
         return reply
 
     def go_to(self, now_ns: int, *, frame_id: str, p_WB: Array, q_WB_xyzw: Array) -> Reply:
-        """Go to a pose, position (3,) [m] and quaternion (4,), of which the heading counts.
+        """Go to a pose, position (3,) [m] and quaternion (4,), of which only the yaw is used.
 
-        A height of exactly zero, which is what a tool of two dimensions sends, keeps the height.
+        A height of exactly zero, as sent by two-dimensional tools, keeps the present height.
         """
-        if self._director is None:
-            return self._not_yet()
-        fault = pose_fault(
-            frame_id=frame_id,
-            expected_frame_id=self._config.frame_id,
-            p_WB=p_WB[None],
-            q_WB_xyzw=q_WB_xyzw[None],
-        )
-        if fault is not None:
-            return Reply(accepted=False, text=fault)
-        if p_WB[2] == 0.0:
-            p_WB = np.array([*p_WB[:2], self._director.resting_height(now_ns)])
-        fault = self._out_of_reach(self._director, p_WB[None])
-        if fault is not None:
-            return Reply(accepted=False, text=fault)
-        yaw = yaw_of(so3.rotation_from_quaternion_xyzw(q_WB_xyzw))
-        return self._done(self._director.go_to(now_ns, p_WB=p_WB, yaw=yaw))
+
+        def request(director: Director) -> Reply:
+            fault = pose_fault(
+                frame_id=frame_id,
+                expected_frame_id=self._config.frame_id,
+                p_WB=p_WB[None],
+                q_WB_xyzw=q_WB_xyzw[None],
+            )
+            if fault is not None:
+                return Reply(accepted=False, text=fault)
+            height = p_WB[2] if p_WB[2] != 0.0 else director.resting_height(now_ns)
+            goal = np.array([*p_WB[:2], height])
+            fault = self._out_of_reach(director, goal[None])
+            if fault is not None:
+                return Reply(accepted=False, text=fault)
+            yaw = yaw_of(so3.rotation_from_quaternion_xyzw(q_WB_xyzw))
+            return director.go_to(now_ns, p_WB=goal, yaw=yaw)
+
+        return self._requested(request)
 
     def follow(self, now_ns: int, message: ReferenceWindow) -> Reply:
-        """Go to the beginning of a received trajectory and fly it; its stamp is not asked for."""
-        if self._director is None:
-            return self._not_yet()
-        try:
-            trajectory = received_trajectory(message, self._config)
-        except (UserError, ValueError) as error:
-            return Reply(accepted=False, text=str(error))
-        verdict = judged(trajectory, self._config, ground=self._director.ground)
-        fault = verdict.reason() or self._out_of_reach(self._director, message.p_WB)
-        if fault:
-            return Reply(accepted=False, text=fault)
-        return self._done(self._director.fly(now_ns, trajectory))
+        """Go to the beginning of a received trajectory and fly it; its stamp is ignored."""
 
-    def _not_yet(self) -> Reply:
-        return _NOT_ENGAGED if self._engaged is False else _NOT_YET
+        def request(director: Director) -> Reply:
+            try:
+                trajectory = received_trajectory(message, self._config)
+            except ValueError as error:
+                raise UserError(str(error)) from error
+            verdict = judged(trajectory, self._config, ground=director.ground)
+            fault = verdict.reason() or self._out_of_reach(director, message.p_WB)
+            if fault:
+                return Reply(accepted=False, text=fault)
+            return director.fly(now_ns, trajectory)
+
+        return self._requested(request)
+
+    def _requested(self, request: Callable[[Director], Reply]) -> Reply:
+        """Carry out a request, which raises :class:`UserError` for bad input."""
+        if self._director is None:
+            return _NOT_ENGAGED if self._engaged is False else _NOT_YET
+        try:
+            reply = request(self._director)
+        except UserError as error:
+            return Reply(accepted=False, text=str(error))
+        if reply.accepted and self._at_once:
+            self._at_once = False
+            self._direct(self._director)
+        return reply
 
     def _begin(self, odometry: OdometrySample) -> Reply | None:
-        """Begin at the first odometry, where nobody tells whether commands act."""
+        """Begin at the first odometry, where nobody publishes whether commands act."""
         if self._at_once:
             self._follow_as_it_is(odometry.stamp_ns)
             return None
@@ -253,12 +256,12 @@ class LiveReference:
             q_WB_xyzw=odometry.q_WB_xyzw[None],
         )
         if fault is not None:
-            return Reply(accepted=False, text=f"odometry is no start: {fault}")
+            return Reply(accepted=False, text=f"cannot start from this odometry: {fault}")
         self._direct(Director.standing(self._config, p_WB=odometry.p_WB, yaw=_heading(odometry)))
         return None
 
     def _take_over(self, odometry: OdometrySample) -> Reply:
-        """Go on from where the vehicle is, because commands act from now on."""
+        """Continue from where the vehicle is, because commands act from now on."""
         director = self._waiting_at(odometry)
         now_ns = odometry.stamp_ns
         if self._at_once and not self._trajectory.smooth:  # it jumps anyway
@@ -274,7 +277,7 @@ class LiveReference:
         return reply
 
     def _begun(self, director: Director, now_ns: int) -> Reply:
-        """Let the configured trajectory begin, from the ground after a take-off."""
+        """Begin the configured trajectory, from the ground after a take-off."""
         try:
             trajectory = self._joined()
         except UserError as error:
@@ -291,7 +294,7 @@ class LiveReference:
         yaw = _heading(odometry)
         if self._stands:
             return Director.standing(self._config, p_WB=odometry.p_WB, yaw=yaw)
-        ground = self._ground_height
+        ground = self._stood.height
         rest = FlatState.at_rest(odometry.p_WB, yaw=yaw)
         R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
         end = dataclasses.replace(rest.end, v_WB_W=R_WB @ odometry.v_WB_B)
@@ -304,27 +307,18 @@ class LiveReference:
 
     @property
     def _stands(self) -> bool:
-        """Whether the vehicle stands on the ground: as the stack tells, or as its height does."""
-        return not self._left_ground if self._landed is None else self._landed
+        """Whether the vehicle stands on the ground, by the flight stack or else by its height."""
+        return not self._stood.left if self._landed is None else self._landed
 
     def _see_height(self, odometry: OdometrySample) -> None:
-        """Note where the ground is, and that the vehicle has left it."""
+        """Update the height of the ground, and whether the vehicle has left it."""
+        height = float(odometry.p_WB[2])
         if self._landed:
-            self._stood(odometry)
-        elif self._landed is None and self._ground_height is None:
-            self._stood(odometry)  # where it is seen first
-        elif self._ground_height is not None:
-            risen = abs(float(odometry.p_WB[2]) - self._ground_height)
-            self._left_ground = self._left_ground or risen > _LEFT
-
-    def _stood(self, odometry: OdometrySample) -> None:
-        self._ground_height, self._left_ground = float(odometry.p_WB[2]), False
-
-    def _done(self, reply: Reply) -> Reply:
-        if reply.accepted and self._at_once and self._director is not None:
-            self._at_once = False
-            self._direct(self._director)
-        return reply
+            self._stood.stand(height)
+        elif self._landed is None and self._stood.height is None:
+            self._stood.stand(height)  # where it is seen first
+        else:
+            self._stood.see(height)
 
     def _follow_as_it_is(self, now_ns: int) -> None:
         """Fly the configured trajectory from now on."""
@@ -348,7 +342,7 @@ class LiveReference:
         return server
 
     def _follow_over_the_ground(self, director: Director, now_ns: int) -> None:
-        """Let the reference stand where the vehicle was carried to since it landed."""
+        """Move the reference to where the vehicle was carried since it landed."""
         standing = self._newest
         if director.mode(now_ns) != GROUND or standing is None:
             return

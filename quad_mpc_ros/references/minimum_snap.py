@@ -1,6 +1,6 @@
-"""Paths of least snap: a leg between two ends, and the way through waypoints.
+"""Paths of minimum snap: a leg between two ends, and the way through waypoints.
 
-The integral of the squared fourth derivative is least. Between two ends that is one polynomial,
+The integral of the squared fourth derivative is minimal. Between two ends that is one polynomial,
 through waypoints a spline (Mellinger and Kumar, "Minimum snap trajectory generation and control
 for quadrotors", 2011).
 """
@@ -34,7 +34,7 @@ _SIMPLEX: Any = {"maxfev": 400, "xatol": 1e-2, "fatol": 1e-3}
 
 @dataclass(frozen=True, kw_only=True)
 class LegParameters(TrajectoryParameters):
-    """How quick the legs of least snap may be."""
+    """How quick the legs of minimum snap may be."""
 
     max_speed: float = parameter(
         5.0,
@@ -83,7 +83,7 @@ class End:
 
 
 class Leg:
-    """The path of least snap between two ends.
+    """The path of minimum snap between two ends.
 
     Among all paths with these ends the integral of the squared fourth derivative is least for the
     polynomial of degree 7; where a position is free, for that of degree 6, as the seventh
@@ -122,9 +122,9 @@ class Leg:
 def leg_within(start: End, end: End, *, max_speed: float, max_acceleration: float) -> Leg:
     """Return the quickest leg that keeps to a speed [m/s] and an acceleration [m/s^2].
 
-    What an end has already is allowed all along, and a tenth more. The duration is found within
-    5 %. Where the jerk of an end lets no leg keep to them, that of the least acceleration is
-    returned, to be judged with the whole path.
+    The speed and acceleration of an end, and a tenth more, are always allowed. The duration is
+    found within 5 %. Where the jerk of an end allows no such leg, that of the least acceleration
+    is returned, to be judged with the whole path.
     """
     ends = (start, end)
     speed = max(max_speed, *(1.1 * float(np.linalg.norm(e.v_WB_W)) for e in ends))
@@ -152,11 +152,11 @@ def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: floa
     """Return the path through ``points`` (n, 3) [m], n > 1, no two successive ones the same.
 
     For given times at the waypoints the integral is least for the interpolating spline of degree 7
-    whose velocity, acceleration and jerk vanish at both ends: between waypoints the optimum is a
+    with zero velocity, acceleration and jerk at both ends: between waypoints the optimum is a
     polynomial of degree 7, and it is continuous up to the sixth derivative (de Boor, "Best
     approximation properties of spline functions of odd degree", 1963). SciPy solves for it as one
-    banded system. The times are chosen so that the whole is short: first the shares of the legs in
-    it, then the duration, which a uniform scaling of time makes as short as the limits let it.
+    banded system. The times minimise the duration: first the shares of the legs, then the whole,
+    by uniform scaling of time to the limits.
     """
     from scipy.optimize import minimize
 
@@ -181,7 +181,7 @@ def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: floa
 
 
 def snap_spline(points: Array, times: Array) -> BSpline:
-    """Return the spline of least snap through ``points`` (n, 3) at ``times`` (n,), increasing."""
+    """Return the minimum-snap spline through ``points`` (n, 3) at increasing ``times`` (n,)."""
     from scipy.interpolate import make_interp_spline
 
     rest: Any = [(order, np.zeros(3)) for order in (1, 2, 3)]

@@ -1,7 +1,7 @@
-"""What a path is: where the vehicle's centre goes over time, before anything is said of attitude.
+"""Paths: the position of the vehicle's centre over time, and its yaw.
 
-By differential flatness (``flatness.py``) position with its derivatives up to jerk, and
-yaw, determine everything else.
+By differential flatness (``flatness.py``) position with its derivatives up to jerk, and yaw,
+determine everything else.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Path(Protocol):
 
     @property
     def periodic(self) -> bool:
-        """Whether it goes on for ever; otherwise it ends at rest."""
+        """Whether it repeats; otherwise it ends at rest."""
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the path at times (n,) [s] from 0 to its duration, or without end."""
@@ -56,7 +56,7 @@ class Path(Protocol):
 class Chain:
     """Paths one after the other, each beginning as the one before ends.
 
-    With ``periodic`` the first one also begins as the last one ends, and it goes round and round.
+    With ``periodic`` it repeats, and the first one also begins as the last one ends.
     """
 
     def __init__(self, links: Sequence[Path], *, periodic: bool = False) -> None:
@@ -83,7 +83,7 @@ class Chain:
 
 
 class Straight:
-    """A path straight on at a constant velocity (3,) [m/s] from a place (3,) [m]."""
+    """A straight path at a constant velocity (3,) [m/s] from a position (3,) [m]."""
 
     periodic = True
 
@@ -103,7 +103,7 @@ class Straight:
 
 
 class Rest(Straight):
-    """A path that stays at a place (3,) [m]."""
+    """A path that stays at a position (3,) [m]."""
 
     def __init__(self, p_WB: Array, *, duration: float) -> None:
         super().__init__(p_WB, v_WB_W=np.zeros(3), duration=duration)
@@ -126,13 +126,11 @@ class SplinePath:
 
 
 class Moved:
-    """A path elsewhere: displaced by ``offset`` (3,) [m]."""
+    """A path displaced by ``offset`` (3,) [m]."""
 
     def __init__(self, path: Path, offset: Array) -> None:
-        self._path = path
-        self._offset = offset
-        self.duration = path.duration
-        self.periodic = path.periodic
+        self._path, self._offset = path, offset
+        self.duration, self.periodic = path.duration, path.periodic
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the displaced path at times (n,) [s]."""
@@ -144,10 +142,8 @@ class Slowed:
     """A path that takes ``factor`` times as long: uniform time scaling."""
 
     def __init__(self, path: Path, factor: float) -> None:
-        self._path = path
-        self._factor = factor
-        self.duration = factor * path.duration
-        self.periodic = path.periodic
+        self._path, self._factor = path, factor
+        self.duration, self.periodic = factor * path.duration, path.periodic
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the path at times (n,) [s]; the n-th derivative shrinks by factor^n."""
@@ -163,13 +159,11 @@ class Slowed:
 
 
 class Turned:
-    """A path with another's first coordinate for its yaw [rad]."""
+    """A path with the first coordinate of another as its yaw [rad]."""
 
     def __init__(self, path: Path, yaw: Path) -> None:
-        self._path = path
-        self._yaw = yaw
-        self.duration = path.duration
-        self.periodic = path.periodic
+        self._path, self._yaw = path, yaw
+        self.duration, self.periodic = path.duration, path.periodic
 
     def at(self, seconds: Array) -> PathSamples:
         """Return the path at times (n,) [s]."""

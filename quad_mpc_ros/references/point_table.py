@@ -1,14 +1,14 @@
-"""Positions over time, wherever they come from, made a path to fly.
+"""Paths from positions over time.
 
-From a recorded run, from a message, or from a file of comma-separated values with the
-units in the header:
+They come from a recorded run, a message, or a file of comma-separated values with units in the
+header:
 
     time [s], x [m], y [m], z [m], yaw [rad]
     0.00, 0.0, 0.0, 1.0, 0.0
     0.50, 0.1, 0.0, 1.0, 0.0
 
 Positions are in the world (ENU). ``yaw [rad]`` may be left out, and the columns may be in any
-order. Empty lines and lines that begin with ``#`` are passed over.
+order. Empty lines and lines that begin with ``#`` are skipped.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def bag_path(config: TableParameters, read_bag: BagReader | None = None) -> Path
     file = _file(config, "bag")
     if read_bag is None:
         raise ConfigurationError(
-            f"{config.owner}.trajectory", "bag", "one that needs no bag, here"
+            f"{config.owner}.trajectory", "bag", "a trajectory that needs no bag"
         )
     return table_path(read_bag(file), config)
 
@@ -111,11 +111,11 @@ def _file(config: TableParameters, kind: str) -> FilePath:
 def table_path(table: PointTable, config: TableParameters) -> Path:
     """Return a smooth path along a table, from rest to rest.
 
-    The points are met within ``path_tolerance`` (root mean square) by the smoothest curve that
-    does, so that the noise of a measurement does not become an acceleration. A table that
-    begins or ends slowly is taken to begin or end at rest. To any other minimum-snap legs within
-    ``max_speed`` and ``max_acceleration`` are added, from rest to its first point, which is then
-    reached later than the table says, and from its last one to rest.
+    It is the smoothest curve within ``path_tolerance`` (root mean square) of the points, so that
+    measurement noise does not become an acceleration. A table that begins or ends slowly is taken
+    to begin or end at rest. Otherwise minimum-snap legs within ``max_speed`` and
+    ``max_acceleration`` are added, from rest to its first point, which is then reached later, and
+    from its last one to rest.
     """
     rests = _slow_ends(table)
     points = table.p_WB + np.array([*config.origin, 0.0])
@@ -173,7 +173,7 @@ def _smoothed(
 
 
 def read_csv(path: FilePath) -> PointTable:
-    """Return what a table says; raises :class:`UserError` with the line and the reason."""
+    """Return the points of a file; raises :class:`UserError` with the line and the reason."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

@@ -29,8 +29,8 @@ _CUT_AT_ONCE = 256
 class ReferenceServer:
     """Cuts windows out of a trajectory, the configured one unless another is given.
 
-    Until :meth:`start` the trajectory is held at its beginning, at rest. What is smooth is always
-    previewed.
+    Until :meth:`start` the trajectory is held at its beginning, at rest. Smooth trajectories are
+    always previewed.
     """
 
     def __init__(self, config: ReferenceConfig, trajectory: Trajectory | None = None) -> None:
@@ -44,7 +44,7 @@ class ReferenceServer:
 
     @property
     def fixed(self) -> bool:
-        """Whether the trajectory says that it never changes."""
+        """Whether the trajectory never changes, by its own statement."""
         return getattr(self._trajectory, "fixed", False) is True
 
     @property
@@ -53,7 +53,7 @@ class ReferenceServer:
         return self._started_ns is not None
 
     def start(self, stamp_ns: int) -> None:
-        """Let the trajectory begin at a stamp."""
+        """Begin the trajectory at a stamp."""
         self._started_ns = stamp_ns
 
     def window(self, stamp_ns: int) -> ReferenceWindow:
@@ -61,22 +61,22 @@ class ReferenceServer:
         return self.windows([stamp_ns])[0]
 
     def windows(self, stamps_ns: Sequence[int]) -> list[ReferenceWindow]:
-        """Return the reference from each stamp on: the windows that they have one by one.
+        """Return the reference from each stamp on.
 
-        The trajectory is asked once, which for many stamps takes little longer than for one.
+        The trajectory is sampled once, which for many stamps takes little longer than for one.
         """
         previewed = self._preview and self.started
         starts = [self._time_of(stamp_ns) for stamp_ns in stamps_ns]
         cuts = [self._previewed(now_ns) if previewed else self._held(now_ns) for now_ns in starts]
-        asked = np.concatenate([cut.asked for cut in cuts])
-        times, places = np.unique(asked, return_inverse=True)  # windows overlap
+        sampled = np.concatenate([cut.sampled for cut in cuts])
+        times, places = np.unique(sampled, return_inverse=True)  # windows overlap
         once = self._trajectory.at(times.tolist())
         samples = combined(lambda values: values[places], once)
         if not previewed:  # nothing is known to move
             samples = dataclasses.replace(at_rest(samples.p_WB), q_WB_xyzw=samples.q_WB_xyzw)
         windows, end = [], 0
         for stamp_ns, now_ns, cut in zip(stamps_ns, starts, cuts, strict=True):
-            part = slice(end, end := end + len(cut.asked))
+            part = slice(end, end := end + len(cut.sampled))
             windows.append(
                 ReferenceWindow(
                     stamp_ns=stamp_ns,
@@ -92,9 +92,9 @@ class ReferenceServer:
         return windows
 
     def changes(self, after_ns: int, until_ns: int) -> bool:
-        """Whether what a window shows changes between two stamps, but for its reaching further.
+        """Whether the content of a window changes between two stamps, apart from its end.
 
-        That is so where nothing is previewed, and the trajectory jumps.
+        It does without preview, where the trajectory jumps.
         """
         if self._started_ns is None or self._preview:
             return False
@@ -102,13 +102,15 @@ class ReferenceServer:
         return bool(self._trajectory.jumps(after_ns - start_ns, until_ns - start_ns))
 
     def whole(self) -> TrajectorySamples:
-        """Return the whole trajectory once, to be drawn: every step and both sides of jumps.
+        """Return the whole trajectory once, for drawing: every step and both sides of jumps.
 
-        A long one is drawn in longer steps.
+        A long one has longer steps.
         """
         period = self._trajectory.period_ns
         grid = [*range(0, period, max(self._step_ns, period // _MOST_DRAWN)), period]
-        return self._trajectory.at(self._with_jumps(np.array(grid), end_ns=period).asked.tolist())
+        return self._trajectory.at(
+            self._with_jumps(np.array(grid), end_ns=period).sampled.tolist()
+        )
 
     def _time_of(self, stamp_ns: int) -> int:
         """Return the trajectory's time at a stamp."""
@@ -117,7 +119,8 @@ class ReferenceServer:
     def _held(self, now_ns: int) -> _Times:
         """Return the present twice: it is held over the window."""
         return _Times(
-            shown=np.array((now_ns, now_ns + self._duration_ns)), asked=np.array((now_ns, now_ns))
+            shown=np.array((now_ns, now_ns + self._duration_ns)),
+            sampled=np.array((now_ns, now_ns)),
         )
 
     def _previewed(self, now_ns: int) -> _Times:
@@ -131,30 +134,30 @@ class ReferenceServer:
         """
         jumps = self._trajectory.jumps(int(grid[0]), end_ns)
         if not jumps:
-            return _Times(shown=grid, asked=grid)
+            return _Times(shown=grid, sampled=grid)
         at_jumps = np.repeat(jumps, 2)
         shown = np.concatenate((at_jumps, grid))
-        asked = np.concatenate((at_jumps - np.tile((1, 0), len(jumps)), grid))
+        sampled = np.concatenate((at_jumps - np.tile((1, 0), len(jumps)), grid))
         order = np.argsort(shown, kind="stable")
-        return _Times(shown=shown[order], asked=asked[order])
+        return _Times(shown=shown[order], sampled=sampled[order])
 
 
 class WindowsAhead:
     """The windows of stamps that are known beforehand, many of them cut at a time.
 
-    Of a trajectory that may change meanwhile, each is cut when it is asked for.
+    Those of a trajectory that may change are cut one by one, when requested.
     """
 
     def __init__(self, server: ReferenceServer, stamps_ns: Iterable[int]) -> None:
-        """Take the stamps in order; some of them may turn out to be nobody's."""
+        """Take the stamps in order; some may be skipped later."""
         self._server = server
         self._stamps_ns = iter(stamps_ns)
         self._ahead: deque[ReferenceWindow] = deque()
 
     def window(self, stamp_ns: int) -> ReferenceWindow:
-        """Return the window of a stamp, one of those to come; raises ``ValueError`` for another.
+        """Return the window of a stamp and drop those before it.
 
-        Those before it are let go.
+        Raises ``ValueError`` for a stamp that is not among those to come.
         """
         if not self._server.fixed:
             return self._server.window(stamp_ns)
@@ -170,7 +173,7 @@ class WindowsAhead:
 
 
 class _Times(NamedTuple):
-    """The times of a window's samples (n,): what they are shown at, and what they are asked of."""
+    """The times of a window's samples (n,): as shown, and as sampled from the trajectory."""
 
     shown: NDArray[np.int64]
-    asked: NDArray[np.int64]
+    sampled: NDArray[np.int64]

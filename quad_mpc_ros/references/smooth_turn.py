@@ -1,4 +1,4 @@
-"""A turn from rest to rest: an angle over time, as smooth as attitude and rates need it.
+"""A smooth turn from rest to rest: an angle over time.
 
 The rate is proportional to (1 - u^4)^3 for u from -1 to 1: flat in the middle, where it is 1.52
 times the mean, and zero with its first two derivatives at both ends.
@@ -13,7 +13,7 @@ from quad_mpc_ros.control.lie import Array
 
 _BELL = Polynomial([1.0, 0.0, 0.0, 0.0, -1.0]) ** 3
 _SUM = _BELL.integ(lbnd=-1.0)
-# The share of the turn made at u, and its derivatives by u.
+# The completed share of the turn at u, and its derivatives.
 _SHARES = [_SUM / _SUM(1.0), *((_BELL / _SUM(1.0)).deriv(order) for order in range(3))]
 
 PEAK = float(2.0 * _SHARES[1](0.0))
@@ -29,7 +29,7 @@ class SmoothTurn:
 
     @staticmethod
     def with_peak_rate(angle: float, *, rate: float) -> SmoothTurn:
-        """Return the turn whose rate is at most ``rate`` [rad/s]."""
+        """Return the turn with a peak rate [rad/s]."""
         return SmoothTurn(angle, duration=PEAK * abs(angle) / rate)
 
     def at(self, seconds: Array) -> tuple[Array, Array, Array, Array]:

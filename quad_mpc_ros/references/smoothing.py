@@ -27,7 +27,7 @@ def smooth_curve(
     """Return the smoothest curve with values (n, k) at ``seconds`` (n,), increasing.
 
     The root mean square of its distance to ``values`` (n, k) is at most ``tolerance``. ``rests``
-    tells whether it begins and ends at rest, in all derivatives. Raises ``ValueError`` when no
+    is whether it begins and ends at rest, in all derivatives. Raises ``ValueError`` when no
     such curve is near enough.
     """
     duration = float(seconds[-1] - seconds[0])
@@ -60,7 +60,7 @@ def smooth_curve(
 
 
 def _with_equal_ends(count: int, rests: tuple[bool, bool]) -> sparse.csr_array:
-    """Return what makes coefficients of fewer: those of a span at rest are all the same."""
+    """Return the map from free coefficients to all: those of a span at rest are equal."""
     first = np.arange(count)
     if rests[0]:
         first = np.maximum(first - _DEGREE, 0)

@@ -1,8 +1,8 @@
 """A split-S: run up, roll upside down, pull through downwards, and fly back the way it came.
 
-Roll and pull are given by thrust (``references/thrust_path.py``): little while rolling, and as
-more in the pull; a minimum-snap leg takes what speed is left. The heading ends opposite to where
-it began, because the body turns with its thrust axis and never about it.
+Roll and pull are given by thrust (``references/thrust_path.py``): little while rolling, more in
+the pull; a minimum-snap leg takes the remaining speed. The final heading is opposite to the
+initial one, because the body turns with its thrust axis and never about it.
 """
 
 from __future__ import annotations

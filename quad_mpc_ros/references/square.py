@@ -23,12 +23,12 @@ class SquareParameters(StopParameters):
 
 
 def square(config: SquareParameters) -> Steps:
-    """Return the square of a configuration, round and round."""
+    """Return the configured square, repeated."""
     return Steps(_corners(config), dwell_time=config.dwell_time, yaw=config.yaw, closed=True)
 
 
 def smooth_square(config: SquareParameters) -> Path:
-    """Return the same square with legs of least snap, resting at each corner, for ever."""
+    """Return the same square with legs of minimum snap and a rest at each corner, repeated."""
     corners = _corners(config)
     return Chain(rests_and_legs(np.vstack((corners, corners[:1])), config), periodic=True)
 

@@ -1,9 +1,8 @@
-"""A path given by its thrust: what the vehicle does when it is told where to push, not to be.
+"""A path given by its thrust over time instead of positions.
 
-Where a vehicle turns over with little thrust no curve in space is natural; it falls. The thrust
-over time is given instead, and the path is what the true dynamics, drag included, make of it. Of
-drag that differs between the body axes that is the mean across the thrust, and without lift: the
-path remains one that can be flown, only its thrust is not exactly the given one.
+A vehicle that turns over with little thrust falls. So the thrust is given, and the path follows
+by integration of the dynamics with drag. Where drag differs between the body axes its mean across
+the thrust is used, without lift: the path remains feasible, its thrust differs slightly.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, kw_only=True)
 class TurnParameters(TrajectoryParameters):
-    """How the vehicle turns over while it falls."""
+    """How the vehicle turns over while falling."""
 
     flip_rate: float = parameter(
         12.0,
@@ -67,7 +66,7 @@ class ThrustPath:
         from scipy.integrate import solve_ivp
 
         self.duration = duration
-        self._thrust, self._drag = thrust, _AlikeDrag.of(config)
+        self._thrust, self._drag = thrust, _MeanDrag.of(config)
         self._weight = np.array([0.0, 0.0, config.gravity])
 
         def rate(time: float, state: Array) -> Array:
@@ -104,7 +103,7 @@ class ThrustPath:
 
 
 @dataclass(frozen=True)
-class _AlikeDrag:
+class _MeanDrag:
     """The mean drag across the thrust [1/s], of the air and of the rotors at hover's speed."""
 
     air: float
@@ -112,7 +111,7 @@ class _AlikeDrag:
     gravity: float
 
     @classmethod
-    def of(cls, config: TurnParameters) -> _AlikeDrag:
+    def of(cls, config: TurnParameters) -> _MeanDrag:
         """Return that of a vehicle."""
         (x, y, _), (rotors_x, rotors_y, _) = per_axis(config.drag), per_axis(config.rotor_drag)
         mean = x if x == y else 0.5 * (x + y)
@@ -137,7 +136,7 @@ def turning_over(
     """
     gravity = config.gravity
     force = config.coasting_thrust * gravity
-    (((drag,),), _) = _AlikeDrag.of(config).under(force * _UP[None], np.zeros((1, 3)))
+    (((drag,),), _) = _MeanDrag.of(config).under(force * _UP[None], np.zeros((1, 3)))
     acceleration = (force - gravity) * _UP - drag * v_WB_W
     leg = Leg(
         End.at_rest(np.array([*config.origin, config.height])),

@@ -1,4 +1,4 @@
-"""Trajectories one after the other on a clock, and the time by which they are flown."""
+"""Trajectories one after the other on a clock, and the time of a flight."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.safety.clock_offset import PersistentOffset
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples, combined
 
-_KEPT = 8  # phases that are over, for windows from a little while ago
-# Stamps that are further away from the clock are of another one, if they are alike for a while.
-_APART_NS, _ALIKE_NS, _WHILE_NS = 200_000_000, 100_000_000, 50_000_000
+_KEPT = 8  # phases that are over, for slightly older windows
+# Stamps further from the clock than the first are of another clock, if they keep within the second
+# for as long as the third.
+_APART_NS, _SAME_NS, _LASTING_NS = 200_000_000, 100_000_000, 50_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
-    """A trajectory that begins at a time of the clock, and what it is called."""
+    """A trajectory, its name, and the time at which it begins."""
 
     start_ns: int
     name: str
@@ -35,17 +37,17 @@ class Timeline:
         self._phases = [first]
 
     def phase(self, time_ns: int) -> Phase:
-        """Return the phase of a time, the first one before all."""
+        """Return the phase at a time; the first one before its beginning."""
         phases = self._phases
         return phases[_owner(phases, time_ns)]
 
     @property
     def last(self) -> Phase:
-        """The phase that nothing follows yet."""
+        """The last phase."""
         return self._phases[-1]
 
     def follow(self, phases: list[Phase]) -> None:
-        """Let phases, in order of time, take the place of all that was to begin with or after."""
+        """Replace all phases from the beginning of the first of these on; in order of time."""
         start_ns = phases[0].start_ns
         kept = [phase for phase in self._phases if phase.start_ns < start_ns]
         self._phases = [*kept[-_KEPT:], *phases]
@@ -59,7 +61,7 @@ class Timeline:
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:
         """Return the samples at these times."""
-        phases = self._phases  # as it is now: another thread may follow something else meanwhile
+        phases = self._phases  # another thread may replace them meanwhile
         owners = np.array([_owner(phases, time_ns) for time_ns in times_ns])
         parts, places = [], []
         for number in np.unique(owners).tolist():
@@ -100,10 +102,10 @@ def _owner(phases: list[Phase], time_ns: int) -> int:
 
 
 class FlightTime:
-    """The time by which a reference is flown: it stands still while nothing is published.
+    """The time of a flight, which stands still while nothing is published.
 
-    After a pause the flight goes on where it stopped, and does not jump ahead. All times
-    are nanoseconds of the clock of the stamps.
+    After a pause the flight continues where it stopped. All times are nanoseconds of the clock of
+    the stamps.
     """
 
     def __init__(self) -> None:
@@ -115,7 +117,7 @@ class FlightTime:
         self._since_ns = now_ns
 
     def resume(self, now_ns: int) -> None:
-        """Go on, when it stood still; a clock that was set back meanwhile pauses nothing."""
+        """Continue after a pause, which counts as none if the clock was set back meanwhile."""
         if self._since_ns is not None:
             self._paused_ns += max(0, now_ns - self._since_ns)
             self._since_ns = None
@@ -126,23 +128,23 @@ class FlightTime:
 
 
 class StampClock:
-    """How far the clock of the odometry's stamps is ahead of the clock by which is flown.
+    """How far the clock of the odometry's stamps is ahead of the flight's own.
 
-    Zero as long as they agree. Where the stamps are of another clock, or their clock is set, the
-    flight goes on by its own, and its windows are stamped by theirs.
+    Zero as long as they agree. Otherwise, or when the former is set, the flight goes on by its own
+    clock, and its windows are stamped by that of the odometry.
     """
 
     def __init__(self) -> None:
         self.ahead_ns = 0
-        self._odd: tuple[int, int] | None = None  # since when, and how far ahead then
+        self._misfits = PersistentOffset()
 
     def note(self, stamp_ns: int, *, now_ns: int) -> None:
         """Take the stamp of an odometry that arrives now."""
         ahead_ns = stamp_ns - now_ns
         if abs(ahead_ns - self.ahead_ns) <= _APART_NS:
-            self._odd = None
-        elif self._odd is None or abs(ahead_ns - self._odd[1]) > _ALIKE_NS:
-            self._odd = now_ns, ahead_ns
-        elif now_ns - self._odd[0] >= _WHILE_NS:
+            self._misfits.clear()
+            return
+        lasting_ns = self._misfits.duration_ns(ahead_ns, now_ns=now_ns, tolerance_ns=_SAME_NS)
+        if lasting_ns >= _LASTING_NS:
             self.ahead_ns = 0 if abs(ahead_ns) <= _APART_NS else ahead_ns
-            self._odd = None
+            self._misfits.clear()

@@ -1,7 +1,6 @@
-"""Whether a vehicle that is to land has reached the ground: it stays although it should sink.
+"""Whether a landing vehicle has reached the ground: it stays although it should sink.
 
-Apart from ``control/estimation/contact.py``, which goes by the commands: here they are not known,
-but how far below the vehicle the reference is.
+Commands are not known here (``control/estimation/ground.py`` compares the judges of the ground).
 """
 
 from __future__ import annotations
@@ -10,22 +9,21 @@ from collections import deque
 
 import numpy as np
 
+from quad_mpc_ros.control.estimation.ground import SINKING_IN_VAIN
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
 
-_GAP = 0.15  # m that the reference must be below the vehicle
 _DURATION_NS = 500_000_000
 _LEAST_SAMPLES = 5
-# Shares of the touchdown speed that count as none: as measured, and as the heights change.
+# Shares of the touchdown speed that count as still: measured, and by the change of height.
 _SLOW, _STILL = 0.5, 1.0 / 3.0
 
 
 class Touchdown:
     """Watches one landing.
 
-    Over half a second the reference must have been below the vehicle, and both the velocities and
-    the heights of its odometry must say that it stays: either may be wrong. Both are averaged, as
-    they are noisy.
+    For half a second the reference must be below the vehicle, and both the velocities and the
+    heights of its odometry, averaged because of their noise, must show that it stays.
     """
 
     def __init__(self, touchdown_speed: float) -> None:
@@ -35,7 +33,7 @@ class Touchdown:
     def felt(self, odometry: OdometrySample, *, reference_height: float) -> bool:
         """Take the next odometry; return whether the ground carries the vehicle."""
         height = float(odometry.p_WB[2])
-        if not height - reference_height > _GAP:
+        if not height - reference_height > SINKING_IN_VAIN:
             self._kept.clear()
             return False
         self._kept.append((odometry.stamp_ns, height, odometry.v_WB_B))

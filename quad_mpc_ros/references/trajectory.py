@@ -1,4 +1,4 @@
-"""What a trajectory is, the reference as a function of time, and what each of them is told."""
+"""Trajectories: references as functions of time, and their common parameters."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class TrajectorySamples:
 
 @runtime_checkable
 class Trajectory(Protocol):
-    """A reference to fly. Times are integer nanoseconds from its start, and may be any number.
+    """A reference to fly. Times are integer nanoseconds from its start, of any sign.
 
-    A class whose trajectories never change once they are made may say ``fixed = True``: they are
-    asked for many times at once then, long before they are flown.
+    A class with trajectories that never change may set ``fixed = True``: then they are sampled at
+    many times at once, long before they are flown.
     """
 
     def at(self, times_ns: list[int]) -> TrajectorySamples:
@@ -46,20 +46,19 @@ class Trajectory(Protocol):
 
     @property
     def period_ns(self) -> int:
-        """Time after which the whole trajectory has been seen; 0 when it never moves."""
+        """Duration, or period, of the trajectory; 0 if it never moves."""
 
     @property
     def smooth(self) -> bool:
-        """Whether a vehicle can follow it: it is previewed, and flights begin on it."""
+        """Whether it has no jumps: it is previewed, and flights begin on it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryParameters(VehicleParameters):
-    """What every trajectory is told: the vehicle, and where it is flown.
+    """The common parameters of trajectories: the vehicle, and where they are flown.
 
-    A trajectory with parameters of its own declares them in a class derived from this one, in its
-    own file. All of them together are the parameters of the reference node, so their names must
-    be unlike.
+    Further parameters of a trajectory are declared in a class derived from this one, in its file.
+    All of them together are the parameters of the reference node, so their names must differ.
     """
 
     owner = "reference"
@@ -101,7 +100,7 @@ def at_rest(p_WB: Array, *, yaw: float = 0.0) -> TrajectorySamples:
 
 
 def combined(function: Callable[..., Array], *parts: TrajectorySamples) -> TrajectorySamples:
-    """Return what a function makes of the positions of some samples, of their attitudes, …."""
+    """Return samples with a function applied to each field of some samples."""
     names = [field.name for field in dataclasses.fields(TrajectorySamples)]
     return TrajectorySamples(
         **{name: function(*(getattr(part, name) for part in parts)) for name in names}

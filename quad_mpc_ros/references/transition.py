@@ -23,7 +23,7 @@ _PEAK = 35.0 / 16.0
 class FlatState:
     """Flat outputs and their derivatives: ``end`` of a leg, yaw [rad] and its rate [rad/s].
 
-    Yaw is the turn about body z after the shortest tilt from level. ``inverted`` tells that the
+    Yaw is the turn about body z after the shortest tilt from level. ``inverted`` means that the
     thrust points below the horizon.
     """
 
@@ -41,7 +41,7 @@ class FlatState:
 def flat_state_of(trajectory: Trajectory, time_ns: int) -> FlatState:
     """Return the flat state of a smooth trajectory at a time.
 
-    Jerk and yaw rate are differences forwards: at the beginning there is nothing before.
+    Jerk and yaw rate are forward differences: before the beginning there is nothing.
     """
     samples = trajectory.at([time_ns, time_ns + _STEP_NS, time_ns + 2 * _STEP_NS])
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
@@ -67,9 +67,9 @@ def transition(
     max_acceleration: float,
     max_yaw_rate: float,
 ) -> Path:
-    """Return the path of least snap from one flat state to another, turning the shorter way.
+    """Return the quickest path of minimum snap within the limits [m/s, m/s^2, rad/s].
 
-    It is as quick as the limits [m/s, m/s^2, rad/s] let it be.
+    It leads from one flat state to another and turns the shorter way.
     """
     turned = math.remainder(goal.yaw - start.yaw, math.tau)
     leg = leg_within(start.end, goal.end, max_speed=max_speed, max_acceleration=max_acceleration)

@@ -1,4 +1,4 @@
-"""Waypoints of a configuration: held, one or one after the other, or flown through."""
+"""Configured waypoints: held one after the other, or flown through."""
 
 from __future__ import annotations
 
@@ -59,8 +59,7 @@ class WaypointParameters(StopParameters):
 def configured_waypoints(config: WaypointParameters) -> Array:
     """Return the waypoints (n, 3) [m] in the world.
 
-    Raises :class:`ConfigurationError` for fewer than two, and naming the index of one that is at
-    the place of the one before.
+    Raises :class:`ConfigurationError` for fewer than two, and for successive equal ones.
     """
     name, given = f"{config.owner}.waypoints", config.waypoints
     if len(given) % 3:
@@ -88,7 +87,7 @@ def waypoints(config: WaypointParameters) -> Path | Steps:
 
 
 def through_waypoints(config: WaypointParameters) -> Path:
-    """Return the path of least snap through the waypoints."""
+    """Return the path of minimum snap through the waypoints."""
     return minimum_snap_path(
         configured_waypoints(config),
         max_speed=config.max_speed,
@@ -97,7 +96,7 @@ def through_waypoints(config: WaypointParameters) -> Path:
 
 
 def from_waypoint_to_waypoint(config: WaypointParameters) -> Path:
-    """Return the path of least snap from each waypoint to the next, resting at each."""
+    """Return the path of minimum snap from each waypoint to the next, resting at each."""
     points = configured_waypoints(config)
     return Chain([*rests_and_legs(points, config), Rest(points[-1], duration=config.dwell_time)])
 
@@ -118,7 +117,7 @@ def rests_and_legs(points: Array, config: StopParameters) -> list[Path]:
 
 
 class Hover:
-    """One point above the origin, held at a heading for ever."""
+    """One point above the origin, held at a heading."""
 
     smooth = True
     fixed = True
@@ -133,15 +132,15 @@ class Hover:
         return at_rest(np.tile(self._p_WB, (len(times_ns), 1)), yaw=self._yaw)
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
-        """Return nothing: it never moves."""
+        """Return none: it never moves."""
         return []
 
 
 class Steps:
     """Jumps from one point (n, 3) [m] to the next, each held for a while.
 
-    With ``closed`` it goes round and round, otherwise it stays at the last one. Not feasible, and
-    so a test of the controller rather than of the reference.
+    With ``closed`` it repeats, otherwise it stays at the last one. It is not feasible: a test of
+    the controller.
     """
 
     smooth = False

@@ -1,4 +1,4 @@
-"""Time that runs on steadily, though the system's clock is set or simulated time stands still."""
+"""Steady time, though the system's clock is set or simulated time stands still."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def create_steady_timer(node: Node, period: float, callback: Callable[[], None])
 
 
 class Metronome:
-    """Calls back every ``period`` seconds, in a thread of its own, until it is stopped.
+    """Calls back every ``period`` seconds, in its own thread, until stopped.
 
-    Beats that were missed are not made up for.
+    Missed beats are skipped.
     """
 
     def __init__(self, period: float, callback: Callable[[], None]) -> None:
@@ -42,9 +42,9 @@ class Metronome:
 
 
 class SteadyTime:
-    """Nanoseconds of the node's clock as it was at the start, from then on without jumps.
+    """Nanoseconds of the node's clock at the start, from then on without jumps.
 
-    Simulated time (``use_sim_time``) is taken as it comes: it may stand still or run slowly.
+    Simulated time (``use_sim_time``) is used as it is: it may stand still or run slowly.
     """
 
     def __init__(self, clock: Clock) -> None:

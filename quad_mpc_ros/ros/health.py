@@ -1,7 +1,7 @@
 """The health of a node on ``/diagnostics``: once a second, and when a peer joins or leaves.
 
-The counts of matched peers let whoever starts the nodes know when they really hear each other,
-which is later than when they exist.
+The counts of matched peers show when nodes are really connected, which is later than when they
+exist.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class HealthReporter:
         self._counted: list[tuple[str, str]] = []
         self._reported_s = 0.0
         self._unmatched: set[str] = set()
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self.vehicle: Mapping[str, Any] = {}
         """What the node was given of the vehicle, to be compared with the others'."""
         self.watch: VehicleWatch | None = None
@@ -118,13 +118,13 @@ class HealthReporter:
         self._reported_s, self._counted = time.monotonic(), peers
 
     def rivals(self) -> str:
-        """Return which topics have two publishers where there must be one; empty if none has."""
+        """Return which topics have several publishers where there must be one; empty if none."""
         rivals = [
             f"{count} publishers on {name}"
             for name in sorted(self._single & self._endpoints.keys())
             if (count := _peer_count(self._endpoints[name])) > 1
         ]
-        return f"{', '.join(rivals)}, where there must be one" if rivals else ""
+        return f"{', '.join(rivals)}, expected one" if rivals else ""
 
     def _with_faults(self, health: Health) -> Health:
         """Return the health with a warning of rival publishers and of different vehicles."""
@@ -149,22 +149,22 @@ class HealthReporter:
     def _poll(self) -> None:
         due = time.monotonic() - self._reported_s >= _PERIOD
         if due:
-            self._tell_mismatches()
+            self._report_mismatches()
         if due or self._peers() != self._counted:
             self.report()
 
-    def _tell_mismatches(self) -> None:
+    def _report_mismatches(self) -> None:
         """Warn once of a topic where a peer has existed for a period without being matched."""
         unmatched = {
             name
             for name, endpoint in self._endpoints.items()
             if _peer_count(endpoint) < self._known_peer_count(endpoint)
         }
-        for name in sorted(unmatched & self._unmatched - self._told):
-            self._told.add(name)
+        for name in sorted(unmatched & self._unmatched - self._reported):
+            self._reported.add(name)
             self._node.get_logger().warning(
-                f"{name}: somebody is on this topic who cannot be heard or does not hear; the "
-                "quality of service or the type does not fit: see ros2 topic info --verbose"
+                f"{name}: a peer on this topic is not matched, its quality of service or type "
+                "differs: compare them with ros2 topic info --verbose"
             )
         self._unmatched = unmatched
 
@@ -182,14 +182,14 @@ class HealthReporter:
 
 
 class ReportingNode(ParameterNode, Generic[C]):
-    """A node without a lifecycle: it runs from its start to its end.
+    """A node without a lifecycle.
 
-    A derived node makes its endpoints through ``health`` and overrides :meth:`report`. To end with
-    another exit code than 0 it sets ``exit_code``.
+    A derived node makes its endpoints through ``health`` and overrides :meth:`report`. It sets
+    ``exit_code`` to end with another one than 0.
     """
 
     def __init__(self, name: str, configuration: type[C]) -> None:
-        """Declare the parameters. Raises :class:`ConfigurationError` for what is given wrong."""
+        """Declare the parameters. Raises :class:`ConfigurationError` for bad values."""
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
         self.config = declare(self, configuration)

@@ -1,7 +1,7 @@
-"""What the nodes with a lifecycle have in common: transitions, parameters, health, autostart.
+"""What the nodes with a lifecycle share: transitions, parameters, health, autostart.
 
-A node says in its hooks what a transition does. This module makes a failed transition one line in
-the log, lets no transition leave anything behind, and shows the state to everybody.
+A node's hooks define what a transition does. Here a failed transition becomes one line in the log
+and leaves nothing behind, and the state is published.
 """
 
 from __future__ import annotations
@@ -48,25 +48,25 @@ _SHUTDOWN_DELAY = 0.1  # s: the response to the request for the shutdown goes ou
 
 
 class _ObstacleError(UserError):
-    """Something is in the way of an activation."""
+    """Something prevents an activation."""
 
 
 class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     """A node that is configured, activated, deactivated and cleaned up, by itself or by others.
 
-    The publishers are plain ones, not lifecycle publishers: an inactive node must not even compute
-    what it must not send, or a controller would count on a command that nobody got. So a derived
-    node asks :attr:`active`, and overrides the hooks below. A hook raises :class:`UserError` for
-    what the user can mend, and the transition is refused; ``deactivate`` and ``cleanup`` raise
-    nothing. The ``__init__`` of a derived node ends with :meth:`start`.
+    Publishers are plain ones, not lifecycle publishers: an inactive node must not even compute
+    what it must not send, or a controller would count on a command that was never sent. So a
+    derived node checks :attr:`active`, and overrides the hooks below. A hook raises
+    :class:`UserError` for what the user can fix, and the transition is refused; ``deactivate`` and
+    ``cleanup`` raise nothing. The ``__init__`` of a derived node ends with :meth:`start`.
     """
 
     def __init__(self, name: str, configuration: type[C]) -> None:
-        """Declare the parameters. Raises :class:`ConfigurationError` for what is given wrong."""
+        """Declare the parameters. Raises :class:`ConfigurationError` for bad values."""
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.exit_code = 0
         self.state = "unconfigured"
-        """Of the lifecycle: unconfigured, inactive, active, finalized, or on the way."""
+        """Of the lifecycle: unconfigured, inactive, active, finalized, or between."""
         self.active = False
         self._configured = False
         self._autostarting = False
@@ -75,7 +75,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self._made = ExitStack()
         self._managed_parameters = ManagedParameters(self, configuration, apply=self.reconfigure)
         self.health = HealthReporter(self, self._probe)
-        # rclpy answers a transition that is not possible with an exception, which ends the node.
+        # rclpy answers an impossible transition with an exception, which ends the node.
         (service,) = (each for each in self.services if each.srv_type is ChangeState)
         service.callback = functools.partial(self._on_change_state, service.callback)
 
@@ -83,7 +83,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         """Make what the node needs.
 
         Publishers of ``self.health`` and what the methods ``managed_…`` make are destroyed by the
-        cleanup, and when this hook fails.
+        cleanup, or when this hook fails.
         """
 
     def obstacle(self) -> str | None:
@@ -91,13 +91,13 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         return None
 
     def activate(self) -> None:
-        """Begin, or go on."""
+        """Begin, or continue."""
 
     def deactivate(self) -> None:
         """Stop; :attr:`active` is already false."""
 
     def cleanup(self) -> None:
-        """Release what ``configure`` made, apart from what is destroyed automatically."""
+        """Release what ``configure`` made and is not destroyed automatically."""
 
     def reconfigure(self, config: C) -> None:
         """Apply changed live parameters."""
@@ -107,9 +107,9 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         raise NotImplementedError
 
     def start(self) -> None:
-        """Configure, and activate if nothing is in the way, unless ``autostart`` is false.
+        """Configure, and activate if nothing prevents it, unless ``autostart`` is false.
 
-        Raises what went wrong instead of logging it: a node that cannot start ends.
+        Errors are raised and not logged: a node that cannot start ends.
         """
         if not self.get_parameter("autostart").value:
             return
@@ -119,19 +119,19 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             if self.obstacle() is None:
                 self._by_itself(self.trigger_activate)
             self.health.report()
-        except BaseException:  # a signal as well: nobody else would end what has begun
+        except BaseException:  # signals too: nothing else would release what was made
             self._release()
             raise
 
     def activate_when_ready(self) -> None:
-        """Activate, if the node starts by itself and nothing is in the way any more.
+        """Activate if the node starts by itself and nothing prevents it any more.
 
-        To be called whenever that may have changed.
+        Call it whenever that may have changed.
         """
         if self._autostarting and self.obstacle() is None:
             self.trigger_activate()
             self._autostarting = False
-            self._tell("activate")
+            self._report("activate")
 
     def managed_timer(
         self, period: float, callback: Callable[[], None], *, steady: bool = False
@@ -158,7 +158,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self._made.callback(self.destroy_timer, timer)
 
     def managed_beat(self, period: float, callback: Callable[[], None]) -> None:
-        """Call back every so many seconds until the cleanup, whatever the executor is busy with.
+        """Call back every ``period`` [s] until the cleanup, even while the executor is busy.
 
         In simulated time it is a timer of the executor.
         """
@@ -170,7 +170,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
             try:
                 callback()
             except Exception:
-                if rclpy.ok():  # else it has been told to end meanwhile
+                if rclpy.ok():  # else it is ending anyway
                     self.get_logger().fatal(traceback.format_exc())
                     self.exit_code = 1
                     stop()
@@ -192,7 +192,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         """Create a subscription until the cleanup, as :meth:`HealthReporter.subscription` does."""
 
         def guarded(message: Any) -> None:
-            if self._configured:  # the executor may hold one that came before the cleanup
+            if self._configured:  # the executor may hold one from before the cleanup
                 callback(message)
 
         self.health.subscription(topic, guarded, **options)
@@ -202,7 +202,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         return self._result_of(self._configure, by="configuring", to="inactive")
 
     def on_activate(self, _: Any) -> TransitionCallbackReturn:
-        """Begin, unless something is in the way."""
+        """Begin, unless something prevents it."""
         return self._result_of(self._activate, by="activating", to="active")
 
     def on_deactivate(self, _: Any) -> TransitionCallbackReturn:
@@ -276,7 +276,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     def _result_of(
         self, transition: Callable[[], None], *, by: str, to: str
     ) -> TransitionCallbackReturn:
-        """Carry out a transition by a state to another; keep its error for :meth:`_tell`."""
+        """Carry out a transition by a state to another; keep its error for :meth:`_report`."""
         before, self.state = self.state, by
         self._fault = None
         try:
@@ -299,24 +299,24 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
     def _on_change_state(
         self, carry_out: Callable[[Any, Any], Any], request: Any, response: Any
     ) -> Any:
-        """Carry out a requested transition if it is possible, and tell its result."""
+        """Carry out a requested transition if it is possible, and report its result."""
         wanted = request.transition
         possible = _TRANSITIONS.get(self.state, {})
         asked = wanted.label or possible.get(wanted.id, str(wanted.id))
         if asked not in possible.values():
             self.get_logger().warning(
-                f"transition {asked} refused: {self.state}, from which only "
-                f"{', '.join(possible.values())} is possible"
+                f"transition {asked} refused: the node is {self.state}, expected one of "
+                f"{', '.join(possible.values())}"
             )
             response.success = False
             return response
         self._autostarting = self._autostarting and asked == "activate"
         response = carry_out(request, response)
-        self._tell(asked)
+        self._report(asked)
         return response
 
-    def _tell(self, transition: str) -> None:
-        """Log and report the new state, or why a transition has not led to it."""
+    def _report(self, transition: str) -> None:
+        """Log and publish the new state, or why a transition failed."""
         if self._fault is None:
             self.get_logger().info(self.state)
         elif isinstance(self._fault, UserError):

@@ -1,7 +1,4 @@
-"""Messages and quality of service of a topic, as rclpy wants them.
-
-The packages of the messages are imported when they are first asked for.
-"""
+"""Messages and quality of service of a topic for rclpy; packages are imported on first use."""
 
 from __future__ import annotations
 
@@ -58,14 +55,14 @@ def reference_in(data: bytes) -> ReferenceWindow:
 
 
 class UnreadableError(ValueError):
-    """Bytes that are not the message that they should be."""
+    """Bytes that are not a message of the expected type."""
 
 
 def _readable(topic: Topic, data: bytes) -> Any:
     try:
         return decoded(topic, data)
     except Exception as error:  # whatever rclpy has for it
-        raise UnreadableError(f"{topic.name}: not a {topic.type_name}: {error}") from error
+        raise UnreadableError(f"{topic.name}: bytes are no {topic.type_name}: {error}") from error
 
 
 def qos_of(topic: Topic) -> QoSProfile:

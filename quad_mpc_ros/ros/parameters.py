@@ -55,10 +55,10 @@ class ParameterNode(Node):
 def declare(node: ParameterNode, configuration: type[C], *, managed: bool = False) -> C:
     """Declare every parameter of a configuration on a node and return what the user has set.
 
-    rclpy would ignore unknown names, and refuse a whole number for a real parameter, and an empty
-    list; so what was given is looked at here.
-    All but live parameters are read-only, unless they are ``managed``: then
-    :class:`ManagedParameters` decides when they may change. Raises :class:`ConfigurationError`.
+    rclpy would ignore unknown names, and refuse an integer for a double and an empty list, so
+    values are checked here. All but live parameters are read-only, unless they are ``managed``:
+    then :class:`ManagedParameters` decides when they may change. Raises
+    :class:`ConfigurationError`.
     """
     names = [
         name
@@ -79,7 +79,7 @@ def declare(node: ParameterNode, configuration: type[C], *, managed: bool = Fals
     for spec in config.specs():
         node.declare_parameter(
             spec.name,
-            # An empty array has no type of its own, so the type is given apart.
+            # An empty array does not imply its type.
             Parameter(
                 spec.name, _type_of(spec, values[spec.name]), _plain(values[spec.name])
             ).value,
@@ -107,7 +107,7 @@ class ManagedParameters(Generic[C]):
         self._apply = apply
         self._settled: C | None = None
         self._accepted: C | None = None
-        # What is chosen may add parameters of its own.
+        # The choice of a trajectory or plant may add parameters.
         self._specs = {
             spec.name: spec for spec in declare(node, configuration, managed=True).specs()
         }
@@ -116,9 +116,9 @@ class ManagedParameters(Generic[C]):
         node.add_post_set_parameters_callback(self._take_over)
 
     def settle(self) -> C:
-        """Return what is set; from now on only live parameters change.
+        """Return the configuration; from now on only live parameters change.
 
-        Raises :class:`ConfigurationError` when what is set does not go together.
+        Raises :class:`ConfigurationError` when values do not fit together.
         """
         parameters = self._node.get_parameters(list(self._specs))
         self._settled = self._kind.build({p.name: _plain(p.value) for p in parameters})
@@ -164,7 +164,7 @@ class ManagedParameters(Generic[C]):
     def _changed(self, settled: C, changes: Mapping[str, object]) -> C:
         """Return a configuration with live parameters changed, validated as a whole.
 
-        A structural one may be given as it is, as a whole file does; a switch stays on or off.
+        A structural one may be given unchanged, as in a whole file; a switch stays on or off.
         """
         in_force = settled.flattened()
         for name, value in changes.items():
@@ -177,9 +177,8 @@ class ManagedParameters(Generic[C]):
                 raise ConfigurationError(
                     f"{self._kind.owner}.{name}",
                     value,
-                    f"{kept} as long as the node is configured; to change it, "
-                    "deactivate and clean up the node first, or set it in the parameter file and "
-                    "start again",
+                    f"{kept} while the node is configured; to change it, deactivate and clean up "
+                    "the node first, or set it in the parameter file and restart",
                 )
         return settled.updated(changes) if changes else settled
 
@@ -192,8 +191,8 @@ def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=spec.name,
         description=f"{spec.doc}{unit}",
-        # A parameter has one type, unless it says that it may have another: a number or three. An
-        # empty array has none: to rclpy it is one of bytes, to the command line one of bools.
+        # One type, except for a number or three. To rclpy an empty array is one of bytes, to the
+        # command line one of bools.
         dynamic_typing=spec.per_axis or (spec.kind.endswith("_array") and spec.length is None),
         additional_constraints=spec.allowed() + (f"; may be set {when}" if managed else ""),
         read_only=not (managed or spec.live),
@@ -211,12 +210,12 @@ def _descriptor(spec: ParameterSpec, *, managed: bool) -> ParameterDescriptor:
 
 
 def _type_of(spec: ParameterSpec, value: Any) -> Parameter.Type:
-    """Return the type that a parameter is to have for a value."""
+    """Return the type of a parameter with this value."""
     if spec.per_axis and isinstance(value, array.array | tuple | list):
         return Parameter.Type[f"{spec.kind}_array".upper()]
     return Parameter.Type[spec.kind.upper()]
 
 
 def _plain(value: Any) -> Any:
-    """Return a value with arrays as lists: from rclpy they come as ``array.array``."""
+    """Return a value with arrays, which rclpy gives as ``array.array``, as lists."""
     return list(value) if isinstance(value, array.array | tuple | list) else value

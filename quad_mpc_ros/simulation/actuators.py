@@ -4,8 +4,8 @@ Body rates and throttle y follow the command c as dy/dt = (c - y) / tau, with ti
 seconds; with 0 the command is followed at once. It is the throttle signal that lags, the thrust
 follows by the curve.
 
-The plant's own, apart from those of the controller's model (``control/model/actuators.py``) on
-purpose: a mistake that both shared would not show.
+Separate from those of the controller's model (``control/model/actuators.py``) on purpose: a shared
+mistake would not show.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from quad_mpc_ros.references.server import ReferenceServer, WindowsAhead
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
-from quad_mpc_ros.simulation.sensors import OdometryStream, looks_younger_ns, odometry_stamps
+from quad_mpc_ros.simulation.sensors import OdometryStream, odometry_stamps, stamp_offset_ns
 
 _DEFAULT_DURATION = 10.0  # s
 
@@ -70,8 +70,8 @@ def fly(
 
     The arguments are those of :func:`quad_mpc_ros.simulate`, which returns the steps as arrays.
     Without ``simulator`` it takes ten seconds, with one the ``duration`` that it says. A path is
-    flown by differential flatness, with the vehicle and the yaw of ``reference``; a plant of
-    one's own begins as it is, also ``on_reference``.
+    flown by differential flatness, with the vehicle and the yaw of ``reference``; a
+    given ``plant`` starts as it is, also with ``on_reference``.
 
     Raises:
         UserError: For parameters that cannot be used together, or a trajectory that the vehicle
@@ -88,7 +88,7 @@ def fly(
     server = ReferenceServer(reference, flown)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     server.start(SIMULATION_START_NS)
-    first_ns = SIMULATION_START_NS + looks_younger_ns(simulator)
+    first_ns = SIMULATION_START_NS + stamp_offset_ns(simulator)
     ahead = WindowsAhead(server, (first_ns + time_ns for time_ns in odometry_stamps(simulator)))
     while (sent := stream.step()) is not None:
         now_ns = SIMULATION_START_NS + sent.time_ns

@@ -1,7 +1,7 @@
 """Every plant by its name, and the parameters of the simulator node.
 
-A plant is entered here: its name in ``PLANTS``, and its parameters, if it has any of its own, as a
-base of :class:`OwnParameters`.
+A plant is registered here: its name in ``PLANTS``, and its own parameters, if any, as a base of
+:class:`OwnParameters`.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class PlantEntry(Generic[P_contra]):
     """How a plant is made of the parameters.
 
     Other packages add theirs by an entry point of the group ``quad_mpc_ros.plants`` that leads to
-    one of these; ``parameters`` is then the class of those that the plant has of its own.
-    ``preset`` is the parameter file that comes with it: what the controller must know of a plant
-    that is not the package's own vehicle. ``has_own`` names the parameters of others in whose
-    place it has something of its own; they must be left as they are.
+    one of these; ``parameters`` is then the class of the plant's own. ``preset`` is the parameter
+    file that comes with it: what the controller must know of a plant that is not the package's
+    own vehicle. ``has_own`` names parameters that this plant replaces; they must keep their
+    defaults.
     """
 
     make: Callable[[P_contra], Plant]
@@ -94,12 +94,12 @@ class ChoiceParameters(ExtensibleConfiguration, VehicleParameters):
 # The parameters are listed in the order of the bases, the last one first.
 @dataclass(frozen=True, kw_only=True)
 class OwnParameters(BetaflightParameters, RotorpyParameters, InternalParameters):
-    """What plants have of their own."""
+    """The own parameters of all plants."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatorConfig(OwnParameters, ChoiceParameters):
-    """The plant, on parameters of its own so that it can differ from the controller's model.
+    """The plant, with its own parameters so that it can differ from the controller's model.
 
     By default it has no wind, noise or losses.
     """
@@ -202,7 +202,7 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
         return {name: value for name, value in values.items() if name not in has_own}
 
     def check(self) -> None:
-        """Refuse to give a plant what it has of its own."""
+        """Refuse parameters that the plant replaces."""
         super().check()
         defaults = {spec.name: spec.default for spec in self.specs()}
         for name in self.entry().has_own:

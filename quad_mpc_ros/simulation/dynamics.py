@@ -1,7 +1,6 @@
 """Continuous dynamics of the plant, as printed in the paper and of the true rigid body, compiled.
 
-The controller predicts by a model of its own (``control/model/rollout.py``), not by these: they
-are apart on purpose.
+The controller predicts by ``control/model/rollout.py``: the two are separate on purpose.
 
 World ENU, body FLU: gravity is -g along world z and thrust is along +z of the body. The paper
 writes NED/FRD, where both signs flip. Velocity is in body axes, as in the paper.
@@ -41,10 +40,11 @@ def paper_dynamics(
     wind_B = kernels.apply_transposed(R_WB, wind_W)
     u, v, w = v_WB_B[0] - wind_B[0], v_WB_B[1] - wind_B[1], v_WB_B[2] - wind_B[2]
     drag = air[0] + turning * rotors[0], air[1] + turning * rotors[1], air[2] + turning * rotors[2]
+    up_B = kernels.column(kernels.transposed(R_WB), 2)
     return (
-        -gravity * R_WB[6] - drag[0] * u,
-        -gravity * R_WB[7] - drag[1] * v,
-        lift + gained * (u * u + v * v) - gravity * R_WB[8] - drag[2] * w,
+        -gravity * up_B[0] - drag[0] * u,
+        -gravity * up_B[1] - drag[1] * v,
+        lift + gained * (u * u + v * v) - gravity * up_B[2] - drag[2] * w,
     )
 
 

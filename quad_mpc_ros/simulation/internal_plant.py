@@ -19,6 +19,7 @@ from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.simulation import motion
 from quad_mpc_ros.simulation.parameters import LONGEST_TIME_CONSTANT, PlantParameters
 from quad_mpc_ros.simulation.plant import DelayedPlant, odometry_of
+from quad_mpc_ros.simulation.records import Inputs, Measured
 
 # Steps per time constant, for the integrator to follow a lag, and the shortest step for that.
 _STEPS_PER_LAG = 10
@@ -27,7 +28,7 @@ _SHORTEST_STEP = 5e-4
 
 @dataclass(frozen=True, kw_only=True)
 class InternalParameters(PlantParameters):
-    """Its own: which equations of motion, and how the actuators lag."""
+    """The own parameters of this plant: equations of motion, lags of the actuators."""
 
     dynamics: str = parameter(
         "rigid_body",
@@ -73,60 +74,56 @@ class InternalPlant(DelayedPlant):
             rate_time_constant=config.rate_time_constant,
             thrust_time_constant=config.thrust_time_constant,
         )
-        self._command = np.array([config.initial_throttle, *config.initial_body_rates])
-        self._row = np.empty(motion.ROW_SIZE)
-        self._R_WB = self._row[motion.R_WB].reshape(3, 3)
-        self._R_WB[:] = so3.rotation_from_quaternion_xyzw(config.initial_attitude)
-        self._row[motion.P_WB] = config.initial_position
-        self._row[motion.V_WB_B] = self._R_WB.T @ np.array(config.initial_velocity)
-        self._row[motion.THROTTLE :] = self._command
+        self._inputs, self._x = Inputs.zeros(), motion.VehicleState.zeros()
+        self._x["R_WB"][:] = so3.rotation_from_quaternion_xyzw(config.initial_attitude)
+        self._x["p_WB"][:] = config.initial_position
+        self._x["v_WB_B"][:] = self._x["R_WB"].T @ np.array(config.initial_velocity)
+        for each in (self._x, self._inputs):
+            each["throttle"], each["w_WB_B"] = config.initial_throttle, config.initial_body_rates
         # What moves it is compiled or loaded now, not while it flies.
         self._move(steps=0, duration=0.0)
-        motion.odometry(self._row)
+        self.odometry(0)
 
     @property
     def state(self) -> State:
         """The true state."""
-        return State(
-            p_WB=self._row[motion.P_WB].copy(),
-            v_WB_B=self._row[motion.V_WB_B].copy(),
-            R_WB=self._R_WB.copy(),
-        )
+        x = self._x
+        return State(p_WB=x["p_WB"].copy(), v_WB_B=x["v_WB_B"].copy(), R_WB=x["R_WB"].copy())
 
     @property
     def v_WB_W(self) -> Array:
         """True velocity (3,) [m/s]."""
-        return np.asarray(self._R_WB @ self._row[motion.V_WB_B])
+        return np.asarray(self._x["R_WB"] @ self._x["v_WB_B"])
 
     @property
     def input(self) -> Input:
         """The true throttle and body rates of the actuators."""
-        return Input(
-            throttle=float(self._row[motion.THROTTLE]), w_WB_B=self._row[motion.W_WB_B].copy()
-        )
+        return Input(throttle=float(self._x["throttle"]), w_WB_B=self._x["w_WB_B"].copy())
 
     def odometry(self, stamp_ns: int) -> OdometrySample:
         """Return the true odometry under a stamp."""
-        return odometry_of(motion.odometry(self._row), self._config, stamp_ns=stamp_ns)
+        measured = Measured.zeros()
+        motion.measure(self._x, measured)
+        return odometry_of(measured, self._config, stamp_ns=stamp_ns)
 
     def _follow(self, command: Input) -> None:
         followed = self._rate_gain * command.w_WB_B
-        self._command[0], self._command[1:] = command.throttle, followed
+        self._inputs["throttle"], self._inputs["w_WB_B"] = command.throttle, followed
         if self._config.thrust_time_constant == 0.0:
-            self._row[motion.THROTTLE] = command.throttle
+            self._x["throttle"] = command.throttle
         for axis, lag in enumerate(per_axis(self._config.rate_time_constant)):
             if lag == 0.0:
-                self._row[motion.W_WB_B.start + axis] = followed[axis]
+                self._x["w_WB_B"][axis] = followed[axis]
 
     def _integrate(self, duration_ns: int) -> None:
         steps = -(-duration_ns // self._longest_step_ns)
         self._move(steps=steps, duration=duration_ns * 1e-9 / steps)
 
     def _move(self, *, steps: int, duration: float) -> None:
+        self._inputs["wind_W"] = self.wind_W
         motion.advance(
-            self._row,
-            command=self._command,
-            wind_W=self.wind_W,
+            self._x,
+            inputs=self._inputs,
             vehicle=self._constants,
             steps=steps,
             duration=duration,

@@ -1,74 +1,87 @@
 """The motion of the package's own vehicle while neither command nor wind changes, compiled.
 
 One call moves it over any number of steps of the integrator: actuators, equations of motion,
-ground. A state is a row of 19 numbers and the vehicle a vector of 16, both named here.
+ground.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from quad_mpc_ros.configuration import PerAxis, per_axis
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3
+from quad_mpc_ros.control.lie import kernels
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.simulation.actuators import ActuatorState, TimeConstants, later, turn
 from quad_mpc_ros.simulation.dynamics import Course, Drive, integrated
+from quad_mpc_ros.simulation.records import Inputs, Measured, store_quaternion
 
-P_WB, V_WB_B, R_WB, THROTTLE, W_WB_B = slice(0, 3), slice(3, 6), slice(6, 15), 15, slice(16, 19)
-"""Parts of a state's row: position, velocity, rotation row by row, true throttle, body rates."""
 
-ROW_SIZE = 19
+class VehicleState(Record):
+    """The state of the vehicle and its actuators."""
 
-Lift = tuple[float, float, float]
-"""Coefficients of thrust over mass as a polynomial of the throttle, highest power first."""
+    p_WB: Vector3  # m
+    v_WB_B: Vector3  # m/s
+    R_WB: Matrix3
+    throttle: float  # that makes the thrust
+    w_WB_B: Vector3  # rad/s
+
+
+class VehicleConstants(Record):
+    """The numbers of the equations."""
+
+    is_rigid_body: int  # 0 for the paper's Eq. (3)
+    gravity: float  # m/s^2
+    lift: Vector3  # thrust over mass, a polynomial of the throttle, highest power first [m/s^2]
+    thrust_time_constant: float  # s
+    rate_time_constant: Vector3  # s
+    drag: Vector3  # 1/s
+    rotor_drag: Vector3  # 1/s
+    translational_lift: float  # 1/m
 
 
 def constants(
     vehicle: Vehicle, *, dynamics: str, rate_time_constant: PerAxis, thrust_time_constant: float
-) -> Array:
-    """Return a vehicle as the compiled code takes it (16,).
-
-    Its equations (1 for the true rigid body), gravity, the coefficients of thrust over mass
-    [m/s^2], the time constants of throttle and body rates [s], drag, drag of the rotors and
-    translational lift.
-    """
-    curve = vehicle.motor_count / vehicle.mass * np.array(vehicle.thrust_curve)
-    return np.array(
-        [
-            float(dynamics == "rigid_body"),
-            vehicle.gravity,
-            *curve,
-            thrust_time_constant,
-            *per_axis(rate_time_constant),
-            *per_axis(vehicle.drag),
-            *per_axis(vehicle.rotor_drag),
-            vehicle.translational_lift,
-        ]
-    )
+) -> RecordArray[VehicleConstants]:
+    """Return a vehicle as the compiled code takes it."""
+    numbers = VehicleConstants.zeros()
+    own = numbers[()]
+    own.is_rigid_body = int(dynamics == "rigid_body")
+    own.gravity = vehicle.gravity
+    own.lift[:] = vehicle.thrust_curve
+    own.lift *= vehicle.motor_count / vehicle.mass
+    own.thrust_time_constant = thrust_time_constant
+    own.rate_time_constant[:] = per_axis(rate_time_constant)
+    own.drag[:] = per_axis(vehicle.drag)
+    own.rotor_drag[:] = per_axis(vehicle.rotor_drag)
+    own.translational_lift = vehicle.translational_lift
+    return numbers
 
 
 @compiled
 def advance(
-    row: Array, command: Array, wind_W: Array, vehicle: Array, steps: int, duration: float
+    state: RecordArray[VehicleState],
+    inputs: RecordArray[Inputs],
+    vehicle: RecordArray[VehicleConstants],
+    steps: int,
+    duration: float,
 ) -> None:
-    """Move a state (19,) over steps of equal ``duration`` [s].
-
-    The command (4,), throttle and body rates, and the wind (3,) are those in force; ``vehicle``
-    is one of :func:`constants`.
-    """
-    is_rigid_body, gravity = vehicle[0] != 0.0, vehicle[1]
-    lift = vehicle[2], vehicle[3], vehicle[4]
-    lags = vehicle[5], (vehicle[6], vehicle[7], vehicle[8])
-    drag = vehicle[9], vehicle[10], vehicle[11]
-    rotor_drag = vehicle[12], vehicle[13], vehicle[14]
-    world = is_rigid_body, gravity, drag, rotor_drag, vehicle[15], kernels.vector(wind_W)
-    followed = command[0], (command[1], command[2], command[3])
-    p, v = kernels.vector(row[0:3]), kernels.vector(row[3:6])
-    R = kernels.matrix_in_row(row[6:15])
-    u = row[15], kernels.vector(row[16:19])
+    """Move a state over steps of equal ``duration`` [s] under inputs in force."""
+    x, u_in, numbers = state[()], inputs[()], vehicle[()]
+    gravity, lift = numbers.gravity, kernels.vector(numbers.lift)
+    lags = numbers.thrust_time_constant, kernels.vector(numbers.rate_time_constant)
+    world = (
+        numbers.is_rigid_body != 0,
+        gravity,
+        kernels.vector(numbers.drag),
+        kernels.vector(numbers.rotor_drag),
+        numbers.translational_lift,
+        kernels.vector(u_in.wind_W),
+    )
+    followed = u_in.throttle, kernels.vector(u_in.w_WB_B)
+    p, v, R = kernels.vector(x.p_WB), kernels.vector(x.v_WB_B), kernels.matrix(x.R_WB)
+    u = x.throttle, kernels.vector(x.w_WB_B)
     for _ in range(steps):
         before = u
         course, u = _driven(before, followed, lags=lags, lift=lift, duration=duration)
@@ -79,33 +92,32 @@ def advance(
         if not (p[2] > 0.0 or (p[2] == 0.0 and kernels.apply(R, v)[2] > 0.0)):
             p, v, R = _landed(p, R)
             u = _held(u, lags)
-    kernels.store_vector(p, row[0:3])
-    kernels.store_vector(v, row[3:6])
-    kernels.store_matrix_row(R, row[6:15])
-    row[15] = u[0]
-    kernels.store_vector(u[1], row[16:19])
+    kernels.store_vector(p, x.p_WB)
+    kernels.store_vector(v, x.v_WB_B)
+    kernels.store_matrix(R, x.R_WB)
+    x.throttle = u[0]
+    kernels.store_vector(u[1], x.w_WB_B)
 
 
 @compiled
-def odometry(row: Array) -> Array:
-    """Return what there is to be measured of a state (19,): a row (13,).
-
-    Position in the world, attitude as a quaternion x, y, z, w, velocity and body rates in the
-    body. On the ground nothing turns, whatever the command.
-    """
-    p, v = kernels.vector(row[0:3]), kernels.vector(row[3:6])
-    seen = np.zeros(13)
-    kernels.store_vector(p, seen[0:3])
-    seen[3], seen[4], seen[5], seen[6] = kernels.quaternion(kernels.matrix_in_row(row[6:15]))
-    kernels.store_vector(v, seen[7:10])
-    if not _on_ground(p, v):
-        kernels.store_vector(kernels.vector(row[16:19]), seen[10:13])
-    return seen
+def measure(state: RecordArray[VehicleState], out: RecordArray[Measured]) -> None:
+    """Write the true motion. On the ground nothing turns, whatever the command."""
+    x, seen = state[()], out[()]
+    p, v = kernels.vector(x.p_WB), kernels.vector(x.v_WB_B)
+    kernels.store_vector(p, seen.p_WB)
+    store_quaternion(kernels.quaternion(kernels.matrix(x.R_WB)), seen.q_WB_xyzw)
+    kernels.store_vector(v, seen.v_WB_B)
+    w = (0.0, 0.0, 0.0) if _on_ground(p, v) else kernels.vector(x.w_WB_B)
+    kernels.store_vector(w, seen.w_WB_B)
 
 
 @compiled
 def _driven(
-    u: ActuatorState, command: ActuatorState, lags: TimeConstants, lift: Lift, duration: float
+    u: ActuatorState,
+    command: ActuatorState,
+    lags: TimeConstants,
+    lift: kernels.Vector,
+    duration: float,
 ) -> tuple[Course, ActuatorState]:
     """Return how actuators drive the vehicle over a step, and what they are at its end."""
     half = 0.5 * duration
@@ -117,19 +129,19 @@ def _driven(
 
 
 @compiled
-def _drive(u: ActuatorState, lift: Lift) -> Drive:
+def _drive(u: ActuatorState, lift: kernels.Vector) -> Drive:
     return _lift(u[0], lift), u[1]
 
 
 @compiled
-def _lift(throttle: float, lift: Lift) -> float:
+def _lift(throttle: float, lift: kernels.Vector) -> float:
     """Return the thrust over mass [m/s^2]."""
     return (lift[0] * throttle + lift[1]) * throttle + lift[2]
 
 
 @compiled
 def _held(u: ActuatorState, lags: TimeConstants) -> ActuatorState:
-    """Return actuators of a body that something holds: rates that lag start again from zero."""
+    """Return the actuators of a body on the ground: rates that lag start again from zero."""
     x, y, z = u[1]
     return u[0], (
         0.0 if lags[1][0] > 0.0 else x,
@@ -142,12 +154,16 @@ def _held(u: ActuatorState, lags: TimeConstants) -> ActuatorState:
 def _landed(
     p_WB: kernels.Vector, R_WB: kernels.Matrix
 ) -> tuple[kernels.Vector, kernels.Vector, kernels.Matrix]:
-    """Return what the ground makes of a vehicle: at rest, level, heading kept."""
-    yaw = math.atan2(R_WB[3], R_WB[0])
-    return (p_WB[0], p_WB[1], 0.0), (0.0, 0.0, 0.0), kernels.exp((0.0, 0.0, yaw))
+    """Return a vehicle that the ground has stopped: at rest, level, heading kept."""
+    cosine, sine, _ = kernels.column(R_WB, 0)
+    return (
+        (p_WB[0], p_WB[1], 0.0),
+        (0.0, 0.0, 0.0),
+        kernels.exp((0.0, 0.0, math.atan2(sine, cosine))),
+    )
 
 
 @compiled
 def _on_ground(p_WB: kernels.Vector, v_WB_B: kernels.Vector) -> bool:
-    """Known here; the controller has to find it out (``control/estimation/contact.py``)."""
+    """Known here; the controller estimates it (``control/estimation/contact.py``)."""
     return p_WB[2] <= 0.0 and v_WB_B[0] == 0.0 and v_WB_B[1] == 0.0 and v_WB_B[2] == 0.0

@@ -1,4 +1,4 @@
-"""What every plant is told, and the random numbers of a simulation."""
+"""The parameters of every plant, and the random numbers of a simulation."""
 
 from __future__ import annotations
 
@@ -31,11 +31,10 @@ class Stream(IntEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class PlantParameters(VehicleParameters):
-    """What every plant is told: the true vehicle, its start, its commands and the air.
+    """The parameters of every plant: the true vehicle, its start, its commands and the air.
 
-    A plant with parameters of its own declares them in a class derived from this one, in its own
-    file. All of them together are the parameters of the simulator node, so their names must be
-    unlike.
+    A plant's own parameters are declared in a class derived from this one, in the plant's file.
+    All of them together are the parameters of the simulator node, so names must be distinct.
     """
 
     owner = "simulator"
@@ -93,7 +92,7 @@ class PlantParameters(VehicleParameters):
     child_frame_id: str = parameter("base_link", doc="Body frame of the odometry.")
 
     def check(self) -> None:
-        """Refuse a start below the ground and an attitude that is none."""
+        """Refuse a start below the ground and an attitude that is not of unit length."""
         super().check()
         self.check_hover("mass_scale", self.mass_scale, self.mass * self.mass_scale)
         if self.initial_position[2] < 0.0:

@@ -7,10 +7,12 @@ from abc import ABC, abstractmethod
 from collections import deque
 from typing import Protocol, runtime_checkable
 
+from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.simulation.parameters import PlantParameters
+from quad_mpc_ros.simulation.records import Measured
 from quad_mpc_ros.simulation.wind import NEVER_NS, Wind
 
 SIMULATION_START_NS = 1_000_000_000
@@ -41,17 +43,16 @@ class Powered(Protocol):
         """Voltage of the battery [V]; None without one that sags."""
 
 
-def odometry_of(seen: Array, config: PlantParameters, *, stamp_ns: int) -> OdometrySample:
-    """Return what is seen (13,) as an odometry under a stamp.
-
-    It is position in the world, attitude as a quaternion xyzw, velocity and rates in the body.
-    """
+def odometry_of(
+    measured: RecordArray[Measured], config: PlantParameters, *, stamp_ns: int
+) -> OdometrySample:
+    """Return what was measured as an odometry under a stamp."""
     return OdometrySample(
         stamp_ns=stamp_ns,
-        p_WB=seen[0:3],
-        q_WB_xyzw=seen[3:7],
-        v_WB_B=seen[7:10],
-        w_WB_B=seen[10:13],
+        p_WB=measured["p_WB"],
+        q_WB_xyzw=measured["q_WB_xyzw"],
+        v_WB_B=measured["v_WB_B"],
+        w_WB_B=measured["w_WB_B"],
         frame_id=config.frame_id,
         child_frame_id=config.child_frame_id,
     )
@@ -91,7 +92,8 @@ class DelayedPlant(ABC):
         return self._wind.velocity_W
 
     def apply(self, command: CommandSample) -> None:
-        """Take a command that arrives now. The throttle saturates; nonsense is ignored."""
+        """Take a command that arrives now. The throttle saturates; values that are not finite, or
+        rates beyond any vehicle, are ignored."""
         rates = command.w_WB_B.tolist()
         if not (math.isfinite(command.throttle) and all(abs(w) <= _FASTEST for w in rates)):
             return

@@ -28,7 +28,7 @@ _INTEGRATOR = {"method": "RK45", "rtol": 1e-6, "atol": 1e-9}
 
 @dataclass(frozen=True, kw_only=True)
 class RotorpyParameters(PlantParameters):
-    """Its own."""
+    """The own parameters of this plant."""
 
     rotorpy_rate_gain: float = parameter(
         20.0,

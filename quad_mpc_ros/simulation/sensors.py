@@ -1,4 +1,4 @@
-"""The odometries of a flight: noise, bias, losses; measured on time, sent after their delay."""
+"""The odometries of a flight: noise, bias, losses and delay."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Sensors:
         )
         self._exact = not (self._noise.any() or self._bias.any())
         self._dropout = config.odom_dropout
-        self._white_noise = white_noise(config.random(Stream.NOISE), 12)
+        self._white_noise = white_noise(config.random(Stream.NOISE), self._noise.size)
         self._dropout_random = config.random(Stream.DROPOUT)
         self._first = True
 
@@ -52,14 +52,15 @@ class Sensors:
         """Return what is measured of a true odometry."""
         if self._exact:
             return truth
-        error = self._bias + self._noise * next(self._white_noise)
-        R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw) @ so3.exp(error[3:6])
+        errors = self._bias + self._noise * next(self._white_noise)
+        of_p, of_R, of_v, of_w = errors.reshape(-1, 3)
+        R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw) @ so3.exp(of_R)
         return OdometrySample(
             stamp_ns=truth.stamp_ns,
-            p_WB=truth.p_WB + error[0:3],
+            p_WB=truth.p_WB + of_p,
             q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
-            v_WB_B=truth.v_WB_B + error[6:9],
-            w_WB_B=truth.w_WB_B + error[9:12],
+            v_WB_B=truth.v_WB_B + of_v,
+            w_WB_B=truth.w_WB_B + of_w,
             frame_id=truth.frame_id,
             child_frame_id=truth.child_frame_id,
         )
@@ -88,7 +89,7 @@ def odometry_stamps(config: SimulatorConfig) -> Iterator[int]:
         yield round((number + late) * 1e9 / config.odom_rate)
 
 
-def looks_younger_ns(config: SimulatorConfig) -> int:
+def stamp_offset_ns(config: SimulatorConfig) -> int:
     """Return by how much an odometry's stamp is later than its measurement [ns]."""
     return round(config.odom_delay * 1e9) if config.odom_stamp == "sent" else 0
 
@@ -97,7 +98,7 @@ def looks_younger_ns(config: SimulatorConfig) -> int:
 class SentOdometry:
     """An odometry and when it is sent, from the start of the plant; ``truth`` is without error.
 
-    Under the stamp of the sending, :meth:`OdometryStream.step` tells the truth of that time.
+    With the stamp of the sending, :meth:`OdometryStream.step` returns the truth at that time.
     ``voltage`` [V] is the battery's, measured with some of the odometries of a plant with one.
     """
 
@@ -119,7 +120,7 @@ class OdometryStream:
         self._sensors = Sensors(config)
         self._start_stamp_ns = start_stamp_ns
         self._delay_ns = round(config.odom_delay * 1e9)
-        self._looks_younger_ns = looks_younger_ns(config)
+        self._stamp_offset_ns = stamp_offset_ns(config)
         self._period_ns = round(1e9 / config.odom_rate)
         self._times = odometry_stamps(config)
         self._next_ns = next(self._times, None)
@@ -136,12 +137,12 @@ class OdometryStream:
             self._measure()
         sent = self._waiting.popleft()
         self._plant.advance_to(sent.time_ns)
-        if self._looks_younger_ns:
+        if self._stamp_offset_ns:
             return dataclasses.replace(sent, truth=self._plant.odometry(sent.odometry.stamp_ns))
         return sent
 
     def advance_to(self, time_ns: int) -> list[SentOdometry]:
-        """Move the plant to a time and return what is to be sent by then."""
+        """Move the plant to a time and return the odometries due by then."""
         while self._measures_by(time_ns):
             self._measure()
         self._plant.advance_to(time_ns)
@@ -160,7 +161,7 @@ class OdometryStream:
     def _measure(self) -> None:
         assert self._next_ns is not None
         self._plant.advance_to(self._next_ns)
-        stamp_ns = self._start_stamp_ns + self._next_ns + self._looks_younger_ns
+        stamp_ns = self._start_stamp_ns + self._next_ns + self._stamp_offset_ns
         truth = self._plant.odometry(stamp_ns)
         odometry = self._sensors.measured(truth)
         time_ns = self._next_ns + self._delay_ns

@@ -1,4 +1,4 @@
-"""Letting a plant compile before its first step: in real time there is none to spare."""
+"""Compile a plant before its first step, which in real time must not wait."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _STEPS = 4
 
 
 def warm_up(config: SimulatorConfig) -> None:
-    """Fly a plant like the configured one for a few odometries, and forget it."""
+    """Fly a plant like the configured one for a few odometries, and discard it."""
     plant = make_plant(config)
     stream = OdometryStream(plant, config, start_stamp_ns=0)
     for step in range(_STEPS):

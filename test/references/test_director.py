@@ -13,10 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
+from quad_mpc_ros.control.estimation.ground import STAY_DOWN_DEPTH
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.references.director import IDLE_DEPTH, TOO_LATE, Director, Reply
+from quad_mpc_ros.references.director import TOO_LATE, Director, Reply
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.minimum_snap import End
 from quad_mpc_ros.references.timeline import Timeline
@@ -73,7 +74,7 @@ def at(director: Director, time_ns: int) -> tuple[Array, Array, Array]:
 def test_a_whole_flight() -> None:
     director = directed()
     assert director.mode(START) == "ground"
-    assert_allclose(at(director, START)[0], GROUND - [0.0, 0.0, IDLE_DEPTH])
+    assert_allclose(at(director, START)[0], GROUND - [0.0, 0.0, STAY_DOWN_DEPTH])
     assert director.take_off(START, height=1.5).accepted
     assert director.mode(START + SECOND // 10) == "takeoff"
     now = START + 6 * SECOND
@@ -105,7 +106,7 @@ def test_a_whole_flight() -> None:
     assert not director.is_sinking(now)
     now += 9 * SECOND
     assert director.mode(now) == "ground"
-    assert_allclose(at(director, now)[0], ground - [0.0, 0.0, IDLE_DEPTH], atol=1e-6)
+    assert_allclose(at(director, now)[0], ground - [0.0, 0.0, STAY_DOWN_DEPTH], atol=1e-6)
     assert director.take_off(now, height=1.0).accepted
     assert_allclose(at(director, now + 9 * SECOND)[0], [4.01, 3.98, 1.1], atol=1e-6)
     assert_nothing_jumps(director.timeline, START - SECOND, now + SECOND)
@@ -129,9 +130,7 @@ REQUESTS: dict[str, Callable[[Director, int], Reply]] = {
         max_size=4,
     ),
 )
-def test_nothing_jumps_whatever_is_asked_for_in_the_middle_of_anything(
-    trajectory: str, requests: list[tuple[str, int]]
-) -> None:
+def test_no_request_causes_a_jump(trajectory: str, requests: list[tuple[str, int]]) -> None:
     director, now = airborne()
     assert director.fly(now, flown(trajectory)).accepted
     begun = now
@@ -142,7 +141,7 @@ def test_nothing_jumps_whatever_is_asked_for_in_the_middle_of_anything(
     assert_nothing_jumps(director.timeline, begun - SECOND // 10, now + 3 * SECOND)
 
 
-def test_what_makes_no_sense_now_is_refused_and_changes_nothing() -> None:
+def test_refuses_impossible_request_without_effect() -> None:
     director = directed()
     for request in REQUESTS.values():
         answer = request(director, START)
@@ -194,7 +193,7 @@ def test_upside_down_it_flies_on_until_it_can_stop() -> None:
 
 @pytest.mark.parametrize("request_", ["hold", "land"])
 @pytest.mark.parametrize("moment", np.linspace(0.0, 4.0, 9))
-def test_to_hold_and_to_land_a_way_is_always_found(request_: str, moment: float) -> None:
+def test_hold_and_land_always_find_a_way(request_: str, moment: float) -> None:
     """Though the trajectory itself already needs more than the limits leave."""
     changes = {"trajectory": "lemniscate", "angular_frequency": 2.2}
     trajectory = configured_trajectory(ReferenceConfig.build(changes))
@@ -209,7 +208,7 @@ def test_to_hold_and_to_land_a_way_is_always_found(request_: str, moment: float)
     assert speed == pytest.approx(0.3 if request_ == "land" else 0.0, abs=1e-6)
 
 
-def test_what_is_planned_too_late_is_not_begun() -> None:
+def test_drops_late_plan() -> None:
     director, now = airborne()
     director.too_late = lambda start_ns: start_ns < now + SECOND
     for request in REQUESTS.values():

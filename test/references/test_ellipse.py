@@ -74,7 +74,7 @@ def test_the_heading_never_jumps_and_its_rate_is_its_slope(heading: str) -> None
     assert_allclose(np.gradient(np.asarray(path.yaw), seconds)[1:-1], rate[1:-1], atol=1e-4)
 
 
-def test_an_upright_ellipse_tells_no_heading() -> None:
+def test_refuses_heading_of_upright_ellipse() -> None:
     with pytest.raises(ConfigurationError, match=r"reference\.ellipse_heading: given 'centre'"):
         config(ellipse_plane="vertical", ellipse_heading="centre")
 

@@ -48,7 +48,7 @@ def test_a_circle_needs_its_centripetal_force_and_its_drag(radius: float, speed:
     assert turned.max() == pytest.approx(math.sin(tilt) * speed / radius, rel=1e-6)
 
 
-def test_what_is_exceeded_is_told_with_where_and_by_how_much() -> None:
+def test_reports_excess_with_time_and_amount() -> None:
     limits = {
         "advanced.trajectory_throttle_max": 0.5,
         "advanced.trajectory_omega_max": [10.0, 5.0, 10.0],
@@ -77,7 +77,7 @@ def test_a_margin_takes_its_share_of_the_way_to_every_limit() -> None:
     assert verdict(trajectory="hover", limit_margin=0.99).feasible
 
 
-def test_a_thrust_downwards_is_told_as_the_throttle_that_would_push_as_much_upwards() -> None:
+def test_reports_downward_thrust_as_mirrored_throttle() -> None:
     """Also where the curve is level at no throttle."""
     curve = [6.445, 0.0, 0.0]
     found = verdict(trajectory="flip", drag=[0.86, 0.86, 0.0], thrust_curve=curve, mass=0.752)
@@ -95,7 +95,7 @@ def test_below_the_ground_is_refused() -> None:
     assert need(found, "lowest height").worst <= -0.2999
 
 
-def test_jumps_are_told_and_flown_all_the_same() -> None:
+def test_reports_jumps_and_accepts_them() -> None:
     found = verdict(trajectory="square")
     assert not found.feasible
     assert found.jumps == (2.0, 4.0, 6.0)
@@ -111,7 +111,7 @@ def test_jumps_are_told_and_flown_all_the_same() -> None:
         {"trajectory": "minimum_snap", "max_speed": 99.0, "max_acceleration": 70.0},
     ],
 )
-def test_slowed_down_as_little_as_need_be(changes: dict[str, object]) -> None:
+def test_slows_down_no_more_than_necessary(changes: dict[str, object]) -> None:
     quick, found = judged_trajectory(ReferenceConfig.build(changes))
     assert not found.feasible
     slow, found = judged_trajectory(
@@ -136,14 +136,14 @@ def test_what_is_feasible_is_not_slowed() -> None:
         assert plain.period_ns == auto.period_ns
 
 
-def test_no_slowing_helps_a_loop_or_a_place_below_the_ground() -> None:
+def test_slowing_does_not_help_loop_or_underground() -> None:
     with pytest.raises(ConfigurationError, match="change the parameters of vertical_loop"):
         configured_trajectory(
             ReferenceConfig(
                 trajectory="vertical_loop", trajectory_throttle_max=0.5, time_scaling="auto"
             )
         )
-    with pytest.raises(ConfigurationError, match="however slow"):
+    with pytest.raises(ConfigurationError, match="no slowing down helps"):
         configured_trajectory(
             ReferenceConfig(
                 trajectory="minimum_snap",
@@ -182,7 +182,7 @@ def test_limits_that_forbid_hovering_are_refused(name: str, value: float) -> Non
         {"trajectory": "lemniscate", "amplitude_x": 1e300, "time_scaling": "auto"},
     ],
 )
-def test_the_absurd_is_refused_in_one_line(changes: dict[str, object]) -> None:
+def test_refuses_absurd_values_in_one_line(changes: dict[str, object]) -> None:
     with pytest.raises(ConfigurationError, match=r"^reference\.trajectory: given ") as told:
         configured_trajectory(ReferenceConfig.build(changes))
     assert "\n" not in str(told.value)
@@ -200,5 +200,5 @@ def test_the_absurd_is_refused_in_one_line(changes: dict[str, object]) -> None:
         {"trajectory": "waypoints", "waypoints": [x for k in range(80) for x in (k % 3, k, 2)]},
     ],
 )
-def test_the_unusual_is_flown(changes: dict[str, object]) -> None:
+def test_accepts_unusual_values(changes: dict[str, object]) -> None:
     assert verdict(**changes).feasible

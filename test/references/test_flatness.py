@@ -246,6 +246,6 @@ def test_precise_right_up_to_thrust_downwards(direction: float, distance: float)
         ([np.inf, 0.0, 0.0], "finite"),
     ],
 )
-def test_no_attitude_in_it(acceleration: list[float], told: str) -> None:
+def test_refuses_path_without_attitude(acceleration: list[float], told: str) -> None:
     with pytest.raises(ValueError, match=told):
         one(a=acceleration)

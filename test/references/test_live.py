@@ -113,7 +113,7 @@ def test_a_flight_begun_at_once_can_be_held_and_landed() -> None:
     assert reference.land(now + 5 * SECOND).accepted
 
 
-def test_nothing_is_told_before_there_is_odometry_to_stand_on() -> None:
+def test_refuses_requests_before_odometry() -> None:
     reference = live()
     assert reference.window(START) is None
     for answer in (reference.take_off(START), reference.land(START)):
@@ -215,7 +215,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_cannot_be_flown_is_refused_and_the_flight_goes_on(case: str) -> None:
+def test_refuses_infeasible_request_and_continues(case: str) -> None:
     request, reason = BAD[case]
     reference, now = hovering(trajectory="circle")
     assert reference.start(now).accepted
@@ -246,7 +246,7 @@ def test_a_received_trajectory_is_flown_through_its_points(p_WB: object, seconds
     assert_allclose(flown[-1], sent.p_WB[-1], atol=0.6)  # a moving end is followed by a stop
 
 
-def test_what_is_drawn_leads_from_here_to_the_end() -> None:
+def test_course_leads_from_now_to_the_end() -> None:
     reference, now = hovering()
     assert goal(3.0, 0.0, 2.5)(reference, now).accepted
     drawn = reference.course(now).p_WB
@@ -350,7 +350,7 @@ def test_at_once_on_the_ground_it_takes_off_and_then_flies_the_trajectory() -> N
     assert np.linalg.norm(steps, axis=1).max() < 0.06
 
 
-def test_what_jumps_by_itself_begins_when_commands_begin_to_act() -> None:
+def test_jumping_trajectory_begins_once_commands_act() -> None:
     reference = waiting(mode="at_once", trajectory="square")
     reference.observe(odometry(START))
     reference.engage(True)
@@ -359,7 +359,7 @@ def test_what_jumps_by_itself_begins_when_commands_begin_to_act() -> None:
     assert_same_windows(reference.window(START + 3 * SECOND), server.window(START + 3 * SECOND))
 
 
-def test_released_in_flight_it_waits_at_the_vehicle_and_does_not_go_on_by_itself() -> None:
+def test_waits_at_vehicle_after_release() -> None:
     reference = waiting()
     reference.observe(odometry(START))
     reference.engage(True)
@@ -377,7 +377,7 @@ def test_released_in_flight_it_waits_at_the_vehicle_and_does_not_go_on_by_itself
     assert reference.land(now).accepted
 
 
-def test_told_late_that_commands_do_not_act_it_waits_as_well() -> None:
+def test_waits_when_disengagement_is_reported_late() -> None:
     reference = live(mode="at_once", trajectory="circle")
     reference.observe(odometry(START))
     assert reference.started
@@ -386,7 +386,7 @@ def test_told_late_that_commands_do_not_act_it_waits_as_well() -> None:
     assert_allclose(place(reference, START + SECOND), [5.0, 5.0, -0.5])
 
 
-def test_told_that_commands_act_it_flies_on() -> None:
+def test_continues_when_reported_engaged() -> None:
     reference = live(mode="at_once", trajectory="circle")
     reference.observe(odometry(START))
     before = reference.window(START + SECOND)
@@ -394,7 +394,7 @@ def test_told_that_commands_act_it_flies_on() -> None:
     assert_same_windows(reference.window(START + SECOND), before)
 
 
-def test_the_outlook_is_the_same_until_something_is_to_be_flown_otherwise() -> None:
+def test_outlook_changes_only_with_the_plan() -> None:
     def same(one: tuple[object, ...], other: tuple[object, ...]) -> bool:
         return bool(one) and [*map(id, one)] == [*map(id, other)]
 
@@ -412,7 +412,7 @@ def test_the_outlook_is_the_same_until_something_is_to_be_flown_otherwise() -> N
     assert not same(reference.outlook(), landing) and reference.outlook()
 
 
-def test_a_jump_that_no_window_shows_before_is_a_change() -> None:
+def test_unpreviewed_jump_is_a_change() -> None:
     square = live(mode="at_once", trajectory="square", preview=False, dwell_time=2.0)
     square.observe(odometry(START))
     assert not square.changes(START + SECOND, START + 2 * SECOND - 1)

@@ -186,7 +186,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("trajectory", ["minimum_snap", "waypoints"])
 @pytest.mark.parametrize("mistake", REFUSED)
-def test_what_are_no_waypoints_is_refused(trajectory: str, mistake: str) -> None:
+def test_refuses_invalid_waypoints(trajectory: str, mistake: str) -> None:
     given_, told = REFUSED[mistake]
     with pytest.raises(ConfigurationError, match=r"^reference\.waypoints: given \[") as error:
         configured_trajectory(
@@ -204,7 +204,7 @@ def test_a_speed_that_no_motor_reaches_is_refused_with_where_and_by_how_much() -
         assert word in str(error.value)
 
 
-def test_waypoints_with_jumps_are_held_and_the_last_one_for_ever() -> None:
+def test_holds_waypoints_with_jumps() -> None:
     trajectory = configured_trajectory(
         ReferenceConfig(
             trajectory="waypoints",

@@ -56,7 +56,7 @@ def test_one_that_is_registered_is_configured_with_its_own_parameters() -> None:
 
 
 @pytest.mark.usefixtures("own_package")
-def test_what_it_has_of_its_own_is_unknown_to_others() -> None:
+def test_own_parameters_are_unknown_to_others() -> None:
     with pytest.raises(ConfigurationError, match=r"swing_width: .* a known parameter"):
         ReferenceConfig.build({"trajectory": "circle", "swing_width": 2.0})
 
@@ -76,7 +76,7 @@ def test_the_command_line_judges_and_flies_it(
 
 
 @pytest.mark.usefixtures("own_package")
-def test_names_that_lead_nowhere_are_refused() -> None:
+def test_refuses_broken_entry_points() -> None:
     with pytest.raises(ConfigurationError, match="given 'spiral', expected one of square, hover"):
         ReferenceConfig.build({"trajectory": "spiral"})
     with pytest.raises(UserError, match=r"ghost = not_there:GHOST cannot be loaded"):
@@ -87,7 +87,7 @@ def test_names_that_lead_nowhere_are_refused() -> None:
         ReferenceConfig.build({"trajectory": "thief"})
 
 
-def test_it_needs_no_more_than_its_own_parameters(own_package: SimpleNamespace) -> None:
+def test_needs_only_its_own_parameters(own_package: SimpleNamespace) -> None:
     swings = own_package.swings
     config = swings.SwingParameters(origin=(1.0, 2.0), height=3.0)
     trajectory = FlatTrajectory(swings.Swing(config), gravity=config.gravity, drag=config.drag)

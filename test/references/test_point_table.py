@@ -24,7 +24,7 @@ def written(folder: Path, *lines: str) -> Path:
     return file
 
 
-def test_what_a_table_says_is_read(tmp_path: Path) -> None:
+def test_reads_table(tmp_path: Path) -> None:
     found = read_csv(written(tmp_path, "# recorded on Monday", HEADER, *ROWS[:3], "", *ROWS[3:]))
     assert_allclose(found.seconds, 0.5 * np.arange(8))
     assert_allclose(found.p_WB[:, 0], 0.1 * np.arange(8) ** 2)
@@ -62,7 +62,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistake_is_told_with_its_line(mistake: str, tmp_path: Path) -> None:
+def test_reports_mistake_with_line(mistake: str, tmp_path: Path) -> None:
     lines, told = MISTAKES[mistake]
     file = written(tmp_path, *lines)
     with pytest.raises(UserError) as error:
@@ -119,7 +119,7 @@ def test_recorded_yaw_is_unwound() -> None:
     assert np.ptp(samples.yaw) == pytest.approx(6.0, abs=1.5)
 
 
-def test_recordings_that_make_no_sense_name_the_point() -> None:
+def test_invalid_recording_names_the_point() -> None:
     seconds, p_WB = np.arange(8.0), np.zeros((8, 3))
     with pytest.raises(UserError, match=r"run: the time of point 4 .* 1 s, is not after .* 3 s"):
         PointTable(source="run", seconds=np.array([0, 1, 2, 3, 1, 5, 6, 7.0]), p_WB=p_WB)

@@ -177,7 +177,7 @@ def test_many_windows_at_once_are_those_one_by_one(case: str, is_started: bool) 
                     assert found == values, name
 
 
-def test_windows_ahead_are_those_asked_for_whichever_stamps_are_left_out() -> None:
+def test_windows_ahead_allow_skipped_stamps() -> None:
     server = started(trajectory="lemniscate")
     stamps = [START + 20_000_000 * n for n in range(300)]
     ahead = WindowsAhead(server, stamps)
@@ -189,7 +189,7 @@ def test_windows_ahead_are_those_asked_for_whichever_stamps_are_left_out() -> No
         ahead.window(START)
 
 
-def test_windows_ahead_of_a_trajectory_that_changes_are_those_of_the_moment() -> None:
+def test_windows_ahead_of_changing_trajectory_are_current() -> None:
     config = ReferenceConfig()
     director = Director.standing(config, p_WB=np.zeros(3), yaw=0.0)
     server = ReferenceServer(config, director.timeline)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from quad_mpc_ros.references.timeline import FlightTime
 
 
-def test_it_is_that_of_the_stamps_without_a_pause() -> None:
+def test_flight_time_equals_stamps_without_pause() -> None:
     time = FlightTime()
     time.resume(5)  # of what never stood still
     assert time.at(7) == 7
 
 
-def test_it_goes_on_where_it_stopped() -> None:
+def test_flight_time_continues_after_pause() -> None:
     time = FlightTime()
     time.pause(100)
     time.resume(150)
@@ -22,7 +22,7 @@ def test_it_goes_on_where_it_stopped() -> None:
     assert time.at(1000) == 110
 
 
-def test_a_clock_that_was_set_back_meanwhile_does_not_jump_ahead() -> None:
+def test_clock_set_back_during_pause_does_not_jump() -> None:
     time = FlightTime()
     time.pause(100)
     time.resume(40)

@@ -39,7 +39,7 @@ def felt_at(
 
 @pytest.mark.parametrize("rate", [15.0, 50.0, 400.0])
 @pytest.mark.parametrize("noise", [(0.0, 0.0), (0.03, 0.1)])
-def test_standing_is_felt_soon(rate: float, noise: tuple[float, float]) -> None:
+def test_detects_standing_soon(rate: float, noise: tuple[float, float]) -> None:
     still = np.zeros(round(4.0 * rate))
     time = felt_at(still, still, rate=rate, noise=noise)
     assert time is not None
@@ -60,6 +60,6 @@ def test_hovering_on_the_reference_is_not_standing() -> None:
     assert felt_at(still, still, reference=still - 0.1) is None
 
 
-def test_numbers_that_are_none_are_not_standing() -> None:
+def test_nan_is_not_standing() -> None:
     none = np.full(300, np.nan)
     assert felt_at(none, none * 0.0) is None

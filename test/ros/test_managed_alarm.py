@@ -33,7 +33,7 @@ class _Woken(ManagedNode[MpcConfig]):
         return PAUSES[len(self.times) % len(PAUSES) - 1]
 
 
-def test_it_comes_when_its_callback_said() -> None:
+def test_alarm_follows_period_of_its_callback() -> None:
     rclpy.init()
     try:
         node = _Woken()

@@ -33,7 +33,7 @@ def ignored_signals() -> set[signal.Signals]:
     return {number for number in signal.Signals if mask >> (number - 1) & 1}
 
 
-def test_a_file_that_ros_would_not_read_in_the_namespace_is_refused(
+def test_refuses_file_that_ros_ignores_in_namespace(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     copied = written(tmp_path / "vehicle.yaml", reference={"mass": 0.9})
@@ -48,7 +48,7 @@ def test_a_file_that_ros_would_not_read_in_the_namespace_is_refused(
 
 
 @pytest.mark.parametrize("key", ["/**/mpc", "/uav1/mpc", "/uav1/*"])
-def test_a_file_that_is_read_there_is_not(tmp_path: Path, key: str) -> None:
+def test_accepts_file_that_ros_reads_in_namespace(tmp_path: Path, key: str) -> None:
     path = written(tmp_path / "vehicle.yaml", **{key: {"mass": 0.9}, "mpc": {"mass": 0.8}})
     refuse_unread_files("mpc", "/uav1", ["--ros-args", "--params-file", path])
     other = written(tmp_path / "other.yaml", **{"/**": {"mass": 0.9}, "mpc": {"mass": 0.8}})
@@ -57,7 +57,7 @@ def test_a_file_that_is_read_there_is_not(tmp_path: Path, key: str) -> None:
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "config").glob("**/*.yaml")), ids=lambda p: p.stem)
-def test_every_shipped_file_is_read_in_every_namespace(path: Path) -> None:
+def test_shipped_files_are_read_in_every_namespace(path: Path) -> None:
     for name in yaml.safe_load(path.read_text()):
         node = name.removeprefix("/**/")
         refuse_unread_files(node, "/uav1", ["--params-file", str(path)])
@@ -72,7 +72,7 @@ def no_node_is_left() -> Iterator[None]:
 
 @pytest.mark.usefixtures("no_node_is_left")
 @pytest.mark.parametrize("namespace", ["/", "/ns_dump"])
-def test_what_is_given_and_what_is_dumped_is_loaded(tmp_path: Path, namespace: str) -> None:
+def test_loads_given_and_dumped_parameters(tmp_path: Path, namespace: str) -> None:
     given = {
         "mass": 1,
         "advanced": {"realtime": {"cpus": []}},

@@ -217,7 +217,7 @@ def test_turning_about_one_axis_lags_by_the_time_constant() -> None:
     assert yaw == pytest.approx(2.0 - 0.05, abs=1e-10)
 
 
-def test_very_short_lags_are_no_lags() -> None:
+def test_very_short_lags_approach_none() -> None:
     swift, ideal = (plant(rate_time_constant=tau, thrust_time_constant=tau) for tau in (1e-9, 0.0))
     for body in (swift, ideal):
         body.apply(command(0.5, (1.0, 2.0, 3.0)))
@@ -254,7 +254,7 @@ def test_a_delay_shifts_the_flight() -> None:
     assert_allclose(late.state.R_WB, prompt.state.R_WB, atol=1e-12)
 
 
-def test_until_the_first_command_acts_the_vehicle_does_what_it_did_at_the_start() -> None:
+def test_holds_the_initial_inputs_until_the_first_command_acts() -> None:
     body = plant(initial_body_rates=(0.0, 0.0, 1.5), rate_time_constant=0.1, command_delay=0.5)
     body.apply(command(1.0, (3.0, 0.0, 0.0)))
     body.advance_to(SECOND // 2 - 1)
@@ -284,7 +284,7 @@ def test_motors_spin_up_on_the_ground_but_the_body_does_not_turn() -> None:
         {"rate_time_constant": 0.02, "thrust_time_constant": 0.05, "command_delay": 0.0123},
     ],
 )
-def test_how_the_time_is_divided_does_not_matter(effects: dict[str, float]) -> None:
+def test_flight_does_not_depend_on_how_time_is_divided(effects: dict[str, float]) -> None:
     whole, divided = plant(**effects), plant(**effects)
     for body in (whole, divided):
         body.apply(command(0.5, (5.0, -3.0, 2.0)))

@@ -93,7 +93,7 @@ def test_body_rates_are_followed_with_their_signs(axis: int, rate: float) -> Non
     ("axis", "rate", "toward"),
     [(0, 1.0, (0.0, -1.0)), (0, -1.0, (0.0, 1.0)), (1, 1.0, (1.0, 0.0)), (1, -1.0, (-1.0, 0.0))],
 )
-def test_it_flies_to_where_it_leans(axis: int, rate: float, toward: tuple[float, float]) -> None:
+def test_accelerates_where_it_tilts(axis: int, rate: float, toward: tuple[float, float]) -> None:
     """The right side down to the right (south), the nose down forwards (east)."""
     body, throttle = plant(), configured().vehicle().hover_throttle
     commanded(body, throttle, about(axis, rate)).advance_to(300 * MILLISECOND)
@@ -115,7 +115,7 @@ def test_more_throttle_climbs_with_the_excess_of_thrust() -> None:
 
 
 @needs_firmware
-def test_rotors_that_turn_the_other_way_fly_as_well() -> None:
+def test_flies_with_reversed_rotors() -> None:
     body = plant(rotors__spin=(1.0, -1.0, 1.0, -1.0))
     commanded(body, configured().vehicle().hover_throttle, (0.0, 0.0, 1.0))
     body.advance_to(400 * MILLISECOND)
@@ -161,7 +161,7 @@ def test_a_flight_is_the_same_each_time_bit_by_bit() -> None:
 
 
 @needs_firmware
-def test_however_time_is_cut_the_flight_is_the_same() -> None:
+def test_flight_does_not_depend_on_how_time_is_divided() -> None:
     bodies = plant(), plant()
     for body in bodies:
         commanded(body, 0.5, (0.5, -0.3, 0.2))
@@ -182,7 +182,7 @@ def test_the_square_settles_before_each_switch_with_the_default_configuration() 
 
 
 @needs_firmware
-def test_settings_are_the_firmwares_own() -> None:
+def test_applies_firmware_settings() -> None:
     off = ("set simplified_pids_mode = OFF", "set f_roll = 0")
     gentle = plant(betaflight__settings=(*off, "set p_roll = 15"))
     body = plant(betaflight__settings=off)
@@ -194,13 +194,13 @@ def test_settings_are_the_firmwares_own() -> None:
 
 @needs_firmware
 @pytest.mark.parametrize("line", ["set no_such_thing = 1", "set p_roll = 100000", "nonsense"])
-def test_a_setting_that_it_refuses_is_told_with_its_words(line: str) -> None:
+def test_reports_a_refused_setting(line: str) -> None:
     with pytest.raises(UserError, match=rf"betaflight\.settings: '{line}': .*ERROR"):
         plant(betaflight__settings=(line,))
 
 
 @needs_firmware
-def test_what_keeps_it_from_arming_is_told() -> None:
+def test_reports_why_it_does_not_arm() -> None:
     never = ("set pwr_on_arm_grace = 30",)
     with pytest.raises(UserError, match=r"does not arm. Arming disable flags: .*BOOTGRACE"):
         plant(betaflight__settings=never)
@@ -245,13 +245,13 @@ def test_without_a_compiler_one_line_says_so(
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"rotors.x": (0.1, 0.1, -0.1, 0.1)}, r"rotors\.x: .*one rotor in each corner"),
         ({"rotors.spin": (1.0, 1.0, -1.0, -1.0)}, r"rotors\.spin: .*alike across the diagonals"),
     ],
 )
-def test_what_is_no_quadrotor_in_x_is_refused(changes: dict[str, Any], told: str) -> None:
+def test_refuses_anything_but_a_quadrotor_in_x(changes: dict[str, Any], message: str) -> None:
     rotors = load_config("betaflight").simulator.updated(changes).rotors
-    with pytest.raises(ConfigurationError, match=told):
+    with pytest.raises(ConfigurationError, match=message):
         motors_of(rotors)

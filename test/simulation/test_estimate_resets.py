@@ -105,12 +105,12 @@ def test_a_vehicle_that_holds_does_not_move(mpc: MpcConfig, turn: float) -> None
     assert np.ptp(flight.tilt) < 1.0
 
 
-def test_unannounced_it_goes_where_the_estimate_says_that_the_reference_is() -> None:
+def test_follows_an_unannounced_reset_of_the_estimate() -> None:
     flight = flown(MpcConfig(), turn=0.0, announced=False)
     assert moved(flight) == pytest.approx(np.linalg.norm(STEP_W), abs=0.1)
 
 
-def test_what_was_reached_as_a_goal_is_held_as_well() -> None:
+def test_holds_a_reached_goal() -> None:
     assert moved(flown(MpcConfig(), turn=0.5, announced=True, of_goal=True)) < 0.01
 
 

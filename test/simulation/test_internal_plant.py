@@ -42,7 +42,7 @@ def assert_same_state(one: InternalPlant, other: InternalPlant, *, atol: float) 
 @pytest.mark.parametrize("dynamics", ["rigid_body", "paper"])
 @settings(deadline=None, max_examples=30)
 @given(split_ns=st.integers(1, 20_000_000 - 1), throttle=st.floats(0.0, 1.0))
-def test_how_the_time_is_divided_does_not_matter(
+def test_flight_does_not_depend_on_how_time_is_divided(
     dynamics: str, split_ns: int, throttle: float
 ) -> None:
     whole, halved = plant(dynamics=dynamics), plant(dynamics=dynamics)
@@ -76,7 +76,7 @@ def test_a_time_already_past_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("throttle", [0.0, 0.1, HOVER - 1e-6])
-def test_the_ground_holds_what_does_not_fly(throttle: float) -> None:
+def test_stands_on_the_ground_without_enough_thrust(throttle: float) -> None:
     body = plant(initial_position=(1.0, 2.0, 0.0), initial_attitude=HEADING_07)
     body.apply(command(throttle, (2.0, -3.0, 0.0)))
     body.advance_to(3 * SECOND)
@@ -113,7 +113,7 @@ def test_nothing_falls_through_the_ground(
         assert np.isfinite(body.state.p_WB).all()
 
 
-def test_what_has_fallen_rests_level_and_can_take_off_again() -> None:
+def test_rests_level_after_a_fall_and_takes_off_again() -> None:
     body = plant(initial_position=(0.0, 0.0, 1.0))
     body.apply(command(0.0, (1.0, 0.5, 0.0)))
     body.advance_to(SECOND)
@@ -142,7 +142,7 @@ def test_taking_off_rises_as_free_flight_does() -> None:
     assert body.state.p_WB[2] == pytest.approx(0.5 * lift * 0.25, rel=1e-9)
 
 
-def test_it_starts_at_rest_where_it_is_told() -> None:
+def test_starts_at_rest_at_the_configured_position() -> None:
     body = plant(initial_position=(1.0, -2.0, 3.0), initial_attitude=HEADING_NORTH)
     assert body.time_ns == 0
     odometry = body.odometry(123)
@@ -153,7 +153,7 @@ def test_it_starts_at_rest_where_it_is_told() -> None:
     assert (odometry.frame_id, odometry.child_frame_id) == ("odom", "base_link")
 
 
-def test_it_starts_in_the_flight_it_is_told() -> None:
+def test_starts_in_the_configured_motion() -> None:
     q = tuple(Rotation.from_euler("xyz", [0.3, -0.2, 2.0]).as_quat())
     body = plant(
         initial_velocity=(1.0, 2.0, -3.0),
@@ -164,15 +164,15 @@ def test_it_starts_in_the_flight_it_is_told() -> None:
     assert_allclose(body.state.v_WB_W, [1.0, 2.0, -3.0], atol=1e-14)
     assert_allclose(body.state.R_WB, Rotation.from_quat(q).as_matrix(), atol=1e-14)
     assert_array_equal(body.odometry(0).w_WB_B, [0.1, -0.2, 0.3])
-    told = plant(initial_velocity=(1.0, 2.0, -3.0), initial_attitude=q)
-    told.apply(command(0.4, (0.1, -0.2, 0.3)))
-    for each in (body, told):
+    started = plant(initial_velocity=(1.0, 2.0, -3.0), initial_attitude=q)
+    started.apply(command(0.4, (0.1, -0.2, 0.3)))
+    for each in (body, started):
         each.advance_to(SECOND)
-    assert_same_state(body, told, atol=0.0)
+    assert_same_state(body, started, atol=0.0)
 
 
 @pytest.mark.parametrize("length", [0.0, 0.99, 1.01])
-def test_an_attitude_that_is_none_is_refused(length: float) -> None:
+def test_refuses_an_attitude_not_of_unit_length(length: float) -> None:
     q = (0.0, 0.6 * length, 0.0, 0.8 * length)
     with pytest.raises(
         ConfigurationError, match=r"^simulator\.initial_attitude: given .*length 1"
@@ -202,7 +202,7 @@ def test_odometry_reports_velocity_in_the_body_and_the_rates_in_force() -> None:
     assert_array_equal(body.odometry(0).w_WB_B, [1.0, 2.0, 3.0])
 
 
-def test_a_heavier_vehicle_sinks_at_the_throttle_that_carries_the_lighter_one() -> None:
+def test_heavier_vehicle_sinks_at_hover_throttle() -> None:
     sinking = {}
     for mass_scale in (1.0, 1.2):
         body = plant(mass_scale=mass_scale, drag=0.0)

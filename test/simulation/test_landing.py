@@ -52,7 +52,7 @@ def flown(
 
 
 @pytest.mark.parametrize("error", [-0.3, 0.0, 0.3])
-def test_the_ground_is_found_where_it_is(error: float) -> None:
+def test_finds_the_ground(error: float) -> None:
     """The odometry is wrong about the height by then, and so the ground is not at its zero."""
     live, heights, throttles = flown(
         {0.5: LiveReference.land},

@@ -156,7 +156,7 @@ def test_lemniscate(arguments: list[str], rmse: float, tmp_path: Path) -> None:
     [(WIND, 0.002), (CROSSWIND, 0.002), (HEAVY, 0.005)],
     ids=["wind", "crosswind", "heavy"],
 )
-def test_steady_disturbance_is_learned(
+def test_estimates_a_steady_disturbance(
     arguments: list[str], lags: list[str], settled: float, tmp_path: Path
 ) -> None:
     run = flown(tmp_path, *LEMNISCATE, *lags, *arguments)

@@ -26,14 +26,14 @@ def position_error(step: LoopStep) -> float:
     return float(np.linalg.norm(step.truth.p_WB - step.window.p_WB[0]))
 
 
-def test_contributing_enters_it_where_the_others_are() -> None:
+def test_contributing_registers_the_plant() -> None:
     path = "quad_mpc_ros/simulation/config.py"
     lines = (ROOT / path).read_text().splitlines()
     assert len(kept(path)) == 3
     assert set(kept(path)) <= set(lines)
 
 
-def test_a_plant_is_handed_to_the_loop_and_flown(own_package: SimpleNamespace) -> None:
+def test_flies_a_given_plant(own_package: SimpleNamespace) -> None:
     bricks = own_package.bricks
     brick = bricks.Brick(
         bricks.BrickParameters(initial_position=(0.3, 0.0, 1.0), initial_throttle=0.3)
@@ -43,7 +43,7 @@ def test_a_plant_is_handed_to_the_loop_and_flown(own_package: SimpleNamespace) -
     assert position_error(steps[-1]) < 0.02
 
 
-def test_a_control_law_is_handed_to_the_loop_and_flown() -> None:
+def test_flies_a_given_control_law() -> None:
     """One that holds the height alone, every other odometry."""
     law_calls = 0
 
@@ -76,7 +76,7 @@ def test_without_any_configuration_the_square_is_flown_for_ten_seconds() -> None
     assert np.sqrt(np.mean([position_error(step) ** 2 for step in steps])) < 1.02
 
 
-def test_one_that_is_registered_is_made_with_its_own_parameters(
+def test_makes_a_registered_plant_with_its_parameters(
     own_package: SimpleNamespace,
 ) -> None:
     config = SimulatorConfig.build({"plant": "brick", "brick_drag": 0.2})

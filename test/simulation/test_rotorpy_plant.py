@@ -68,7 +68,7 @@ def test_without_rotorpy_one_line_says_how_to_get_it(monkeypatch: pytest.MonkeyP
     ("name", "value"),
     [("dynamics", "paper"), ("rate_time_constant", 0.1), ("thrust_time_constant", 0.1)],
 )
-def test_what_rotorpy_has_of_its_own_is_refused(name: str, value: object) -> None:
+def test_refuses_parameters_that_rotorpy_replaces(name: str, value: object) -> None:
     with pytest.raises(ConfigurationError, match=rf"^simulator\.{name}: given .*has its own$"):
         SimulatorConfig.build({"plant": "rotorpy", name: value})
 
@@ -126,7 +126,7 @@ def test_body_rates_are_followed(axis: int) -> None:
 
 
 @pytest.mark.usefixtures("rotorpy")
-def test_nose_down_accelerates_forwards_wherever_the_nose_is() -> None:
+def test_nose_down_accelerates_forwards_at_any_heading() -> None:
     north = tuple(Rotation.from_euler("z", math.pi / 2.0).as_quat())
     body = plant(initial_attitude=north)
     commanded(body, hover_throttle(configured()), (0.0, 1.0, 0.0)).advance_to(400 * MILLISECOND)
@@ -139,7 +139,7 @@ def test_nose_down_accelerates_forwards_wherever_the_nose_is() -> None:
 
 
 @pytest.mark.usefixtures("rotorpy")
-def test_it_starts_in_the_flight_it_is_told() -> None:
+def test_starts_in_the_configured_motion() -> None:
     q = tuple(Rotation.from_euler("xyz", [0.3, -0.2, 2.0]).as_quat())
     body = plant(
         initial_velocity=(1.0, 2.0, -3.0), initial_attitude=q, initial_body_rates=(0.1, -0.2, 0.3)
@@ -208,7 +208,7 @@ def test_files_and_assignments_win_over_the_preset_of_the_plant(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("command", ["simulate", "fly"])
-def test_a_plant_that_is_not_installed_is_told_before_anything_is_written(
+def test_reports_a_missing_plant_before_anything_is_written(
     command: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -217,9 +217,9 @@ def test_a_plant_that_is_not_installed_is_told_before_anything_is_written(
     monkeypatch.setitem(sys.modules, "rotorpy.vehicles.multirotor", None)
     out = tmp_path / "run"
     assert main([command, "--config", "rotorpy", "--out", str(out)]) == 2
-    told = capsys.readouterr().err.strip().splitlines()
-    assert len(told) == 1
-    assert "pip install 'quad_mpc_ros[rotorpy]'" in told[0]
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert "pip install 'quad_mpc_ros[rotorpy]'" in lines[0]
     assert not out.exists()
 
 

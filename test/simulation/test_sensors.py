@@ -115,14 +115,14 @@ def test_without_effects_the_odometry_is_the_truth_itself() -> None:
     assert sensors().measured(TRUTH) is TRUTH
 
 
-def test_what_is_not_measured_stays() -> None:
+def test_unmeasured_values_are_unchanged() -> None:
     sample = sensors(position_noise=1.0).measured(TRUTH)
     assert (sample.stamp_ns, sample.frame_id, sample.child_frame_id) == (5, "odom", "base_link")
     assert_array_equal(TRUTH.p_WB, [1.0, -2.0, 3.0])
 
 
 @pytest.mark.parametrize("probability", [0.0, 0.05, 0.5, 0.99])
-def test_the_dropped_fraction(probability: float) -> None:
+def test_drops_the_configured_fraction(probability: float) -> None:
     sensor = sensors(odom_dropout=probability)
     lost = [sensor.lost() for _ in range(10_000)]
     assert not lost[0]
@@ -191,7 +191,7 @@ def test_an_odometry_is_the_measurement_at_its_stamp_sent_later(
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.003])
-def test_under_the_stamp_of_its_sending_an_odometry_is_older_than_it_looks(jitter: float) -> None:
+def test_stamp_of_sending_hides_the_delay(jitter: float) -> None:
     sent = flown(odom_delay=0.0537, odom_jitter=jitter, odom_stamp="sent")
     assert len(sent) == 100
     for odometry in sent:
@@ -219,7 +219,7 @@ def test_the_plant_is_at_the_time_of_sending() -> None:
         assert plant.time_ns == sent.time_ns == sent.odometry.stamp_ns - START_NS + 50_000_000
 
 
-def test_a_command_acts_from_the_sending_on_which_it_answers() -> None:
+def test_command_acts_from_the_sending_it_answers() -> None:
     """With 50 ms of delay the third odometry is the first to see the answer to the first."""
     config = ideal(odom_delay=0.05, duration=0.2, initial_position=(0.0, 0.0, 9.0))
     plant = InternalPlant(config)

@@ -140,7 +140,7 @@ def test_commands_change_no_faster_than_their_limit() -> None:
     assert limited.distance[-1] < 0.02
 
 
-def test_throttle_keeps_its_margin() -> None:
+def test_keeps_the_throttle_margin() -> None:
     limited = jumped({**TILT, "advanced.limits.throttle_margin": 0.15}, (5.0, 0.0, 2.0))
     assert_calm(limited)
     throttle = limited.commands[:, 0]
@@ -162,7 +162,7 @@ def errors(changes: dict[str, Any], trajectory: str, disturbed: dict[str, Any]) 
 
 @pytest.mark.parametrize("trajectory", ["flip", "split_s", "vertical_loop"])
 @pytest.mark.parametrize("disturbed", [{}, NOISE], ids=["clean", "noisy"])
-def test_a_flip_is_a_flip(trajectory: str, disturbed: dict[str, Any]) -> None:
+def test_limits_do_not_change_a_flip(trajectory: str, disturbed: dict[str, Any]) -> None:
     """A limit on tilt forbids nothing that the reference asks for."""
     free, limited = (errors(limits, trajectory, disturbed) for limits in ({}, TILT))
     assert np.sqrt(np.mean(limited**2)) <= 1.1 * np.sqrt(np.mean(free**2))

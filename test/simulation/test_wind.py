@@ -147,7 +147,7 @@ def test_gusts_shake_the_vehicle_repeatably_however_the_time_is_divided() -> Non
     assert np.linalg.norm(whole.state.v_WB_W) > 0.1
 
 
-def test_weaker_motors_sink_at_the_throttle_that_carried() -> None:
+def test_weaker_motors_sink_at_hover_throttle() -> None:
     body = hovering(thrust_scale=0.9, drag=0.0)
     body.advance_to(SECOND)
     assert body.state.v_WB_W[2] == pytest.approx(-0.1 * 9.81, rel=1e-9)

@@ -54,8 +54,8 @@ def _title(found: Identification) -> str:
 
 
 def _milliseconds(estimates: tuple[Estimate, ...]) -> str:
-    told = [f"{1e3 * each.value:.0f}" if each.observable else "?" for each in estimates]
-    return f"{' / '.join(told)} ms"
+    texts = [f"{1e3 * each.value:.0f}" if each.observable else "?" for each in estimates]
+    return f"{' / '.join(texts)} ms"
 
 
 def _liveliest(rates: FittedCourse) -> float:

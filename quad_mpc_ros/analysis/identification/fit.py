@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from quad_mpc_ros.analysis.identification.model import (
     LIFT,
     LINEAR_IN_VELOCITY,
     MOST_PARAMETERS,
+    PLACES,
     RATE_BIAS,
     RATE_GAIN,
     RATE_TAU,
@@ -48,15 +50,48 @@ from quad_mpc_ros.recordings.recording import Recording
 _TIME_CONSTANTS = (0.003, 0.01, 0.02, 0.04, 0.08, 0.16, 0.3)
 _DELAYS = np.arange(0.0, 0.301, 0.02)
 
-# In the order of the model's parameters.
-_LOWEST = np.repeat(
-    [0.0, 0.2, 0.0, 0.1, 0.0, -0.5, 0.0, -20.0, -5.0, -1.0], [3, 3, 2, 1, 3, 1, 3, 2, 3, 1]
-)
-_HIGHEST = np.repeat(
-    [1.0, 3.0, 1.0, 0.5, 10.0, 0.5, 10.0, 20.0, 5.0, 4.0], [3, 3, 1, 1, 4, 1, 3, 2, 3, 1]
-)
-_SIZES = np.repeat(
-    [0.03, 0.3, 0.03, 1.0, 0.3, 0.02, 0.3, 1.0, 0.1, 1.0], [3, 3, 2, 1, 3, 1, 3, 2, 3, 1]
+
+class _Known(NamedTuple):
+    """What is known of a parameter beforehand: the range that is searched, its natural size.
+
+    Half of a 95 % interval is too wide to be of use above both ``share`` of the value and
+    ``vague``; nuisance parameters have none.
+    """
+
+    lowest: float
+    highest: float
+    size: float
+    share: float = 0.0
+    vague: float = np.inf
+
+
+_KNOWN = {
+    "rate_tau": _Known(0.0, 1.0, 0.03, share=0.5, vague=0.01),
+    "rate_gain": _Known(0.2, 3.0, 0.3, vague=0.1),
+    "thrust_tau": _Known(0.0, 1.0, 0.03, share=0.5, vague=0.01),
+    "delay": _Known(0.0, 0.5, 0.03, share=0.5, vague=0.01),
+    "scale": _Known(0.1, 10.0, 1.0, share=0.5, vague=0.1),
+    "drag": _Known(0.0, 10.0, 0.3, share=0.5, vague=0.1),
+    "lift": _Known(-0.5, 0.5, 0.02, share=0.5, vague=0.01),
+    "rotor_drag": _Known(0.0, 10.0, 0.3, share=0.5, vague=0.1),
+    "acceleration": _Known(-20.0, 20.0, 1.0),
+    "rate_bias": _Known(-5.0, 5.0, 0.1),
+    "exponent": _Known(-1.0, 4.0, 1.0, vague=0.5),
+}
+
+
+def _vectors() -> Array:
+    """Return what is known as vectors (22,) in the order of the fields of :class:`_Known`."""
+    vectors = np.empty((len(_Known._fields), MOST_PARAMETERS))
+    for name, known in _KNOWN.items():
+        vectors[:, PLACES[name]] = np.array(known)[:, None]
+    return vectors
+
+
+_LOWEST, _HIGHEST, _SIZES, _SHARES, _VAGUE = _vectors()
+_REPORTED = np.isfinite(_VAGUE)
+_ARE_TIMES = np.isin(
+    np.arange(MOST_PARAMETERS), np.r_[PLACES["rate_tau"], PLACES["thrust_tau"], PLACES["delay"]]
 )
 
 # Residuals smaller than these are no knowledge: rounding, and what the model leaves out.
@@ -70,25 +105,17 @@ _UNKNOWN = 1e-6  # what is known of a parameter beforehand, in its size
 _ALIKE_WINDOWS = 4  # in a row whose residuals may be alike
 _TIME_DIFFERENCE = 0.005  # s; a shorter one sees nothing of lags faster than the odometry
 # A window weighs on those parameters together that the velocity shows, of which there are so many
-# without the drag of the rotors, which few flights tell.
+# without the drag of the rotors, which is rarely observable.
 _TOGETHER = 10
 _FEWEST_WINDOWS = _TOGETHER + 2
 
 # No interval is narrower than this share of the value: the model is not truer than that.
 _LEAST_SHARE = 0.01
-# Half of a 95 % interval above both is no answer: share of the value, and its natural size.
-# What is beside the point has none.
-_SHARES = np.repeat([0.5, 0.0, 0.5, 0.0], [3, 3, 10, 6])
-_VAGUE = np.repeat(
-    [0.01, 0.1, 0.01, 0.1, 0.1, 0.01, 0.1, np.inf, 0.5], [3, 3, 2, 1, 3, 1, 3, 5, 1]
-)
-_TOLD = np.isfinite(_VAGUE)
-# The drag of the rotors is told from the other where it is so many half intervals from what is
-# given, once in a hundred times by chance. Else it would only blur that.
+# The drag of the rotors is fitted where it is so many half intervals from what is given, once in a
+# hundred times by chance. Else it would only blur the drag of the body.
 _APART = 1.2
-_ARE_TIMES = np.isin(np.arange(MOST_PARAMETERS), [*range(3), THRUST_TAU, DELAY])
 
-_MOST_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and tells no more
+_MOST_ODOMETRIES = 30_000  # ten minutes at 50 Hz: more costs memory and adds nothing
 _AVERAGED_OVER = 0.08  # s, of the specific force shown
 
 
@@ -110,7 +137,7 @@ class _Fit:
     def enough(self) -> Array:
         """Half of an interval that is narrow enough to be of use.
 
-        Drags of body and rotors that are fitted both are mostly told by their sum.
+        Of drags of body and rotors that are both fitted mostly the sum is observable.
         """
         p = len(self.theta)
         enough = np.maximum(_SHARES[:p] * self.theta, _VAGUE[:p])
@@ -126,10 +153,10 @@ class _Fit:
         theta, p = self.theta, len(self.theta)
         margin = _AT_BOUND * _SIZES[:p]
         low = (theta <= _LOWEST[:p] + margin) & (_LOWEST[:p] != 0.0)
-        return np.asarray(_TOLD[:p] & (low | (theta >= _HIGHEST[:p] - margin)))
+        return np.asarray(_REPORTED[:p] & (low | (theta >= _HIGHEST[:p] - margin)))
 
-    def estimates(self, parameters: NDArray[np.intp], *, told: bool) -> dict[int, Estimate]:
-        """Return what is found of parameters; those that were held at last are not ``told``."""
+    def estimates(self, parameters: NDArray[np.intp], *, free: bool) -> dict[int, Estimate]:
+        """Return what is found of parameters; those that are held at last are not ``free``."""
         least = _LEAST_SHARE * np.abs(self.theta)
         width, enough, at_bound = np.maximum(self.half_width, least), self.enough, self.at_bound
         return {
@@ -137,7 +164,7 @@ class _Fit:
                 value=float(self.theta[p]),
                 half_width=float(width[p]),
                 seen=bool(self.alone[p] <= enough[p]),
-                observable=bool(told and not at_bound[p]),
+                observable=bool(free and not at_bound[p]),
                 at_bound=bool(at_bound[p]),
             )
             for p in parameters.tolist()
@@ -171,8 +198,8 @@ def identify(recording: Recording) -> Identification:
 def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
     """Fit lags, delay, thrust scale and drag to a flight; of a long one, to parts of it.
 
-    What the flight does not tell is held as ``given``, one after the other, until it tells all
-    the others. Raises :class:`BagError` for a flight that is too short for a confidence.
+    What is not observable is held as ``given``, one after the other, until all others are. Raises
+    :class:`BagError` for a flight that is too short for a confidence.
     """
     data = measured.thinned(_MOST_ODOMETRIES)
     model = ResponseModel(data)
@@ -187,31 +214,26 @@ def fit(measured: Measurements, *, given: MpcConfig) -> Identification:
     free = np.ones(model.parameters, dtype=bool)
     while True:
         found = _fit(model, theta, free)
-        theta, untold = found.theta.copy(), _untold(found, free, held)
-        if not len(untold):
+        theta, unobservable = found.theta.copy(), _unobservable(found, free, held)
+        if not len(unobservable):
             break
-        estimates |= found.estimates(untold, told=False)
-        theta[untold], free[untold] = held[untold], False
-    estimates |= found.estimates(np.flatnonzero(free & _TOLD[: len(free)]), told=True)
+        estimates |= found.estimates(unobservable, free=False)
+        theta[unobservable], free[unobservable] = held[unobservable], False
+    estimates |= found.estimates(np.flatnonzero(free & _REPORTED[: len(free)]), free=True)
     axes = {
-        name: tuple(estimates[p] for p in range(each.start, each.stop))
-        for name, each in (
-            ("tau", RATE_TAU),
-            ("gain", RATE_GAIN),
-            ("drag", DRAG),
-            ("rotors", ROTOR_DRAG),
-        )
+        name: tuple(estimates[p] for p in range(PLACES[name].start, PLACES[name].stop))
+        for name in ("rate_tau", "rate_gain", "drag", "rotor_drag")
     }
     rates, velocity = model.residuals(theta)
     return Identification(
-        rate_time_constant=axes["tau"],
-        rate_gain=axes["gain"],
+        rate_time_constant=axes["rate_tau"],
+        rate_gain=axes["rate_gain"],
         thrust_time_constant=estimates[THRUST_TAU],
         input_delay=estimates[DELAY],
         thrust_scale=estimates[SCALE],
         drag=axes["drag"],
         translational_lift=estimates[LIFT],
-        rotor_drag=axes["rotors"],
+        rotor_drag=axes["rotor_drag"],
         over_voltage=_over_voltage(estimates, data),
         wind_acceleration_W=theta[ACCELERATION],
         rate_residual=_root_mean_square(rates),
@@ -230,26 +252,26 @@ def _over_voltage(
     if not data.knows_voltage:
         return None
     exponent = estimates[EXPONENT]
-    # What does not show comes to a bound by chance.
+    # What is not seen reaches a bound by chance.
     at_bound = exponent.at_bound and exponent.seen
     return ThrustOverVoltage(
         exponent=dataclasses.replace(exponent, at_bound=at_bound),
         reference=data.reference_voltage,
-        made_up=data.made_up,
+        compensated=data.compensated,
     )
 
 
 def _as_given(given: MpcConfig, data: Measurements) -> Array:
     """Return the parameters (22,) that a configuration has; the thrust is that of its vehicle.
 
-    That it goes with the voltage is only believed as far as commands made up for it.
+    With the voltage it goes only as far as commands compensated for it.
     """
     theta = np.zeros(MOST_PARAMETERS)
     theta[RATE_TAU] = per_axis(given.rate_time_constant)
     theta[RATE_GAIN], theta[SCALE] = per_axis(given.rate_gain), 1.0
     theta[THRUST_TAU], theta[DELAY] = given.thrust_time_constant, given.input_delay
     theta[DRAG], theta[LIFT] = per_axis(given.drag), given.translational_lift
-    theta[ROTOR_DRAG], theta[EXPONENT] = per_axis(given.rotor_drag), data.made_up
+    theta[ROTOR_DRAG], theta[EXPONENT] = per_axis(given.rotor_drag), data.compensated
     return theta
 
 
@@ -259,14 +281,14 @@ def _fit(model: ResponseModel, theta: Array, free: NDArray[np.bool_]) -> _Fit:
         spread = _spread(model, theta)
         theta = _fitted(model, theta, spread, free)
     half_width, alone = _half_widths(model, theta, spread, free)
-    # What is much faster than the odometry is not told from nothing.
+    # What is much faster than the odometry cannot be distinguished from zero.
     short = _ARE_TIMES[: len(theta)] & (theta < _TIME_DIFFERENCE)
     half_width[short] = np.maximum(half_width, theta)[short]
     return _Fit(theta=theta, half_width=half_width, alone=alone)
 
 
-def _untold(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.intp]:
-    """Return what the flight does not show at all, or else what it tells the least, if too little.
+def _unobservable(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.intp]:
+    """Return what the flight does not excite, or else what is the least observable, if any.
 
     One that is held as given may be what the others were mistaken for. Before all others the drag
     of the rotors that is not apart from what is ``given`` (p,).
@@ -274,8 +296,8 @@ def _untold(found: _Fit, free: NDArray[np.bool_], given: Array) -> NDArray[np.in
     off = np.abs(found.theta - given)[ROTOR_DRAG]
     alike = free[ROTOR_DRAG] & (off <= _APART * found.half_width[ROTOR_DRAG])
     if alike.any():
-        return ROTOR_DRAG.start + np.flatnonzero(alike)
-    # What is given is not kept where the flight tells that it is another, however roughly.
+        return np.asarray(ROTOR_DRAG.start + np.flatnonzero(alike))
+    # What is given is not kept where it is refuted, however roughly.
     vague = free & (np.abs(found.theta - given) <= _APART * found.half_width)
     width = np.where(vague, found.half_width / found.enough, 0.0)
     alone = np.where(free, found.alone / found.enough, 0.0)
@@ -351,7 +373,7 @@ def _searched(model: ResponseModel, data: Measurements) -> Array:
         axis=0
     )
     if data.knows_voltage:
-        theta[EXPONENT] = data.made_up
+        theta[EXPONENT] = data.compensated
     margin = 1e-3 * _SIZES[: len(theta)]
     return np.clip(theta, _LOWEST[: len(theta)] + margin, _HIGHEST[: len(theta)] - margin)
 

@@ -1,4 +1,4 @@
-"""What the controller has learned of its vehicle in flight, from the figures of its ticks."""
+"""What the controller has estimated of its vehicle in flight, from the figures of its ticks."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.tick import TickStats
 
 _FEWEST_TICKS = 25
-_MOST_WANDERING = 0.1  # of a value, either way
+_MOST_SPREAD = 0.1  # of a value, either way
 _AT_BOUND = 0.005
-_YAW_APART = 0.1  # of a time constant; what has moved by less has hardly been told
+_YAW_APART = 0.1  # of a time constant; a smaller change is hardly observable
 _DRAG_MOVED = 0.01  # 1/s; at rest it stays as it is given
 _TIMES = ("rate_time_constant", "yaw_time_constant", "thrust_time_constant")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Learned:
-    """The estimates over some ticks: their medians, and how far they wandered.
+    """The estimates over some ticks: their medians and their spread.
 
-    Time constants [s] are None where the model has no lag, of which nothing is learned; that of
+    Time constants [s] are None where the model has no lag, of which nothing is estimated; that of
     the rates is the mean of roll and pitch. ``drag`` [1/s] is the mean over the axes, None where
     it is as it was given or has not settled: it is learned in motion only.
     """
@@ -44,7 +44,7 @@ class Learned:
 
 
 def learned(ticks: Sequence[TickStats], given: MpcConfig) -> Learned:
-    """Return what ticks of the flying MPC tell. Raises :class:`UserError` for what tells nothing.
+    """Return the estimates over ticks of the flying MPC. Raises :class:`UserError` for none.
 
     ``given`` is the configuration that it flies with.
     """
@@ -60,9 +60,9 @@ def learned(ticks: Sequence[TickStats], given: MpcConfig) -> Learned:
             f"the MPC flew {len(flying)} ticks while it was watched{reason}, expected "
             f"{_FEWEST_TICKS} or more"
         )
-    believed = np.array([tick.thrust_scale for tick in flying])
+    estimated = np.array([tick.thrust_scale for tick in flying])
     scale = _estimate(_thrust_scales(flying, given))
-    _check(scale, believed=float(np.median(believed)))
+    _check(scale, estimated=float(np.median(estimated)))
     times = {name: np.array([getattr(tick, f"{name}_ms") for tick in flying]) for name in _TIMES}
     lags = {name: _estimate(1e-3 * time) if time.any() else None for name, time in times.items()}
     return Learned(thrust_scale=scale, drag=_drag(flying, given), ticks=len(flying), **lags)
@@ -135,9 +135,9 @@ def _scaled(estimate: Estimate, factor: float) -> Estimate:
 
 
 def _thrust_scales(ticks: Sequence[TickStats], given: MpcConfig) -> Array:
-    """Return the scales that carry the vehicle with no more help from below or above.
+    """Return the scales that carry the vehicle without a vertical disturbance.
 
-    In a hover a lack of thrust and a steady push look alike, and the estimator believes some of
+    In a hover a lack of thrust and a steady push look alike, and the estimator assigns some to
     each: ``thrust_scale`` T/m + d = g. Little pushes a vehicle up or down for long, so all of it
     is taken for thrust.
     """
@@ -146,21 +146,21 @@ def _thrust_scales(ticks: Sequence[TickStats], given: MpcConfig) -> Array:
     return np.asarray(scales * given.gravity / (given.gravity - pushes))
 
 
-def _check(scale: Estimate, *, believed: float) -> None:
+def _check(scale: Estimate, *, estimated: float) -> None:
     if scale.value == 1.0 and scale.half_width == 0.0:
         raise UserError(
             "nothing has been learned yet: thrust_scale in mpc/stats is 1 throughout; fly first"
         )
     low, high = SCALE_BOUNDS
-    if not low + _AT_BOUND < believed < high - _AT_BOUND:
+    if not low + _AT_BOUND < estimated < high - _AT_BOUND:
         raise UserError(
-            f"thrust_scale {believed:.3f} is at the end of what is estimated, {low:g} to "
+            f"thrust_scale {estimated:.3f} is at the end of what is estimated, {low:g} to "
             f"{high:g}: correct mass or thrust_curve by about that much and fly again"
         )
     if not scale.observable:
         raise UserError(
             f"the thrust has not settled: {scale.value:.3f} +- {scale.half_width:.2g} of the "
-            "given, expected +- 10 % or less: fly longer, or more quietly"
+            "given, expected +- 10 % or less: fly longer, or more calmly"
         )
 
 
@@ -171,5 +171,5 @@ def _estimate(values: Array) -> Estimate:
         value=middle,
         half_width=half_width,
         seen=True,
-        observable=half_width <= _MOST_WANDERING * abs(middle),
+        observable=half_width <= _MOST_SPREAD * abs(middle),
     )

@@ -27,11 +27,11 @@ RECORDED = (COMMAND, ENGAGED, BATTERY)
 # Perhaps on the ground: this near to where it stood, if it ever went this far from there [m].
 _STANDING, _LEFT = 0.05, 0.3
 _AT_REST = 0.3  # m/s
-# After the first command the actuators are where nobody knows [s].
+# After the first command the state of the actuators is unknown for so long [s].
 _SETTLING = 0.3
 _STALE_COMMAND = 0.5  # s
 _STALE_VOLTAGE = 5.0  # s
-_FASTEST = 1e3  # rad/s; nothing turns at more, and no throttle is larger
+_FASTEST = 1e3  # rad/s; no vehicle turns at more, and no throttle is larger
 _FEWEST = 50
 _BLOCK = 5.0  # s of a long flight that are kept together
 _PER_ODOMETRY = ("time", "p_WB", "v_WB_W", "R_WB", "w_WB_B", "voltage")
@@ -40,7 +40,7 @@ _PER_COMMAND = ("command_time", "throttle", "w_command")
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageMap:
-    """What a bridge made of the voltage in the flight: ``thrust_map`` of its parameters.
+    """How a bridge compensated for the voltage in the flight: ``thrust_map`` of its parameters.
 
     It scaled the thrust by the voltage over ``battery_voltage`` [V], to the power
     ``battery_exponent``; with a voltage of 0, or a power of 0, it left that out.
@@ -50,13 +50,13 @@ class VoltageMap:
     battery_exponent: float = 0.0
 
     @property
-    def made_up(self) -> float:
-        """Power of the voltage that commands made up for."""
+    def compensated(self) -> float:
+        """Power of the voltage that commands compensated for."""
         return self.battery_exponent if self.battery_voltage > 0.0 else 0.0
 
 
 NO_VOLTAGE_MAP = VoltageMap()
-"""That of a flight in which nobody looked at the voltage."""
+"""That of a flight without compensation."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,13 +65,13 @@ class Measurements:
 
     Shapes: ``p_WB``, ``v_WB_W``, ``w_WB_B`` (n, 3); ``R_WB`` (n, 3, 3); ``throttle`` (m,) in 0 to
     1; ``w_command`` (m, 3) [rad/s]. A command's time is the stamp of the odometry it answers.
-    ``usable`` (n,) tells in which odometries the vehicle flies and acts on commands.
+    ``usable`` (n,) is true where the vehicle flies and acts on commands.
     ``command_age`` is the median time from that stamp to the command's publication [s], NaN where
     the clocks differ. ``vehicle`` is the one that the thrust is compared with.
 
     ``voltage`` (n,) [V] is the battery's as a bridge smooths it, NaN throughout where it is not
     known all the flight; at ``reference_voltage`` [V] the thrust is that of the fit's scale.
-    Commands have made up for the power ``made_up`` of the one over the other already.
+    Commands have already compensated for the power ``compensated`` of their ratio.
     """
 
     time: Array
@@ -87,7 +87,7 @@ class Measurements:
     vehicle: Vehicle
     voltage: Array
     reference_voltage: float
-    made_up: float
+    compensated: float
 
     @property
     def knows_voltage(self) -> bool:
@@ -134,17 +134,17 @@ def measurements_of(
     twist_frame: str,
     voltage_map: VoltageMap = NO_VOLTAGE_MAP,
 ) -> Measurements:
-    """Return what a recording tells of a vehicle whose twist is in ``child`` or ``world`` frame.
+    """Return the measurements of a recording with its twist in the ``child`` or ``world`` frame.
 
     Raises :class:`BagError` for one without commands, or with too little flight under them.
     """
     places = _usable_places(run.odometries)
-    command_ns, commands = _usable_commands(run.commands)
+    command_ns, throttle, w_command = _usable_commands(run.commands)
     if len(places) < _FEWEST:
         raise BagError(f"{run.bag}: {len(places)} usable odometries, expected {_FEWEST} or more")
-    if len(commands) < 2:
+    if len(command_ns) < 2:
         raise BagError(
-            f"{run.bag}: {len(commands)} commands, expected those of the flight, "
+            f"{run.bag}: {len(command_ns)} commands, expected those of the flight, "
             "geometry_msgs/msg/TwistStamped with the throttle in linear.z, on a topic that ends "
             "in /command or on --command-topic"
         )
@@ -178,14 +178,14 @@ def measurements_of(
         R_WB=R_WB,
         w_WB_B=w,
         command_time=command_time,
-        throttle=np.clip(commands[:, 0], 0.0, 1.0),
-        w_command=np.ascontiguousarray(commands[:, 1:]),
+        throttle=np.clip(throttle, 0.0, 1.0),
+        w_command=np.ascontiguousarray(w_command),
         usable=usable,
         command_age=_command_age(run.commands),
         vehicle=vehicle,
         voltage=voltage,
         reference_voltage=_reference_voltage(voltage[usable], voltage_map),
-        made_up=voltage_map.made_up,
+        compensated=voltage_map.compensated,
     )
 
 
@@ -198,7 +198,7 @@ def recorded_bridge(parameters: Mapping[str, Mapping[str, Any]]) -> Mapping[str,
 
 
 def recorded_voltage_map(parameters: Mapping[str, Mapping[str, Any]]) -> VoltageMap:
-    """Return what the bridge among recorded nodes made of the voltage; nothing without one."""
+    """Return the voltage compensation of the bridge among recorded nodes; none without one."""
     values = recorded_bridge(parameters)
     if not values.get("thrust_map.battery_voltage"):
         return NO_VOLTAGE_MAP
@@ -216,14 +216,14 @@ def _usable_places(odometries: OdometryLog) -> NDArray[np.intp]:
     return places[first]
 
 
-def _usable_commands(commands: CommandLog) -> tuple[Stamps, Array]:
-    """Return stamps (m,), ascending, and throttle and rates (m, 4) of what can be used."""
-    values = commands.values
-    rows = np.column_stack((values.column("throttle"), values.column("w_WB_B")))
+def _usable_commands(commands: CommandLog) -> tuple[Stamps, Array, Array]:
+    """Return stamps (m,), ascending, throttle (m,) and rates (m, 3) of what can be used."""
+    throttle, rates = commands.values.column("throttle"), commands.values.column("w_WB_B")
     # NaN compares with nothing, and so is not within the limit.
-    places = np.flatnonzero(np.all(np.abs(rows) <= _FASTEST, axis=1))
+    usable = (np.abs(throttle) <= _FASTEST) & np.all(np.abs(rates) <= _FASTEST, axis=1)
+    places = np.flatnonzero(usable)
     stamp_ns, first = first_by_stamp(commands.stamp_ns[places])
-    return stamp_ns, rows[places[first]]
+    return stamp_ns, throttle[places[first]], rates[places[first]]
 
 
 def _flying(p_WB: Array, v_WB_W: Array) -> NDArray[np.bool_]:
@@ -254,17 +254,17 @@ def _acting(
 ) -> NDArray[np.bool_]:
     """Return whether the vehicle acted on commands when each odometry was recorded [ns].
 
-    And had done so for long enough; before it is said for the first time, it is supposed to.
+    And had done so for long enough; before the first report it is assumed to.
     """
     acting = np.ones(len(recorded_ns), dtype=bool)
     acts = True
-    for told in engagements:
-        if told.value is not acts:
-            acts = told.value
-            acting[recorded_ns >= told.log_time_ns] = acts
+    for change in engagements:
+        if change.value is not acts:
+            acts = change.value
+            acting[recorded_ns >= change.log_time_ns] = acts
             if acts:
-                settled_ns = told.log_time_ns + _SETTLING * 1e9
-                acting[(recorded_ns >= told.log_time_ns) & (recorded_ns < settled_ns)] = False
+                settled_ns = change.log_time_ns + _SETTLING * 1e9
+                acting[(recorded_ns >= change.log_time_ns) & (recorded_ns < settled_ns)] = False
     return acting
 
 
@@ -280,9 +280,9 @@ def _smoothed(
     """
     smoothed = SmoothedVoltage()
     times_ns, values = [], []
-    for told in voltages:
-        if smoothed.receive(told.value, now_ns=told.log_time_ns) and smoothed.value is not None:
-            times_ns.append(told.log_time_ns)
+    for each in voltages:
+        if smoothed.receive(each.value, now_ns=each.log_time_ns) and smoothed.value is not None:
+            times_ns.append(each.log_time_ns)
             values.append(smoothed.value)
     if not values:
         return np.full(len(recorded_ns), np.nan)

@@ -8,35 +8,69 @@ Commands act after the delay d; body rates and throttle follow them with first-o
 
 which is the prediction model of the controller but for the gains gamma of the rate loop. tau_w and
 gamma are those of each axis, as mu and nu are. Where the battery's voltage V was recorded, k is
-that at V_r times (V / V_r)^n; of n commands may have made up for some already. Both lags are
+that at V_r times (V / V_r)^n; commands may have compensated for part of n already. Both lags are
 followed exactly from edge to edge of the commands, wherever those lie between the odometries. The
-velocity is compared over windows, each from a start of its own: errors do not add up, and neither
-is it differentiated.
+velocity is compared over windows, each with a separate start: errors do not accumulate, and
+nothing is differentiated.
 """
 
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quad_mpc_ros.analysis.identification.lag import LaggedCommands
 from quad_mpc_ros.analysis.identification.measurements import Measurements
+from quad_mpc_ros.configuration.records import Record, Vector3
 from quad_mpc_ros.control.lie import Array, so3
 
-# The parameters, in order: time constants [s] and gains of the body rates, time constant of the
-# throttle, delay [s], thrust scale, drag [1/s], lift [1/m], drag of the rotors [1/s],
-# horizontal acceleration [m/s^2], bias of the measured body rates [rad/s], and, where the voltage
-# is known, its power.
-RATE_TAU, RATE_GAIN = slice(0, 3), slice(3, 6)
-THRUST_TAU, DELAY, SCALE = 6, 7, 8
-DRAG, LIFT, ROTOR_DRAG = slice(9, 12), 12, slice(13, 16)
-ACCELERATION, RATE_BIAS, EXPONENT = slice(16, 18), slice(18, 21), 21
-MOST_PARAMETERS = 22
-LINEAR_IN_VELOCITY = slice(SCALE, ACCELERATION.stop)
-_ROTORS = slice(ROTOR_DRAG.start - SCALE, ROTOR_DRAG.stop - SCALE)  # of what is linear
+
+class Linear(Record):
+    """The parameters in which the velocity is linear."""
+
+    scale: float  # thrust over that of the given vehicle
+    drag: Vector3  # 1/s
+    lift: float  # 1/m
+    rotor_drag: Vector3  # 1/s
+    acceleration: Annotated[Array, (2,)]  # horizontal, in the world [m/s^2]
+
+
+class Parameters(Record):
+    """All parameters; the fit sees them as a vector (p,)."""
+
+    rate_tau: Vector3  # time constants of the body rates [s]
+    rate_gain: Vector3
+    thrust_tau: float  # time constant of the throttle [s]
+    delay: float  # s
+    linear: Linear
+    rate_bias: Vector3  # of the measured body rates [rad/s]
+    exponent: float  # power of the voltage; left out where that is not known
+
+
+def _places(dtype: np.dtype[Any], start: int = 0) -> dict[str, slice]:
+    """Return where each field is in a record that is seen as a vector."""
+    found = {}
+    for name, (field, offset, *_) in (dtype.fields or {}).items():
+        begin = start + offset // np.dtype(np.float64).itemsize
+        found[name] = slice(begin, begin + field.itemsize // np.dtype(np.float64).itemsize)
+        found |= _places(field, begin)
+    return found
+
+
+PLACES = _places(Parameters.dtype)
+"""Where each parameter is in a vector of them; one number is a slice of one."""
+RATE_TAU, RATE_GAIN, RATE_BIAS = (PLACES[f"rate_{name}"] for name in ("tau", "gain", "bias"))
+DRAG, ROTOR_DRAG, ACCELERATION = (PLACES[name] for name in ("drag", "rotor_drag", "acceleration"))
+THRUST_TAU, DELAY, SCALE, LIFT, EXPONENT = (
+    PLACES[name].start for name in ("thrust_tau", "delay", "scale", "lift", "exponent")
+)
+LINEAR_IN_VELOCITY = PLACES["linear"]
+MOST_PARAMETERS = PLACES["exponent"].stop
+_THRUST = _places(Linear.dtype)["scale"].start
+_ROTORS = _places(Linear.dtype)["rotor_drag"]
 
 WINDOW = 0.5  # s
 _FEWEST_IN_WINDOW = 5
@@ -142,22 +176,22 @@ class ResponseModel:
     ) -> Array:
         """Return the derivatives (n-1, 3, 10) of the velocity gained between odometries.
 
-        They are by thrust scale, drag of the three axes, lift, drag of the rotors and the two
-        horizontal accelerations, in which it is linear; the rotors turn as for a thrust ``scale``.
-        Without an ``exponent`` commands have made up for all of the voltage.
+        They are by the parameters of :class:`Linear`; the rotors turn as for a thrust ``scale``.
+        Without an ``exponent`` commands have compensated for all of the voltage.
         """
-        columns = np.zeros((len(self._interval), 3, 10))
-        columns[:, :, 0], speed = self.thrust_impulse(
+        columns = Linear.zeros(len(self._interval), 3)
+        columns["scale"], speed = self.thrust_impulse(
             rate_tau=rate_tau, rate_gain=rate_gain, thrust_tau=thrust_tau, delay=delay
         )
         if exponent is not None:
-            share = np.exp((exponent - self._data.made_up) * self._log_voltage)
-            columns[:, :, 0] *= share[:, None]
+            share = np.exp((exponent - self._data.compensated) * self._log_voltage)
+            columns["scale"] *= share[:, None]
             speed *= np.sqrt(share)
-        columns[:, :, 1:5] = self._air
-        columns[:, :, _ROTORS] = np.sqrt(scale) * speed[:, None, None] * self._air[:, :, :3]
-        columns[:, 0, 8] = columns[:, 1, 9] = self._interval
-        return columns
+        columns["drag"], columns["lift"] = self._air
+        columns["rotor_drag"] = np.sqrt(scale) * speed[:, None, None] * columns["drag"]
+        for axis, along in enumerate(np.moveaxis(columns["acceleration"], -1, 0)):
+            along[:, axis] = self._interval
+        return np.asarray(columns).view(np.float64).reshape(*columns.shape, -1)
 
     def velocity_columns(
         self,
@@ -221,7 +255,7 @@ class ResponseModel:
 
         Those by times are central differences over ``difference`` [s] to both sides. Lags and
         gains of the rates move the velocity only by how the thrust turns between two odometries,
-        whose attitudes are measured: that is left out.
+        with measured attitudes: that is left out.
         """
         rates = np.zeros((len(self.usable), 3, self.parameters))
         velocity = np.zeros((len(self._data.time), 3, self.parameters))
@@ -231,7 +265,7 @@ class ResponseModel:
         by_speed = columns[:, :, _ROTORS] @ theta[ROTOR_DRAG]
         velocity[:, :, SCALE] -= 0.5 / theta[SCALE] * by_speed
         if self._data.knows_voltage:
-            by_power = theta[SCALE] * increments[:, :, 0]
+            by_power = theta[SCALE] * increments[:, :, _THRUST]
             by_power += 0.5 * increments[:, :, _ROTORS] @ theta[ROTOR_DRAG]
             by_power *= self._log_voltage[:, None]
             velocity[:, :, EXPONENT] = -self.relative(_summed(by_power))
@@ -284,15 +318,20 @@ def _beside(
     return above, below, np.asarray(above[parameters] - below[parameters])
 
 
-def _air_columns(data: Measurements) -> Array:
-    """Return what drag of one along each axis and lift of one add to the velocity (n-1, 3, 4)."""
+def _air_columns(data: Measurements) -> tuple[Array, Array]:
+    """Return what drag of one along each axis, and lift of one, add to the velocity.
+
+    Shapes (n-1, 3, 3) and (n-1, 3).
+    """
     v_WB_B = np.einsum("nji,nj->ni", data.R_WB, data.v_WB_W)
-    acceleration = np.zeros((len(data.time), 3, 4))
-    acceleration[:, :, :3] = -data.R_WB * v_WB_B[:, None, :]
+    drag = -data.R_WB * v_WB_B[:, None, :]
     across = np.sum(v_WB_B[:, :2] ** 2, axis=1)
-    acceleration[:, :, 3] = data.R_WB[:, :, 2] * across[:, None]
-    interval = np.diff(data.time)[:, None, None]
-    return np.asarray(0.5 * interval * (acceleration[:-1] + acceleration[1:]))
+    lift = data.R_WB[:, :, 2] * across[:, None]
+    interval = np.diff(data.time)[:, None]
+    return (
+        np.asarray(0.5 * interval[..., None] * (drag[:-1] + drag[1:])),
+        np.asarray(0.5 * interval * (lift[:-1] + lift[1:])),
+    )
 
 
 def _divided(time: Array) -> Array:

@@ -1,4 +1,4 @@
-"""An identification told: a table for people, a ROS parameter file for the controller."""
+"""The report of an identification: a table, and a ROS parameter file for the controller."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import dataclasses
 import math
 import shlex
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -22,9 +22,9 @@ _WIDTH = 80
 # Of what the body rates and the velocity vary: what the model may leave beyond noise.
 _MOST_MISFIT = {"body rates": 0.45, "velocity": 0.2}
 
-_TURNING = "the body rates were hardly commanded to change"
+_TURNING = "the commanded body rates hardly changed"
 _FAST = "the velocity hardly changed along it"
-# The flights that tell what one did not: about one place, and with several m/s.
+# The flights that excite what one did not: about one place, and with several m/s.
 _SWEEPS = ("--reference excitation", "--duration 21")
 _WIDE_SWEEPS = (
     *_SWEEPS,
@@ -33,18 +33,18 @@ _WIDE_SWEEPS = (
     "--set reference.excitation_tilt=0.8",
 )
 _ROOM, _WIDE_ROOM = "4 m by 4 m by 2 m", "12 m by 12 m by 4 m"
-_TOLD_BY_SPEED = ("drag", "translational_lift")
+_NEED_SPEED = ("drag", "translational_lift")
 _UNSURE = (
-    "too uncertain to be used: the effect cannot be told from that of others, which a livelier "
-    "flight or more odometries a second help, or the vehicle is not as the model says (lags of "
-    "first order, one delay)"
+    "too uncertain to be used: the effect cannot be distinguished from that of others (fly more "
+    "dynamically, or record more odometries a second), or the vehicle is not as the model says "
+    "(lags of first order, one delay)"
 )
 _RATE_AXES, _BODY_AXES = ("roll", "pitch", "yaw"), ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class _Row:
-    """A number of the vehicle: name, unit, value given, estimate, why it may not show or suit."""
+    """A number of the vehicle: name, unit, value given, estimate, reasons if it is unusable."""
 
     label: str
     unit: str
@@ -55,63 +55,30 @@ class _Row:
 
 
 def _rows(found: Identification, given: MpcConfig) -> list[_Row]:
-    lags, gains = per_axis(given.rate_time_constant), per_axis(given.rate_gain)
-    drags = per_axis(given.drag)
+    def one(name: str, unit: str, unseen: str) -> _Row:
+        return _Row(name, unit, getattr(given, name), getattr(found, name), unseen)
+
+    def each(name: str, axes: Sequence[str], unit: str, unseen: str) -> list[_Row]:
+        pairs = zip(axes, per_axis(getattr(given, name)), getattr(found, name), strict=True)
+        return [_Row(f"{name} {axis}", unit, before, it, unseen) for axis, before, it in pairs]
+
+    scale, no_thrust = found.thrust_scale, "no thrust was seen: fly longer, off the ground"
+    # Drag of the rotors that is not observable is part of the drag, and nothing is missing.
+    rotor_drag = each("rotor_drag", _BODY_AXES, "1/s", _FAST)
     return [
-        *(
-            _Row(f"rate_time_constant {axis}", "ms", before, estimate, _TURNING)
-            for axis, before, estimate in zip(
-                _RATE_AXES, lags, found.rate_time_constant, strict=True
-            )
-        ),
-        *(
-            _Row(f"rate_gain {axis}", "", before, estimate, _TURNING)
-            for axis, before, estimate in zip(_RATE_AXES, gains, found.rate_gain, strict=True)
-        ),
-        _Row(
-            "thrust_time_constant",
-            "ms",
-            given.thrust_time_constant,
-            found.thrust_time_constant,
-            "the throttle was hardly commanded to change",
-        ),
-        _Row(
-            "input_delay",
-            "ms",
-            given.input_delay,
-            found.input_delay,
-            "the commands hardly changed",
-        ),
-        _Row(
-            "thrust per mass",
-            "",
-            1.0,
-            found.thrust_scale,
-            "the thrust does not show: fly longer, off the ground",
-        ),
-        *(
-            _Row(f"drag {axis}", "1/s", before, estimate, _FAST)
-            for axis, before, estimate in zip(_BODY_AXES, drags, found.drag, strict=True)
-        ),
-        _Row(
-            "translational_lift",
-            "1/m",
-            given.translational_lift,
-            found.translational_lift,
-            "level flight was slow",
-        ),
-        *(
-            _Row(f"rotor_drag {axis}", "1/s", before, estimate, _FAST)
-            for axis, before, estimate in zip(
-                _BODY_AXES, per_axis(given.rotor_drag), found.rotor_drag, strict=True
-            )
-            if estimate.observable  # else it is part of the drag, and nothing is missing
-        ),
+        *each("rate_time_constant", _RATE_AXES, "ms", _TURNING),
+        *each("rate_gain", _RATE_AXES, "", _TURNING),
+        one("thrust_time_constant", "ms", "the commanded throttle hardly changed"),
+        one("input_delay", "ms", "the commands hardly changed"),
+        _Row("thrust per mass", "", 1.0, scale, no_thrust),
+        *each("drag", _BODY_AXES, "1/s", _FAST),
+        one("translational_lift", "1/m", "level flight was slow"),
+        *(row for row in rotor_drag if row.estimate.observable),
     ]
 
 
 def _voltage_rows(found: Identification) -> list[_Row]:
-    """Return what is told only where the battery was recorded, and by no flight of its own."""
+    """Return what is fitted only with a recorded battery; no flight is proposed for it."""
     over = found.over_voltage
     if over is None:
         return []
@@ -119,7 +86,7 @@ def _voltage_rows(found: Identification) -> list[_Row]:
         _Row(
             f"thrust by (V/{over.reference:.2f} V)^n",
             "",
-            over.made_up,
+            over.compensated,
             over.exponent,
             "the voltage hardly changed",
             unsure="too uncertain to be used: the voltage changed too little for this noise",
@@ -132,13 +99,13 @@ def identification_table(
 ) -> str:
     """Return what was found beside what was given as lines of text, at most 80 columns wide.
 
-    ``command_age`` [s] is that of :class:`Measurements`, NaN to be silent of it; ``file`` is the
-    parameter file that is to be written, for the next flight.
+    ``command_age`` [s] is that of :class:`Measurements`, NaN to leave it out; ``file`` is the
+    parameter file to be written, for the next flight.
     """
-    told = [*_rows(found, given), *_voltage_rows(found)]
-    values = [("", "given", "found", "+- 95 %"), *map(_cells, told)]
+    reported = [*_rows(found, given), *_voltage_rows(found)]
+    values = [("", "given", "found", "+- 95 %"), *map(_cells, reported)]
     rows = [
-        *text_table(values, align="lrrr", widths=(27, 8, 12, 12), gap=""),
+        *text_table(values, align="lrrr", widths=(27, 8, 16, 11), gap=""),
         "",
         f"flown under commands {found.flown:.1f} s; left over: body rates "
         f"{found.rate_residual:.3g} rad/s, velocity {found.velocity_residual:.3g} m/s RMS",
@@ -149,43 +116,42 @@ def identification_table(
 
 
 def proposal(found: Identification, given: MpcConfig, *, file: Path | None) -> list[str]:
-    """Return lines that name the flight which would tell what is missing; none if nothing is.
+    """Return lines that name the flight which would show what is missing; none if nothing is.
 
-    It is flown with the parameter ``file`` of this fit, if that is good for anything.
+    It is flown with the parameter ``file`` of this fit, if that is usable.
     """
     refused = refusal(found) is not None
     missing = [row.label for row in _rows(found, given) if not row.estimate.observable]
     if not missing and not refused:
         return []
-    wide = not refused and any(label.startswith(_TOLD_BY_SPEED) for label in missing)
+    wide = not refused and any(label.startswith(_NEED_SPEED) for label in missing)
     flight = [] if refused or file is None else [f"--config {shlex.quote(str(file))}"]
     flight += _WIDE_SWEEPS if wide else _SWEEPS
     room = _WIDE_ROOM if wide else _ROOM
     return [
         "",
-        f"This flight would tell more, in {room} (docs/references.md, excitation):",
+        f"This flight would show more, in {room} (docs/references.md, excitation):",
         " \\\n    ".join(("  quad_mpc fly", *flight)),
     ]
 
 
 def warnings(found: Identification, given: MpcConfig) -> Iterator[str]:
-    """Yield what the flight does not show, and bad fits."""
-    untold: dict[str, list[str]] = {}
+    """Yield what is not observable, and bad fits."""
+    unobservable: dict[str, list[str]] = {}
     for row in (*_rows(found, given), *_voltage_rows(found)):
         estimate, value = row.estimate, _number(row.estimate.value, row.unit)
         if estimate.at_bound:
             yield (
                 f"{row.label} came out as {f'{value} {row.unit}'.strip()}, the end of what is "
-                "searched: that is no vehicle, but something that the model does not have; kept "
-                "as given"
+                "searched: the model does not describe this flight; kept as given"
             )
         elif not estimate.seen:
-            untold.setdefault(f"cannot be told from this flight: {row.unseen}", []).append(
-                row.label
-            )
+            unobservable.setdefault(
+                f"cannot be identified from this flight: {row.unseen}", []
+            ).append(row.label)
         elif not estimate.observable:
-            untold.setdefault(row.unsure, []).append(row.label)
-    yield from (f"{', '.join(labels)} {reason}" for reason, labels in untold.items())
+            unobservable.setdefault(row.unsure, []).append(row.label)
+    yield from (f"{', '.join(labels)} {reason}" for reason, labels in unobservable.items())
     if (reason := refusal(found)) is not None:
         yield reason
 
@@ -213,7 +179,7 @@ def parameter_file(
 ) -> str:
     """Return the vehicle file, safe to be used alone.
 
-    What the flight does not show is written as given. With ``keep`` mass the thrust curve is
+    What is not observable is written as given. With ``keep`` mass the thrust curve is
     scaled, with curve the mass. ``bridge`` are the recorded parameters of the bridge that flew,
     of which the file has the thrust map. Raises :class:`UserError` for a fit that explains too
     little, and ``ConfigurationError`` when the controller would refuse the values.
@@ -222,12 +188,12 @@ def parameter_file(
         raise UserError(f"nothing is written: {reason}")
     entries: vehicle_file.Entries = {}
     for name in ("rate_time_constant", "rate_gain", "drag", "rotor_drag"):
-        told = [_told(estimate) for estimate in getattr(found, name)]
-        entries[name] = vehicle_file.axes_entry(told, getattr(given, name))
+        usable = [_usable(estimate) for estimate in getattr(found, name)]
+        entries[name] = vehicle_file.axes_entry(usable, getattr(given, name))
     for name in ("thrust_time_constant", "input_delay", "translational_lift"):
-        estimate = _told(getattr(found, name))
+        estimate = _usable(getattr(found, name))
         entries[name] = (
-            (getattr(given, name), vehicle_file.UNTOLD)
+            (getattr(given, name), vehicle_file.UNOBSERVABLE)
             if estimate is None
             else vehicle_file.found_entry(estimate)
         )
@@ -235,7 +201,7 @@ def parameter_file(
         entries |= vehicle_file.thrust_entries(found.thrust_scale, given, keep=keep)
     else:
         kept = ("mass", "thrust_curve", "motor_count")
-        entries |= {name: (getattr(given, name), vehicle_file.UNTOLD) for name in kept}
+        entries |= {name: (getattr(given, name), vehicle_file.UNOBSERVABLE) for name in kept}
     remark = f"Identified from {bag}, {found.flown:.1f} s of flight under commands; +- is 95 %."
     scales_curve = found.thrust_scale.observable and keep == "mass"
     thrust_map = vehicle_file.map_entries(
@@ -249,8 +215,8 @@ def parameter_file(
     return vehicle_file.content(entries, given, remarks=[remark], thrust_map=thrust_map)
 
 
-def _told(estimate: Estimate) -> Estimate | None:
-    """Return what is written of an estimate: none that is not told, and nothing below zero."""
+def _usable(estimate: Estimate) -> Estimate | None:
+    """Return an estimate as it is written: None if it is not observable, and not below zero."""
     if not estimate.observable:
         return None
     return dataclasses.replace(estimate, value=max(estimate.value, 0.0))
@@ -261,12 +227,12 @@ def _cells(row: _Row) -> tuple[str, ...]:
     label = f"{row.label} [{row.unit}]" if row.unit else row.label
     before = _number(row.given, row.unit)
     if not estimate.seen or estimate.at_bound:
-        return label, before, "not told", "-"
+        return label, before, "not observable", "-"
     factor, digits = _scale(row.unit)
     least = 10.0**-digits
     width = max(math.ceil(factor * estimate.half_width / least) * least, least)
-    told = "" if estimate.observable else "? "
-    return label, before, f"{told}{_number(estimate.value, row.unit)}", f"{width:.{digits}f}"
+    mark = "" if estimate.observable else "? "
+    return label, before, f"{mark}{_number(estimate.value, row.unit)}", f"{width:.{digits}f}"
 
 
 def _number(value: float, unit: str) -> str:
@@ -303,8 +269,8 @@ def _voltage_notes(found: Identification) -> Iterator[str]:
     over = found.over_voltage
     if over is None or not over.exponent.observable:
         return
-    told = f"thrust over voltage: power {over.exponent.value:.2f} at {over.reference:.2f} V"
+    text = f"thrust over voltage: power {over.exponent.value:.2f} at {over.reference:.2f} V"
     if over.falls:
-        yield f"{told}, battery_exponent and battery_voltage of the bridge's thrust_map"
+        yield f"{text}, battery_exponent and battery_voltage of the bridge's thrust_map"
     else:
-        yield f"{told}, not apart from 0: leave thrust_map.battery_voltage of the bridge at 0"
+        yield f"{text}, not distinct from 0: leave thrust_map.battery_voltage of the bridge at 0"

@@ -13,9 +13,8 @@ from quad_mpc_ros.control.lie import Array
 class Estimate:
     """A fitted value with half of its 95 % interval.
 
-    ``seen`` tells that the flight moves what the value acts on, ``observable`` that the interval
-    is narrow enough to be of use: what is seen may fit badly, or be like something else.
-    ``at_bound`` tells that it is as large or small as anything searched: it is no answer.
+    ``seen``: the flight excites it; ``observable``: the interval is narrow enough to be of use,
+    which needs more than excitation. ``at_bound``: it is at a bound of the search, so no answer.
     """
 
     value: float
@@ -29,12 +28,13 @@ class Estimate:
 class ThrustOverVoltage:
     """The power of the battery's voltage over ``reference`` [V] that the thrust goes with.
 
-    The thrust's scale is that at this voltage. Commands had ``made_up`` for that power of it.
+    The thrust's scale is that at this voltage. Commands had compensated for the power
+    ``compensated`` of it.
     """
 
     exponent: Estimate
     reference: float
-    made_up: float
+    compensated: float
 
     @property
     def falls(self) -> bool:
@@ -66,7 +66,7 @@ class Identification:
     observable was held as given while the others were fitted; its estimate is that of the fit
     before. ``rotor_drag`` [1/s] is the drag that grows with the rotors' speed.
 
-    ``thrust_scale`` is that of thrust per mass: nothing flown can tell the two apart.
+    ``thrust_scale`` is that of thrust per mass: no flight distinguishes the two.
     ``wind_acceleration_W`` (2,) [m/s^2] is the constant horizontal acceleration that was fitted
     beside them, wind above all. ``rates`` are body rates [rad/s], ``specific_force`` is along the
     thrust axis [m/s^2], averaged over a few odometries. ``over_voltage`` is None where the

@@ -14,12 +14,12 @@ from quad_mpc_ros.configuration.vehicle import VEHICLE
 from quad_mpc_ros.control.config import MpcConfig
 
 Kept = Literal["mass", "curve"]
-"""What is kept of thrust per mass, of which a flight shows the quotient only."""
+"""What is kept of thrust per mass, of which only the quotient is observable."""
 
 Entries = dict[str, tuple[Any, str]]
 """Values by the name of their parameter, each with a remark."""
 
-KEPT, UNTOLD = "kept", "kept, not told"
+KEPT, UNOBSERVABLE = "kept", "kept, not observable"
 # What a bridge reads of its thrust map, and what of that scales with the thrust.
 _MAPS = {
     "model": (),
@@ -43,10 +43,10 @@ def axes_entry(estimates: Sequence[Estimate | None], given: PerAxis) -> tuple[An
     What is kept of all of them stays as it was given, one number or three.
     """
     if all(estimate is None for estimate in estimates):
-        return given, UNTOLD
+        return given, UNOBSERVABLE
     values, notes = [], []
     for estimate, kept in zip(estimates, per_axis(given), strict=True):
-        value, note = (kept, UNTOLD) if estimate is None else found_entry(estimate)
+        value, note = (kept, UNOBSERVABLE) if estimate is None else found_entry(estimate)
         values.append(value)
         notes.append(note)
     return values, "; ".join(notes)

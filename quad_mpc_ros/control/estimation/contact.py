@@ -25,15 +25,16 @@ from typing import NamedTuple
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.estimation.filtered_motion import GRAVITY, FilteredMotion
+from quad_mpc_ros.control.estimation.ground import CLIMBING, LEFT_GROUND, NO_LIFT, asks_to_sink
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 
 _STRONGEST = 1.5  # true thrust over the modelled
 _GUST = 2.0  # m/s^2 that air may push up by
-# Thrust as a share of the weight: little cannot keep a vehicle in the air. Some, filtered, for a
-# while, does keep one that was not seen to stand, and enough may have lifted one that was.
-_LITTLE, _SOME, _ENOUGH = 0.4, 0.6, 0.95
+# Thrust as a share of the weight. Some, filtered, for a while, keeps a vehicle in the air that was
+# not seen to stand, and enough may have lifted one that was.
+_SOME, _ENOUGH = 0.6, 0.95
 _SETTLING_NS = 200_000_000  # until a throttle that was given up no longer lifts
 _SHORTEST, _LONGEST = 0.4, 0.8  # s, of the time T
 _LIFTING_NS = 1_500_000_000  # autopilots let the motors spool up for a second
@@ -47,12 +48,9 @@ _SHIFTED = 0.1  # m of height
 _SLIPPING = 0.5  # m/s aside with thrust: it has left the ground, leaning
 _CLIMBING = 0.3  # m/s upwards with thrust, and
 _LIFTED = 0.05  # m higher than it has been: it has left the ground
-_MOVED = 0.15  # m from the ground, or from where it was seen first, with thrust: it flies
 
-_ABOVE = 0.1  # m: a reference so far above the vehicle asks for height
-_BELOW = 0.1  # m: and one that is so far below it wants it to sink
 _NEAR = 0.5  # m above where it stood, by odometry that drifts
-_RISING = 0.01  # m within its window: so does one that rises
+_RISING = 0.01  # m within its window: such a reference climbs or sinks
 _REFERENCE_SPEED = 1.5  # m/s: no reference of a vehicle that stands moves so fast
 
 
@@ -164,7 +162,7 @@ class GroundContact:
         self.contact = self._judged(odometry.stamp_ns, reference_rests=rests)
         if self.standing:
             self._stood_at = height
-        sinks = rests and course is not None and course.height < height - _BELOW
+        sinks = rests and course is not None and asks_to_sink(course.height, height)
         self.touching = not self.standing and sinks and self._might_be_down(height)
         lands = rests and course is not None and _sinks(course, height)
         self._lands = lands and self._is_low(height)
@@ -208,7 +206,7 @@ class GroundContact:
     def _weigh(self, stamp_ns: int, *, thrust: float) -> None:
         """Note since when there has been little thrust, and since when it lifts."""
         self._thrust = max(thrust, 0.0)  # a curve may be negative where nothing turns
-        if thrust > _LITTLE:
+        if thrust > NO_LIFT:
             self._little_since_ns, self._still = None, None
         elif self._little_since_ns is None:
             self._little_since_ns = stamp_ns
@@ -259,13 +257,13 @@ class GroundContact:
             return False
         if self.standing:
             return (self._rises() or self._slips()) and not little
-        return self._motion.now.way > _MOVED and not little
+        return self._motion.now.way > LEFT_GROUND and not little
 
     def _rises(self) -> bool:
         """Whether it is higher than where it stood, by its height or on its way under thrust."""
         rise, climb = self._motion.now.rise, self._motion.now.climb
         climbs = self._thrust > _SOME and climb > _CLIMBING and rise > _LIFTED
-        return climbs or rise > _MOVED
+        return climbs or rise > LEFT_GROUND
 
     def _slips(self) -> bool:
         """Whether it goes aside under thrust, as one does that takes off from where it leans."""
@@ -312,12 +310,12 @@ def _lasts(since_ns: int | None, now_ns: int) -> bool:
 
 
 def _asks_for_height(course: _Course, height: float) -> bool:
-    return course.highest > height + _ABOVE or course.highest > course.height + _RISING
+    return course.highest > height + CLIMBING or course.highest > course.height + _RISING
 
 
 def _sinks(course: _Course, height: float) -> bool:
     """Whether the reference goes down, or is below already."""
-    return course.lowest < course.height - _RISING or course.height < height - _BELOW
+    return course.lowest < course.height - _RISING or asks_to_sink(course.height, height)
 
 
 @compiled

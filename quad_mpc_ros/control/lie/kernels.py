@@ -89,19 +89,6 @@ def store_matrix(m: Matrix, out: Array) -> None:
 
 
 @compiled
-def matrix_in_row(row: Array) -> Matrix:
-    """Return the matrix in an array (9,), row by row."""
-    return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8]
-
-
-@compiled
-def store_matrix_row(m: Matrix, row: Array) -> None:
-    """Write a matrix into an array (9,), row by row."""
-    for k in range(9):
-        row[k] = m[k]
-
-
-@compiled
 def quaternion_in(a: Array) -> Quaternion:
     """Return the quaternion in an array (4,), x, y, z, w."""
     return a[0], a[1], a[2], a[3]

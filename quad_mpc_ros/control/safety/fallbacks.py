@@ -21,14 +21,15 @@ from quad_mpc_ros.control.safety.command_limits import clamped
 # Horizontally and vertically. They hold vehicles whose rates and thrust lag by 20 to 80 ms behind
 # commands that are up to 80 ms late, thrust 0.7 to 1.3 times the modelled, in wind.
 _POSITION_GAIN = np.array([2.2, 2.2, 5.0])  # 1/s^2
-_VELOCITY_GAIN = np.array([3.2, 3.2, 4.5])  # 1/s
+VELOCITY_GAIN = np.array([3.2, 3.2, 4.5])  # 1/s
 _INTEGRAL_GAIN = np.array([0.6, 0.6, 3.0])  # 1/s^3
 _INTEGRAL_LIMIT = np.array([3.0, 3.0, 5.0])  # m/s^2
 _TILT_GAIN = 7.0  # 1/s
-# By dead reckoning, without feedback, no delay makes it swing.
+# Dead reckoning has no feedback, so no delay makes it oscillate.
 _BLIND_TILT_GAIN = 10.0  # 1/s
-_HORIZONTAL_LIMIT = 8.0  # m/s^2, keeps the asked tilt below 40 degrees
-_VERTICAL_LIMIT = 5.0  # m/s^2
+# Of the acceleration that is asked for: keeps the tilt below 40 degrees.
+_HORIZONTAL_LIMIT, _VERTICAL_LIMIT = 8.0, 5.0  # m/s^2
+ACCELERATION_LIMIT = np.array([_HORIZONTAL_LIMIT, _HORIZONTAL_LIMIT, _VERTICAL_LIMIT])
 _BLIND_DESCENT = 0.1  # fraction of the hover throttle given up by the end of the blind time
 
 
@@ -83,7 +84,7 @@ class HoverFallback:
         if self._p_hold is None:
             self._p_hold = (x.p_WB if p_hold is None else p_hold).copy()
         error, (scale, a_W) = self._p_hold - x.p_WB, learned or Learned()
-        wanted = _POSITION_GAIN * error - _VELOCITY_GAIN * x.v_WB_W
+        wanted = _POSITION_GAIN * error - VELOCITY_GAIN * x.v_WB_W
         self._integrate(error, wanted, duration)
         wanted += self._integral
         horizontal = math.hypot(wanted[0], wanted[1])
@@ -99,7 +100,7 @@ class HoverFallback:
 
     def _integrate(self, error: Array, wanted: Array, duration: float) -> None:
         """Integrate the error where what is wanted of the axis is not too much already."""
-        free = np.abs(wanted) < [_HORIZONTAL_LIMIT, _HORIZONTAL_LIMIT, _VERTICAL_LIMIT]
+        free = np.abs(wanted) < ACCELERATION_LIMIT
         grown = self._integral + duration * _INTEGRAL_GAIN * np.where(free, error, 0.0)
         self._integral = np.clip(grown, -_INTEGRAL_LIMIT, _INTEGRAL_LIMIT)
 

@@ -14,15 +14,13 @@ import numpy as np
 from quad_mpc_ros.control.config import FenceParameters, MpcConfig
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.safety.fallbacks import ACCELERATION_LIMIT, VELOCITY_GAIN
 from quad_mpc_ros.control.safety.ladder import Action, Breach
 
 _CALM_NS = 1_000_000_000
 # Of a limit of the envelope, and from a wall of the fence [m].
 _CALM_SHARE, _CALM_DISTANCE = 0.9, 0.1
-# The hover controller turns the vehicle round in this time [s], brakes with at most this [m/s^2],
-# and in the end with as much of the speed as this [1/s].
-_TURN_TIME = 0.4
-_BRAKING, _SLOWING = np.array([8.0, 8.0, 5.0]), np.array([3.2, 3.2, 4.5])
+_TURN_TIME = 0.4  # s: until the hover controller has turned the vehicle to brake
 # Where to hover after leaving the fence: this far inside [m], or in the middle of a narrow one.
 _INSET = 0.5
 
@@ -120,7 +118,8 @@ def _stopping_point(odometry: OdometrySample) -> Array:
     R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
     v_WB_W = R_WB @ odometry.v_WB_B
     speed = np.abs(v_WB_W)
-    # With all the braking that there is down to the speed _BRAKING / _SLOWING.
-    quick = speed**2 / (2.0 * _BRAKING) + _BRAKING / (2.0 * _SLOWING**2)
-    distance = np.where(speed > _BRAKING / _SLOWING, quick, speed / _SLOWING)
+    braking, slowing = ACCELERATION_LIMIT, VELOCITY_GAIN
+    # With all the braking that there is down to the speed braking / slowing, then exponentially.
+    quick = speed**2 / (2.0 * braking) + braking / (2.0 * slowing**2)
+    distance = np.where(speed > braking / slowing, quick, speed / slowing)
     return np.asarray(odometry.p_WB + _TURN_TIME * v_WB_W + np.sign(v_WB_W) * distance)

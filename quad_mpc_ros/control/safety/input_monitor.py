@@ -22,7 +22,7 @@ class InputMonitor:
 
     def __init__(self, config: MpcConfig) -> None:
         self._parameters = config.odometry
-        self._gate = OdometryGate(config)
+        self.gate = OdometryGate(config)
         self._horizon_ns = round(config.horizon_steps * config.horizon_step * 1e9)
         self._twist_check = TwistFrameCheck(twist_frame=config.odometry.twist_frame)
         self.odometry: OdometrySample | None = None
@@ -33,23 +33,18 @@ class InputMonitor:
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed timeouts."""
-        self._gate.reconfigure(config)
+        self.gate.reconfigure(config)
         self._reference_timeout_ns = timeouts_of(config).reference
 
-    def take_odometry(
-        self, odometry: OdometrySample, *, now_ns: int, believed: bool = False
-    ) -> str | None:
-        """Take an odometry that arrives now, or return why it cannot be used.
-
-        One that is ``believed`` fits its arrival.
-        """
-        refusal = self._gate.refusal(odometry, now_ns=now_ns, believed=believed)
+    def take_odometry(self, odometry: OdometrySample, *, now_ns: int) -> str | None:
+        """Take an odometry that arrives now, or return why it cannot be used."""
+        refusal = self.gate.refusal(odometry, now_ns=now_ns)
         if refusal is not None:
             return refusal
         self._twist_check.note(odometry)
         if self._parameters.twist_frame == "world":
             odometry = with_body_twist(odometry)
-        self.odometry, self.odometry_ns = odometry, self._gate.changed_ns
+        self.odometry, self.odometry_ns = odometry, self.gate.changed_ns
         return None
 
     def take_reference(self, window: ReferenceWindow, *, now_ns: int) -> str | None:

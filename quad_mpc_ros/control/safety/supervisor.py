@@ -114,11 +114,9 @@ class Supervisor:
 
     # --- what comes in
 
-    def accept_odometry(
-        self, odometry: OdometrySample, *, now_ns: int, believed: bool = False
-    ) -> OdometrySample | None:
+    def accept_odometry(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample | None:
         """Take an odometry and return it, the twist in the body frame; None if it is unfit."""
-        fault = self.inputs.take_odometry(odometry, now_ns=now_ns, believed=believed)
+        fault = self.inputs.take_odometry(odometry, now_ns=now_ns)
         if fault is None:
             return self.inputs.odometry
         self._reject(fault)

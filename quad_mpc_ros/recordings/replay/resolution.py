@@ -90,9 +90,8 @@ def resolve(
         if event.odometry is None:
             tick = controller.watch(now_ns=event.now_ns)
         else:
-            tick = controller.receive_odometry(
-                event.odometry.value, now_ns=event.now_ns, believed=event.answered
-            )
+            controller.check_stamps(not event.answered)
+            tick = controller.receive_odometry(event.odometry.value, now_ns=event.now_ns)
         for warning in controller.take_warnings():
             warn(warning)
         if tick is not None and tick.stats.stamp_ns in sent:

@@ -16,9 +16,9 @@ from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds
-from quad_mpc_ros.ros.bridges.autopilot import LatestStatus
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
+    LatestStatus,
     Outgoing,
     OutgoingMessage,
     Response,

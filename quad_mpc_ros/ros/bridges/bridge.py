@@ -1,23 +1,23 @@
 """The contract of every bridge: the rules and messages of a flight stack.
 
 A bridge turns the stack's state into odometry, and the MPC's command into the stack's messages.
-It needs neither ROS nor a clock: it is given the time and a function that makes empty messages,
-and it only reads and fills attributes. So the same object runs in a node, in a test and in a
-simulation. Its file holds both halves: the codec, functions with frame and unit in their names,
-and the rules, a subclass of :class:`Bridge`.
+It needs neither ROS nor a clock: the time and a function that makes empty messages are given, and
+it only reads and fills attributes. So the same object runs in a node, in a test and in a
+simulation. Its file has both halves: the codec, functions with frame and unit in their names, and
+the rules, a subclass of :class:`Bridge`.
 
 Every bridge obeys these rules:
 
-- It sends only in answer to a fresh command. It has no timer: when the MPC falls silent the stack
-  hears nothing more, no heartbeat either, and its own failsafe acts. (Betaflight holds what it
-  heard last: its bridge has a ``line``, over which it goes on to send what brings it down.)
+- It sends only in answer to a fresh command. It has no timer: when the MPC stops, the stack gets
+  nothing more, no heartbeat either, and its own failsafe acts. (Betaflight holds the last sticks:
+  its bridge has a ``line``, over which it continues to send what brings the vehicle down.)
 - It refuses, with a reason, what is not finite or not in a known frame.
 - It passes on a reset of the estimator: same frame, next stamp, another position.
-- It arms and switches modes only when asked to, and sends nothing until it was asked to engage.
-- It refuses to engage and to arm where the vehicle would leap, and lets go for good when somebody
+- It arms and switches modes only on request, and sends nothing before a request to engage.
+- It refuses to engage and to arm where the vehicle would jump, and releases for good when somebody
   else takes over or commands have stopped (:mod:`.handover`).
-- It says whether the vehicle acts on commands: until then the reference waits at the vehicle, and
-  the MPC learns nothing. Where the stack knows it, it says whether the vehicle stands.
+- It reports whether the vehicle acts on commands: until then the reference waits at the vehicle,
+  and the MPC learns nothing. Where the stack knows it, it reports whether the vehicle stands.
 """
 
 from __future__ import annotations
@@ -93,9 +93,9 @@ class ServiceCall:
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """The response to a request to arm or to engage, and what is to be sent for it.
+    """The response to a request to arm or to engage, and what to send for it.
 
-    A refusal gives its reason in ``text``.
+    ``text`` has the reason of a refusal.
     """
 
     accepted: bool
@@ -125,10 +125,10 @@ class Bridge(ABC):
     streams: bool = False
     """Whether setpoints are sent before the stack acts on them."""
     patient: bool = False
-    """Whether it is a pilot who lets the stack act on setpoints, whenever he likes."""
+    """Whether a pilot switches the stack to setpoints, at any time."""
 
     line: Line | None = None
-    """Where the stack is, if it is at the end of a serial line."""
+    """The serial line to the stack, if there is one."""
 
     subscriptions: Sequence[Subscription]
     """What the bridge listens to."""
@@ -145,7 +145,7 @@ class Bridge(ABC):
         return run_bridge(cls, args)
 
     def __init__(self, config: Any, new: NewMessage, *, namespace: str = "") -> None:
-        """A bridge of one's own also sets ``subscriptions`` and ``publications``.
+        """Prepare; a derived class also sets ``subscriptions`` and ``publications``.
 
         Args:
             config: An instance of ``Config``.
@@ -168,23 +168,23 @@ class Bridge(ABC):
 
     @abstractmethod
     def _stack(self, now_ns: int) -> Stack:
-        """Return what the stack says of itself now."""
+        """Return what the stack reports now."""
 
     def _switch(self) -> Sequence[Outgoing]:
-        """Return what asks the stack to act on setpoints."""
+        """Return the messages that switch the stack to setpoints."""
         return ()
 
     def _switch_back(self, now_ns: int) -> Response:
-        """Return what lets the stack fly by itself again."""
+        """Return what switches the stack back to flying by itself."""
         return Response(accepted=True, text="released")
 
     def _arm(self, wanted: bool) -> Response:
         """Return what arms or disarms, or that this bridge cannot."""
-        return Response(accepted=False, text="arm the vehicle by the means of its own stack")
+        return Response(accepted=False, text="arm the vehicle with the tools of its own stack")
 
     @abstractmethod
     def _messages(self, command: CommandSample, now_ns: int) -> Sequence[Outgoing]:
-        """Return what is to be sent to the stack for a fresh command."""
+        """Return what to send to the stack for a fresh command."""
 
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
         """Take what came over the line, and return what goes out; called every few milliseconds.
@@ -194,16 +194,16 @@ class Bridge(ABC):
         return b""
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
-        """Hand the vehicle to the MPC, or take it away, because somebody asked for it.
+        """Hand the vehicle to the MPC, or take it back, on request.
 
-        Handing over takes as long as the stack needs; what it then says is in ``handover``.
+        Handing over takes as long as the stack needs; ``handover`` has the result.
         """
         if not wanted:
             self._handover.release("released on request")
             return self._switch_back(now_ns)
         self._advance(now_ns)
         if self._handover.state is not State.RELEASED:
-            text = f"asked for before: {self._handover.state.value}"
+            text = f"already requested: {self._handover.state.value}"
             return Response(accepted=True, text=text)
         obstacle = self._stack(now_ns).fault or self._obstacle(now_ns)
         if obstacle:
@@ -211,12 +211,12 @@ class Bridge(ABC):
         self._handover.offer(now_ns=now_ns)
         self._asked_ns = None
         self._advance(now_ns)
-        return Response(accepted=True, text=f"{self._handover.state.value}: the MPC is to fly")
+        return Response(accepted=True, text=f"{self._handover.state.value}: the MPC will fly")
 
     def arm(self, wanted: bool, *, now_ns: int) -> Response:
-        """Arm or disarm, because somebody asked for it.
+        """Arm or disarm, on request.
 
-        Nothing is in the way of disarming; the motors of a flying vehicle stop.
+        Disarming is never refused; the motors of a flying vehicle stop.
         """
         self._advance(now_ns)
         response = self._arm(wanted)
@@ -224,13 +224,13 @@ class Bridge(ABC):
         return Response(accepted=False, text=obstacle) if obstacle else response
 
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
-        """Take what is to be flown, to see whether the vehicle may be handed over to it."""
+        """Take a reference, by which a handover is judged."""
         self._surroundings.see_reference(window, now_ns=now_ns)
 
     def receive_command(self, command: CommandSample, *, now_ns: int) -> list[Outgoing]:
-        """Return what is to be sent for a command that arrives now, which may be nothing.
+        """Return what to send for a command that arrives now.
 
-        Afterwards ``silence`` says why nothing was sent, or is empty.
+        Afterwards ``silence`` has why nothing was sent, or is empty.
         """
         self.commands += 1
         fault = self._command_fault(command, now_ns)
@@ -246,7 +246,7 @@ class Bridge(ABC):
             return []
         stack = self._stack(now_ns)
         if not (stack.takes_setpoints or self.streams):
-            self.silence = "the stack is asked to act on setpoints"
+            self.silence = "waiting for the stack to switch to setpoints"
             return self._asked_to_switch(now_ns)
         self.silence = ""
         self.passed += 1
@@ -264,7 +264,7 @@ class Bridge(ABC):
         return self._handover.state.value, self._handover.reason
 
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return whether the vehicle stands on the ground, None where the stack does not tell."""
+        """Return whether the vehicle stands on the ground; None where that is unknown."""
         return self._ground.landed
 
     @property
@@ -283,7 +283,7 @@ class Bridge(ABC):
         return warnings
 
     def _advance(self, now_ns: int) -> None:
-        """Let the handover go on, or end, as the stack and what comes say."""
+        """Advance or end the handover by the present state."""
         before = self._handover.state
         if before is State.RELEASED:
             return
@@ -302,18 +302,18 @@ class Bridge(ABC):
         match self._handover.state:
             case State.RELEASED if stack.takes_setpoints:
                 return (
-                    "engage it first: it is left in the mode that takes setpoints, and would fly "
-                    "whatever comes"
+                    "engage it first: the stack is in the mode that takes setpoints, and would "
+                    "fly any"
                 )
             case State.OFFERED:
-                return "it is being engaged: ask again"
+                return "it is being engaged: try again"
             case State.STANDBY:
                 return stack.fault or self._obstacle(now_ns)
             case _:
                 return ""
 
     def _asked_to_switch(self, now_ns: int) -> list[Outgoing]:
-        """Return what asks the stack to act on setpoints, once they have run for long enough."""
+        """Return what switches the stack to setpoints, once they have run for long enough."""
         if self._handover.offered_for(now_ns=now_ns) < round(self.warm_up * 1e9):
             return []
         if self._asked_ns is not None and now_ns - self._asked_ns < _ASKED_AGAIN_NS:
@@ -340,7 +340,7 @@ class Bridge(ABC):
     def _odometry_subscription(self, name: str, *, twist_frame: str) -> Subscription:
         """Return a subscription to an estimator's ``nav_msgs/Odometry``, in ENU.
 
-        ``twist_frame`` is where its twist is told: ``child`` (body) or ``world``.
+        ``twist_frame`` is the frame of its twist: ``child`` (body) or ``world``.
         """
 
         def receive(message: Any, now_ns: int) -> OdometrySample | None:
@@ -358,7 +358,7 @@ class Bridge(ABC):
     def _converted(
         self, source: str, convert: Callable[[], OdometrySample | None]
     ) -> OdometrySample | None:
-        """Return an odometry, or note why there is none: the conversion raises ``ValueError``."""
+        """Return an odometry, or None and note the ``ValueError`` of the conversion."""
         try:
             return convert()
         except ValueError as error:
@@ -368,7 +368,7 @@ class Bridge(ABC):
     def _passed_on(
         self, odometry: OdometrySample | None, *, now_ns: int, cause: str | None = None
     ) -> OdometrySample | None:
-        """Return an odometry, if there is one, with the stamp and the frames that the MPC wants.
+        """Return an odometry with the stamp and the frames that the MPC expects.
 
         Returns None, and notes why, if it is not valid or not newer than the last.
         """
@@ -379,7 +379,6 @@ class Bridge(ABC):
             frame_id=self._config.frame_id,
             child_frame_id=self._config.child_frame_id,
         )
-        # As the MPC judges it; the stamp comes after.
         fault = odometry_fault(odometry, frame_id=odometry.frame_id)
         if fault is not None:
             self._refuse(f"the stack's state is not valid: {fault}")
@@ -397,7 +396,7 @@ class Bridge(ABC):
         return odometry
 
     def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
-        """Find out whether the vehicle stands, of a stack that says whether it is armed."""
+        """Judge whether the vehicle stands, where the stack reports whether it is armed."""
         stack = self._stack(now_ns)
         if not stack.fault:
             self._ground.update(odometry.p_WB, armed=stack.armed)
@@ -426,15 +425,35 @@ class Bridge(ABC):
             return f"the command's body rate {fastest:.3g} rad/s is beyond {_FASTEST_TURN:g} rad/s"
         age = (now_ns - command.stamp_ns) * 1e-9
         if abs(age) > self._config.command_timeout:
-            return f"the command is {age:.3f} s old, by its stamp"
+            return f"the command is {age:.3f} s old by its stamp"
         return None
 
 
+class LatestStatus:
+    """Holds the newest status, which is valid for ``timeout`` seconds."""
+
+    def __init__(self, *, timeout: float) -> None:
+        self._timeout_ns = round(timeout * 1e9)
+        self._value: Any = None
+        self._received_ns = 0
+
+    def receive(self, value: Any, now_ns: int) -> None:
+        """Take a status that arrives now."""
+        self._value, self._received_ns = value, now_ns
+
+    def value(self, *, now_ns: int) -> Any:
+        """Return the newest status, or None if it is too old or there is none.
+
+        After the clock was set back its age is unknown, so it counts as too old.
+        """
+        return self._value if abs(now_ns - self._received_ns) <= self._timeout_ns else None
+
+
 class SwitchedBridge(Bridge):
-    """A bridge to a stack without modes, which acts on whatever it hears, armed or not."""
+    """A bridge to a stack without modes, which acts on whatever it gets, armed or not."""
 
     def _stack(self, now_ns: int) -> Stack:
         return Stack(takes_setpoints=True, armed=True)
 
     def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
-        """Nothing is known of it."""
+        """Whether the vehicle stands is unknown."""

@@ -1,9 +1,8 @@
 """Crazyswarm2 (geometry_msgs, nav_msgs).
 
 The firmware keeps the thrust locked until a setpoint of thrust 0 has come, levels after half a
-second without setpoints and cuts the motors after two, unless it was told that they stop. It takes
-rates only with ``flightmode.stabModeRoll`` and ``stabModePitch`` set to 0, which is the user's to
-set.
+second without setpoints and cuts the motors after two, unless their end was announced. It takes
+rates only with ``flightmode.stabModeRoll`` and ``stabModePitch`` set to 0, by the user.
 
 ``cmd_vel_legacy`` carries the four numbers of the Crazyflie's oldest setpoint. The server negates
 linear.x to its pitch, and the firmware counts pitch nose-up and, in this setpoint alone, yaw
@@ -24,8 +23,13 @@ from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds, odometry_from_message
-from quad_mpc_ros.ros.bridges.autopilot import LatestStatus
-from quad_mpc_ros.ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
+from quad_mpc_ros.ros.bridges.bridge import (
+    Bridge,
+    LatestStatus,
+    OutgoingMessage,
+    Response,
+    Subscription,
+)
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.handover import Stack
 from quad_mpc_ros.ros.bridges.odometry import PoseDifferentiator
@@ -38,7 +42,7 @@ SUPERVISOR_IS_TUMBLED = 32
 SUPERVISOR_IS_LOCKED = 64
 
 _LOCKS_AFTER_NS = 2_000_000_000
-# The radio may lose one; on the ground they cost nothing.
+# The radio may lose one.
 _UNLOCKING_SETPOINTS = 3
 _STATUS_TIMEOUT = 10.0  # s: the server logs it once a second or less
 _LAST_SETPOINT_MILLISECONDS = 100  # until the firmware's own commander takes over
@@ -120,7 +124,7 @@ class Crazyswarm2Bridge(Bridge):
         )
         self._go_to = self._service("go_to", "crazyflie_interfaces/srv/GoTo")
         self.services = self._arming, self._stop, self._go_to
-        # What is heard unreliably matches whatever the server publishes.
+        # A best-effort subscription matches whatever the server publishes.
         type_name, self._odometry_of = _STATES[config.state]
         state = self._topic(config.state, type_name)
         status = self._topic("status", "crazyflie_interfaces/msg/Status")
@@ -134,17 +138,17 @@ class Crazyswarm2Bridge(Bridge):
         self._sent_ns: int | None = None
 
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return whether the supervisor says that it does not fly."""
+        """Return whether the supervisor reports that it does not fly."""
         status = self._status.value(now_ns=now_ns)
         return None if status is None else not status.supervisor_info & SUPERVISOR_IS_FLYING
 
     def _stack(self, now_ns: int) -> Stack:
-        """Return whether it is fit and, where its status comes, armed."""
+        """Return whether it can fly and, where its status arrives, is armed."""
         status = self._status.value(now_ns=now_ns)
         if status is None:
             return Stack(takes_setpoints=True, armed=self._unlocked)
         if status.supervisor_info & SUPERVISOR_IS_TUMBLED:
-            return Stack(fault="the Crazyflie lies upside down")
+            return Stack(fault="the Crazyflie is upside down")
         if status.supervisor_info & SUPERVISOR_IS_LOCKED:
             return Stack(fault="the Crazyflie is locked: restart it")
         armed = bool(status.supervisor_info & SUPERVISOR_IS_ARMED)
@@ -160,7 +164,7 @@ class Crazyswarm2Bridge(Bridge):
         return Response(accepted=True, text=f"asked for {what}", calls=[call])
 
     def _switch_back(self, now_ns: int) -> Response:
-        """Let the firmware's own commander hold it: mere silence would cut the motors."""
+        """Let the firmware's own commander hold it: silence alone would cut the motors."""
         if self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS:
             return Response(accepted=True, text="released")
         stop = self._call(
@@ -169,10 +173,10 @@ class Crazyswarm2Bridge(Bridge):
         stay = self._call(self._go_to, group_mask=0, relative=True, yaw=0.0)
         stay.request.duration.sec = 1
         calls = [stop] if self.landed(now_ns=now_ns) else [stop, stay]
-        return Response(accepted=True, text="asked to hold by itself", calls=calls)
+        return Response(accepted=True, text="asked to hold position by itself", calls=calls)
 
     def _see_ground(self, odometry: OdometrySample, now_ns: int) -> None:
-        """Its own supervisor tells."""
+        """The supervisor reports it."""
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         if self._sent_ns is None or now_ns - self._sent_ns >= _LOCKS_AFTER_NS:

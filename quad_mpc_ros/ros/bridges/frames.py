@@ -1,4 +1,4 @@
-"""Between ENU/FLU, in which the package computes, and NED/FRD, which aircraft stacks speak.
+"""Between ENU/FLU, in which the package computes, and NED/FRD, which aircraft stacks use.
 
 REP-103 has both. World axes swap and turn: north-east-down (x, y, z) is east-north-up (y, x, -z).
 Body axes forward-right-down are forward-left-up with y and z turned. Both maps are their own

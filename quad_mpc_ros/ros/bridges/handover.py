@@ -1,12 +1,10 @@
-"""Who flies, and what a handover asks for: one state machine for every stack.
+"""Who flies, and the conditions of a handover: one state machine for every stack.
 
-It knows neither messages nor a clock: what the stack says, what comes and when is told. The
-diagram is in ``docs/stacks/README.md``.
+It has neither messages nor a clock; both are given. ``docs/stacks/README.md`` has the diagram.
 
-Only a request leads out of ``RELEASED``. Whatever ends an engagement, a request, a gap in the
-commands, the pilot, the stack's failsafe, disarming, leads back there, and nothing goes on from
-there by itself: an autopilot that was left in the mode that takes setpoints would fly whatever
-comes next.
+Only a request leads out of ``RELEASED``. Whatever ends an engagement (a request, a gap in the
+commands, the pilot, the stack's failsafe, disarming) leads back there, and nothing resumes by
+itself: an autopilot that was left in the mode that takes setpoints would fly whatever comes next.
 """
 
 from __future__ import annotations
@@ -17,28 +15,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quad_mpc_ros.control.estimation.ground import (
+    LEFT_GROUND,
+    NO_LIFT,
+    TAKING_OFF,
+    StandingHeight,
+)
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.ros.bridges.config import HandoverParameters
 
 _SECOND = 1_000_000_000
 _PATIENCE_NS = 5 * _SECOND  # until the stack has switched
-_LASTING_NS = 300_000_000  # what is in the way while nobody flies yet has to last so long
+_LASTING_NS = 300_000_000  # obstacles to an offered handover are ignored for so long
 _FRESH_NS = 500_000_000
 _REFERENCE_FRESH_NS = _SECOND
-_IDLE_SHARE = 0.4  # of the weight as thrust: no more lifts off
-_HOLDING_SHARES = (0.5, 1.6)  # and between these it keeps its height for a moment
-_RISES = 0.3  # m that a reference leads above a vehicle on the ground
-_LEFT = 0.15  # m of height: it no longer stands where it was armed
+_HOLDING_SHARES = (0.5, 1.6)  # of the weight as thrust: keeps its height for a moment
 
 
 class State(enum.Enum):
     """Who flies."""
 
     RELEASED = "released"
-    """Somebody else. The stack hears nothing."""
+    """Somebody else. Nothing is sent to the stack."""
     OFFERED = "offered"
-    """Somebody else; the stack is asked to act on setpoints, and hears them where it must."""
+    """Somebody else; the stack is asked to act on setpoints, and gets them where it needs to."""
     STANDBY = "standby"
     """Nobody: the stack would act on setpoints, but is not armed."""
     ENGAGED = "engaged"
@@ -47,7 +48,7 @@ class State(enum.Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Stack:
-    """What a stack says of itself: ``fault`` is why nothing must be sent to it, if so."""
+    """What a stack reports; ``fault`` is why nothing must be sent to it, or empty."""
 
     fault: str = ""
     takes_setpoints: bool = False
@@ -58,7 +59,7 @@ class Handover:
     """The state machine. Times are nanoseconds of the node's clock."""
 
     def __init__(self, parameters: HandoverParameters, *, patient: bool = False) -> None:
-        """Begin released; ``patient`` is for a stack which a pilot switches whenever he likes."""
+        """Begin released; ``patient`` is for a stack that a pilot switches at any time."""
         self.state = State.RELEASED
         self.reason = "not engaged: call the service engage"
         """Why it is released."""
@@ -68,17 +69,17 @@ class Handover:
         self._odd_since_ns: int | None = None
 
     def offer(self, *, now_ns: int) -> None:
-        """Begin to hand over, because somebody asked for it and nothing is in the way."""
+        """Begin to hand over, on request and without obstacles."""
         self.state, self.reason = State.OFFERED, ""
         self._offered_ns = self._command_ns = now_ns
         self._odd_since_ns = None
 
     def release(self, reason: str) -> None:
-        """Let somebody else fly until asked again."""
+        """Hand back until the next request."""
         self.state, self.reason = State.RELEASED, f"{reason}: call the service engage"
 
     def commanded(self, *, now_ns: int) -> None:
-        """Take note of a fresh command."""
+        """Note a fresh command."""
         self._command_ns = now_ns
 
     def offered_for(self, *, now_ns: int) -> int:
@@ -86,57 +87,60 @@ class Handover:
         return now_ns - self._offered_ns
 
     def advance(self, stack: Stack, *, obstacle: str, now_ns: int) -> None:
-        """Take what the stack says now, and what would be in the way of engaging it now."""
+        """Take what the stack reports now, and what is an obstacle to engaging it now."""
         if self.state is State.RELEASED:
             return
         gap_ns = now_ns - self._command_ns
         if abs(gap_ns) > self._gap_ns:  # or the clock was set back
             self.release(f"released after {abs(gap_ns) / _SECOND:.2f} s without a fresh command")
         elif stack.fault:
-            self.release(f"released, as {stack.fault}")
+            self.release(f"released because {stack.fault}")
         elif self.state is not State.OFFERED and not stack.takes_setpoints:
-            self.release("released, as somebody else switched the mode")
+            self.release("released because somebody else switched the mode")
         elif self.state is State.ENGAGED and not stack.armed:
             self.release("released by disarming")
         elif self.state is not State.ENGAGED:
             self._approach(stack, obstacle=obstacle, now_ns=now_ns)
 
     def _approach(self, stack: Stack, *, obstacle: str, now_ns: int) -> None:
-        """Go on as far as the stack has come, unless something stays in the way."""
+        """Follow the stack's progress, unless an obstacle persists."""
         if not obstacle:
             self._odd_since_ns = None
         elif self._odd_since_ns is None:
             self._odd_since_ns = now_ns
         if self._odd_since_ns is not None and now_ns - self._odd_since_ns > _LASTING_NS:
-            self.release(f"released, as {obstacle}")
+            self.release(f"released because {obstacle}")
         elif stack.takes_setpoints:
             self.state = State.ENGAGED if stack.armed else State.STANDBY
         elif not self._patient and self.offered_for(now_ns=now_ns) > _PATIENCE_NS:
-            self.release("released, as the stack has not switched within 5 s")
+            self.release("released because the stack has not switched within 5 s")
 
 
 class Ground:
-    """Whether a vehicle stands on the ground, of a stack that only says whether it is armed.
+    """Whether a vehicle stands on the ground, for a stack that only reports whether it is armed.
 
-    It stands while it is disarmed, and then until it has left that height.
+    It stands while it is disarmed, and after that until it has left that height
+    (``control/estimation/ground.py`` compares the judges of the ground).
     """
 
     def __init__(self) -> None:
         self.landed: bool | None = None
-        """Whether it stands; None as long as nothing is known."""
-        self._height = 0.0
+        """Whether it stands; None while unknown."""
+        self._stood = StandingHeight(LEFT_GROUND)
 
     def update(self, p_WB: Array, *, armed: bool) -> None:
         """Take a position (3,) [m] and whether the vehicle is armed."""
         height = float(p_WB[2])
         if not armed:
-            self.landed, self._height = True, height
-        elif self.landed is None or abs(height - self._height) > _LEFT:
-            self.landed = False
+            self.landed = True
+            self._stood.stand(height)
+        else:
+            self._stood.see(height)
+            self.landed = self.landed is True and not self._stood.left
 
 
 class Surroundings:
-    """The newest odometry, command and reference: what a handover would begin with."""
+    """The newest odometry, command and reference, with which a handover would begin."""
 
     def __init__(self, parameters: HandoverParameters) -> None:
         self._limits = parameters
@@ -145,7 +149,7 @@ class Surroundings:
         self._reference: tuple[ReferenceWindow, int] | None = None
 
     def see_odometry(self, odometry: OdometrySample, *, now_ns: int) -> None:
-        """Take an odometry that is passed on."""
+        """Take an odometry."""
         self._odometry = odometry, now_ns
 
     def see_command(self, command: CommandSample, *, share: float, now_ns: int) -> None:
@@ -157,13 +161,13 @@ class Surroundings:
         self._reference = window, now_ns
 
     def obstacle(self, *, landed: bool | None, now_ns: int) -> str:
-        """Return what is in the way of letting the MPC fly from now on, or nothing.
+        """Return what is an obstacle to letting the MPC fly from now on, or an empty string.
 
-        ``landed`` tells whether the vehicle stands on the ground; None where that is not known.
+        ``landed`` is whether the vehicle stands on the ground; None where that is unknown.
         """
         odometry = self._odometry
         if odometry is None or _is_old(odometry[1], now_ns, _FRESH_NS):
-            return "no fresh odometry is there"
+            return "there is no fresh odometry"
         return (
             self._tilted(odometry[0])
             or self._reference_obstacle(odometry[0], landed=landed, now_ns=now_ns)
@@ -181,15 +185,15 @@ class Surroundings:
         self, odometry: OdometrySample, *, landed: bool | None, now_ns: int
     ) -> str:
         if self._reference is None:
-            return ""  # somebody commands without one
+            return ""  # commands need not come from a reference
         window, seen_ns = self._reference
         if _is_old(seen_ns, now_ns, _REFERENCE_FRESH_NS):
             return "the reference is old"
         away = window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB
-        if landed:  # it rests below the ground, so that the motors idle
+        if landed:  # the reference may ask to stay down, by resting below the ground
             rises = float(window.p_WB[:, 2].max() - odometry.p_WB[2])
-            if rises > _RISES:
-                return f"the reference leads {rises:.2f} m up: it would take off at once"
+            if rises > TAKING_OFF:
+                return f"the reference leads {rises:.2f} m up: the vehicle would take off at once"
             away[2] = max(away[2], 0.0)
         distance, most = float(np.linalg.norm(away)), self._limits.engage_distance_max
         if distance <= most:
@@ -198,13 +202,13 @@ class Surroundings:
 
     def _command_obstacle(self, *, landed: bool | None, now_ns: int) -> str:
         if self._command is None or _is_old(self._command[2], now_ns, _FRESH_NS):
-            return "no fresh command is there"
+            return "there is no fresh command"
         command, share, _ = self._command
         least, most = _HOLDING_SHARES
         if landed is not False:
             least = 0.0
         if landed:
-            most = _IDLE_SHARE
+            most = NO_LIFT
         if not least <= share <= most:
             return (
                 f"the MPC would begin with {share:.2f} of the weight as thrust, expected "

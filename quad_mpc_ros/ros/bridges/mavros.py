@@ -1,8 +1,8 @@
 """MAVROS with PX4 or ArduPilot (mavros_msgs), ENU and FLU, which MAVROS converts.
 
 With PX4 the setpoints are the heartbeat: they must run before the switch to OFFBOARD, and PX4
-acts on them only in that mode, to which it returns by itself when they come back. ArduPilot needs
-no stream before the switch to GUIDED and is sent none outside of it.
+acts on them only in that mode, to which it returns by itself when they return. ArduPilot needs no
+stream before the switch to GUIDED and gets none outside of it.
 
 Fields and constants after https://github.com/mavlink/mavros (mavros_msgs/msg/AttitudeTarget).
 """
@@ -16,9 +16,9 @@ from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
-from quad_mpc_ros.ros.bridges.autopilot import LatestStatus
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
+    LatestStatus,
     Outgoing,
     OutgoingMessage,
     Response,

@@ -1,4 +1,4 @@
-"""The node around any bridge: its topics and services, and nothing of what they mean."""
+"""The node around any bridge: its topics and services."""
 
 from __future__ import annotations
 
@@ -13,17 +13,9 @@ from std_srvs.srv import SetBool
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages import conversions, topics
 from quad_mpc_ros.messages.diagnostics import OK, WARN
-from quad_mpc_ros.messages.topics import (
-    COMMAND,
-    ENGAGED,
-    LANDED,
-    ODOMETRY,
-    ODOMETRY_RESET,
-    REFERENCE,
-    Topic,
-)
+from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
     Outgoing,
@@ -40,33 +32,33 @@ from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.spin import run
 
-_OURS = (ODOMETRY, ODOMETRY_RESET, REFERENCE, ENGAGED, LANDED)
+_OURS = (topics.ODOMETRY, topics.ODOMETRY_RESET, topics.REFERENCE, topics.ENGAGED, topics.LANDED)
 _WARNING_PERIOD = 5.0
 _QUIET_NS = 500_000_000
 _LINE_PERIOD = 0.005
 
 
 class BridgeNode(ReportingNode[BridgeConfig]):
-    """Wires a bridge. The services ``~/arm`` and ``~/engage`` ask what nothing else does."""
+    """Wires a bridge to its topics, and to the services ``~/arm`` and ``~/engage``."""
 
     def __init__(self, kind: type[Bridge]) -> None:
         _require(kind)
         super().__init__(kind.name, kind.Config)
         self._bridge = kind(self.config, _new)
-        command = dataclasses.replace(COMMAND, name=self.config.mpc_command_topic)
+        command = dataclasses.replace(topics.COMMAND, name=self.config.mpc_command_topic)
         self._refuse_clashes(command)
         self._refuse_other_releases()
         self._silence = ""
         self._command_ns = 0
-        self._odometry = self.health.publisher(ODOMETRY)
-        self._odometry_message = new_message(ODOMETRY.type_name)
-        self._odometry_reset = self.health.publisher(ODOMETRY_RESET)
+        self._odometry = self.health.publisher(topics.ODOMETRY)
+        self._odometry_message = new_message(topics.ODOMETRY.type_name)
+        self._odometry_reset = self.health.publisher(topics.ODOMETRY_RESET)
         self._odometries = 0
-        self._engaged = self.health.publisher(ENGAGED)
-        self._engaged_message = new_message(ENGAGED.type_name)
+        self._engaged = self.health.publisher(topics.ENGAGED)
+        self._engaged_message = new_message(topics.ENGAGED.type_name)
         self._tell_engaged(False)
-        self._landed = self.health.publisher(LANDED)
-        self._told_landed: bool | None = None
+        self._landed = self.health.publisher(topics.LANDED)
+        self._published_landed: bool | None = None
         self._time = SteadyTime(self.get_clock())
         self._stack = {
             topic.name: self.health.publisher(topic) for topic in self._bridge.publications
@@ -75,7 +67,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             name: self.create_client(message_class(type_name), name)
             for name, type_name in self._bridge.services
         }
-        self.health.subscription(REFERENCE, self._on_reference, expected=False)
+        self.health.subscription(topics.REFERENCE, self._on_reference, expected=False)
         self.health.subscription(command, self._on_command)
         for subscription in self._bridge.subscriptions:
             self.health.subscription(
@@ -89,25 +81,24 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             self.create_timer(_LINE_PERIOD, self._on_line, clock=steady)
 
     def _refuse_clashes(self, command: Topic) -> None:
-        """Refuse two types under one name, of which DDS takes only the first."""
+        """Refuse two types under one name: DDS would use only the first."""
         stack = (*(each.topic for each in self._bridge.subscriptions), *self._bridge.publications)
         ours = {self.resolve_topic_name(each.name): each for each in (command, *_OURS)}
         for topic in stack:
             same = ours.get(self.resolve_topic_name(topic.name))
             if same is not None and same.type_name != topic.type_name:
                 raise UserError(
-                    f"{self._bridge.name}: {topic.name} is the stack's, of type "
-                    f"{topic.type_name}, and ours, of type {same.type_name}: start it in a "
-                    "namespace, or set advanced.mpc_command_topic and remap the mpc's topic "
-                    "command to it"
+                    f"{self._bridge.name}: topic {topic.name} has the type {topic.type_name} in "
+                    f"the stack and {same.type_name} here: start it in a namespace, or set "
+                    "advanced.mpc_command_topic and remap the mpc's topic command to it"
                 )
 
     def _refuse_other_releases(self) -> None:
-        """Refuse message packages that are installed and lack a type."""
+        """Refuse installed message packages that lack a type."""
         bridge = self._bridge
-        topics = (*(each.topic for each in bridge.subscriptions), *bridge.publications)
         for type_name in (
-            *(topic.type_name for topic in topics),
+            *(each.topic.type_name for each in bridge.subscriptions),
+            *(topic.type_name for topic in bridge.publications),
             *(type_name for _, type_name in bridge.services),
         ):
             try:
@@ -115,11 +106,11 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             except AttributeError:
                 package = type_name.partition("/")[0]
                 raise UserError(
-                    f"{bridge.name}: the installed {package} has no {type_name}, it is of "
+                    f"{bridge.name}: the installed {package} has no {type_name}, it belongs to "
                     f"another release: {bridge.how_to_get}"
                 ) from None
             except ModuleNotFoundError:
-                pass  # which :func:`_require` has told
+                pass  # reported by :func:`_require`
 
     def _on_command(self, message: Any) -> None:
         self._command_ns = now_ns = self._time.now_ns()
@@ -129,7 +120,6 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._follow_engagement(now_ns)
         if self._bridge.silence != self._silence:
             self._silence = self._bridge.silence
-            # Ages differ from one to the next.
             self.get_logger().info(
                 self._silence or "commands pass", throttle_duration_sec=_WARNING_PERIOD
             )
@@ -138,7 +128,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         try:
             window = conversions.reference_from_message(message)
         except ValueError:
-            return  # the controller warns of it
+            return  # the controller warns about it
         self._bridge.receive_reference(window, now_ns=self._time.now_ns())
 
     def _on_stack(self, subscription: Subscription, message: Any) -> None:
@@ -162,7 +152,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
     def _publish_odometry(self, odometry: OdometrySample) -> None:
         reset = self._bridge.announced_reset
         if reset is not None:  # first, for what follows is in other coordinates
-            message = new_message(ODOMETRY_RESET.type_name)
+            message = new_message(topics.ODOMETRY_RESET.type_name)
             conversions.fill_reset(message, reset)
             self._odometry_reset.publish(message)
         conversions.fill_odometry(self._odometry_message, odometry)
@@ -170,14 +160,14 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._odometries += 1
 
     def _follow_engagement(self, now_ns: int) -> None:
-        """Let the MPC know when the vehicle begins to act on commands, and when it ceases to."""
+        """Publish changes of whether the vehicle acts on commands, and of whether it landed."""
         engaged = self._bridge.engaged(now_ns=now_ns)
         if engaged is not self._engaged_message.data:
             self._tell_engaged(engaged)
         landed = self._bridge.landed(now_ns=now_ns)
-        if landed is not None and landed is not self._told_landed:
-            self._told_landed = landed
-            message = new_message(LANDED.type_name)
+        if landed is not None and landed is not self._published_landed:
+            self._published_landed = landed
+            message = new_message(topics.LANDED.type_name)
             message.data = landed
             self._landed.publish(message)
 
@@ -186,10 +176,10 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._engaged.publish(self._engaged_message)
 
     def _serve(self, ask: Callable[..., Response], request: Any, response: Any) -> Any:
-        """Send what was asked for; the stack's own response is logged when it comes."""
+        """Send a request to the stack; its own response is logged when it comes."""
         rivals = self.health.rivals() if request.data else ""
         if rivals:
-            response.success, response.message = False, f"{rivals}: end the others first"
+            response.success, response.message = False, f"{rivals}: stop the others first"
             self.get_logger().info(response.message)
             return response
         decided = ask(bool(request.data), now_ns=self._time.now_ns())
@@ -199,7 +189,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             if not self._clients_by_name[call.service].service_is_ready()
         ]
         response.success = decided.accepted and not missing
-        response.message = f"nobody offers the service {missing[0]}" if missing else decided.text
+        response.message = f"service {missing[0]} is not available" if missing else decided.text
         if response.success:
             for message in decided.messages:
                 self._send(message)
@@ -210,7 +200,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         return response
 
     def _on_answered(self, service: str, future: Any) -> None:
-        self.get_logger().info(f"{service} answers {future.result()}")
+        self.get_logger().info(f"{service} answered {future.result()}")
 
     def _send(self, outgoing: Outgoing) -> None:
         if isinstance(outgoing, OutgoingMessage):
@@ -224,16 +214,17 @@ class BridgeNode(ReportingNode[BridgeConfig]):
     def _request(self, call: ServiceCall) -> None:
         client = self._clients_by_name[call.service]
         if not client.service_is_ready():
-            self.get_logger().warning(f"nobody offers the service {call.service}")
+            self.get_logger().warning(f"service {call.service} is not available")
             return
         future = client.call_async(call.request)
         future.add_done_callback(functools.partial(self._on_answered, call.service))
 
     def report(self) -> Health:
-        """Return what is sent to the stack, or why nothing is."""
+        """Return whether commands are sent to the stack, or why not."""
         bridge = self._bridge
         quiet = self._time.now_ns() - self._command_ns > _QUIET_NS
-        text = "silent: no command comes" if quiet else bridge.silence
+        text = "silent: no commands from the mpc" if quiet else bridge.silence
+        landed = self._published_landed
         return Health(
             level=WARN if text else OK,
             text=text or "commands pass",
@@ -245,10 +236,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
                 ("passed_commands", str(bridge.passed)),
                 ("engaged", str(self._engaged_message.data).lower()),
                 ("handover", bridge.handover[0]),
-                (
-                    "landed",
-                    "not told" if self._told_landed is None else str(self._told_landed).lower(),
-                ),
+                ("landed", "unknown" if landed is None else str(landed).lower()),
                 ("battery_scale", f"{bridge.thrust.battery_scale:.3f}"),
             ],
         )
@@ -260,7 +248,7 @@ def run_bridge(kind: type[Bridge], args: list[str] | None = None) -> int:
 
 
 def _require(kind: type[Bridge]) -> None:
-    """Say how to get a message package that is missing. Raises :class:`UserError`."""
+    """Raise :class:`UserError` with how to install missing message packages."""
     missing = [name for name in kind.packages if importlib.util.find_spec(name) is None]
     if missing:
         raise UserError(

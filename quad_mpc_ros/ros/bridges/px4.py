@@ -1,10 +1,9 @@
 """PX4 over uXRCE-DDS (px4_msgs), NED and FRD.
 
 The heartbeat ``offboard_control_mode`` must run for a second before PX4 switches to offboard. PX4
-does not fail safe when setpoints stop while the heartbeat runs on, so a heartbeat is sent only
-together with a fresh command. And PX4 keeps the intention to fly offboard through a failsafe and
-through disarming: a heartbeat that comes back is enough to be flown. So there is none unless
-somebody has asked to engage.
+does not fail safe when setpoints stop while the heartbeat continues, so a heartbeat is sent only
+together with a fresh command. PX4 also keeps the intention to fly offboard through a failsafe and
+through disarming: a returning heartbeat is enough. So there is none before a request to engage.
 
 Fields and constants after the definitions in https://github.com/PX4/px4_msgs.
 """
@@ -21,9 +20,9 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, given_variance
 from quad_mpc_ros.messages.conversions import NewMessage
 from quad_mpc_ros.messages.topics import Topic
-from quad_mpc_ros.ros.bridges.autopilot import LatestStatus
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
+    LatestStatus,
     Outgoing,
     OutgoingMessage,
     Response,
@@ -219,7 +218,7 @@ class Px4Bridge(Bridge):
         self.publications = self._heartbeat, self._rates, self._command
 
     def landed(self, *, now_ns: int) -> bool | None:
-        """Return what PX4's land detector says, or what arming tells where it is not heard."""
+        """Return what PX4's land detector reports, or without it what follows from arming."""
         land = self._land.value(now_ns=now_ns)
         return super().landed(now_ns=now_ns) if land is None else bool(land.landed)
 
@@ -228,7 +227,7 @@ class Px4Bridge(Bridge):
         if mode is None and status is None:
             fault = f"no vehicle_status within {_STATUS_TIMEOUT:g} s on {self._status_name}"
             return Stack(fault=fault)
-        # Both where both are heard: either may be the first to tell of a change.
+        # Both where both are there: either may be the first to report a change.
         offboard, armed = [], []
         if status is not None:
             offboard.append(status.nav_state == NAVIGATION_STATE_OFFBOARD)
@@ -286,7 +285,7 @@ class Px4Bridge(Bridge):
     def _on_ack(self, message: Any, now_ns: int) -> None:
         if message.result not in (_ACCEPTED, _IN_PROGRESS):
             self._warnings.append(
-                f"PX4 answers command {message.command} with result {message.result}"
+                f"PX4 answered command {message.command} with result {message.result}"
             )
 
     def _asked(self, what: str, message: Any) -> Response:
@@ -301,5 +300,5 @@ class Px4Bridge(Bridge):
         if version == _FROM_MESSAGE:
             version = int(getattr(type(self._new(type_name)), "MESSAGE_VERSION", 0))
         suffix = f"_v{version}" if version > 0 else ""
-        # Never latched: an agent that starts later would be given what was asked for long ago.
+        # Never latched: an agent that starts later would get requests of long ago.
         return self._topic(f"{path}{suffix}", type_name)

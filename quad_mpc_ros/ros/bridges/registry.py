@@ -1,9 +1,8 @@
-"""Which bridges there are: ours and those of other packages, by entry point.
+"""The registered bridges: ours and those of other packages, by entry point.
 
-A package adds its own by an entry point ``name = module:Class`` in the group
-``quad_mpc_ros.bridges``, and an executable ``name = module:Class.main``. From here the command
-line, the launch file and the tool that writes the parameter files know it. No message package of
-a stack is imported for that.
+A package adds one by an entry point ``name = module:Class`` in the group
+``quad_mpc_ros.bridges``, and an executable ``name = module:Class.main``. The command line, the
+launch file and the tool that writes parameter files look here. No message package is imported.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ GROUP = "quad_mpc_ros.bridges"
 
 @dataclass(frozen=True, kw_only=True)
 class RegisteredBridge:
-    """A bridge as it is listed; ``fault`` says why its entry point is of no use, or is empty."""
+    """A bridge as it is listed; ``fault`` is why it cannot be loaded, or empty."""
 
     name: str
     speaks: str = ""
@@ -50,16 +49,13 @@ def bridge_configurations() -> dict[str, type[Configuration]]:
         try:
             bridge: Any = entry.load()
             found[str(bridge.name)] = bridge.Config
-        except (ImportError, AttributeError):  # quad_mpc bridges tells of it
+        except (ImportError, AttributeError):  # quad_mpc bridges reports it
             continue
     return found
 
 
 def load_bridge(name: str) -> Any:
-    """Return the bridge of a name, with or without its ending ``_bridge``.
-
-    Raises :class:`UserError` for one that is not registered.
-    """
+    """Return a bridge by its name, with or without ``_bridge``; raise :class:`UserError`."""
     entries = {entry.name: entry for entry in _entries()}
     entry = entries.get(name) or entries.get(f"{name}_bridge")
     if entry is None:
@@ -81,5 +77,5 @@ def _looked_at(entry: EntryPoint) -> RegisteredBridge:
             missing=tuple(name for name in packages if importlib.util.find_spec(name) is None),
             how_to_get=str(bridge.how_to_get),
         )
-    except (ImportError, AttributeError) as error:  # somebody else's package
+    except (ImportError, AttributeError) as error:
         return RegisteredBridge(name=entry.name, fault=f"{entry.value}: {error}")

@@ -1,8 +1,8 @@
 """ROSflight 2 (rosflight_msgs, roscopter_msgs), NED and FRD.
 
 The safety pilot arms and hands over by switches of the RC transmitter; no topic can. Once engaged,
-commands are sent whenever they are fresh, and the firmware decides whether to act on them: it
-drops back to RC when none has come for 100 ms, and takes them again when they come back.
+fresh commands are sent, and the firmware decides whether to act on them: it falls back to RC when
+none has arrived for 100 ms, and takes them again when they return.
 
 Fields and constants after https://github.com/rosflight/rosflight_ros_pkgs (rosflight_msgs) and
 https://github.com/rosflight/roscopter (roscopter_msgs/msg/State).
@@ -19,8 +19,13 @@ from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.messages.conversions import NewMessage, fill_time, nanoseconds
 from quad_mpc_ros.messages.topics import Topic
-from quad_mpc_ros.ros.bridges.autopilot import LatestStatus
-from quad_mpc_ros.ros.bridges.bridge import Bridge, OutgoingMessage, Response, Subscription
+from quad_mpc_ros.ros.bridges.bridge import (
+    Bridge,
+    LatestStatus,
+    OutgoingMessage,
+    Response,
+    Subscription,
+)
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.frames import (
     enu_from_ned,

@@ -1,4 +1,4 @@
-"""A serial port that comes and goes: nothing is read and nothing sent while it is away."""
+"""A serial port that may disappear: nothing is read or sent meanwhile, and it is reopened."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _AGAIN = 1.0  # s
 
 
 class SerialLine:
-    """Reads and writes without waiting, by pyserial; ``fault`` says why it does not."""
+    """Reads and writes without waiting, by pyserial; ``fault`` is why it cannot."""
 
     def __init__(self, line: Line) -> None:
         self.fault = ""
@@ -32,7 +32,7 @@ class SerialLine:
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send; what the port cannot take at once is dropped, for the next is newer."""
+        """Send; what the port cannot take at once is dropped, as newer data follow."""
         if self._port is None or not data:
             return
         try:

@@ -27,7 +27,7 @@ class ThrustMap:
         self._voltage = SmoothedVoltage()
 
     def thrust_newton(self, model_throttle: float) -> float:
-        """Return the collective thrust [N] that the MPC means by its throttle; never below 0."""
+        """Return the collective thrust [N] of the MPC's throttle by its model; at least 0."""
         return max(self._model.thrust(model_throttle), 0.0)
 
     def specific_thrust(self, model_throttle: float) -> float:
@@ -35,13 +35,13 @@ class ThrustMap:
         return self.thrust_newton(model_throttle) / self._model.mass
 
     def stack_throttle(self, model_throttle: float) -> float:
-        """Return the stack's throttle in [0, 1] that makes that thrust, as nearly as it can."""
+        """Return the stack's throttle in [0, 1] whose thrust is nearest to that."""
         if self._parameters.kind == "model" and self.battery_scale == 1.0:
             return model_throttle
         return self._inverse(self._model.thrust(model_throttle) / self.battery_scale)
 
     def receive_voltage(self, voltage: float, *, now_ns: int) -> None:
-        """Take a battery voltage [V]; what no battery can have is ignored."""
+        """Take a battery voltage [V]; impossible ones are ignored."""
         if self._parameters.battery_voltage != 0.0:
             self._voltage.receive(voltage, now_ns=now_ns)
 
@@ -67,7 +67,7 @@ class ThrustMap:
 
 
 def _carried(curve: tuple[float, ...], config: BridgeConfig) -> float:
-    """Return a mass that the curve can carry: only its inverse is wanted, and hovering checked."""
+    """Return a mass that the curve can carry: only its inverse is used, hovering is checked."""
     a, b, c = curve
     highest = config.motor_count * (a + b + c)
     lowest = config.motor_count * c

@@ -1,4 +1,4 @@
-"""Quality of service between rclpy and bags: what was offered, asked for, and is offered again."""
+"""Quality of service between rclpy and bags: as recorded, as subscribed, as played."""
 
 from __future__ import annotations
 
@@ -38,26 +38,25 @@ def adapted(publishers: Sequence[QoSProfile]) -> QoSProfile:
 
 
 def offered_again(recorded: Sequence[QosProfile]) -> QoSProfile:
-    """Return the profile with which to publish what publishers of these profiles had sent.
+    """Return the profile for publishing what publishers of these profiles had sent.
 
-    Subscribers that heard each of them must hear this one: it is reliable if one of them was and
-    keeps messages for late joiners if one of them did. Deadline, lifespan and liveliness are
-    taken over where they are all the same.
+    Subscribers that matched each of them must match this one: it is reliable or latched if one of
+    them was. Deadline, lifespan and liveliness are kept where all are the same.
     """
     if not recorded:
         return QoSProfile(depth=_LEAST_DEPTH)
     reliable = any(profile.reliability == "reliable" for profile in recorded)
     latched = any(profile.durability == "transient_local" for profile in recorded)
-    alike: dict[str, Any] = {
+    common: dict[str, Any] = {
         name: _duration(getattr(recorded[0], name))
         for name in ("deadline", "lifespan", "liveliness_lease_duration")
         if len({getattr(profile, name) for profile in recorded}) == 1
     }
     if all(profile.liveliness == "manual_by_topic" for profile in recorded):
-        alike["liveliness"] = LivelinessPolicy.MANUAL_BY_TOPIC
-    # Over DDS the depth of a publisher is often not told, and recorded as 0.
+        common["liveliness"] = LivelinessPolicy.MANUAL_BY_TOPIC
+    # Over DDS the depth of a publisher is often unknown, and recorded as 0.
     depth = max(_LEAST_DEPTH, *(profile.depth for profile in recorded))
-    return qos_profile(depth=depth, reliable=reliable, latched=latched, **alike)
+    return qos_profile(depth=depth, reliable=reliable, latched=latched, **common)
 
 
 def _duration(nanoseconds: int) -> Duration:

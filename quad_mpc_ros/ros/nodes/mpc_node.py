@@ -27,20 +27,20 @@ from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
 _WARNING_PERIOD = 5.0
-_ESTIMATE_FAILS = {"at bounds": "is at its bounds", "reset": "was let go and begins anew"}
-# Of plans that are shown: in lockstep every one at 50 Hz; else what an eye can follow, for in real
-# time a plan takes as long to publish as to solve.
+_ESTIMATE_FAILS = {"at bounds": "is at its bounds", "reset": "was reset"}
+# Between published plans: in lockstep every one at 50 Hz; in real time, where publishing a plan
+# takes as long as solving, as many as an eye can follow.
 _SHOWN_PERIOD_NS, _LOCKSTEP_PERIOD_NS = 95_000_000, 15_000_000
 
-# s: between looks at whether odometry is missing, for a live timeout may be shortened meanwhile.
+# s: between checks for missing odometry; a live timeout may be shortened meanwhile.
 _LONGEST_PAUSE = 0.1
 
 
 class MpcNode(ManagedNode[MpcConfig]):
     """Wires the controller to its topics: odometry triggers it, a timer is its watchdog.
 
-    While the node is inactive nothing reaches the controller: it would count on commands that are
-    not sent.
+    While the node is inactive nothing reaches the controller, which would count on commands that
+    are not sent.
     """
 
     _controller: Controller
@@ -61,9 +61,9 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.get_logger().warning(refusal)
         if config.unmodelled_lags and not config.lockstep:
             self.get_logger().warning(
-                f"{', '.join(config.unmodelled_lags)} = 0: no real vehicle answers at once, and "
-                "one that answers later than modelled swings; quad_mpc identify tells from a "
-                "flight, until then guess"
+                f"{', '.join(config.unmodelled_lags)} = 0: every real vehicle lags, and one that "
+                "lags more than modelled oscillates; set an estimate, and after a first flight "
+                "what quad_mpc identify finds"
             )
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
@@ -71,7 +71,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._controller = warmed_up(config, deadline=config.deadline_seconds)
         self._standby = Standby()
         self._in_lockstep = config.lockstep
-        self._engaged: bool | None = None  # where no bridge says it, commands act
+        self._engaged: bool | None = None  # unless a bridge publishes it, commands act
         self._landed: bool | None = None
         self._command = self.health.publisher(topics.COMMAND)
         self._stats = self.health.publisher(topics.STATS)
@@ -79,7 +79,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._path_period_ns = _LOCKSTEP_PERIOD_NS if config.lockstep else _SHOWN_PERIOD_NS
         self._path_shown_ns = -self._path_period_ns
 
-        # Bytes in and out: the objects that rclpy makes of them take longer than the control step.
+        # Raw bytes: rclpy's conversion to objects takes longer than the control step.
         self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
         if self._hears_reference:
             self.managed_subscription(topics.REFERENCE, self._on_reference, raw=True)
@@ -92,15 +92,15 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.managed_alarm(1.0 / config.control_rate, self._on_watch)
 
     def obstacle(self) -> str | None:
-        """Return what is missing of odometry and reference."""
+        """Return which of odometry and reference is missing."""
         return self._standby.obstacle(self._controller.config, now_ns=self._time.now_ns())
 
     def activate(self) -> None:
-        """Answer the odometry that came last."""
+        """Answer the newest odometry."""
         self._finish(self._standby.begin(self._controller))
 
     def deactivate(self) -> None:
-        """Forget the flight: until the next activation somebody else commands."""
+        """Forget the flight: somebody else commands until the next activation."""
         self._controller, self._tick = self._controller.renewed(), None
         if self._engaged is not None:
             self._controller.engage(self._engaged)
@@ -115,16 +115,16 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._controller.reconfigure(config)
 
     def take_reference(self, window: ReferenceWindow) -> None:
-        """Take a window from another node of this process, in whichever thread.
+        """Take a window from another node of this process, in any thread.
 
-        It is looked at with the next odometry; in lockstep, where that waits for it, at once.
+        It is used with the next odometry; in lockstep, where that waits for it, at once.
         """
         self._handed.append((window, self._time.now_ns()))
         if self._in_lockstep and self.executor is not None:
             self.executor.create_task(self._receive_handed)
 
     def _receive_handed(self) -> None:
-        """Take the newest window that was handed over, if there is one."""
+        """Take the newest window handed over, if any."""
         if self._handed and self._configured:
             window, now_ns = self._handed.pop()
             self._receive_reference(window, now_ns=now_ns)
@@ -159,13 +159,13 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.activate_when_ready()
 
     def _on_engaged(self, message: Any) -> None:
-        """Tell the controller, and log when it is new, whether the vehicle acts on commands."""
+        """Pass on whether the vehicle acts on commands, and log changes."""
         engaged = bool(message.data)
         self._controller.engage(engaged)
         if engaged is not self._engaged:
             self._engaged = engaged
             self.get_logger().info(
-                "commands act" if engaged else "commands do not act: nothing is learned of them"
+                "commands act" if engaged else "commands do not act: estimation is paused"
             )
 
     def _on_landed(self, message: Any) -> None:
@@ -179,7 +179,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._warn(str(error))
 
     def _on_watch(self) -> float:
-        """Act if there is no odometry, and return when to look again [s]."""
+        """Act if odometry is missing, and return the time to the next check [s]."""
         self._receive_handed()
         now_ns = self._time.now_ns()
         if self.active:
@@ -191,7 +191,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         return max(pause, period)
 
     def _finish(self, tick: Tick | None) -> None:
-        """Publish the command first, then what is only to be looked at."""
+        """Publish the command first, then everything else."""
         if tick is not None:
             if tick.command is not None:
                 self._command.publish(cdr.written_command(tick.command))
@@ -203,14 +203,14 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._warn(warning)
 
     def _publish_insight(self, tick: Tick) -> None:
-        if self._stats.get_subscription_count() > 0:  # else nobody reads them
+        if self._stats.get_subscription_count() > 0:
             self._stats.publish(diagnostics.written_stats(tick.stats))
         if tick.plan is not None and self._path_is_due(tick.plan.stamp_ns):
             frame_id = self._controller.config.odometry.frame_id
             self._predicted_path.publish(conversions.written_plan(tick.plan, frame_id=frame_id))
 
     def _path_is_due(self, stamp_ns: int) -> bool:
-        """Tell whether somebody looks at the path and has not just seen one."""
+        """Whether the path has a subscriber, and was not published just now."""
         if abs(stamp_ns - self._path_shown_ns) < self._path_period_ns:
             return False
         if self._predicted_path.get_subscription_count() == 0:
@@ -219,7 +219,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         return True
 
     def _log_change(self, tick: Tick) -> None:
-        """Tell once when another rung of the ladder takes over."""
+        """Log changes of the source of commands."""
         before = self._tick.decision.source if self._tick is not None else Source.WAITING
         now = tick.decision.source
         if now is before:
@@ -236,7 +236,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             return Health(level=WARN, text="waiting for the first plan")
         source = tick.decision.source
         level = {Source.MPC: OK, Source.PLAN: WARN, Source.WAITING: WARN}.get(source, ERROR)
-        engaged = "not told" if self._engaged is None else str(self._engaged).lower()
+        engaged = "unknown" if self._engaged is None else str(self._engaged).lower()
         text = tick.decision.reason or "flying"
         if tick.stats.estimate in _ESTIMATE_FAILS:
             level = max(level, WARN)

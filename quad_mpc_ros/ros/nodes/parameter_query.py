@@ -1,4 +1,4 @@
-"""Asking another node for all its parameters, without waiting for it."""
+"""Querying all parameters of another node, without blocking."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-# An answer is lost where the one who answers does not know the one who asks yet.
+# An answer is lost if the other node has not discovered this one yet.
 _ASK_AGAIN = 2.0  # s
 
 
 class ParameterQuery:
-    """One query; its clients exist only while it runs, since each one costs every wake-up."""
+    """One query; its clients exist only while it runs, as each costs every wake-up."""
 
     def __init__(self, node: Node, node_name: str) -> None:
         self.node_name = node_name
@@ -28,7 +28,7 @@ class ParameterQuery:
         self._asked_s = 0.0
 
     def poll(self) -> dict[str, Any] | None:
-        """Take the next step; return the parameters, once, when they have come."""
+        """Take the next step; return the parameters, once, when they have arrived."""
         if self.done or not self._ready():
             return None
         list_names, get_values = self._clients
@@ -50,7 +50,7 @@ class ParameterQuery:
         return client.call_async(request)
 
     def close(self) -> None:
-        """Ask no more."""
+        """End the query."""
         for client in self._clients:
             self._node.destroy_client(client)
         self._clients = []

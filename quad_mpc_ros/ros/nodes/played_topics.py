@@ -1,4 +1,4 @@
-"""Which topics of a bag are to be played, and which of them can be."""
+"""Which topics of a bag are selected for playing, and which of them can be played."""
 
 from __future__ import annotations
 
@@ -17,17 +17,16 @@ _SHOWN = 10
 
 @dataclass(frozen=True, kw_only=True)
 class PlayedTopics:
-    """The topics that can be played, and why the others that were asked for cannot."""
+    """The topics that can be played, and why other selected ones cannot."""
 
     playable: Mapping[str, TopicInfo]
     refused: Mapping[str, str]
 
 
 def played_topics(reader: BagReader, config: PlayerConfig) -> PlayedTopics:
-    """Return the topics that a configuration asks for.
+    """Return the topics that a configuration selects.
 
-    Raises :class:`BagError` when a topic is named that is not in the bag, and when none can be
-    played.
+    Raises :class:`BagError` when a given topic is not in the bag, and when none can be played.
     """
     # Some recorders leave the slash out.
     names = tuple(
@@ -56,14 +55,14 @@ def played_topics(reader: BagReader, config: PlayerConfig) -> PlayedTopics:
 def _obstacle(topic: str, info: TopicInfo) -> str:
     """Return why a topic cannot be played, or nothing."""
     if info.encoding != "cdr":
-        return f"its messages are {info.encoding!r}, not 'cdr' as those of ROS 2"
+        return f"its messages are encoded as {info.encoding!r}, expected 'cdr'"
     try:
         message_class(info.type_name)
         type_hash = schema_for(info.type_name).type_hash
     except (ImportError, AttributeError, ValueError, BagError):
         return f"its type {info.type_name!r} is not installed"
     if info.type_hash and info.type_hash != type_hash:
-        return f"its type {info.type_name} was another one when it was recorded"
+        return f"its type {info.type_name} has changed since it was recorded"
     return ""
 
 

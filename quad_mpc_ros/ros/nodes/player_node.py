@@ -47,7 +47,7 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         super().__init__("player", PlayerConfig)
         try:
             self._prepare()
-        except BaseException:  # a signal as well: nobody else would end the threads
+        except BaseException:  # signals too: nothing else would end the threads
             self._end_threads()
             raise
 
@@ -132,14 +132,14 @@ class PlayerNode(ReportingNode[PlayerConfig]):
             publisher.publish(message)
 
     def _await_acknowledgement(self) -> None:
-        """Wait for slow subscribers: what they have not got would be lost with this process."""
+        """Wait for slow subscribers, which would lose messages when this process ends."""
         for publisher in self._outputs.values():
             with self._unless_shut_down():
                 publisher.wait_for_all_acked(_ACKNOWLEDGE_TIMEOUT)
 
     @contextmanager
     def _unless_shut_down(self) -> Iterator[None]:
-        """Let errors be when a signal has ended ROS meanwhile, and soon the thread."""
+        """Ignore errors after a signal has shut ROS down."""
         try:
             yield
         except RuntimeError:  # of rclpy

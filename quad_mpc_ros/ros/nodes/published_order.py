@@ -1,7 +1,7 @@
 """Messages of several topics in the order in which they were published.
 
-In simulated time an executor may hand over an odometry before the reference of the one before it,
-although the flight waited for that: who plays such a bag in lockstep would wait for ever.
+In simulated time an executor may deliver an odometry before the reference of the previous one,
+although the flight waited for that: playing such a bag in lockstep would never end.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ class _Held(NamedTuple):
 
 
 class PublishedOrder:
-    """Holds messages for a moment, and has them written in the order of their publication.
+    """Holds messages for a moment, and writes them in the order of their publication.
 
-    The times at which they were received are handed out in the same order.
+    The times of reception are assigned in the same order.
     """
 
     def __init__(self) -> None:
@@ -35,10 +35,9 @@ class PublishedOrder:
         self._newer.append(_Held(published_ns, received_ns, write))
 
     def write_older(self) -> None:
-        """Write what was published before all that was taken since the last call.
+        """Write what was published before all that was added since the last call.
 
-        To be called every now and then: what comes later than that by a whole period is out of
-        order.
+        Call it periodically: what is late by more than a period stays out of order.
         """
         newest_ns = max((held.published_ns for held in self._older), default=0)
         held = self._older + self._newer

@@ -26,8 +26,8 @@ from quad_mpc_ros.ros.nodes.topic_recorder import TopicRecorder
 class Recorder:
     """One bag, which exists from the first :meth:`resume` on and ends with :meth:`close`.
 
-    Paused, it hears nothing, so that a latched message that came meanwhile is recorded when it
-    goes on. ``on_fault`` is called with the reason when the disk refuses.
+    Paused, it has no subscriptions, so that a latched message of the meantime is recorded when it
+    resumes. ``on_fault`` is called with the reason when the bag cannot be written.
     """
 
     def __init__(
@@ -59,22 +59,22 @@ class Recorder:
 
     @property
     def missing(self) -> list[str]:
-        """The topics asked for by name that are not there yet."""
+        """The topics given by name that have no publisher yet."""
         return [topic for topic in self._selection.names if topic not in self._recorded]
 
     @property
     def unanswered(self) -> list[str]:
-        """The nodes that have not told their parameters yet."""
+        """The nodes whose parameters have not arrived yet."""
         return [name for name, query in self._asked.items() if not query.done]
 
     @property
     def publisher_counts(self) -> dict[str, int]:
-        """The number of publishers that are heard by topic."""
+        """The number of matched publishers by topic."""
         return {topic: recording.publisher_count for topic, recording in self._recorded.items()}
 
     @property
     def lost_count(self) -> int:
-        """How many messages were lost on their way."""
+        """How many messages were lost in transit."""
         lost = sum(recording.lost_count for recording in self._recorded.values())
         return self._lost_before + lost
 
@@ -90,7 +90,7 @@ class Recorder:
         return self._writer.directory
 
     def pause(self) -> None:
-        """Hear nothing from now on; what has been heard goes to the operating system."""
+        """End the subscriptions, and flush what was received to the operating system."""
         for recording in self._recorded.values():
             recording.close()
         self._lost_before = self.lost_count
@@ -108,10 +108,10 @@ class Recorder:
         self._guarded(lambda writer: writer.close())
 
     def poll(self) -> bool:
-        """Flush when it is due; subscribe to what is wanted and has appeared; ask for parameters.
+        """Flush when due, subscribe to selected topics that have appeared, query parameters.
 
-        To be called several times a second while it records. Return whether there is more to
-        record now than before.
+        Call it several times a second while recording. Return whether there is more to record now
+        than before.
         """
         self._ordered.write_older()
         self._guarded(lambda writer: writer.flush_if_due(time.monotonic()))
@@ -140,7 +140,7 @@ class Recorder:
         profiles = [info.qos_profile for info in publishers]
         try:
             if len(type_names) > 1:
-                raise BagError("its publishers do not agree on the type")
+                raise BagError("its publishers have different types")
             message_class(type_names[0])  # raises when it is not installed
             self._announce(topic, type_names[0], profiles)
         except (ImportError, AttributeError, ValueError, BagError) as error:
@@ -159,7 +159,7 @@ class Recorder:
         return True
 
     def _announce(self, topic: str, type_name: str, profiles: list[QoSProfile]) -> None:
-        """Tell the bag of a topic, unless it was recorded before a pause."""
+        """Add a topic to the bag, unless it was recorded before a pause."""
         before = self._type_names.get(topic)
         if before is None and self._writer is not None:
             self._writer.add_topic(
@@ -177,7 +177,7 @@ class Recorder:
             write(info["received_timestamp"])
             return
         now_ns = int(clock.now().nanoseconds)
-        if now_ns == 0:  # simulated time that has not begun
+        if now_ns == 0:  # simulated time has not begun
             self._early.append(write)
             return
         self._write_early(now_ns)
@@ -191,7 +191,7 @@ class Recorder:
         )
 
     def _write_early(self, now_ns: int) -> None:
-        """Write what came before simulated time began, as if it came when it did."""
+        """Write what came before simulated time began, with the time at which it began."""
         for write in self._early:
             write(now_ns)
         self._early.clear()
@@ -204,7 +204,7 @@ class Recorder:
         return True
 
     def _guarded(self, action: Callable[[BagWriter], None]) -> None:
-        """Do something with the bag; when the disk refuses, that was the last."""
+        """Do something with the bag; after a failure nothing more is written."""
         if self._writer is None or self.fault is not None:
             return
         try:
@@ -215,7 +215,7 @@ class Recorder:
 
 
 def new_bag(config: RecorderConfig) -> BagWriter:
-    """Begin a bag where it is asked for, or else under a name that no other recorder has taken."""
+    """Begin a bag in the configured folder, or else under a name that is not taken yet."""
     if config.directory:
         return _bag_in(Path(config.directory), config)
     name = datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
@@ -224,7 +224,7 @@ def new_bag(config: RecorderConfig) -> BagWriter:
         try:
             return _bag_in(Path(next(names)), config)
         except BagExistsError:
-            pass  # of a vehicle beside this one that began in the same second
+            pass  # another recorder began in the same second
 
 
 def _bag_in(directory: Path, config: RecorderConfig) -> BagWriter:

@@ -13,7 +13,7 @@ from quad_mpc_ros.ros.nodes.recorder import Recorder
 from quad_mpc_ros.ros.spin import run, stop
 
 _PERIOD = 0.1
-_LOST = "were lost on their way here: this machine is too busy for all that is recorded"
+_LOST = "were lost in transit: this machine is too busy, record fewer topics"
 
 
 class RecorderNode(ManagedNode[RecorderConfig]):
@@ -32,8 +32,8 @@ class RecorderNode(ManagedNode[RecorderConfig]):
     def configure(self, config: RecorderConfig) -> None:
         """Prepare a new recording."""
         self._recorder = Recorder(self, config, on_fault=self._on_fault)
-        self._lost_told = 0
-        # One timer for all: what wakes the node costs more than what it does then.
+        self._lost_logged = 0
+        # One timer for everything: waking the node costs more than the work.
         self.managed_timer(_PERIOD, self._on_timer, steady=True)
 
     def activate(self) -> None:
@@ -48,14 +48,14 @@ class RecorderNode(ManagedNode[RecorderConfig]):
     def cleanup(self) -> None:
         """End the bag."""
         self._recorder.close()
-        self._tell_lost()
+        self._log_lost()
         del self._recorder
 
     def report(self) -> Health:
         """Return how the recording goes."""
         recorder = self._recorder
         missing, lost = recorder.missing, recorder.lost_count
-        text = f"not there yet: {', '.join(missing)}" if missing else "recording"
+        text = f"no publisher yet: {', '.join(missing)}" if missing else "recording"
         if lost:
             text = f"{lost} messages {_LOST}"
         return Health(
@@ -76,19 +76,19 @@ class RecorderNode(ManagedNode[RecorderConfig]):
         if not self.active:
             return
         more = self._recorder.poll()
-        if self._tell_lost() or more:
+        if self._log_lost() or more:
             self.health.report()
 
-    def _tell_lost(self) -> bool:
-        """Log what has been lost since this was asked last; return whether anything was."""
-        lost = self._recorder.lost_count - self._lost_told
-        self._lost_told += lost
+    def _log_lost(self) -> bool:
+        """Log messages lost since the last call; return whether there were any."""
+        lost = self._recorder.lost_count - self._lost_logged
+        self._lost_logged += lost
         if lost:
             self.get_logger().warning(f"{lost} messages {_LOST}")
         return lost > 0
 
     def _on_fault(self, fault: str) -> None:
-        """End a recording that the disk refuses, and say why."""
+        """End a recording that cannot be written, and log why."""
         self.exit_code = 1
         self.get_logger().fatal(f"recording ended: {fault}")
         stop()

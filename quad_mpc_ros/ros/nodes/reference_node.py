@@ -1,4 +1,4 @@
-"""The reference node: publishes windows of what is to be flown, and takes requests."""
+"""The reference node: publishes windows of the reference, and takes requests."""
 
 from __future__ import annotations
 
@@ -15,18 +15,8 @@ from std_srvs.srv import Trigger
 
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.validation import odometry_fault
-from quad_mpc_ros.messages import cdr, conversions
+from quad_mpc_ros.messages import cdr, conversions, topics
 from quad_mpc_ros.messages.diagnostics import OK, WARN
-from quad_mpc_ros.messages.topics import (
-    ENGAGED,
-    GOAL_POSE,
-    LANDED,
-    ODOMETRY,
-    ODOMETRY_RESET,
-    REFERENCE,
-    REFERENCE_PATH,
-    TRAJECTORY,
-)
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
 from quad_mpc_ros.references.director import TOO_LATE, Reply
@@ -41,17 +31,17 @@ from quad_mpc_ros.ros.messages import odometry_in
 from quad_mpc_ros.ros.spin import run
 
 _BODY_FRAME = "base_link"
-# What is asked for begins a little later, as it has to be planned first; what takes longer is
-# planned once more, to begin later by how long it took, and a half.
+# A request begins after a lead, as it has to be planned first; if planning takes longer, it is
+# repeated with a lead of 1.5 times its duration more.
 _LEAD_NS = 100_000_000
 _LONGER = 1.5
 _TRIALS = 3
-_RENEWAL = 0.05  # of a window's length: so soon the next goes out, though it shows the same
+_RENEWAL = 0.05  # of a window's length: then it is published again, though unchanged
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
 
 
 class _Shown(NamedTuple):
-    """What the last window showed, stamped how far ahead, and when it went out."""
+    """What the last window showed, its stamps' offset, and when it was published."""
 
     outlook: tuple[object, ...]
     ahead_ns: int
@@ -62,20 +52,20 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     """Wires the reference of a live flight to its topics and services.
 
     The trajectory begins with the first odometry; until then its first sample is held. In the mode
-    ``on_request`` nothing is published until then, and the vehicle stands. Where somebody tells
-    that commands do not act, it waits at the vehicle. While the node is inactive the time of the
-    flight stands still.
+    ``on_request`` nothing is published until then, and the vehicle stands. While commands are
+    reported not to act, it waits at the vehicle. While the node is inactive the time of the flight
+    stands still.
 
-    The flight goes by a clock that is never set, and windows come out of a thread of their own,
-    while the executor plans: one as soon as something is to be flown otherwise than the last one
-    showed, and else when a twentieth of that has passed.
+    The flight follows a clock that is never set. Windows are published by a separate thread, while
+    the executor plans: as soon as the reference changes, and otherwise every twentieth of a
+    window's length.
     """
 
     _config: ReferenceConfig
     _live: LiveReference
 
     def __init__(self, *, hand_over: Callable[[ReferenceWindow], None] | None = None) -> None:
-        """Make it; windows are handed over to another node of the process as well."""
+        """Make it; ``hand_over`` passes windows to another node of the process."""
         super().__init__("reference", ReferenceConfig)
         self._hand_over = hand_over
         self._newest_ns = 0
@@ -92,14 +82,14 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._request = ""
         self._shown: _Shown | None = None
         self._renewal_ns = round(_RENEWAL * config.window_duration * 1e9)
-        self._reference = self.health.publisher(REFERENCE)
-        self._path = self.health.publisher(REFERENCE_PATH)
-        self.managed_subscription(ODOMETRY, self._on_odometry, raw=True)
-        self.managed_subscription(ENGAGED, self._on_engaged, expected=False)
-        self.managed_subscription(LANDED, self._on_landed, expected=False)
-        self.managed_subscription(ODOMETRY_RESET, self._on_odometry_reset, expected=False)
-        self.managed_subscription(GOAL_POSE, self._on_goal)
-        self.managed_subscription(TRAJECTORY, self._on_trajectory)
+        self._reference = self.health.publisher(topics.REFERENCE)
+        self._path = self.health.publisher(topics.REFERENCE_PATH)
+        self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
+        self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
+        self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
+        self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
+        self.managed_subscription(topics.GOAL_POSE, self._on_goal)
+        self.managed_subscription(topics.TRAJECTORY, self._on_trajectory)
         for name, request in (
             ("takeoff", self._live.take_off),
             ("start", self._live.start),
@@ -112,14 +102,14 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self.managed_beat(1.0 / config.publish_rate, self._on_beat)
 
     def activate(self) -> None:
-        """Begin, or go on where it stopped."""
+        """Begin, or continue where it stopped."""
         self._time.resume(self._now_ns())
         self._shown = None
         self._publish_path(self._live.course(self._flight_ns()))
 
     def deactivate(self) -> None:
         """Stop the time of the flight."""
-        with self._publishing:  # what is being published now still belongs to it
+        with self._publishing:  # a window in progress still belongs to the flight
             self._time.pause(self._now_ns())
 
     def cleanup(self) -> None:
@@ -143,18 +133,18 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         if not self._config.lockstep:
             self._stamps.note(cdr.header_stamp_ns(data), now_ns=self._now_ns())
             if not self._live.needs_odometry(self._flight_ns()):
-                return  # not decoded: in real time most are not needed
+                return  # in real time most need not be decoded
         try:
             odometry = odometry_in(data)
         except ValueError:
-            return  # the controller warns of it
+            return  # the controller warns about it
         if odometry_fault(odometry, frame_id=self._config.frame_id) is not None:
-            return  # the controller warns of it
+            return  # the controller warns about it
         starting = not self._live.started
         now_ns = odometry.stamp_ns - self._stamps.ahead_ns
         reply = self._live.observe(replace(odometry, stamp_ns=self._time.at(now_ns)))
         if reply is not None:
-            self._tell_request("touchdown" if reply.accepted else "odometry", reply)
+            self._report_request("touchdown" if reply.accepted else "odometry", reply)
         if starting or self._config.lockstep:
             self._newest_ns = odometry.stamp_ns
             with self._publishing:
@@ -166,7 +156,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
                 self._publish(self._now_ns())
 
     def _is_due(self, now_ns: int) -> bool:
-        """Whether the last window says no more what is to come, or not for long enough."""
+        """Whether the last window is out of date, or ends too soon."""
         outlook, ahead_ns = self._live.outlook(), self._stamps.ahead_ns
         shown, self._shown = self._shown, _Shown(outlook, ahead_ns, now_ns)
         if (
@@ -184,7 +174,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def _on_engaged(self, message: Any) -> None:
         reply = self._live.engage(bool(message.data))
         if reply is not None:
-            self._tell_request("handover", reply)
+            self._report_request("handover", reply)
 
     def _on_landed(self, message: Any) -> None:
         self._live.landed(bool(message.data))
@@ -201,7 +191,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             reply = self._live.reset_estimate(self._flight_ns(), reset)
             if not self._config.lockstep:
                 self._publish(self._now_ns())
-        self._tell_request("reset", reply)
+        self._report_request("reset", reply)
 
     def _serve(self, name: str, request: Callable[[int], Reply], _: Any, response: Any) -> Any:
         reply = self._handle(name, request)
@@ -221,20 +211,20 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         try:
             window = conversions.reference_from_message(message)
         except ValueError as error:
-            self._tell_request("trajectory", Reply(accepted=False, text=str(error)))
+            self._report_request("trajectory", Reply(accepted=False, text=str(error)))
             return
         self._handle("trajectory", lambda now_ns: self._live.follow(now_ns, window))
 
     def _handle(self, name: str, request: Callable[[int], Reply]) -> Reply:
-        """Pass a request to the flight, tell its result, and show the new course."""
+        """Pass a request to the flight, report its result, and publish the new path."""
         reply = self._planned(request) if self.active else _INACTIVE
-        self._tell_request(name, reply)
+        self._report_request(name, reply)
         if reply.accepted:
             self._publish_path(self._live.course(self._flight_ns()))
         return reply
 
     def _planned(self, request: Callable[[int], Reply]) -> Reply:
-        """Ask the flight for what shall begin so late that it is planned by then."""
+        """Make a request that begins late enough to be planned by then."""
         if self._config.lockstep:  # time waits
             return request(self._flight_ns())
         lead_ns = _LEAD_NS
@@ -247,8 +237,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             lead_ns = _LEAD_NS + round(_LONGER * (time.monotonic_ns() - begun_ns))
         return reply
 
-    def _tell_request(self, name: str, reply: Reply) -> None:
-        """Log and report the result of a request, but the same refusal only once."""
+    def _report_request(self, name: str, reply: Reply) -> None:
+        """Log and report the result of a request; a repeated refusal only once."""
         before = self._request
         self._request = f"{name} {'accepted' if reply.accepted else 'refused'}: {reply.text}"
         if reply.accepted:
@@ -286,7 +276,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         return self._time.at(self._now_ns())
 
     def _now_ns(self) -> int:
-        """Return the time by which is flown: in lockstep the stamp of the newest odometry."""
+        """Return the time of the flight's clock: in lockstep the stamp of the newest odometry."""
         return self._newest_ns if self._config.lockstep else self._steady.now_ns()
 
     def report(self) -> Health:

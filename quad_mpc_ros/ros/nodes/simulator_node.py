@@ -24,12 +24,12 @@ from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant, Powered
 from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
 from quad_mpc_ros.simulation.warm_up import warm_up
 
-# s: in lockstep an odometry without a command is sent again; the command may only be late.
+# s: in lockstep an odometry without an answer is sent again; the command may just be late.
 _RESEND_PERIOD = 1.0
-# s: how long it waits for nodes that are there and do not publish yet; they may be compiling.
+# s: longest wait for nodes that exist and do not publish yet; they may be compiling.
 _STARTING = 900.0
-_TOLD_PERIOD = 5.0
-_AWAITED = {"mpc": COMMAND, "reference": REFERENCE}
+_LOG_PERIOD = 5.0
+_NEEDED = {"mpc": COMMAND, "reference": REFERENCE}
 # s: how often real time is polled when odometries are delayed and leave at irregular times
 _POLL_PERIOD = 1e-3
 
@@ -74,7 +74,7 @@ class RealTime:
 
 
 class Lockstep:
-    """Simulated time, which stands still until the command for the last odometry has come."""
+    """Simulated time, which waits for the command that answers the last odometry."""
 
     def __init__(self, node: SimulatorNode, plant: Plant) -> None:
         self._node, self._plant = node, plant
@@ -104,7 +104,7 @@ class Lockstep:
         self._send(self._awaited)
 
     def _resend(self) -> None:
-        """Send again what may have been lost, and give up loudly in the end."""
+        """Repeat what may have been lost, and fail after the timeout."""
         now = time.monotonic()
         waited = now - self._waiting_since
         if self._awaited is None or waited < _RESEND_PERIOD:
@@ -113,9 +113,8 @@ class Lockstep:
         if starting and now - self._started < _STARTING:
             self._waiting_since = now  # its time begins when they can answer
             self._node.get_logger().info(
-                f"waiting for {starting}, which is not ready yet: at the first start after an "
-                "installation it compiles",
-                throttle_duration_sec=_TOLD_PERIOD,
+                f"waiting for {starting}, which compiles at the first start after an installation",
+                throttle_duration_sec=_LOG_PERIOD,
             )
         elif waited > self._node.config.lockstep_timeout:
             self._node.fail(
@@ -127,7 +126,7 @@ class Lockstep:
         self._send(self._awaited)
 
     def _send(self, sent: SentOdometry) -> None:
-        """Publish the time of sending, which is after the stamp by the delay, and the odometry.
+        """Publish the time of sending, the stamp and the delay, and the odometry.
 
         A repetition is the same message: noise is drawn once.
         """
@@ -160,7 +159,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
             self._start()
 
     def publish(self, sent: SentOdometry) -> None:
-        """Publish an odometry, and the battery's voltage where that was measured with it."""
+        """Publish an odometry, and the battery's voltage if measured with it."""
         self._odometry.publish(cdr.written_odometry(sent.odometry))
         self._odometries += 1
         if sent.voltage is not None and self._battery is not None:
@@ -168,12 +167,12 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
             self._battery.publish(cdr.written_battery(sent.voltage, stamp_ns=stamp_ns))
 
     def starting(self) -> str:
-        """Return which nodes of the vehicle are there and do not publish what is waited for."""
+        """Return which nodes of the vehicle exist and do not publish yet."""
         space = self.get_namespace()
         there = {name for name, other in self.get_node_names_and_namespaces() if other == space}
         return " and ".join(
             name
-            for name, topic in _AWAITED.items()
+            for name, topic in _NEEDED.items()
             if name in there and not self.count_publishers(topic.name)
         )
 

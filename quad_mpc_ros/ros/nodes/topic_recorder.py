@@ -1,4 +1,4 @@
-"""Receiving one topic from all its publishers, whatever quality of service each of them offers."""
+"""Receiving one topic from all its publishers, whatever quality of service each offers."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ Receiver = Callable[[bytes, dict[str, int]], None]
 
 
 class TopicRecorder:
-    """A subscription that asks for the most that every publisher serves.
+    """A subscription with the strictest quality of service that every publisher serves.
 
-    When a publisher joins that offers less, a subscription that asks for less takes over. For a
-    while both receive, so that nothing is lost, and what comes twice is passed on once.
+    When a publisher with a weaker one joins, a weaker subscription takes over. For a while both
+    receive, so that nothing is lost, and duplicates are dropped.
 
-    Publishers number their messages. Where numbers are missing messages were lost on their way:
-    who is starved of the processor for so long that the system's buffers run over loses some.
-    They are counted while there is one publisher; whose message it is is not told.
+    Publishers number their messages. Missing numbers are messages lost in transit, as buffers
+    overflow in a process that is starved of the processor. They are counted while there is one
+    publisher, as rclpy does not say who sent a message.
     """
 
     def __init__(
@@ -45,21 +45,21 @@ class TopicRecorder:
         self._leaving: Subscription | None = None
         self._leaves_at_s = 0.0
         self._seen: set[tuple[int, bytes]] = set()
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._closed = False
         self._newest: int | None = None
         self.lost_count = 0
-        """How many messages were lost on their way."""
+        """How many messages were lost in transit."""
         self._profile = adapted(publishers)
         self._subscription = self._subscribe()
 
     @property
     def publisher_count(self) -> int:
-        """Return the number of publishers that are heard."""
+        """Return the number of matched publishers."""
         return int(self._subscription.get_publisher_count())
 
     def close(self) -> None:
-        """Hear no more, not even what the executor already holds."""
+        """Receive no more, not even what the executor already holds."""
         self._closed = True
         for subscription in (self._subscription, self._leaving):
             if subscription is not None:
@@ -83,7 +83,7 @@ class TopicRecorder:
             if info.topic_type == self._type_name:
                 profiles.append(info.qos_profile)
             else:
-                self._tell(info.topic_type)
+                self._report(info.topic_type)
         served = adapted(profiles)
         if served == self._profile:
             return  # they have not found each other yet
@@ -91,9 +91,9 @@ class TopicRecorder:
         self._leaving, self._leaves_at_s = self._subscription, now_s + _HANDOVER_S
         self._subscription = self._subscribe()
 
-    def _tell(self, type_name: str) -> None:
-        if type_name not in self._told:
-            self._told.add(type_name)
+    def _report(self, type_name: str) -> None:
+        if type_name not in self._reported:
+            self._reported.add(type_name)
             self._node.get_logger().error(
                 f"cannot record {self._topic} of type {type_name}: it is recorded as "
                 f"{self._type_name}"
@@ -105,8 +105,7 @@ class TopicRecorder:
             self._topic,
             self._on_message,
             self._profile,
-            # The handlers of events cost every wake-up, and a publisher that cannot serve the
-            # subscription is noticed without them.
+            # Event handlers cost every wake-up, and incompatible publishers are noticed without.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )
@@ -123,7 +122,7 @@ class TopicRecorder:
         self._receive(data, info)
 
     def _count_lost(self, number: int | None) -> None:
-        """Count what is missing before a message; not where two subscriptions take turns."""
+        """Count the gap before a message, unless two subscriptions overlap."""
         newest, self._newest = self._newest, None if self._leaving is not None else number
         if newest is None or self._newest is None or self._newest <= newest + 1:
             return

@@ -21,7 +21,7 @@ from quad_mpc_ros.ros.spin import run
 
 
 class VisualisationNode(ReportingNode[VisualisationConfig]):
-    """Shows each time the newest of what it has heard since the last time."""
+    """Publishes periodically the newest of what it has received since the last time."""
 
     def __init__(self) -> None:
         super().__init__("visualisation", VisualisationConfig)
@@ -54,7 +54,7 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         odometry = conversions.odometry_from_message(message)
         fault = odometry_fault(odometry, frame_id=odometry.frame_id)
         if fault is not None:
-            return  # the controller warns of it
+            return  # the controller warns about it
         self._odometry, self._heard = odometry, True
         self._trail.add(odometry.stamp_ns, odometry.p_WB)
 
@@ -90,12 +90,12 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         if self._plan is not None:
             p_WB = conversions.positions_from_path(self._plan)
             drawn.append(markers.predicted_marker(odometry, p_WB, new=new))
-        # Each is shown once: a viewer lets what is not renewed vanish.
+        # Each is shown once: viewers drop what is not renewed.
         self._command = self._plan = None
         return drawn
 
     def report(self) -> Health:
-        """Return whether there is something to show."""
+        """Return whether there is odometry to show."""
         if self._odometry is None:
             return Health(level=WARN, text="waiting for odometry")
         return Health(level=OK, text="showing")

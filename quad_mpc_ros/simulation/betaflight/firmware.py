@@ -41,7 +41,7 @@ _PROMPT = "# "
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sensed:
-    """What gyro, accelerometer and attitude tell: [rad/s], [m/s^2], quaternion x, y, z, w."""
+    """What gyro, accelerometer and attitude estimate report: [rad/s], [m/s^2], x, y, z, w."""
 
     w_WB_B: Array
     specific_force_B: Array
@@ -56,7 +56,7 @@ AT_REST = Sensed(
 
 
 class Firmware:
-    """A running firmware, whose time passes in :meth:`step` alone."""
+    """A running firmware; its time passes only in :meth:`step`."""
 
     def __init__(self, eeprom: bytes = b"") -> None:
         """Start it with the settings of an EEPROM; an empty one is as it comes.
@@ -131,7 +131,7 @@ class Firmware:
         """Let its time pass; return the pulse widths of the four motors [us] at the end.
 
         It begins with all that was sent over :meth:`connect` until now. The sixteen ``channels``
-        [us] are those of a receiver of its own, which it has from the first time on.
+        [us] are those of a separate receiver, which stays connected once given.
         """
         state = _packed(sensed)
         receiver = _RECEIVER.pack(0.0, *channels) if channels else b""

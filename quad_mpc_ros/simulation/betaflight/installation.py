@@ -1,4 +1,4 @@
-"""Where the firmware is, and the shim that lets a simulation have its time."""
+"""Where the firmware is, and the shim by which a simulation steps its time."""
 
 from __future__ import annotations
 

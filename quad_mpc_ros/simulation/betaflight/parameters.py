@@ -1,4 +1,4 @@
-"""What the plant ``betaflight`` is told beside what the plant ``rotors`` is."""
+"""The parameters of the plant ``betaflight``, beside those of the plant ``rotors``."""
 
 from __future__ import annotations
 

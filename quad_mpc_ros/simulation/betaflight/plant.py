@@ -24,7 +24,6 @@ from quad_mpc_ros.simulation.betaflight.parameters import BetaflightParameters
 from quad_mpc_ros.simulation.rotors import motion
 from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
-from quad_mpc_ros.simulation.rotors.state import Q_WB, SPEEDS, V_WC_W, W_WB_B
 
 _PERIOD_NS = 1_000_000  # from one look at the sensors to the next
 _REPEAT_NS = 50_000_000  # after so long a command is sent again, lest the receiver counts as lost
@@ -66,13 +65,13 @@ class BetaflightPlant(RotorsPlant):
                 self._until_loop_ns = _PERIOD_NS
             until_ns = min(duration_ns, self._until_loop_ns)
             motion.coast(
-                self._x,
+                self._body,
+                speeds=self._speeds,
                 wanted=self._wanted,
                 inputs=self._inputs,
                 craft=self._craft,
                 rotors=self._rotors,
                 duration_ns=until_ns,
-                longest_ns=int(self._times_ns[3]),
             )
             self._until_loop_ns -= until_ns
             duration_ns -= until_ns
@@ -83,7 +82,7 @@ class BetaflightPlant(RotorsPlant):
         own = self._firmware_config.betaflight
         self._firmware = Firmware(eeprom((*self._settings(), *own.settings)))
         self._firmware.connect()
-        self._v_before = self._x[V_WC_W].copy()
+        self._v_before = self._body["v_WC_W"].copy()
         for _ in range(_RESTING_NS // _PERIOD_NS):
             self._step(_channels())
         self._arm()
@@ -91,7 +90,7 @@ class BetaflightPlant(RotorsPlant):
         for _ in range(_SETTLING_NS // _PERIOD_NS):
             self._step(self._asked(), sensed)
         self._fly()
-        self._x[SPEEDS:] = self._wanted
+        self._speeds[:] = self._wanted
 
     def _follow(self, command: Input) -> None:
         super()._follow(command)
@@ -144,25 +143,25 @@ class BetaflightPlant(RotorsPlant):
         return self._firmware.step(_PERIOD_NS, sensed=sensed)
 
     def _sensed(self) -> Sensed:
-        v_W, q_WB_xyzw = self._x[V_WC_W].copy(), self._x[Q_WB].copy()
+        v_W, q_WB_xyzw = self._body["v_WC_W"].copy(), self._body["q_WB_xyzw"].copy()
         a_W = (v_W - self._v_before) / (1e-9 * _PERIOD_NS)
         self._v_before = v_W
         R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw)
         return Sensed(
-            w_WB_B=self._x[W_WB_B].copy(),
+            w_WB_B=self._body["w_WB_B"].copy(),
             specific_force_B=R_WB.T @ (a_W + np.array([0.0, 0.0, self._config.gravity])),
             q_WB_xyzw=q_WB_xyzw,
         )
 
     def _asked(self) -> tuple[int, ...]:
         """Return the channels for the command in force."""
-        throttle, wx, wy, wz = self._inputs[:4].tolist()
+        wx, wy, wz = self._inputs["w_WB_B"].tolist()
         full = math.radians(10.0 * self._tens)
         return _channels(
             roll=wx / full,
             pitch=wy / full,
             yaw=-wz / full,  # the stick to the right turns clockwise
-            throttle=self._share(throttle),
+            throttle=self._share(float(self._inputs["throttle"])),
             arm=True,
         )
 

@@ -15,11 +15,13 @@ the body, the second that of its acceleration; the last term is gyroscopic.
 from __future__ import annotations
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.simulation.records import quaternion_in, store_quaternion
 from quad_mpc_ros.simulation.rotors.aerodynamics import body_drag, ground_gain, rotor_force
 from quad_mpc_ros.simulation.rotors.battery import battery
-from quad_mpc_ros.simulation.rotors.craft import Craft, craft_in
-from quad_mpc_ros.simulation.rotors.state import SPEEDS, rotation_in
+from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
+from quad_mpc_ros.simulation.rotors.state import BodyState, rotation_of
 
 Outside = tuple[kernels.Vector, kernels.Vector]
 """Velocity of the air [m/s] and a force that pushes at C [N], both in the world."""
@@ -27,93 +29,115 @@ Outside = tuple[kernels.Vector, kernels.Vector]
 
 @compiled
 def derivative(
-    x: Array, wanted: Array, outside: Outside, craft: Array, rotors: Array, out: Array
+    body: BodyState,
+    speeds: Array,
+    wanted: Array,
+    outside: Outside,
+    craft: Craft,
+    rotors: RecordArray[Rotor],
+    rate: BodyState,
+    accelerations: Array,
 ) -> None:
-    """Write the time derivative of a state (14 + n,) into ``out`` (14 + n,).
+    """Write the time derivative of body and speeds (n,) into ``rate`` and ``accelerations`` (n,).
 
-    ``wanted`` (n,) are the speeds that the autopilot asks for [rad/s], at a full battery;
-    ``craft`` and ``rotors`` those of :mod:`quad_mpc_ros.simulation.rotors.craft`.
+    ``wanted`` (n,) are the speeds that the autopilot asks for [rad/s], at a full battery.
     """
-    numbers, (wind_W, push_W) = craft_in(craft), outside
-    charge, current = battery(_power(x, numbers), used=x[13], craft=numbers)
-    out[13] = current
-    _follow(x, wanted=wanted, charge=charge, craft=numbers, out=out)
-    R_WB = rotation_in(x)
-    w = kernels.vector(x[10:13])
-    through_W = kernels.plus(kernels.vector(x[3:6]), kernels.scaled(-1.0, wind_W))
+    wind_W, push_W = outside
+    voltage, current = battery(_power(speeds, craft), used=body.charge_used, craft=craft)
+    rate.charge_used = current
+    _follow(speeds, wanted=wanted, charge=voltage, craft=craft, accelerations=accelerations)
+    R_WB, v_W, w = rotation_of(body), kernels.vector(body.v_WC_W), kernels.vector(body.w_WB_B)
+    through_W = kernels.plus(v_W, kernels.scaled(-1.0, wind_W))
     v_air_B = kernels.apply_transposed(R_WB, through_W)
-    force, torque, momentum = _wrench(x, v_air_B=v_air_B, craft=numbers, rotors=rotors, rate=out)
+    force, torque, momentum = _wrench(
+        body,
+        speeds=speeds,
+        v_air_B=v_air_B,
+        craft=craft,
+        rotors=rotors,
+        accelerations=accelerations,
+    )
     total_W = kernels.plus(kernels.apply(R_WB, force), push_W)
-    a_W = kernels.scaled(1.0 / numbers.mass, total_W)
-    momentum = kernels.plus(momentum, kernels.apply(numbers.inertia, w))
+    a_W = kernels.scaled(1.0 / craft.mass, total_W)
+    momentum = kernels.plus(momentum, kernels.apply(kernels.matrix(craft.inertia), w))
     torque = kernels.plus(torque, kernels.cross(momentum, w))
-    kernels.store_vector(kernels.vector(x[3:6]), out[0:3])
-    kernels.store_vector((a_W[0], a_W[1], a_W[2] - numbers.gravity), out[3:6])
-    _turn(x, w, out[6:10])
-    kernels.store_vector(kernels.apply(numbers.inverse_inertia, torque), out[10:13])
+    kernels.store_vector(v_W, rate.p_WC)
+    kernels.store_vector((a_W[0], a_W[1], a_W[2] - craft.gravity), rate.v_WC_W)
+    store_quaternion(_turn(quaternion_in(body.q_WB_xyzw), w), rate.q_WB_xyzw)
+    alpha = kernels.apply(kernels.matrix(craft.inverse_inertia), torque)
+    kernels.store_vector(alpha, rate.w_WB_B)
 
 
 @compiled
-def charge(x: Array, craft: Array) -> float:
-    """Return the voltage of a state (14 + n,) over that of a full battery."""
-    numbers = craft_in(craft)
-    return battery(_power(x, numbers), used=x[13], craft=numbers)[0]
+def charge(body: RecordArray[BodyState], speeds: Array, craft: RecordArray[Craft]) -> float:
+    """Return the voltage of a state over that of a full battery."""
+    numbers = craft[()]
+    return battery(_power(speeds, numbers), used=body[()].charge_used, craft=numbers)[0]
 
 
 @compiled
-def _power(x: Array, craft: Craft) -> float:
+def _power(speeds: Array, craft: Craft) -> float:
     """Return the power that the air takes from the rotors [W]."""
     power = 0.0
-    for speed in x[SPEEDS:]:
+    for speed in speeds:
         power += craft.torque_coefficient * speed * speed * speed
     return power
 
 
 @compiled
-def _follow(x: Array, wanted: Array, charge: float, craft: Craft, out: Array) -> None:
+def _follow(
+    speeds: Array, wanted: Array, charge: float, craft: Craft, accelerations: Array
+) -> None:
     """Write the accelerations of the rotors; speeds go with the voltage, ``charge`` its share."""
     highest = max(charge * craft.speed_max, craft.speed_min)
-    gain = 1.0 if craft.compensated else charge
+    gain = 1.0 if craft.compensated != 0 else charge
     for rotor in range(wanted.shape[0]):
         target = kernels.clamp(gain * wanted[rotor], craft.speed_min, highest)
-        out[SPEEDS + rotor] = (target - x[SPEEDS + rotor]) / craft.time_constant
+        accelerations[rotor] = (target - speeds[rotor]) / craft.time_constant
 
 
 @compiled
 def _wrench(
-    x: Array, v_air_B: kernels.Vector, craft: Craft, rotors: Array, rate: Array
+    body: BodyState,
+    speeds: Array,
+    v_air_B: kernels.Vector,
+    craft: Craft,
+    rotors: RecordArray[Rotor],
+    accelerations: Array,
 ) -> tuple[kernels.Vector, kernels.Vector, kernels.Vector]:
-    """Return force and torque on the body, about C, and the rotors' angular momentum, all in it.
-
-    ``rate`` is the derivative, of which the rotors' accelerations are there.
-    """
-    R_WB, w = rotation_in(x), kernels.vector(x[10:13])
+    """Return force and torque about C and the rotors' angular momentum, all in the body."""
+    R_WB, w = rotation_of(body), kernels.vector(body.w_WB_B)
+    upright = kernels.column(R_WB, 2)[2]
     force, torque, momentum = body_drag(v_air_B, craft), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for rotor in range(rotors.shape[0]):
-        place, axis = kernels.vector(rotors[rotor, 0:3]), kernels.vector(rotors[rotor, 3:6])
-        spin, speed = rotors[rotor, 6], x[SPEEDS + rotor]
-        height = x[2] + kernels.apply(R_WB, place)[2] + craft.clearance
+    for k in range(rotors.shape[0]):
+        rotor, speed = rotors[k], speeds[k]
+        place, axis = kernels.vector(rotor.place), kernels.vector(rotor.axis)
+        height = body.p_WC[2] + kernels.apply(R_WB, place)[2] + craft.clearance
         pushed = rotor_force(
             speed,
             axis=axis,
             v_air_B=kernels.plus(v_air_B, kernels.cross(w, place)),
-            gain=ground_gain(height, upright=R_WB[8], craft=craft),
+            gain=ground_gain(height, upright=upright, craft=craft),
             craft=craft,
         )
         handed_on = craft.torque_coefficient * speed * speed
-        handed_on += craft.rotor_inertia * rate[SPEEDS + rotor]
+        handed_on += craft.rotor_inertia * accelerations[k]
         force = kernels.plus(force, pushed)
         torque = kernels.plus(torque, kernels.cross(place, pushed))
-        torque = kernels.plus(torque, kernels.scaled(-spin * handed_on, axis))
-        momentum = kernels.plus(momentum, kernels.scaled(spin * craft.rotor_inertia * speed, axis))
+        torque = kernels.plus(torque, kernels.scaled(-rotor.spin * handed_on, axis))
+        own_momentum = kernels.scaled(rotor.spin * craft.rotor_inertia * speed, axis)
+        momentum = kernels.plus(momentum, own_momentum)
     return force, torque, momentum
 
 
 @compiled
-def _turn(x: Array, w: kernels.Vector, out: Array) -> None:
-    """Write the derivative of the quaternion, q times (w, 0) / 2."""
-    i, j, k, real = 0.5 * x[6], 0.5 * x[7], 0.5 * x[8], 0.5 * x[9]
-    out[0] = real * w[0] + j * w[2] - k * w[1]
-    out[1] = real * w[1] + k * w[0] - i * w[2]
-    out[2] = real * w[2] + i * w[1] - j * w[0]
-    out[3] = -i * w[0] - j * w[1] - k * w[2]
+def _turn(q_xyzw: kernels.Quaternion, w: kernels.Vector) -> kernels.Quaternion:
+    """Return the derivative of the quaternion, q times (w, 0) / 2."""
+    x, y, z, real = q_xyzw
+    i, j, k, real = 0.5 * x, 0.5 * y, 0.5 * z, 0.5 * real
+    return (
+        real * w[0] + j * w[2] - k * w[1],
+        real * w[1] + k * w[0] - i * w[2],
+        real * w[2] + i * w[1] - j * w[0],
+        -i * w[0] - j * w[1] - k * w[2],
+    )

@@ -5,23 +5,37 @@ from __future__ import annotations
 import math
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.lie import Array
 
-Section = tuple[tuple[float, float, float], tuple[float, float]]
-"""Coefficients b and a (without a_0 = 1) of a filter of second order."""
+
+class Section(Record):
+    """Coefficients b and a (a_0 = 1) of a filter of second order."""
+
+    b0: float
+    b1: float
+    b2: float
+    a1: float
+    a2: float
 
 
-def butterworth(cutoff: float, rate: float) -> Section:
+def butterworth(cutoff: float, rate: float) -> RecordArray[Section]:
     """Return a low-pass of second order, ``cutoff`` and ``rate`` in Hz; 0 lets everything pass.
 
     The bilinear transform of 1 / (s^2 + sqrt(2) s + 1), bent so that the cut-off stays.
     """
+    section = Section.zeros()
+    own = section[()]
     if cutoff == 0.0:
-        return (1.0, 0.0, 0.0), (0.0, 0.0)
+        own.b0 = 1.0
+        return section
     k = math.tan(math.pi * cutoff / rate)
     norm = 1.0 + math.sqrt(2.0) * k + k * k
-    b = k * k / norm
-    return (b, 2.0 * b, b), (2.0 * (k * k - 1.0) / norm, (1.0 - math.sqrt(2.0) * k + k * k) / norm)
+    own.b0 = own.b2 = k * k / norm
+    own.b1 = 2.0 * own.b0
+    own.a1 = 2.0 * (k * k - 1.0) / norm
+    own.a2 = (1.0 - math.sqrt(2.0) * k + k * k) / norm
+    return section
 
 
 def smoothing(cutoff: float, rate: float) -> float:
@@ -32,16 +46,14 @@ def smoothing(cutoff: float, rate: float) -> float:
 @compiled
 def filtered(value: float, section: Section, held: Array) -> float:
     """Return what a filter of second order makes of the next value; ``held`` (2,) is its state."""
-    (b0, b1, b2), (a1, a2) = section
-    out = b0 * value + held[0]
-    held[0] = b1 * value - a1 * out + held[1]
-    held[1] = b2 * value - a2 * out
+    out = section.b0 * value + held[0]
+    held[0] = section.b1 * value - section.a1 * out + held[1]
+    held[1] = section.b2 * value - section.a2 * out
     return float(out)
 
 
 @compiled
 def settle(value: float, section: Section, held: Array) -> None:
     """Set the state (2,) of a filter as if a value had always been there."""
-    (_, b1, b2), (a1, a2) = section
-    held[1] = (b2 - a2) * value
-    held[0] = (b1 - a1) * value + held[1]
+    held[1] = (section.b2 - section.a2) * value
+    held[0] = (section.b1 - section.a1) * value + held[1]

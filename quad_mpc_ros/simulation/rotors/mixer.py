@@ -1,9 +1,8 @@
 """The mixer: which thrust of each rotor gives a total thrust and a torque.
 
-What the rotors give is linear in their thrusts; the pseudo-inverse of that shares a wish among
-any number of them. Where a rotor would have to give more or less than it can, something has to
-go: with airmode thrust before torque, without it torque before thrust; in either case the
-torque about yaw, of which rotors have the least, before roll and pitch.
+Thrust and torque are linear in the rotors' thrusts; the pseudo-inverse allocates them to any
+number of rotors. Where a rotor saturates, airmode gives up thrust before torque, else torque goes
+before thrust; in either case yaw, of which rotors have the least, before roll and pitch.
 """
 
 from __future__ import annotations
@@ -12,12 +11,22 @@ import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.simulation.rotors.craft import AXIS, PLACE, SPIN, rotor_rows
+from quad_mpc_ros.simulation.rotors.craft import rotors_of
 from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
 
 Limits = tuple[float, float]
 """Least and greatest thrust of a rotor [N]."""
+
+
+class Share(Record):
+    """Thrust of a rotor [N] over what all are to make together."""
+
+    thrust: float  # over thrust [N]
+    roll: float  # over the torque about each axis [N m]
+    pitch: float
+    yaw: float
 
 
 def allocation(rotors: RotorParameters) -> Array:
@@ -25,14 +34,14 @@ def allocation(rotors: RotorParameters) -> Array:
 
     As the autopilot knows it, about the origin of the body.
     """
-    rows = rotor_rows(rotors, center_B=np.zeros(3))
-    axis = rows[:, AXIS]
-    drag = rotors.torque_coefficient / rotors.thrust_coefficient * rows[:, [SPIN]] * axis
-    return np.vstack((axis[:, 2], (np.cross(rows[:, PLACE], axis) - drag).T))
+    records = rotors_of(rotors, center_B=np.zeros(3))
+    axis, spin = records["axis"], records["spin"][:, None]
+    drag = rotors.torque_coefficient / rotors.thrust_coefficient * spin * axis
+    return np.vstack((axis[:, 2], (np.cross(records["place"], axis) - drag).T))
 
 
-def mixing(rotors: RotorParameters) -> Array:
-    """Return the thrusts for thrust and torque, (n, 4).
+def mixing(rotors: RotorParameters) -> RecordArray[Share]:
+    """Return the shares of the rotors (n,).
 
     Raises :class:`ConfigurationError` for rotors that cannot make them.
     """
@@ -44,12 +53,19 @@ def mixing(rotors: RotorParameters) -> Array:
             rotors.x,
             "rotors that all lift, and together make thrust and every torque",
         )
-    return np.ascontiguousarray(mix, dtype=np.float64)
+    shares = Share.zeros(len(mix))
+    shares["thrust"], shares["roll"], shares["pitch"], shares["yaw"] = mix.T
+    return shares
 
 
 @compiled
 def mixed(
-    thrust: float, torque: kernels.Vector, mix: Array, limits: Limits, airmode: bool, out: Array
+    thrust: float,
+    torque: kernels.Vector,
+    mix: RecordArray[Share],
+    limits: Limits,
+    airmode: bool,
+    out: Array,
 ) -> tuple[float, float]:
     """Write the rotors' thrusts (n,) [N]; return the shares of the torques that are left.
 
@@ -57,27 +73,28 @@ def mixed(
     """
     least, greatest = limits
     rotor_count = mix.shape[0]
-    wish = np.empty((3, rotor_count))
+    demand = np.empty((3, rotor_count))
     for rotor in range(rotor_count):
-        wish[0, rotor] = mix[rotor, 0]
-        wish[1, rotor] = mix[rotor, 1] * torque[0] + mix[rotor, 2] * torque[1]
-        wish[2, rotor] = mix[rotor, 3] * torque[2]
+        share = mix[rotor]
+        demand[0, rotor] = share.thrust
+        demand[1, rotor] = share.roll * torque[0] + share.pitch * torque[1]
+        demand[2, rotor] = share.yaw * torque[2]
     out[:] = 0.0
-    low, high = _thrusts_between(out, lift=wish[0], limits=limits)
+    low, high = _thrusts_between(out, lift=demand[0], limits=limits)
     total = kernels.clamp(thrust, low, high)
     if not airmode:
-        out += total * wish[0]
+        out += total * demand[0]
     shares = np.empty(2)
     for part in range(2):
-        turn = wish[part + 1]
+        turn = demand[part + 1]
         if airmode:
-            shares[part] = _share_with_any_thrust(out, turn=turn, lift=wish[0], limits=limits)
+            shares[part] = _share_with_any_thrust(out, turn=turn, lift=demand[0], limits=limits)
         else:
             shares[part] = _share(out, turn=turn, limits=limits)
         out += shares[part] * turn
     if airmode:
-        low, high = _thrusts_between(out, lift=wish[0], limits=limits)
-        out += min(max(thrust, low), high) * wish[0]
+        low, high = _thrusts_between(out, lift=demand[0], limits=limits)
+        out += min(max(thrust, low), high) * demand[0]
     for rotor in range(rotor_count):  # within the limits to the last bit
         out[rotor] = kernels.clamp(out[rotor], least, greatest)
     return shares[0], shares[1]

@@ -11,145 +11,174 @@ import math
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import RecordArray, Vector3
 from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.simulation import records
 from quad_mpc_ros.simulation.rotors import rate_loop
-from quad_mpc_ros.simulation.rotors.craft import craft_in
+from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
 from quad_mpc_ros.simulation.rotors.equations import Outside, derivative
-from quad_mpc_ros.simulation.rotors.state import origin_height, put, rotation_in, stands
+from quad_mpc_ros.simulation.rotors.mixer import Share
+from quad_mpc_ros.simulation.rotors.state import (
+    BodyState,
+    add,
+    origin_height,
+    put,
+    rotation_of,
+    stands,
+)
 
-_BODY = slice(0, 13)  # all of a state that the ground holds
+_BODY = BodyState.dtype
+
+
+class Inputs(records.Inputs):
+    """What acts on the vehicle, held over a time."""
+
+    push_W: Vector3  # force at the centre of mass [N]
 
 
 @compiled
 def advance(
-    x: Array,
-    memory: Array,
+    body: RecordArray[BodyState],
+    speeds: Array,
+    memory: RecordArray[rate_loop.Memory],
     wanted: Array,
-    inputs: Array,
-    craft: Array,
-    rotors: Array,
-    loop: Array,
-    mix: Array,
-    times_ns: Array,
+    inputs: RecordArray[Inputs],
+    craft: RecordArray[Craft],
+    rotors: RecordArray[Rotor],
+    loop: RecordArray[rate_loop.Loop],
+    mix: RecordArray[Share],
+    duration_ns: int,
 ) -> None:
-    """Move a state (14 + n,), the loop's memory (3, 5) and the wanted speeds (n,) over a time.
-
-    ``inputs`` (10,) are throttle and rates commanded, the wind [m/s] and a push [N]; ``times_ns``
-    (4,) [ns] are how long to go on, how long until the loop runs next (renewed), its period, and
-    the longest step of the integrator.
-    """
-    center_B = craft_in(craft).center_B
-    left = times_ns[0]
+    """Move body, speeds (n,), the loop's memory and the wanted speeds (n,) over a time."""
+    command, held = inputs[()], memory[()]
+    center_B = kernels.vector(craft[()].center_B)
+    left = duration_ns
     while left > 0:
-        if times_ns[1] == 0:
-            standing = stands(x, center_B)
+        if held.until_run_ns == 0:
             rate_loop.run(
-                memory,
-                w_WB_B=x[10:13],
-                command=inputs[0:4],
-                stands=standing,
-                loop=loop,
+                held,
+                w_WB_B=body[()].w_WB_B,
+                throttle=command.throttle,
+                rates=command.w_WB_B,
+                stands=stands(body[()], center_B),
+                loop=loop[()],
                 mix=mix,
                 out=wanted,
             )
-            times_ns[1] = times_ns[2]
-        until = min(left, times_ns[1])
+            held.until_run_ns = loop[()].period_ns
+        until = min(left, held.until_run_ns)
         coast(
-            x,
+            body,
+            speeds=speeds,
             wanted=wanted,
             inputs=inputs,
             craft=craft,
             rotors=rotors,
             duration_ns=until,
-            longest_ns=times_ns[3],
         )
         left -= until
-        times_ns[1] -= until
+        held.until_run_ns -= until
 
 
 @compiled
 def coast(
-    x: Array,
+    body: RecordArray[BodyState],
+    speeds: Array,
     wanted: Array,
-    inputs: Array,
-    craft: Array,
-    rotors: Array,
+    inputs: RecordArray[Inputs],
+    craft: RecordArray[Craft],
+    rotors: RecordArray[Rotor],
     duration_ns: int,
-    longest_ns: int,
 ) -> None:
-    """Move a state (14 + n,) over a time in which the wanted speeds (n,) stay.
+    """Move body and speeds (n,) over a time in which the wanted speeds (n,) stay.
 
-    ``inputs`` are those of :func:`advance`; no step is longer than ``longest_ns``.
+    Nothing sinks into the ground.
     """
-    outside = kernels.vector(inputs[4:7]), kernels.vector(inputs[7:10])
-    steps = -(-duration_ns // longest_ns)
+    outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].push_W)
+    x, center_B = body[()], kernels.vector(craft[()].center_B)
+    steps = -(-duration_ns // craft[()].longest_step_ns)
+    duration = duration_ns * 1e-9 / steps
+    before = np.empty((), _BODY)
     for _ in range(steps):
-        step(x, wanted, outside, craft=craft, rotors=rotors, duration=duration_ns * 1e-9 / steps)
-
-
-@compiled
-def step(
-    x: Array, wanted: Array, outside: Outside, craft: Array, rotors: Array, duration: float
-) -> None:
-    """Move a state (14 + n,) by one step [s] of the integrator; nothing sinks into the ground."""
-    center_B = craft_in(craft).center_B
-    stood = stands(x, center_B)
-    before = x[_BODY].copy()
-    runge_kutta(x, wanted, outside, craft=craft, rotors=rotors, duration=duration)
-    above = origin_height(x, center_B) > 0.0
-    if stood and not (above and x[5] > 0.0):  # lifted, and not just tipped about its centre
-        x[_BODY] = before
-    elif not above:
-        _land(x, center_B)
+        stood = stands(x, center_B)
+        before[()] = x
+        runge_kutta(body, speeds, wanted, outside, craft=craft, rotors=rotors, duration=duration)
+        above = origin_height(x, center_B) > 0.0
+        if stood and not (above and x.v_WC_W[2] > 0.0):  # lifted, and not just tipped over
+            used = x.charge_used
+            body[()] = before[()]
+            x.charge_used = used  # the ground holds the body, not the battery
+        elif not above:
+            _land(x, center_B)
 
 
 @compiled
 def runge_kutta(
-    x: Array, wanted: Array, outside: Outside, craft: Array, rotors: Array, duration: float
+    body: RecordArray[BodyState],
+    speeds: Array,
+    wanted: Array,
+    outside: Outside,
+    craft: RecordArray[Craft],
+    rotors: RecordArray[Rotor],
+    duration: float,
 ) -> None:
-    """Move a state (14 + n,) in free flight by one Runge-Kutta step of order 4 [s]."""
-    rate, at, mean = np.empty_like(x), x.copy(), np.zeros_like(x)
+    """Move body and speeds (n,) in free flight by one Runge-Kutta step of order 4 [s]."""
+    bodies, rows = np.zeros(3, _BODY), np.zeros((3, speeds.shape[0]))
+    rate, at, mean = bodies[0], bodies[1], bodies[2]
+    accelerations, at_speeds, mean_accelerations = rows[0], rows[1], rows[2]
+    bodies[1], at_speeds[:] = body[()], speeds
     for stage in range(4):
-        derivative(at, wanted, outside, craft=craft, rotors=rotors, out=rate)
+        derivative(
+            at,
+            at_speeds,
+            wanted,
+            outside,
+            craft=craft[()],
+            rotors=rotors,
+            rate=rate,
+            accelerations=accelerations,
+        )
         weight = (1.0 if stage in (0, 3) else 2.0) / 6.0
         ahead = 0.5 * duration if stage < 2 else duration
-        for k in range(x.shape[0]):
-            mean[k] += weight * rate[k]
-            at[k] = x[k] + ahead * rate[k]
-    for k in range(x.shape[0]):
-        x[k] += duration * mean[k]
-    length = math.sqrt(x[6] * x[6] + x[7] * x[7] + x[8] * x[8] + x[9] * x[9])
-    for k in range(6, 10):
-        x[k] /= length
+        add(mean, mean_accelerations, weight, rate, accelerations)
+        bodies[1], at_speeds[:] = body[()], speeds
+        add(at, at_speeds, ahead, rate, accelerations)
+    x = body[()]
+    add(x, speeds, duration, mean, mean_accelerations)
+    square = 0.0
+    for k in range(4):
+        square += x.q_WB_xyzw[k] * x.q_WB_xyzw[k]
+    length = math.sqrt(square)
+    for k in range(4):
+        x.q_WB_xyzw[k] /= length
 
 
 @compiled
-def odometry(x: Array, craft: Array) -> Array:
-    """Return what there is to be measured of the body's origin in a state (14 + n,): (13,).
-
-    Position in the world, attitude as a quaternion x, y, z, w, velocity and body rates in the
-    body.
-    """
-    R_WB, w, center_B = rotation_in(x), kernels.vector(x[10:13]), craft_in(craft).center_B
-    seen = np.empty(13)
-    to_origin = kernels.scaled(-1.0, center_B)
-    p = kernels.plus(kernels.vector(x[0:3]), kernels.apply(R_WB, to_origin))
-    v = kernels.apply_transposed(R_WB, kernels.vector(x[3:6]))
-    kernels.store_vector(p, seen[0:3])
-    seen[3], seen[4], seen[5], seen[6] = kernels.quaternion(R_WB)
-    kernels.store_vector(kernels.plus(v, kernels.cross(w, to_origin)), seen[7:10])
-    kernels.store_vector(w, seen[10:13])
-    return seen
+def measure(
+    body: RecordArray[BodyState], craft: RecordArray[Craft], out: RecordArray[records.Measured]
+) -> None:
+    """Write the true motion of the body's origin."""
+    x, seen = body[()], out[()]
+    R_WB, w = rotation_of(x), kernels.vector(x.w_WB_B)
+    to_origin = kernels.scaled(-1.0, kernels.vector(craft[()].center_B))
+    p = kernels.plus(kernels.vector(x.p_WC), kernels.apply(R_WB, to_origin))
+    v = kernels.apply_transposed(R_WB, kernels.vector(x.v_WC_W))
+    kernels.store_vector(p, seen.p_WB)
+    records.store_quaternion(kernels.quaternion(R_WB), seen.q_WB_xyzw)
+    kernels.store_vector(kernels.plus(v, kernels.cross(w, to_origin)), seen.v_WB_B)
+    kernels.store_vector(w, seen.w_WB_B)
 
 
 @compiled
-def _land(x: Array, center_B: kernels.Vector) -> None:
-    """Let the ground make of a body what it does: at rest, level, heading kept."""
-    R_WB = rotation_in(x)
-    half_yaw = 0.5 * math.atan2(R_WB[3], R_WB[0])
+def _land(x: BodyState, center_B: kernels.Vector) -> None:
+    """Set a body down: at rest, level, heading kept."""
+    R_WB = rotation_of(x)
+    cosine, sine, _ = kernels.column(R_WB, 0)
+    half_yaw = 0.5 * math.atan2(sine, cosine)
     origin = kernels.plus(
-        kernels.vector(x[0:3]), kernels.scaled(-1.0, kernels.apply(R_WB, center_B))
+        kernels.vector(x.p_WC), kernels.scaled(-1.0, kernels.apply(R_WB, center_B))
     )
-    x[_BODY] = 0.0
-    x[8], x[9] = math.sin(half_yaw), math.cos(half_yaw)
+    records.store_quaternion((0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw)), x.q_WB_xyzw)
+    x.v_WC_W[:] = 0.0
+    x.w_WB_B[:] = 0.0
     put(x, (origin[0], origin[1], 0.0), center_B)

@@ -1,4 +1,4 @@
-"""What the plant ``rotors`` is told beside what every plant is: its single source of names.
+"""The parameters of the plant ``rotors``, beside those of every plant.
 
 By default it is the paper's quadrotor; what the paper does not say is as ``config/vehicles``
 says where it is from.
@@ -83,7 +83,7 @@ class RotorParameters(Configuration):
     )
 
     def check(self) -> None:
-        """Refuse lists of unlike lengths, senses other than 1 and -1, and no range of speed."""
+        """Refuse lists of different lengths, senses other than 1 and -1, and no range of speed."""
         for name in ("y", "z", "tilt_x", "tilt_y", "spin"):
             if len(getattr(self, name)) != len(self.x) or not self.x:
                 raise ConfigurationError(

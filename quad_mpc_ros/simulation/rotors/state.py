@@ -1,38 +1,63 @@
-"""The state of the plant ``rotors``: a row of 14 numbers and one for each rotor."""
+"""The state of the plant ``rotors``: the body's, and an array of the rotors' speeds (n,) [rad/s].
+
+C is the centre of mass.
+"""
 
 from __future__ import annotations
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, Vector3, Vector4
 from quad_mpc_ros.control.lie import Array, kernels
-
-P_WC, V_WC_W, Q_WB, W_WB_B, USED = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), 13
-"""Parts of a row: place and velocity of the centre of mass C in the world, attitude as a
-quaternion x, y, z, w of body to world, body rates, charge taken from the battery [A s]."""
-
-SPEEDS = 14
-"""Where the speeds of the rotors begin [rad/s]; all that follows is of them."""
+from quad_mpc_ros.simulation.records import quaternion_in
 
 
-@compiled
-def rotation_in(x: Array) -> kernels.Matrix:
-    """Return the rotation of body to world of a state (14 + n,)."""
-    return kernels.rotation((x[6], x[7], x[8], x[9]))
+class BodyState(Record):
+    """Body and battery; in a derivative the rates of these."""
+
+    p_WC: Vector3  # m
+    v_WC_W: Vector3  # m/s
+    q_WB_xyzw: Vector4
+    w_WB_B: Vector3  # rad/s
+    charge_used: float  # taken from the battery [A s]
 
 
 @compiled
-def put(x: Array, p_WB: kernels.Vector, center_B: kernels.Vector) -> None:
-    """Put the body's origin of a state (14 + n,) somewhere [m], its attitude as it is."""
-    offset = kernels.apply(rotation_in(x), center_B)
-    kernels.store_vector(kernels.plus(p_WB, offset), x[0:3])
+def add(
+    body: BodyState, speeds: Array, factor: float, rate: BodyState, accelerations: Array
+) -> None:
+    """Add a multiple of a derivative (rate and accelerations) to a state."""
+    for k in range(3):
+        body.p_WC[k] += factor * rate.p_WC[k]
+        body.v_WC_W[k] += factor * rate.v_WC_W[k]
+        body.w_WB_B[k] += factor * rate.w_WB_B[k]
+    for k in range(4):
+        body.q_WB_xyzw[k] += factor * rate.q_WB_xyzw[k]
+    body.charge_used += factor * rate.charge_used
+    for rotor in range(speeds.shape[0]):
+        speeds[rotor] += factor * accelerations[rotor]
 
 
 @compiled
-def origin_height(x: Array, center_B: kernels.Vector) -> float:
-    """Return the height of the body's origin [m] of a state (14 + n,)."""
-    return float(x[2] - kernels.apply(rotation_in(x), center_B)[2])
+def rotation_of(body: BodyState) -> kernels.Matrix:
+    """Return the rotation of body to world."""
+    return kernels.rotation(quaternion_in(body.q_WB_xyzw))
 
 
 @compiled
-def stands(x: Array, center_B: kernels.Vector) -> bool:
-    """Whether a state (14 + n,) rests on the ground."""
-    return origin_height(x, center_B) <= 0.0 and x[3] == 0.0 and x[4] == 0.0 and x[5] == 0.0
+def put(body: BodyState, p_WB: kernels.Vector, center_B: kernels.Vector) -> None:
+    """Put the body's origin somewhere [m], its attitude as it is."""
+    offset = kernels.apply(rotation_of(body), center_B)
+    kernels.store_vector(kernels.plus(p_WB, offset), body.p_WC)
+
+
+@compiled
+def origin_height(body: BodyState, center_B: kernels.Vector) -> float:
+    """Return the height of the body's origin [m]."""
+    return float(body.p_WC[2] - kernels.apply(rotation_of(body), center_B)[2])
+
+
+@compiled
+def stands(body: BodyState, center_B: kernels.Vector) -> bool:
+    """Whether the body rests on the ground."""
+    x, y, z = kernels.vector(body.v_WC_W)
+    return origin_height(body, center_B) <= 0.0 and x == 0.0 and y == 0.0 and z == 0.0

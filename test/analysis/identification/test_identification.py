@@ -99,7 +99,7 @@ def assert_near(
 
 
 @pytest.mark.parametrize("time_constant", [0.0, 0.03, 0.5])
-def test_a_held_command_is_followed_as_the_differential_equation_says(
+def test_lagged_response_solves_the_differential_equation(
     time_constant: float,
 ) -> None:
     time = np.array([0.0, 0.02, 0.05, 0.3])
@@ -134,13 +134,13 @@ def test_a_held_command_is_followed_as_the_differential_equation_says(
 
 
 @pytest.mark.parametrize("odom_rate", [50.0, 200.0])
-def test_what_the_simulator_was_given_is_found_exactly_without_noise(odom_rate: float) -> None:
+def test_finds_the_simulated_vehicle_exactly_without_noise(odom_rate: float) -> None:
     found = identified(flown(**TRUTH, drag=0.3, odom_rate=odom_rate, duration=10.0))
     assert_near(found, relative=0.01, drag=0.3, drag_within=0.03)
     assert found.rates.explained > 0.999
 
 
-def test_commands_that_did_not_act_are_left_out() -> None:
+def test_leaves_out_commands_that_did_not_act() -> None:
     """For four seconds another flies, while the controller goes on commanding."""
     run = flown(**TRUTH, duration=15.0)
     released_ns, engaged_ns = START_NS + 5_000_000_000, START_NS + 9_000_000_000
@@ -157,17 +157,17 @@ def test_commands_that_did_not_act_are_left_out() -> None:
         else command
         for command in run.commands
     ]
-    untold = changed(run, commands=commands)
-    told = dataclasses.replace(
-        untold,
+    unknown = changed(run, commands=commands)
+    known = dataclasses.replace(
+        unknown,
         engagements=[
             received(True, START_NS),
             received(False, released_ns),
             received(True, engaged_ns),
         ],
     )
-    assert identified(untold).rates.explained < 0.9
-    assert_near(identified(told), relative=0.02, drag_within=0.05)
+    assert identified(unknown).rates.explained < 0.9
+    assert_near(identified(known), relative=0.02, drag_within=0.05)
     with pytest.raises(BagError, match="commands acted on 0% of them"):
         identified(changed(run, engagements=[received(False, START_NS)]))
 
@@ -186,7 +186,7 @@ def test_noise_losses_and_wind_cost_at_most_a_tenth(trouble: dict[str, object]) 
     assert_near(found, relative=0.1, drag_within=0.5)
 
 
-def test_wind_is_told_from_drag() -> None:
+def test_distinguishes_wind_from_drag() -> None:
     found = identified(flown(**TRUTH, wind=(4.0, -2.0, 0.0)))
     assert found.wind_acceleration_W == pytest.approx([0.8, -0.4], abs=0.02)
     assert found.drag[0].value == pytest.approx(0.2, rel=0.03)
@@ -198,7 +198,7 @@ def test_the_delay_counts_from_the_stamp_of_the_odometry() -> None:
     assert_near(found, relative=0.1, delay=0.035, drag_within=0.5)
 
 
-def test_a_vehicle_without_lags_has_none() -> None:
+def test_finds_no_lags_where_there_are_none() -> None:
     found = identified(noisy(flown()))
     for estimate in (
         *found.rate_time_constant,
@@ -210,7 +210,7 @@ def test_a_vehicle_without_lags_has_none() -> None:
     assert found.thrust_scale.value == pytest.approx(1.0, rel=0.01)
 
 
-def test_single_wild_odometries_do_not_matter() -> None:
+def test_is_robust_to_single_outliers() -> None:
     run = noisy(flown(**TRUTH))
     odometries = list(run.odometries)
     for i in range(100, 700, 40):
@@ -223,7 +223,7 @@ def test_single_wild_odometries_do_not_matter() -> None:
     assert_near(identified(changed(run, odometries=odometries)), relative=0.1, drag_within=0.6)
 
 
-def test_a_twist_in_the_world_is_turned() -> None:
+def test_rotates_a_twist_in_the_world_frame() -> None:
     run = flown(**TRUTH)
     turned = []
     for received_odometry in run.odometries:
@@ -256,14 +256,14 @@ def test_hover_shows_the_thrust_and_nothing_else() -> None:
     )
     assert not any(estimate.seen for estimate in unseen)
     given = MpcConfig(rate_time_constant=(0.05, 0.05, 0.1), thrust_time_constant=0.04, drag=0.3)
-    told = " ".join(identification_table(found, given, command_age=float("nan")).split())
-    assert "warning: thrust_time_constant cannot be told" in told
-    assert "warning: drag x, drag y, drag z cannot be told" in told
+    text = " ".join(identification_table(found, given, command_age=float("nan")).split())
+    assert "warning: thrust_time_constant cannot be identified" in text
+    assert "warning: drag x, drag y, drag z cannot be identified" in text
     assert proposed(found, given)["reference"].excitation_reach == (6.0, 6.0, 2.0)
     text = parameter_file(found, given, bag=Path("bag"), keep="mass")
-    assert "    rate_time_constant: [0.05, 0.05, 0.1]  # kept, not told\n" in text
-    assert "    thrust_time_constant: 0.04  # kept, not told\n" in text
-    assert "    drag: 0.3  # kept, not told\n" in text
+    assert "    rate_time_constant: [0.05, 0.05, 0.1]  # kept, not observable\n" in text
+    assert "    thrust_time_constant: 0.04  # kept, not observable\n" in text
+    assert "    drag: 0.3  # kept, not observable\n" in text
 
 
 def proposed(found: Identification, given: MpcConfig) -> dict[str, Any]:
@@ -282,20 +282,20 @@ def proposed(found: Identification, given: MpcConfig) -> dict[str, Any]:
     return config
 
 
-def test_a_flight_that_would_tell_more_is_proposed_only_where_something_is_missing() -> None:
+def test_proposes_a_flight_only_where_something_is_missing() -> None:
     found = identified(noisy(flown(**TRUTH)))
     sure = dataclasses.replace(found.drag[0], observable=True)
-    all_told = dataclasses.replace(
+    complete = dataclasses.replace(
         found, drag=(sure, sure, sure), translational_lift=sure, misfit=(0.0, 0.0)
     )
-    assert proposal(all_told, GIVEN, file=Path("found.yaml")) == []
+    assert proposal(complete, GIVEN, file=Path("found.yaml")) == []
     unsure = dataclasses.replace(found.input_delay, observable=False)
-    no_delay = dataclasses.replace(all_told, input_delay=unsure)
+    no_delay = dataclasses.replace(complete, input_delay=unsure)
     assert proposed(no_delay, GIVEN)["reference"].excitation_reach == (2.0, 2.0, 1.0)
     assert "--config found.yaml" in proposal(no_delay, GIVEN, file=Path("found.yaml"))[-1]
 
 
-def test_standing_on_the_ground_is_no_flight() -> None:
+def test_leaves_out_the_ground() -> None:
     run = noisy(flown(**TRUTH))
     first = run.odometries[0].value
     resting = dataclasses.replace(first, v_WB_B=np.zeros(3), w_WB_B=np.zeros(3))
@@ -328,11 +328,11 @@ def test_the_parameter_file_is_the_vehicle(keep: str, tmp_path: Path) -> None:
     assert mpc.input_delay == pytest.approx(0.02, rel=0.01)
 
 
-def test_rates_of_another_flight_are_told(tmp_path: Path) -> None:
+def test_refuses_rates_of_another_flight(tmp_path: Path) -> None:
     run, other = flown(**TRUTH), flown(seed=1)
     found = identified(changed(run, commands=other.commands))
-    told = identification_table(found, MpcConfig(), command_age=float("nan"))
-    assert "is left over beyond noise" in " ".join(told.split())
+    table = identification_table(found, MpcConfig(), command_age=float("nan"))
+    assert "is left over beyond noise" in " ".join(table.split())
     # What it came to is of no use for the next flight.
     assert "--config" not in "".join(proposal(found, MpcConfig(), file=tmp_path / "vehicle.yaml"))
     assert proposed(found, MpcConfig())["reference"].trajectory == "excitation"
@@ -342,7 +342,7 @@ def test_rates_of_another_flight_are_told(tmp_path: Path) -> None:
     assert figure.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_too_little_is_refused() -> None:
+def test_refuses_a_flight_that_is_too_short() -> None:
     run = flown(duration=4.0)
     with pytest.raises(BagError, match="longer flight"):
         identified(run)
@@ -360,7 +360,7 @@ def test_too_little_is_refused() -> None:
         measured(changed(run, commands=long_ago[:40]))
 
 
-def test_nonsense_and_a_clock_that_was_set_do_not_matter() -> None:
+def test_is_robust_to_invalid_values_and_clock_steps() -> None:
     run = flown(**TRUTH)
     commands = list(run.commands)
     for i, throttle, rate in ((50, np.nan, 0.0), (150, 0.3, 1e300), (250, -np.inf, np.inf)):
@@ -418,29 +418,29 @@ THE_TRUTH = {
 
 def off(found: Identification) -> dict[str, list[tuple[float, float]]]:
     """Return how far each number is off, and half of the interval that it claims."""
-    told = {}
+    errors = {}
     for name, truth in THE_TRUTH.items():
         estimates = getattr(found, name)
         estimates = estimates if isinstance(estimates, tuple) else (estimates,)
         assert all(estimate.observable for estimate in estimates), name
-        told[name] = [
+        errors[name] = [
             (abs(estimate.value - value), estimate.half_width)
             for estimate, value in zip(estimates, truth, strict=True)
         ]
-    return told
+    return errors
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_drag_and_lag_of_each_axis_are_told_by_twenty_seconds_of_noise(seed: int) -> None:
+def test_twenty_noisy_seconds_identify_drag_and_lag_of_each_axis(seed: int) -> None:
     """Within twice of the intervals: one of twenty is outside of its own."""
-    told = off(identified(noisy(flown(**EACH_AXIS, duration=20.0, seed=seed), seed=seed)))
-    assert all(error <= 2.0 * width for each in told.values() for error, width in each)
-    lags = (*told["rate_time_constant"], *told["thrust_time_constant"], *told["input_delay"])
+    errors = off(identified(noisy(flown(**EACH_AXIS, duration=20.0, seed=seed), seed=seed)))
+    assert all(error <= 2.0 * width for each in errors.values() for error, width in each)
+    lags = (*errors["rate_time_constant"], *errors["thrust_time_constant"], *errors["input_delay"])
     assert all(width <= 0.004 for _, width in lags)
-    assert all(width <= 0.03 for _, width in told["drag"])
+    assert all(width <= 0.03 for _, width in errors["drag"])
 
 
-def test_drag_of_the_rotors_is_told_from_that_of_the_body() -> None:
+def test_distinguishes_rotor_drag_from_body_drag() -> None:
     """By a flight whose thrust varies with its speed; without noise, which hides it for long."""
     found = identified(flown(**{**EACH_AXIS, **ROTORS}, duration=20.0, lively=1.5))
     for name, truth in ROTORS.items():
@@ -454,7 +454,7 @@ def test_drag_of_the_rotors_is_told_from_that_of_the_body() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_drag_of_the_rotors_shows_through_noise(seed: int) -> None:
+def test_identifies_rotor_drag_through_noise(seed: int) -> None:
     """What of the drag is theirs the intervals tell roughly, how much there is of both well."""
     truth = {"drag": (0.05, 0.05, 0.05), "rotor_drag": (0.8, 0.7, 0.9)}
     flight = flown(**{**EACH_AXIS, **truth}, duration=20.0, lively=1.5, seed=seed)
@@ -469,24 +469,24 @@ def test_drag_of_the_rotors_shows_through_noise(seed: int) -> None:
         assert body.value + rotors.value == pytest.approx(both, rel=0.08)
 
 
-def test_where_there_is_none_nothing_is_said_of_the_rotors_drag() -> None:
+def test_does_not_report_rotor_drag_where_there_is_none() -> None:
     found = identified(noisy(flown(**EACH_AXIS)))
     assert not any(estimate.observable for estimate in found.rotor_drag)
     assert "rotor_drag" not in identification_table(found, GIVEN, command_age=float("nan"))
     text = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
-    assert "    rotor_drag: 0.0  # kept, not told\n" in text
+    assert "    rotor_drag: 0.0  # kept, not observable\n" in text
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_noise_is_not_taken_for_drag_of_the_rotors(seed: int) -> None:
-    """What is found for it before it is held as given is not believed, either."""
+def test_does_not_take_noise_for_rotor_drag(seed: int) -> None:
+    """What is found for it before it is held as given is not used, either."""
     found = identified(noisy(flown(**EACH_AXIS, duration=20.0, seed=seed), seed=seed))
     assert not any(estimate.observable for estimate in found.rotor_drag)
     parameters = parameter_file(found, GIVEN, bag=Path("bag"), keep="mass")
     assert yaml.safe_load(parameters)["/**"]["ros__parameters"]["rotor_drag"] == 0.0
 
 
-def test_a_number_near_nothing_is_written_as_one() -> None:
+def test_writes_small_numbers_as_yaml_numbers() -> None:
     """YAML takes 1e-07 for text."""
     found = identified(noisy(flown(**EACH_AXIS)))
     little = dataclasses.replace(found.drag[0], value=1.2e-7, observable=True)
@@ -495,7 +495,7 @@ def test_a_number_near_nothing_is_written_as_one() -> None:
     assert yaml.safe_load(text)["/**"]["ros__parameters"]["drag"][0] == pytest.approx(1e-7)
 
 
-def test_a_rate_loop_that_does_not_reach_its_command_is_told() -> None:
+def test_identifies_the_gain_of_a_rate_loop() -> None:
     found = identified(noisy(flown(**TRUTH, rate_gain=(0.9, 1.0, 0.8))))
     gains = [estimate.value for estimate in found.rate_gain]
     assert gains == pytest.approx([0.9, 1.0, 0.8], abs=0.01)
@@ -505,7 +505,7 @@ def test_a_rate_loop_that_does_not_reach_its_command_is_told() -> None:
     assert parameters["rate_gain"] == pytest.approx([0.9, 1.0, 0.8], abs=0.01)
 
 
-def test_yaw_that_did_not_turn_is_kept_as_given_and_spoils_nothing() -> None:
+def test_keeps_an_unexcited_yaw_as_given() -> None:
     given = dataclasses.replace(GIVEN, rate_time_constant=(0.05, 0.05, 0.2))
     run = flown(**TRUTH)
     still = [
@@ -529,11 +529,11 @@ def test_yaw_that_did_not_turn_is_kept_as_given_and_spoils_nothing() -> None:
     assert (roll.value, pitch.value) == pytest.approx((0.03, 0.03), rel=0.02)
     text = parameter_file(found, given, bag=Path("bag"), keep="mass")
     (line,) = (line for line in text.splitlines() if "rate_time_constant:" in line)
-    assert line.endswith("; kept, not told")
+    assert line.endswith("; kept, not observable")
     assert ", 0.2]" in line
 
 
-def test_a_value_at_the_end_of_what_is_searched_is_refused() -> None:
+def test_refuses_a_value_at_a_bound() -> None:
     """The throttle of another flight does nothing to the vehicle: no lag is long enough for it."""
     run, given = flown(**TRUTH), dataclasses.replace(GIVEN, thrust_time_constant=0.07)
     others = [
@@ -544,14 +544,14 @@ def test_a_value_at_the_end_of_what_is_searched_is_refused() -> None:
     ]
     found = fit(measured(changed(run, commands=others)), given=given)
     assert found.thrust_time_constant.at_bound
-    told = " ".join(identification_table(found, given, command_age=float("nan")).split())
-    assert "warning: thrust_time_constant came out as 1000.0 ms, the end of what is" in told
+    text = " ".join(identification_table(found, given, command_age=float("nan")).split())
+    assert "warning: thrust_time_constant came out as 1000.0 ms, the end of what is" in text
     with pytest.raises(UserError, match="of the variation of the velocity is left over"):
         parameter_file(found, given, bag=Path("bag"), keep="mass")
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth_about_as_often_as_they_say() -> None:
+def test_intervals_cover_the_truth_as_often_as_stated() -> None:
     inside = {name: np.zeros(len(truth), dtype=int) for name, truth in THE_TRUTH.items()}
     for seed in range(20):
         flight = flown(**EACH_AXIS, duration=20.0, seed=seed)

@@ -23,7 +23,7 @@ from quad_mpc_ros.analysis.identification.measurements import (
     VoltageMap,
     measurements_of,
 )
-from quad_mpc_ros.analysis.identification.model import EXPONENT, SCALE, ResponseModel
+from quad_mpc_ros.analysis.identification.model import EXPONENT, SCALE, Parameters, ResponseModel
 from quad_mpc_ros.analysis.identification.report import (
     identification_table,
     parameter_file,
@@ -71,8 +71,8 @@ def flown(
     )
     random = np.random.default_rng(seed)
     measured_V = [
-        received(told.value + 0.02 * random.standard_normal(), told.log_time_ns)
-        for told in flight.voltages
+        received(each.value + 0.02 * random.standard_normal(), each.log_time_ns)
+        for each in flight.voltages
     ]
     return dataclasses.replace(noisy(flight, seed=seed), voltages=measured_V)
 
@@ -86,8 +86,8 @@ class Truth(NamedTuple):
 
 def truth(run: RecordedRun, *, reference: float) -> Truth:
     """Return the truth from voltages whose noise a straight line does not see."""
-    voltage = np.array([told.value for told in run.voltages])
-    time = 1e-9 * np.array([told.log_time_ns for told in run.voltages])
+    voltage = np.array([each.value for each in run.voltages])
+    time = 1e-9 * np.array([each.log_time_ns for each in run.voltages])
     share = 1.0 - math.exp(-0.2 / 2.0)
     smoothed, _ = lfilter([share], [1.0, share - 1.0], voltage, zi=[(1.0 - share) * voltage[0]])
     sagged = np.polyval(np.polyfit(time, voltage, 3), time)
@@ -127,7 +127,7 @@ def test_thrust_falls_with_the_square_of_the_voltage(seed: int) -> None:
     assert over.falls
     assert over.exponent.value == pytest.approx(true.power, abs=over.exponent.half_width)
     assert over.exponent.half_width < 0.15
-    mean = np.mean([told.value for told in run.voltages])
+    mean = np.mean([each.value for each in run.voltages])
     assert over.reference == pytest.approx(mean, abs=0.2)
     assert found.thrust_scale.value == pytest.approx(true.scale, rel=0.02)
     if seed == 0:
@@ -135,8 +135,8 @@ def test_thrust_falls_with_the_square_of_the_voltage(seed: int) -> None:
         assert blind.velocity_residual > 1.2 * found.velocity_residual
         assert found.thrust_scale.half_width < blind.thrust_scale.half_width
         table, file = texts(found)
-        told = f"power {over.exponent.value:.2f} at {over.reference:.2f} V, battery_exponent"
-        assert f"thrust over voltage: {told} and battery_voltage of the bridge" in table
+        text = f"power {over.exponent.value:.2f} at {over.reference:.2f} V, battery_exponent"
+        assert f"thrust over voltage: {text} and battery_voltage of the bridge" in table
         thrust_map = yaml.safe_load(file)["/**"]["ros__parameters"]["thrust_map"]
         assert thrust_map == {
             "battery_voltage": pytest.approx(over.reference, abs=0.01),
@@ -144,7 +144,7 @@ def test_thrust_falls_with_the_square_of_the_voltage(seed: int) -> None:
         }
 
 
-def test_an_autopilot_that_compensates_leaves_nothing_to_the_bridge() -> None:
+def test_finds_no_exponent_where_the_autopilot_compensates() -> None:
     found = identified(flown(capacity=CAPACITY, compensated=True))
     over = found.over_voltage
     assert over is not None
@@ -156,12 +156,12 @@ def test_an_autopilot_that_compensates_leaves_nothing_to_the_bridge() -> None:
     assert "thrust_map" not in file
 
 
-def test_what_the_bridge_of_the_flight_made_up_for_counts() -> None:
-    """Not told of it, nothing is left; told, it is what the bridge should go on doing."""
+def test_what_the_bridge_of_the_flight_compensated_for_counts() -> None:
+    """Without the map nothing is left; with it, it is what the bridge should go on doing."""
     run = flown(capacity=CAPACITY, bridge=16.0)
-    untold = identified(run).over_voltage
-    assert untold is not None
-    assert untold.exponent.value == pytest.approx(0.0, abs=0.1)
+    without_map = identified(run).over_voltage
+    assert without_map is not None
+    assert without_map.exponent.value == pytest.approx(0.0, abs=0.1)
     bridge = VoltageMap(battery_voltage=16.0, battery_exponent=2.0)
     found = identified(run, bridge)
     over = found.over_voltage
@@ -172,21 +172,21 @@ def test_what_the_bridge_of_the_flight_made_up_for_counts() -> None:
     assert found.thrust_scale.value == pytest.approx(true.scale, rel=0.02)
 
 
-def test_the_voltage_is_smoothed_as_bridges_smooth_it() -> None:
+def test_smooths_the_voltage_as_bridges_do() -> None:
     run = flown(duration=8.0, capacity=CAPACITY)
     thrust = ThrustMap(BridgeConfig(thrust_map=ThrustParameters(battery_voltage=FULL)))
-    for told in run.voltages:
-        thrust.receive_voltage(told.value, now_ns=told.log_time_ns)
+    for each in run.voltages:
+        thrust.receive_voltage(each.value, now_ns=each.log_time_ns)
     smoothed = measured(run).voltage[-1]
     assert (smoothed / FULL) ** 2 == pytest.approx(thrust.battery_scale, rel=1e-12)
     assert smoothed != pytest.approx(run.voltages[-1].value, abs=0.01)
 
 
 @pytest.mark.parametrize("fault", ["no number", "silent"])
-def test_a_voltage_that_is_not_known_all_the_flight_changes_no_bit(fault: str) -> None:
+def test_ignores_a_voltage_with_gaps(fault: str) -> None:
     run = flown(duration=8.0, capacity=CAPACITY)
     voltages = {
-        "no number": [received(math.nan, told.log_time_ns) for told in run.voltages],
+        "no number": [received(math.nan, each.log_time_ns) for each in run.voltages],
         "silent": run.voltages[:5],
     }[fault]
     found = identified(dataclasses.replace(run, voltages=voltages))
@@ -200,7 +200,7 @@ def test_a_voltage_that_is_not_known_all_the_flight_changes_no_bit(fault: str) -
     assert "thrust by" not in texts(found)[0]
 
 
-def test_a_voltage_that_stays_tells_nothing_and_spoils_nothing() -> None:
+def test_a_constant_voltage_changes_no_other_estimate() -> None:
     run = flown(duration=15.0)
     assert not run.voltages  # a battery that never sags has none
     steady = [received(16.0 + 0.02 * (k % 2), o.log_time_ns) for k, o in enumerate(run.odometries)]
@@ -211,13 +211,16 @@ def test_a_voltage_that_stays_tells_nothing_and_spoils_nothing() -> None:
     assert found.thrust_scale.value == pytest.approx(before.thrust_scale.value, rel=1e-4)
     assert found.thrust_scale.half_width == pytest.approx(before.thrust_scale.half_width, rel=0.02)
     table, file = texts(found)
-    assert "thrust by (V/16.01 V)^n cannot be told from this flight: the voltage hardly" in table
+    assert (
+        "thrust by (V/16.01 V)^n cannot be identified from this flight: the voltage hardly"
+        in table
+    )
     assert "thrust_map" not in file
     # A battery needs another flight than the one that is proposed.
     assert proposal(found, GIVEN, file=None) == proposal(before, GIVEN, file=None)
 
 
-def test_a_power_that_nothing_has_is_refused() -> None:
+def test_refuses_an_exponent_at_a_bound() -> None:
     """A sensor that shows a fifth of the sag."""
     run = flown(capacity=CAPACITY)
     little = [received(16.0 + 0.2 * (v.value - 16.0), v.log_time_ns) for v in run.voltages]
@@ -236,9 +239,14 @@ def test_a_power_that_nothing_has_is_refused() -> None:
 def test_derivatives_are_those_of_the_residuals() -> None:
     model = ResponseModel(measured(flown(duration=8.0, capacity=CAPACITY), VoltageMap()))
     assert model.parameters == EXPONENT + 1
-    lags, gains = [0.02, 0.02, 0.15], [1.0, 1.1, 0.9]
-    air = [0.2, 0.1, 0.3, 0.01, 0.3, 0.2, 0.1]
-    theta = np.array([*lags, *gains, 0.01, 0.01, 0.9, *air, 0.1, -0.1, 0.0, 0.0, 0.0, 1.7])
+    parameters = Parameters.zeros(1)
+    given = parameters[0]
+    given.rate_tau[:], given.rate_gain[:] = (0.02, 0.02, 0.15), (1.0, 1.1, 0.9)
+    given.thrust_tau = given.delay = 0.01
+    given.linear.scale, given.linear.lift = 0.9, 0.01
+    given.linear.drag[:], given.linear.rotor_drag[:] = (0.2, 0.1, 0.3), (0.3, 0.2, 0.1)
+    given.linear.acceleration[:], given.exponent = (0.1, -0.1), 1.7
+    theta = np.asarray(parameters).view(np.float64)
     _, by = model.jacobians(theta)
     for parameter in range(SCALE, EXPONENT + 1):
         above, below = theta.copy(), theta.copy()
@@ -257,17 +265,17 @@ def test_a_recording_with_a_battery_is_identified(
         bag.odometry(odometry.value)
     for command in run.commands:
         bag.command(command.value)
-    as_told = []
-    for told in run.voltages:
-        data = written_battery(told.value, stamp_ns=told.log_time_ns)
-        bag.write("/power/any_name", BATTERY.type_name, data, told.log_time_ns)
-        as_told.append(received(float(np.float32(told.value)), told.log_time_ns))
+    as_recorded = []
+    for each in run.voltages:
+        data = written_battery(each.value, stamp_ns=each.log_time_ns)
+        bag.write("/power/any_name", BATTERY.type_name, data, each.log_time_ns)
+        as_recorded.append(received(float(np.float32(each.value)), each.log_time_ns))
     bridge = {"thrust_map.battery_voltage": 16.0, "thrust_map.battery_exponent": 0.5}
     bag.parameters("px4_bridge", bridge)
     bag.writer.close()
     found = identify(Recording(bag.writer.directory))
     expected = identified(
-        changed(run, voltages=as_told), VoltageMap(battery_voltage=16.0, battery_exponent=0.5)
+        changed(run, voltages=as_recorded), VoltageMap(battery_voltage=16.0, battery_exponent=0.5)
     )
     assert found.over_voltage == expected.over_voltage
     assert found.thrust_scale == expected.thrust_scale

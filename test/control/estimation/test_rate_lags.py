@@ -39,7 +39,7 @@ def rates_of_a_loop(commands: Array, *, gain: float, rotor_lag: float) -> Array:
 
 
 def learned(commands: Array, rates: Array, *, lag: float, slower: float = 1.0) -> Array:
-    """Return time constants (3,) estimated from commands (n,) and rates (n, 3), from one on."""
+    """Return the time constants (3,) estimated from commands (n,) and rates (n, 3)."""
     lags = RateLags.zeros()[()]
     rate_lags.start(lags, nominal(lag), slower=slower)
     for k in range(1, len(commands)):

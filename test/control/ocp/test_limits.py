@@ -392,7 +392,7 @@ def a_random_case(seed: int) -> list[QpSolution]:
         mpc.sent(u, stamp_ns=stamp_ns)
         state = step.state.prediction[()].state.copy()
         roll_forward(
-            step.state.model,
+            step.state.prediction[()].parameters,
             commands=u.vector()[None],
             durations=np.array([0.02]),
             longest=0.005,

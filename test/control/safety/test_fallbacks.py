@@ -93,7 +93,7 @@ def test_hover_holds_where_it_was_engaged_until_released(paper_config: MpcConfig
     assert_allclose(hover.command(east).w_WB_B, np.zeros(3), atol=1e-12)
 
 
-def test_hover_leaves_the_heading_alone(paper_config: MpcConfig) -> None:
+def test_hover_keeps_heading(paper_config: MpcConfig) -> None:
     x = State(
         p_WB=np.zeros(3),
         v_WB_B=np.array([4.0, 3.0, 0.0]),

@@ -175,7 +175,7 @@ def test_states_time_until_odometry_is_too_old(make_flight: MakeFlight, age: int
         (planned(0.3), 0.011, "late: the plan took 11.0 ms", "deadline_misses"),
     ],
 )
-def test_a_plan_must_be_there_and_finite_and_in_time(
+def test_refuses_missing_nonfinite_or_late_plan(
     plan: Plan | None, step_time: float, fault: str, counter: str
 ) -> None:
     supervisor = Supervisor(MpcConfig(), deadline=0.01)

@@ -41,7 +41,7 @@ def breaches(
     seconds: float,
     about: Rotation | None = None,
 ) -> list[int]:
-    """Return the ticks with a breach while the vehicle oscillates about a reference."""
+    """Return the ticks with a breach while it oscillates about the reference's attitude."""
     asked = about or Rotation.identity()
     found = []
     for tick in range(round(seconds * 50)):

@@ -30,7 +30,7 @@ from numpy.testing import assert_allclose
 
 from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.ros.bridges.betaflight import BetaflightBridge, crsf
-from quad_mpc_ros.ros.bridges.betaflight.lines import CrsfSpeech, Telemetry
+from quad_mpc_ros.ros.bridges.betaflight.lines import CrsfProtocol, Telemetry
 from quad_mpc_ros.ros.bridges.betaflight.rates import Curve, Stick
 from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
 
@@ -132,7 +132,7 @@ def test_frames_are_found_however_they_come(
 
 
 @given(st.binary(max_size=100))
-def test_no_bytes_are_too_much_for_crsf(line: bytes) -> None:
+def test_crsf_reader_accepts_any_bytes(line: bytes) -> None:
     reader = crsf.Reader()
     list(reader.read(line))
     assert (5, b"\x07") in list(reader.read(20 * crsf.frame(5, b"\x07")))
@@ -144,25 +144,25 @@ def test_no_bytes_are_too_much_for_crsf(line: bytes) -> None:
         (b"ACRO", {ARM}, ()),
         (b"AIR", {ARM}, ()),
         (b"AIR*", set(), ()),
-        (b"AIR!", set(), ("it says so",)),
+        (b"AIR!", set(), ("arming is blocked",)),
         (b"!FS!", {FAILSAFE}, ()),
         (b"ANGL", {ARM, ANGLE}, ()),
         (b"ANGL*", {ANGLE}, ()),
     ],
 )
-def test_the_flight_mode_tells_whether_it_is_armed(
+def test_flight_mode_shows_whether_armed(
     text: bytes, modes: set[int], blocks: tuple[str, ...]
 ) -> None:
     told = Telemetry()
-    CrsfSpeech(told).hear(crsf.frame(0x21, text + b"\0"), now_ns=T0)
+    CrsfProtocol(told).receive(crsf.frame(0x21, text + b"\0"), now_ns=T0)
     assert (told.modes, told.blocks, told.state_ns) == (modes, blocks, T0)
 
 
 def test_attitude_and_voltage_of_crsf() -> None:
     told = Telemetry()
-    speech = CrsfSpeech(told)
-    speech.hear(crsf.frame(0x1E, struct.pack(">hhh", 1000, -2000, 0)), now_ns=T0)
-    speech.hear(crsf.frame(0x08, bytes.fromhex("00a0 0000 000000 00")), now_ns=T0)
+    protocol = CrsfProtocol(told)
+    protocol.receive(crsf.frame(0x1E, struct.pack(">hhh", 1000, -2000, 0)), now_ns=T0)
+    protocol.receive(crsf.frame(0x08, bytes.fromhex("00a0 0000 000000 00")), now_ns=T0)
     assert (told.pitch, told.roll, told.voltage) == pytest.approx((0.1, -0.2, 16.0))
 
 
@@ -228,7 +228,7 @@ def flying(**parameters: Any) -> Controller:
     return controller
 
 
-def test_it_asks_for_modes_and_rates_first_and_then_for_the_state() -> None:
+def test_requests_modes_and_rates_before_state() -> None:
     bridge = BetaflightBridge(BetaflightBridge.Config(), new_message)
     asked = {number for number, _ in requests(bridge.exchange(b"", now_ns=T0))}
     assert asked == {119, 111, 200}
@@ -296,7 +296,7 @@ def test_it_arms_with_the_throttle_low_and_then_the_mpc_flies() -> None:
     assert controller.sticks[2] > 1050 and controller.sticks[0] > 1500
 
 
-def test_what_does_not_arm_is_told_with_the_reason_and_given_up() -> None:
+def test_failed_arming_is_reported_and_given_up() -> None:
     controller = Controller(receiver="bridge")
     controller.height, controller.blocks = 0.0, 1 << 9
     controller.live(0.3, throttle=0.05)
@@ -336,7 +336,7 @@ def test_when_commands_stop_it_comes_down_level_stops_and_is_disarmed() -> None:
     assert controller.state == "released" and controller.sticks[2] == 1000
 
 
-def test_a_short_gap_is_flown_on_after() -> None:
+def test_continues_after_a_short_gap() -> None:
     controller = flying()
     controller.live(0.3)
     controller.live(0.1, throttle=HOVER, w=(1.0, 0, 0))
@@ -351,7 +351,7 @@ def test_released_on_request_in_the_air_it_comes_down_level() -> None:
     assert controller.sticks[0] < 1500 and controller.sticks[2] > 1050
 
 
-def test_without_attitude_it_keeps_it() -> None:
+def test_keeps_attitude_without_telemetry() -> None:
     controller = flying()
     controller.tilt = 20.0, 0.0
     controller.live(0.1, throttle=HOVER)
@@ -375,7 +375,7 @@ def test_disarmed_by_itself_it_is_not_armed_again() -> None:
     ("modes", "told"),
     [((ARM, FAILSAFE), "in failsafe"), ((ARM, ANGLE), "fly acro"), ((ARM, 2), "fly acro")],
 )
-def test_it_does_not_fly_what_levels_or_has_failed(modes: Sequence[int], told: str) -> None:
+def test_refuses_levelling_modes_and_failsafe(modes: Sequence[int], told: str) -> None:
     controller = Controller(receiver="bridge")
     controller.modes = modes
     controller.live(0.2, throttle=HOVER)
@@ -394,7 +394,7 @@ def test_rates_of_an_unknown_kind_are_refused() -> None:
     assert not answer.accepted and "RACEFLIGHT" in answer.text
 
 
-def test_the_line_carries_sticks_also_when_nobody_commands() -> None:
+def test_line_carries_sticks_without_commands() -> None:
     bridge = BetaflightBridge(BetaflightBridge.Config(), new_message)
     times = [
         now_ns

@@ -310,7 +310,7 @@ def test_without_commands_the_bridge_does_not_let_the_firmware_hold_the_last_sti
             assert turning == pytest.approx(1.0 if is_cut else 0.0, abs=0.1)
 
 
-def test_what_blocks_arming_is_told_by_the_firmware_itself() -> None:
+def test_firmware_reports_what_blocks_arming() -> None:
     ground = {"initial_position": (0.0, 0.0, 0.0), "initial_throttle": 0.0}
     with bridged("set pwr_on_arm_grace = 30", changes=ground, is_armed=False) as plant:
         plant.live(1.0, 0.0)

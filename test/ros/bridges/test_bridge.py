@@ -35,7 +35,7 @@ def test_passes_a_fresh_command_and_says_so(kind: type[Bridge], new: New) -> Non
         (command(T0, w=(-101.0, 0.0, 0.0)), "101 rad/s"),
     ],
 )
-def test_passes_nothing_stale_or_senseless(
+def test_drops_stale_and_invalid_commands(
     kind: type[Bridge], new: New, made: CommandSample, reason: str
 ) -> None:
     bridge = ready_to_fly(kind, T0)
@@ -44,7 +44,7 @@ def test_passes_nothing_stale_or_senseless(
 
 
 @pytest.mark.parametrize("kind", BRIDGES.values(), ids=BRIDGES)
-def test_says_nothing_to_a_stack_it_does_not_hear(kind: type[Bridge], new: New) -> None:
+def test_sends_nothing_without_status(kind: type[Bridge], new: New) -> None:
     bridge = kind(kind.Config(), new)
     assert bridge.receive_command(command(T0), now_ns=T0) == []
     assert bridge.silence
@@ -53,7 +53,7 @@ def test_says_nothing_to_a_stack_it_does_not_hear(kind: type[Bridge], new: New) 
 @pytest.mark.parametrize(
     "kind", [each for each in BRIDGES.values() if not issubclass(each, SwitchedBridge)]
 )
-def test_falls_silent_when_the_stack_does(kind: type[Bridge], new: New) -> None:
+def test_silent_once_status_is_lost(kind: type[Bridge], new: New) -> None:
     bridge = ready_to_fly(kind, T0)
     later = T0 + 4 * SECOND
     assert bridge.receive_command(command(later), now_ns=later) == []

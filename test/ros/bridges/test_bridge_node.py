@@ -156,7 +156,7 @@ def test_passes_odometry_always_and_commands_when_engaged(peer: Peer, tmp_path: 
     assert "Traceback" not in (tmp_path / "log").read_text()
 
 
-def test_nobody_is_handed_over_to_two_sources_of_commands(peer: Peer, tmp_path: Path) -> None:
+def test_refuses_handover_with_two_command_sources(peer: Peer, tmp_path: Path) -> None:
     process = start("rates", log=tmp_path / "log")
     try:
         assert peer.fly(lambda: peer.odometries and peer.engage.service_is_ready())
@@ -165,7 +165,7 @@ def test_nobody_is_handed_over_to_two_sources_of_commands(peer: Peer, tmp_path: 
         asked = peer.engage.call_async(SetBool.Request(data=True))
         assert peer.fly(asked.done)
         assert not asked.result().success
-        assert "2 publishers on command, where there must be one" in asked.result().message
+        assert "2 publishers on command, expected one" in asked.result().message
         peer.node.destroy_publisher(rival)
         assert peer.fly(lambda: peer.asked_to_engage())
     finally:
@@ -184,7 +184,7 @@ class StandIn:
 
 
 @pytest.mark.parametrize("kind", OVER_TOPICS.values(), ids=OVER_TOPICS)
-def test_every_node_is_silent_when_commands_stop_and_the_state_goes_on(
+def test_silent_without_commands_while_state_continues(
     kind: type[Bridge],
     new: Callable[[str], Any],
     sound: Callable[[str, int], Any],

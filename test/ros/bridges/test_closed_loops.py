@@ -66,9 +66,7 @@ def test_silent_at_once_when_the_mpc_dies_or_repeats_itself(case: str, new: New)
 
 
 @pytest.mark.parametrize("case", ["px4", "mavros with px4", "crazyswarm2"])
-def test_ten_seconds_disarmed_under_commands_leave_the_estimate_and_the_flight_unharmed(
-    case: str, new: New
-) -> None:
+def test_disarmed_commands_do_not_disturb_the_estimate(case: str, new: New) -> None:
     """Asked to climb a little, the vehicle stays on the ground: not for lack of thrust."""
     way = bridged(case, new)
     if case == "px4":
@@ -137,7 +135,7 @@ def flown_about(new: New, disturb: Callable[[Bridged], None]) -> tuple[Flight, A
 
 
 @pytest.mark.parametrize("step", [3, -3])
-def test_a_clock_of_the_stack_that_is_set_is_not_felt(step: int, new: New) -> None:
+def test_stack_clock_step_changes_no_command(step: int, new: New) -> None:
     _, undisturbed = flown_about(new, lambda way: None)
 
     def set_clock(way: Bridged) -> None:
@@ -162,7 +160,7 @@ def test_a_link_that_stalls_for_three_tenths_of_a_second_is_foreseen(new: New) -
     assert flight.sources == {Source.MPC}
 
 
-def test_px4_hears_nothing_when_its_status_is_lost(new: New) -> None:
+def test_sends_px4_nothing_without_status(new: New) -> None:
     way = bridged("px4", new)
     stack = way.stack
     assert isinstance(stack, FakePx4)

@@ -57,7 +57,7 @@ def test_crazyswarm2_gives_its_velocity_in_the_world(new: New) -> None:
     assert_allclose(crazyswarm2.odometry_from_odom(message).v_WB_B, [2.0, 0.0, 0.0], atol=1e-12)
 
 
-def test_a_crazyflie_is_unlocked_first_and_again_after_it_cut(new: New) -> None:
+def test_unlocks_first_and_after_motor_cut(new: New) -> None:
     bridge = ready_to_fly(Crazyswarm2Bridge, T0)
 
     def thrust(now_ns: int) -> float:
@@ -74,7 +74,7 @@ def test_a_crazyflie_is_unlocked_first_and_again_after_it_cut(new: New) -> None:
     assert thrust(T0 + 4 * SECOND) == 0.0
 
 
-def test_a_crazyflie_that_is_released_in_flight_is_told_to_hold_by_itself(new: New) -> None:
+def test_release_in_flight_requests_hold(new: New) -> None:
     bridge = ready_to_fly(Crazyswarm2Bridge, T0)
     bridge.receive_command(command(T0), now_ns=T0)
     calls = bridge.engage(False, now_ns=T0).calls
@@ -85,12 +85,12 @@ def test_a_crazyflie_that_is_released_in_flight_is_told_to_hold_by_itself(new: N
     assert bridge.receive_command(command(T0), now_ns=T0) == []
 
 
-def test_a_crazyflie_without_setpoints_is_not_told_that_they_stop(new: New) -> None:
+def test_announces_no_end_without_setpoints(new: New) -> None:
     assert Crazyswarm2Bridge(Crazyswarm2Bridge.Config(), new).engage(False, now_ns=T0).calls == ()
 
 
 @pytest.mark.parametrize("bit", [32, 64])
-def test_a_crazyflie_that_tumbled_or_locked_itself_hears_nothing(new: New, bit: int) -> None:
+def test_sends_nothing_to_tumbled_or_locked_crazyflie(new: New, bit: int) -> None:
     bridge = ready_to_fly(Crazyswarm2Bridge, T0)
     status = new("crazyflie_interfaces/msg/Status")
     status.supervisor_info = 2 | bit

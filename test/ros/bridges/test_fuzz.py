@@ -265,9 +265,7 @@ def test_no_state_message_breaks_a_bridge(case: str, new: New, sound: Sound) -> 
 
 
 @pytest.mark.parametrize("case", BRIDGES)
-def test_no_command_and_no_wish_makes_a_bridge_send_what_is_absurd(
-    case: str, new: New, sound: Sound
-) -> None:
+def test_bridges_never_send_invalid_values(case: str, new: New, sound: Sound) -> None:
     run = Run(case, new, sound, again=True)
     sent = 0
     for now_ns in run:

@@ -44,7 +44,7 @@ def engaged() -> Handover:
     return advanced(offered(), READY)
 
 
-def test_the_ways_of_the_diagram() -> None:
+def test_follows_the_documented_transitions() -> None:
     handover = offered()
     assert handover.state is State.OFFERED
     assert advanced(handover, Stack()).state is State.OFFERED
@@ -63,7 +63,7 @@ def test_the_ways_of_the_diagram() -> None:
         (Stack(fault="nothing is heard"), "nothing is heard"),
     ],
 )
-def test_whoever_takes_over_keeps_it(stack: Stack, reason: str) -> None:
+def test_takeover_releases_for_good(stack: Stack, reason: str) -> None:
     handover = advanced(engaged(), stack)
     assert handover.state is State.RELEASED
     assert reason in handover.reason
@@ -71,7 +71,7 @@ def test_whoever_takes_over_keeps_it(stack: Stack, reason: str) -> None:
 
 
 @pytest.mark.parametrize("away", [0.6, -0.6, 100.0])
-def test_a_gap_in_the_commands_ends_it(away: float) -> None:
+def test_command_gap_releases(away: float) -> None:
     handover = engaged()
     handover.advance(READY, obstacle="", now_ns=round(away * SECOND))
     assert handover.state is State.RELEASED
@@ -91,7 +91,7 @@ actions = st.lists(
 
 @settings(deadline=None)
 @given(actions)
-def test_nothing_but_a_request_leads_out_of_being_released(actions: list[Any]) -> None:
+def test_only_a_request_leaves_released(actions: list[Any]) -> None:
     handover, now_ns = offered(), 0
     for fresh, stack, obstacle, elapsed_ns in actions:
         before, now_ns = handover.state, now_ns + elapsed_ns
@@ -105,7 +105,7 @@ def test_nothing_but_a_request_leads_out_of_being_released(actions: list[Any]) -
         assert bool(handover.reason) is (handover.state is State.RELEASED)
 
 
-def test_what_stays_in_the_way_ends_an_offer_and_what_flickers_does_not() -> None:
+def test_persistent_obstacle_ends_offer_and_brief_one_does_not() -> None:
     handover = offered()
     for now_ns in range(0, SECOND, PERIOD):
         handover.commanded(now_ns=now_ns)
@@ -118,7 +118,7 @@ def test_what_stays_in_the_way_ends_an_offer_and_what_flickers_does_not() -> Non
     assert "too far" in handover.reason
 
 
-def test_it_stands_from_disarming_until_it_has_left() -> None:
+def test_stands_from_disarming_until_it_leaves_its_height() -> None:
     ground = Ground()
     ground.update(PLACE, armed=True)
     assert ground.landed is False  # first seen armed: perhaps in the air
@@ -169,7 +169,7 @@ class Scene:
         Scene(landed=None),
     ],
 )
-def test_nothing_is_in_the_way_of_holding(scene: Scene) -> None:
+def test_holding_has_no_obstacle(scene: Scene) -> None:
     assert scene.obstacle() == ""
 
 
@@ -183,17 +183,17 @@ def test_nothing_is_in_the_way_of_holding(scene: Scene) -> None:
         (Scene(share=2.5), "2.50 of the weight"),
         (Scene(w_WB_B=(0.0, -16.0, 0.0)), "16.0 rad/s"),
         (Scene(landed=True), "of the weight as thrust"),
-        (Scene(landed=True, share=0.0, rises=1.0), "it would take off at once"),
+        (Scene(landed=True, share=0.0, rises=1.0), "the vehicle would take off at once"),
         (Scene(landed=True, share=0.0, away=(3.0, 0.0, -0.5)), "3.00 m away"),
         (Scene(landed=None, share=2.5), "of the weight as thrust"),
     ],
 )
-def test_what_would_make_it_leap_is_in_the_way(scene: Scene, reason: str) -> None:
+def test_refuses_handover_that_would_jump(scene: Scene, reason: str) -> None:
     assert reason in scene.obstacle()
 
 
 @pytest.mark.parametrize("kind", BRIDGES.values(), ids=BRIDGES)
-def test_no_bridge_goes_on_by_itself_after_a_gap(kind: type[Bridge], new: New) -> None:
+def test_no_bridge_resumes_after_a_gap(kind: type[Bridge], new: New) -> None:
     bridge = ready_to_fly(kind, T0)
     assert bridge.receive_command(command(T0, HOVER), now_ns=T0)
     back = T0 + 2 * SECOND
@@ -207,7 +207,7 @@ def test_no_bridge_goes_on_by_itself_after_a_gap(kind: type[Bridge], new: New) -
 
 
 @pytest.mark.parametrize("kind", BRIDGES.values(), ids=BRIDGES)
-def test_no_bridge_hands_over_to_a_reference_that_is_away(kind: type[Bridge], new: New) -> None:
+def test_no_bridge_hands_over_to_distant_reference(kind: type[Bridge], new: New) -> None:
     bridge = kind(kind.Config(), new)
     away = ReferenceWindow.hover([0.0, 0.0, 15.0], stamp_ns=T0)
     bridge.receive_reference(away, now_ns=T0)
@@ -218,7 +218,7 @@ def test_no_bridge_hands_over_to_a_reference_that_is_away(kind: type[Bridge], ne
 
 
 @pytest.mark.parametrize("kind", BRIDGES.values(), ids=BRIDGES)
-def test_every_bridge_lets_go_when_asked_to(kind: type[Bridge], new: New) -> None:
+def test_every_bridge_releases_on_request(kind: type[Bridge], new: New) -> None:
     bridge = ready_to_fly(kind, T0)
     assert bridge.engage(False, now_ns=T0).accepted
     assert bridge.receive_command(command(T0, HOVER), now_ns=T0) == []

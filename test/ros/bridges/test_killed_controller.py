@@ -108,7 +108,7 @@ def processes(start: Callable[..., Process]) -> dict[str, Process]:
 
 @pytest.mark.timeout(3 * _PATIENCE)
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_the_stack_hears_nothing_more_when_the_controller_is_killed_or_hangs(
+def test_stack_gets_nothing_from_killed_or_hanging_controller(
     number: int, listener: Listener, processes: dict[str, Process], matching: float
 ) -> None:
     listener.take_over(matching=matching)
@@ -124,7 +124,7 @@ def test_the_stack_hears_nothing_more_when_the_controller_is_killed_or_hangs(
     assert listener.sent_ns[-1] - signalled_ns <= SILENT_AFTER_NS
     # It was flying until then, and the bridge has not gone with it.
     assert signalled_ns - listener.sent_ns[-1] <= SECOND // 2
-    assert listener.spin(lambda: listener.told["text"] == "silent: no command comes")
+    assert listener.spin(lambda: listener.told["text"] == "silent: no commands from the mpc")
     assert processes["rates_bridge"].poll() is None
     if number == signal.SIGSTOP:
         heard = len(listener.sent_ns)

@@ -27,7 +27,7 @@ def test_mavros_takes_flu_as_it_is(new: New, axis: tuple[float, ...]) -> None:
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (5, 250_000_000)
 
 
-def test_ardupilot_gets_nothing_outside_of_guided(new: New) -> None:
+def test_sends_ardupilot_nothing_outside_guided(new: New) -> None:
     for mode, heard in (("LOITER", False), ("GUIDED", True), ("GUIDED_NOGPS", True)):
         bridge = ready_to_fly(MavrosBridge, T0, autopilot="ardupilot")
         state = new("mavros_msgs/msg/State")
@@ -39,7 +39,7 @@ def test_ardupilot_gets_nothing_outside_of_guided(new: New) -> None:
         assert bridge.receive_command(command(T0), now_ns=T0) == []
 
 
-def test_ardupilot_hears_nothing_more_from_the_first_status_that_tells_of_another_mode(
+def test_ardupilot_setpoints_stop_with_first_status_of_another_mode(
     new: New,
 ) -> None:
     bridge = ready_to_fly(MavrosBridge, T0, autopilot="ardupilot")

@@ -73,17 +73,17 @@ def stamped(clock_ns: int, waits: list[tuple[int, int]]) -> list[int | None]:
     return found
 
 
-def test_stamps_of_the_nodes_clock_are_taken_with_what_they_tell_of_the_latency() -> None:
+def test_keeps_stamps_of_agreeing_clock() -> None:
     assert stamped(0, [(20 * k, 15) for k in range(50)]) == [0] * 50
 
 
-def test_stamps_of_another_clock_become_times_of_the_fastest_arrival() -> None:
+def test_stamps_other_clock_by_fastest_arrival() -> None:
     waits = [(20 * k, 10 + 7 * (k % 3)) for k in range(50)]
     assert stamped(HOUR, waits) == [10] * 50
 
 
 @pytest.mark.parametrize("clock_ns", [0, HOUR])
-def test_what_a_link_held_up_is_stamped_late_and_what_follows_punctually(clock_ns: int) -> None:
+def test_stamps_delayed_odometry_late_and_next_on_time(clock_ns: int) -> None:
     """It was stamped as new, and what was new as old."""
     before = [(20 * k, 10) for k in range(50)]
     held_up = [(1000 + 20 * k, 310 - 20 * k) for k in range(15)]  # all at once, 0.3 s later
@@ -94,16 +94,14 @@ def test_what_a_link_held_up_is_stamped_late_and_what_follows_punctually(clock_n
 
 @pytest.mark.parametrize("clock_ns", [0, HOUR])
 @pytest.mark.parametrize("waited", [90, 270, 3000])
-def test_after_a_first_state_that_waited_long_all_are_stamped_punctually(
-    clock_ns: int, waited: int
-) -> None:
+def test_late_first_state_does_not_shift_later_stamps(clock_ns: int, waited: int) -> None:
     found = stamped(clock_ns, [(-waited + 5, waited), *((20 * k, 10) for k in range(1, 50))])
     assert set(found[2:]) == {0 if clock_ns == 0 else 10}
     assert found[1] in (None, 0, 10)
 
 
 @pytest.mark.parametrize("step", [3, -3])
-def test_a_stacks_clock_that_is_set_moves_no_stamp_by_more_than_the_latency(step: int) -> None:
+def test_stack_clock_step_moves_stamps_by_at_most_the_latency(step: int) -> None:
     stamps = OdometryStamps(tolerance=0.1)
     for k in range(200):
         true_ns = T0 + 20 * k * MS
@@ -114,7 +112,7 @@ def test_a_stacks_clock_that_is_set_moves_no_stamp_by_more_than_the_latency(step
 
 
 @pytest.mark.parametrize("pace", [0.99, 1.0005, 1.01])  # also of a simulation in real time
-def test_a_clock_that_drifts_is_followed(pace: float) -> None:
+def test_follows_drifting_clock(pace: float) -> None:
     stamps = OdometryStamps(tolerance=0.1)
     for k in range(0, 60_000, 20):
         stamp = stamps.stamp(round(k * MS * pace) + HOUR, now_ns=T0 + k * MS)
@@ -122,7 +120,7 @@ def test_a_clock_that_drifts_is_followed(pace: float) -> None:
         assert abs(stamp - T0 - k * MS) < 2 * MS
 
 
-def test_stamps_never_run_backwards_unless_the_clock_was_set() -> None:
+def test_stamps_run_backwards_only_if_clock_was_set() -> None:
     stamps = OdometryStamps(tolerance=0.1)
     assert stamps.stamp(T0, now_ns=T0) == T0
     assert stamps.stamp(T0, now_ns=T0) is None

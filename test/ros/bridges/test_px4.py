@@ -288,7 +288,7 @@ HEARTBEAT, RATES, COMMAND = (
 
 
 @pytest.mark.parametrize("nav_state", [0, 2, 4, 10, 13, 15, 17, 18])
-def test_px4_gets_the_heartbeat_but_no_rates_outside_of_offboard(new: New, nav_state: int) -> None:
+def test_sends_heartbeat_without_rates_outside_offboard(new: New, nav_state: int) -> None:
     bridge = made(new)
     assert flown(bridge, T0, seconds=0.1, nav_state=nav_state) == []  # nor a heartbeat unasked
     assert bridge.engage(True, now_ns=T0 + SECOND // 10).accepted
@@ -303,7 +303,7 @@ def test_px4_gets_the_heartbeat_before_the_rates(new: New) -> None:
     assert topics(sent) == [HEARTBEAT, RATES]
 
 
-def test_px4_is_asked_for_offboard_after_a_second_of_heartbeats_and_only_then(new: New) -> None:
+def test_requests_offboard_only_after_a_second_of_heartbeats(new: New) -> None:
     bridge = made(new)
     assert "no vehicle_status" in bridge.engage(True, now_ns=T0).text
     assert bridge.engage(False, now_ns=T0).accepted  # away from the MPC at any time
@@ -320,7 +320,7 @@ def test_px4_is_asked_for_offboard_after_a_second_of_heartbeats_and_only_then(ne
     assert "not switched" in bridge.handover[1]
 
 
-def test_px4_is_released_by_the_first_message_that_tells_of_another_mode(new: New) -> None:
+def test_px4_is_released_by_first_message_of_another_mode(new: New) -> None:
     for tells in ("status", "control_mode"):
         bridge = ready_to_fly(Px4Bridge, T0)
         assert bridge.engaged(now_ns=T0)
@@ -334,7 +334,7 @@ def test_px4_is_released_by_the_first_message_that_tells_of_another_mode(new: Ne
         assert bridge.receive_command(command(T0), now_ns=T0) == []
 
 
-def test_after_the_mpc_was_away_no_heartbeat_brings_px4_back(new: New) -> None:
+def test_sends_no_heartbeat_after_the_mpc_returns(new: New) -> None:
     """Its intention stays offboard: one heartbeat, and it would fly whatever comes."""
     bridge = ready_to_fly(Px4Bridge, T0)
     assert flown(bridge, T0, seconds=1.0)
@@ -346,7 +346,7 @@ def test_after_the_mpc_was_away_no_heartbeat_brings_px4_back(new: New) -> None:
     assert names_of(flown(bridge, back + 4 * SECOND, seconds=1.0)) == {HEARTBEAT, RATES}
 
 
-def test_after_a_landing_nothing_is_armed_into_offboard(new: New) -> None:
+def test_refuses_arming_into_offboard_after_landing(new: New) -> None:
     bridge = ready_to_fly(Px4Bridge, T0)
     flown(bridge, T0, seconds=1.0)
     down = T0 + SECOND
@@ -374,7 +374,7 @@ def test_after_a_landing_nothing_is_armed_into_offboard(new: New) -> None:
     assert bridge.handover[0] == "engaged"
 
 
-def test_px4s_land_detector_is_believed_before_what_arming_tells(new: New) -> None:
+def test_land_detector_has_priority_over_arming(new: New) -> None:
     bridge = ready_to_fly(Px4Bridge, T0)
     assert bridge.landed(now_ns=T0) is False
     land = new(f"{PX4}/VehicleLandDetected")
@@ -383,7 +383,7 @@ def test_px4s_land_detector_is_believed_before_what_arming_tells(new: New) -> No
     assert bridge.landed(now_ns=T0) is True
 
 
-def test_nothing_that_px4_is_sent_waits_for_an_agent_that_starts_later(new: New) -> None:
+def test_messages_to_px4_are_not_latched(new: New) -> None:
     assert not any(topic.latched for topic in made(new).publications)
 
 
@@ -421,12 +421,12 @@ def test_px4_frame_changes_are_passed_on_as_a_jump(new: New) -> None:
     assert bridge.jumps == 1
 
 
-def test_px4_refusals_are_told(new: New) -> None:
+def test_reports_px4_refusals(new: New) -> None:
     bridge = made(new)
     ack = new("px4_msgs/msg/VehicleCommandAck")
     ack.command, ack.result = 400, 1
     tell(bridge, "/fmu/out/vehicle_command_ack_v1", ack, T0)
-    assert bridge.take_warnings() == ["PX4 answers command 400 with result 1"]
+    assert bridge.take_warnings() == ["PX4 answered command 400 with result 1"]
 
 
 def test_commands_take_the_newest_battery_into_account(new: New) -> None:

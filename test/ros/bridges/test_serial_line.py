@@ -87,7 +87,7 @@ def test_bytes_go_both_ways_as_they_are(terminal: Terminal) -> None:
     line.close()
 
 
-def test_a_port_that_goes_away_is_told_and_opened_again(
+def test_reports_and_reopens_lost_port(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(serial_line, "_AGAIN", 0.0)
@@ -105,14 +105,14 @@ def test_a_port_that_goes_away_is_told_and_opened_again(
     line.close()
 
 
-def test_a_port_that_is_not_there_is_no_end(tmp_path: Path) -> None:
+def test_missing_port_does_not_end_the_node(tmp_path: Path) -> None:
     line = SerialLine(Line(device=str(tmp_path / "none"), baud=115200))
     assert line.read() == b""
     line.write(b"x")
     assert "none" in line.fault
 
 
-def test_the_node_asks_hears_and_sends_over_its_port(terminal: Terminal) -> None:
+def test_node_requests_receives_and_sends_over_its_port(terminal: Terminal) -> None:
     """With a flight controller at the other end that is armed and gives away its sticks."""
     rclpy.init(args=["--ros-args", "-p", f"device:={terminal.path}"])
     node = node_module.BridgeNode(BetaflightBridge)

@@ -53,7 +53,7 @@ def test_every_map_makes_the_thrust_that_is_meant(kind: str, throttle: float) ->
     assert makes[kind] == pytest.approx(meant, abs=1e-9 if meant > 0.0 else 0.03)
 
 
-def test_what_cannot_be_made_is_full_throttle() -> None:
+def test_unreachable_thrust_is_full_throttle() -> None:
     assert made(kind="linear", full_thrust=5.0).stack_throttle(1.0) == 1.0
     assert made(kind="quadratic", motor_curve=(1.0, 0.5, 0.0)).stack_throttle(1.0) == 1.0
 
@@ -68,7 +68,7 @@ def test_an_emptier_battery_takes_more_throttle() -> None:
     assert 20.0 * u * (14.0 / 16.0) ** 2 == pytest.approx(WEIGHT, rel=1e-6)
 
 
-def test_a_sag_is_followed_slowly_and_nonsense_not_at_all() -> None:
+def test_follows_sag_slowly_and_ignores_invalid_voltage() -> None:
     thrust = made(battery_voltage=16.0)
     thrust.receive_voltage(16.0, now_ns=0)
     thrust.receive_voltage(12.0, now_ns=SECOND // 50)

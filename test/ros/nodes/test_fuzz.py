@@ -221,7 +221,7 @@ def commands(monkeypatch: pytest.MonkeyPatch) -> list[CommandSample]:
         ),
     ],
 )
-def test_whatever_comes_nothing_escapes(
+def test_random_input_never_raises(
     case: str, count: int, commands: list[CommandSample], passing_time: Time
 ) -> None:
     make, parameters = NODES[case]

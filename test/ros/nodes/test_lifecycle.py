@@ -134,7 +134,7 @@ def test_mpc_starts_by_itself_when_odometry_and_reference_are_there(
     assert mpc.state == "inactive"
 
 
-def test_whoever_takes_over_a_waiting_node_ends_the_start_by_itself(
+def test_external_transition_ends_autostart(
     start: Start, peer: Any, feed: Any, heard: Heard, managed: Any
 ) -> None:
     feed.odometry = feed.reference = False
@@ -149,7 +149,7 @@ def test_whoever_takes_over_a_waiting_node_ends_the_start_by_itself(
     assert mpc.state == "inactive"
 
 
-def test_parameters_are_free_until_they_are_configured(
+def test_parameters_may_be_set_until_configured(
     start: Start, peer: Any, managed: Any, tmp_path: Path
 ) -> None:
     process, mpc = start("mpc", *WAIT), managed("mpc")
@@ -276,7 +276,7 @@ def test_reference_goes_on_where_it_stopped(start: Start, peer: Any, managed: An
     assert reference.tells("active", "flying")
 
 
-def test_reference_is_configured_anew_with_another_trajectory(
+def test_reference_reconfigures_with_another_trajectory(
     start: Start, peer: Any, managed: Any
 ) -> None:
     windows: list[MultiDOFJointTrajectory] = []
@@ -414,7 +414,7 @@ def _endpoints(peer: Any, name: str) -> int:
 
 
 @pytest.mark.slow
-def test_a_hundred_cycles_leave_nothing_behind(
+def test_hundred_cycles_leak_nothing(
     start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path, monkeypatch: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -463,7 +463,7 @@ def unfrozen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("unfrozen")
 @pytest.mark.parametrize("kind", [MpcNode, ReferenceNode, RecorderNode])
-def test_the_cleanup_lets_go_of_everything(
+def test_cleanup_releases_everything(
     kind: type[Any], peer: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is made is counted in this process, so that not even a timer can hide."""
@@ -497,7 +497,7 @@ def test_the_cleanup_lets_go_of_everything(
 
 
 @pytest.mark.usefixtures("unfrozen")
-def test_a_defect_in_a_transition_neither_ends_the_node_nor_leaves_anything(
+def test_failing_transition_keeps_node_and_leaks_nothing(
     peer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As is the answer to somebody else's request, through rclpy's own state machine."""

@@ -250,7 +250,7 @@ def test_bad_input_is_refused_with_its_reason_and_the_flight_goes_on(
     assert windows[-1].p_WB[-1, 2] > 0.3  # the take-off goes on
 
 
-def test_requests_are_accepted_told_and_drawn(pilot: Pilot, peer: Any) -> None:
+def test_requests_are_accepted_reported_and_drawn(pilot: Pilot, peer: Any) -> None:
     assert pilot.call("takeoff").success
     pilot.fly(3.0)
     assert "accepted" in pilot.send_trajectory(
@@ -270,7 +270,7 @@ def _end(path: PathMessage) -> list[float]:
     return [position.x, position.y, position.z]
 
 
-def test_what_is_held_moves_along_where_the_estimate_steps(pilot: Pilot, peer: Any) -> None:
+def test_held_reference_moves_with_estimate_step(pilot: Pilot, peer: Any) -> None:
     steps = peer.node.create_publisher(TransformStamped, "odom_reset", 10)
     assert peer.wait(steps.get_subscription_count)
     assert pilot.call("takeoff").success

@@ -57,7 +57,7 @@ def test_ends_cleanly_on_a_signal(
     assert "Traceback" not in (tmp_path / f"{node}.log").read_text()
 
 
-def test_two_sources_of_odometry_and_lags_of_zero_are_warned_of(
+def test_warns_of_two_odometry_sources_and_zero_lags(
     start: Start, peer: Any, tmp_path: Path
 ) -> None:
     told: list[DiagnosticArray] = []
@@ -75,7 +75,7 @@ def test_two_sources_of_odometry_and_lags_of_zero_are_warned_of(
     peer.node.destroy_publisher(rivals[1])
     assert peer.wait(lambda: not warned())
     log = (tmp_path / "mpc.log").read_text()
-    assert "input_delay = 0: no real vehicle answers at once" in log
+    assert "input_delay = 0: every real vehicle lags" in log
 
 
 @pytest.mark.parametrize("node", NODES)
@@ -307,7 +307,7 @@ def test_bounds_that_only_fit_together_change_together(start: Start, peer: Any) 
     assert "hover throttle" in result.reason
 
 
-def test_a_publisher_that_cannot_be_heard_is_told(start: Start, peer: Any, tmp_path: Path) -> None:
+def test_reports_incompatible_publisher(start: Start, peer: Any, tmp_path: Path) -> None:
     """The reference is heard reliably or not at all, the odometry either way."""
     peer.node.create_publisher(MultiDOFJointTrajectory, "reference", qos_profile_sensor_data)
     reliable = peer.node.create_publisher(Odometry, "odom", 10)
@@ -352,9 +352,7 @@ def test_lockstep_without_a_controller_fails_loudly(start: Start, tmp_path: Path
     assert "lockstep_timeout" in log
 
 
-def test_lockstep_waits_for_a_node_that_compiles_and_does_not_publish_yet(
-    start: Start, peer: Any, tmp_path: Path
-) -> None:
+def test_lockstep_waits_for_compiling_node(start: Start, peer: Any, tmp_path: Path) -> None:
     compiling = rclpy.create_node("mpc")
     process = start("simulator", "-p", "lockstep:=true", "-p", "advanced.lockstep_timeout:=3.0")
 

@@ -12,7 +12,7 @@ from quad_mpc_ros.ros.parameters import ManagedParameters
 
 
 @pytest.mark.usefixtures("own_package")
-def test_a_trajectory_of_another_package_has_its_parameters_on_the_node() -> None:
+def test_other_package_trajectory_declares_its_parameters() -> None:
     rclpy.init()
     node = Node(
         "reference",

@@ -58,7 +58,7 @@ class Asking:
         self.clients.remove(client)
 
 
-def test_what_is_not_answered_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_repeats_unanswered_query(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 0.0
     monkeypatch.setattr(parameter_query.time, "monotonic", lambda: now)
     node: Any = Asking()

@@ -88,7 +88,7 @@ class Listener:
         return lambda message: self.heard[topic].append(message.data)
 
 
-def test_what_is_recorded_again_is_what_was_recorded(tmp_path: Path) -> None:
+def test_replayed_bag_records_the_same_messages(tmp_path: Path) -> None:
     bag = write_numbers(tmp_path / "bag", 150)
     result = script_module("bench/replay.py").replay_and_record(bag, tmp_path / "again")
     assert result.different == []
@@ -100,7 +100,7 @@ def test_what_is_recorded_again_is_what_was_recorded(tmp_path: Path) -> None:
             assert (word in after[topic].qos_profiles) == (word in before[topic].qos_profiles)
 
 
-def test_a_late_joiner_hears_what_was_latched(start: Start, peer: Any, tmp_path: Path) -> None:
+def test_late_joiner_receives_latched_messages(start: Start, peer: Any, tmp_path: Path) -> None:
     bag = write_numbers(tmp_path / "bag")
     start("player", "-p", f"bag:={bag}", "-p", "loop:=true")
     listener = Listener(peer, "/fast")
@@ -256,14 +256,14 @@ BAD_BAGS: dict[str, tuple[Callable[[Path], None], str]] = {
     "text": (lambda bag: only(bag, b"no bag at all"), "is not an MCAP file"),
     "cut at once": (lambda bag: only(bag, b"\x89MCAP0\r\n"), "there is no message in it"),
     "without messages": (without_messages, "there is no message in it"),
-    "not of ROS": (lambda bag: foreign(bag, type_name="Pose", encoding="json"), "not 'cdr'"),
+    "not of ROS": (lambda bag: foreign(bag, type_name="Pose", encoding="json"), "expected 'cdr'"),
     "unknown type": (
         lambda bag: foreign(bag, type_name="px4_msgs/msg/VehicleOdometry"),
         "'px4_msgs/msg/VehicleOdometry' is not installed",
     ),
     "another definition": (
         lambda bag: foreign(bag, type_hash="RIHS01_0"),
-        "was another one when it was recorded",
+        "has changed since it was recorded",
     ),
 }
 

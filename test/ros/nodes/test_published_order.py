@@ -7,7 +7,7 @@ import random
 from quad_mpc_ros.ros.nodes.published_order import PublishedOrder
 
 
-def test_what_is_handed_over_in_another_order_is_written_as_published() -> None:
+def test_writes_in_order_of_publication() -> None:
     chance = random.Random(1)
     order = PublishedOrder()
     written: list[tuple[int, int]] = []

@@ -159,7 +159,7 @@ def test_publishers_of_every_quality_of_service(start: Start, peer: Any, tmp_pat
     assert latched_qos.reliability == QosReliability.RELIABLE
 
 
-def test_what_is_lost_while_it_is_starved_is_told(start: Start, peer: Any, tmp_path: Path) -> None:
+def test_reports_messages_lost_while_starved(start: Start, peer: Any, tmp_path: Path) -> None:
     """Stopped for longer than buffers last it loses messages, and knows how many."""
     bag, told = tmp_path / "bag", {"lost": 0}
 
@@ -194,7 +194,7 @@ def test_what_is_lost_while_it_is_starved_is_told(start: Start, peer: Any, tmp_p
     assert lost == kept[-1] + 1 - kept[0] - len(kept)
 
 
-def test_what_cannot_be_recorded_does_not_stop_the_rest(
+def test_unrecordable_topic_does_not_stop_the_rest(
     start: Start, peer: Any, tmp_path: Path
 ) -> None:
     """Two types on one topic, of which one comes first; and a topic as it should be."""
@@ -361,7 +361,7 @@ def test_killed_at_any_moment_at_most_the_last_second_is_lost(
         peer.spin(0.2)
 
 
-def test_recorders_that_begin_in_one_second_have_bags_of_their_own(
+def test_recorders_started_in_the_same_second_use_separate_bags(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

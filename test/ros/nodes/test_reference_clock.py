@@ -107,7 +107,7 @@ def assert_steady(windows: list[tuple[int, ReferenceWindow]]) -> None:
 
 
 @pytest.mark.parametrize("step", [3, -3])
-def test_a_step_of_the_systems_clock_is_no_leap(
+def test_system_clock_step_does_not_move_the_reference(
     flown: Flown, monkeypatch: pytest.MonkeyPatch, step: int
 ) -> None:
     assert flown.spin(lambda: len(flown.windows) > 10 and flown.node._live.started)
@@ -129,9 +129,7 @@ def test_a_step_of_the_systems_clock_is_no_leap(
 
 
 @pytest.mark.parametrize("step", [3, -3])
-def test_windows_follow_the_clock_of_the_stamps_and_the_flight_does_not(
-    flown: Flown, step: int
-) -> None:
+def test_windows_use_stamp_clock_and_flight_uses_its_own(flown: Flown, step: int) -> None:
     assert flown.spin(lambda: len(flown.windows) > 10 and flown.node._live.started)
     flown.fly(0.3)
     flown.windows.clear()
@@ -142,9 +140,7 @@ def test_windows_follow_the_clock_of_the_stamps_and_the_flight_does_not(
     assert abs(flown.windows[-1][1].stamp_ns - time.time_ns() - step * SECOND) < SECOND
 
 
-def test_windows_keep_coming_while_something_is_planned(
-    flown: Flown, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_windows_continue_during_planning(flown: Flown, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 
     def slow(now_ns: int) -> Reply:

@@ -41,9 +41,7 @@ def loaded(path: Path) -> MpcConfig:
 
 @pytest.mark.parametrize("keep", ["mass", "curve"])
 @pytest.mark.parametrize("thrust_scale", [0.7, 1.3])
-def test_the_vehicle_that_was_saved_flies_as_it_is_modelled(
-    thrust_scale: float, keep: Any, tmp_path: Path
-) -> None:
+def test_saved_vehicle_flies_as_modelled(thrust_scale: float, keep: Any, tmp_path: Path) -> None:
     lags = {"rate_time_constant": 0.03, "thrust_time_constant": 0.03}
     given = MpcConfig(**lags, input_delay=0.02)
     plant = {"rate_time_constant": 0.04, "thrust_time_constant": 0.04, "command_delay": 0.02}
@@ -99,7 +97,7 @@ TICK = TickStats(
         ((0.02, 0.04, 0.1), 101.0, (0.02667, 0.05333, 0.101)),
     ],
 )
-def test_the_lag_of_each_axis_is_saved_once_it_is_told(lags: Any, yaw: float, saved: Any) -> None:
+def test_saves_lag_of_each_axis_once_identified(lags: Any, yaw: float, saved: Any) -> None:
     given = MpcConfig(rate_time_constant=lags)
     tick = dataclasses.replace(TICK, rate_time_constant_ms=40.0, yaw_time_constant_ms=yaw)
     text = learned_file(learned([tick] * 100, given), given, head="Learned.", keep="mass")
@@ -116,7 +114,7 @@ def test_the_lag_of_each_axis_is_saved_once_it_is_told(lags: Any, yaw: float, sa
         (0.0, 0.2, 0.2),
     ],
 )
-def test_drag_is_saved_once_it_is_told(given: Any, learned_mean: float, saved: Any) -> None:
+def test_saves_drag_once_identified(given: Any, learned_mean: float, saved: Any) -> None:
     config = MpcConfig(drag=given)
     tick = dataclasses.replace(TICK, drag=learned_mean)
     text = learned_file(learned([tick] * 100, config), config, head="Learned.", keep="mass")
@@ -136,7 +134,7 @@ REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_tells_nothing_is_refused(case: str) -> None:
+def test_refuses_flight_without_information(case: str) -> None:
     parameters, changes, told = REFUSED[case]
     ticks = [dataclasses.replace(TICK, **changes)] * 100
     assert learned([TICK] * 100, MpcConfig()).thrust_scale.value == pytest.approx(0.8)
@@ -147,7 +145,7 @@ def test_what_tells_nothing_is_refused(case: str) -> None:
         learned(moving, MpcConfig())
 
 
-def test_it_is_saved_from_the_running_node_and_nothing_is_written_over(
+def test_saves_from_running_node_without_overwriting(
     start: Start, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # The namespace of the vehicle is that of its node, and of the figures it publishes.
@@ -183,7 +181,7 @@ def test_it_is_saved_from_the_running_node_and_nothing_is_written_over(
     assert yaml.safe_load(capsys.readouterr().out).keys() == {"/**/mpc"}
 
 
-def test_a_node_that_is_not_there_is_a_line_and_exit_code_2(
+def test_missing_node_is_one_line_and_exit_code_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("quad_mpc_ros.commands.running_mpc._ANSWER_TIMEOUT", 0.3)

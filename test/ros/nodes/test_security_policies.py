@@ -36,7 +36,7 @@ def allowed(node: str, kind: str, how: str) -> set[str]:
     return {name if name.startswith("/") else f"/{name}" for name in names}
 
 
-def test_every_enclave_has_one_profile_of_its_own_name() -> None:
+def test_every_enclave_has_one_profile_named_alike() -> None:
     enclaves = ElementTree.parse(POLICIES).getroot().findall("enclaves/enclave")
     found = {enclave.get("path"): enclave.findall("profiles/profile") for enclave in enclaves}
     assert {path: [profile.get("node") for profile in found[path]] for path in found} == {
@@ -44,7 +44,7 @@ def test_every_enclave_has_one_profile_of_its_own_name() -> None:
     }
 
 
-def test_the_nodes_open_what_they_may_and_need_what_they_may(
+def test_nodes_use_exactly_what_policies_allow(
     start: Callable[..., Any], peer: Any, tmp_path: Path
 ) -> None:
     for node in NODES:

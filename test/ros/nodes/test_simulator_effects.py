@@ -56,7 +56,7 @@ def test_lockstep_and_simulate_agree_with_every_effect(tmp_path: Path) -> None:
         assert _payloads(flown, topic) == _payloads(simulated, topic), topic
 
 
-def test_real_time_sends_late_irregular_and_not_all(
+def test_real_time_odometry_has_delay_jitter_and_dropouts(
     tmp_path: Path, start: Callable[..., Any], peer: Any
 ) -> None:
     parameters = tmp_path / "simulator.yaml"
@@ -92,7 +92,9 @@ def test_real_time_sends_late_irregular_and_not_all(
     assert np.std(x) == pytest.approx(0.5, rel=0.25)
 
 
-def test_a_battery_that_sags_is_told(tmp_path: Path, start: Callable[..., Any], peer: Any) -> None:
+def test_publishes_sagging_battery_voltage(
+    tmp_path: Path, start: Callable[..., Any], peer: Any
+) -> None:
     parameters = tmp_path / "simulator.yaml"
     parameters.write_text(
         "simulator:\n  ros__parameters:\n    plant: rotors\n    autostart: false\n"

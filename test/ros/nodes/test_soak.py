@@ -35,7 +35,7 @@ def soak(out: Path, *arguments: str) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_faults_lead_where_they_must(tmp_path: Path) -> None:
+def test_faults_reach_the_expected_rungs(tmp_path: Path) -> None:
     """A machine that stalls may spoil a course; what fails twice is no stall."""
     result = soak(tmp_path / "first", "--faults", ",".join(CAMPAIGN))
     assert result["complaints"] == []
@@ -48,7 +48,7 @@ def test_faults_lead_where_they_must(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_every_fault_leads_where_it_must(tmp_path: Path) -> None:
+def test_every_fault_reaches_the_expected_rungs(tmp_path: Path) -> None:
     result = soak(tmp_path / "all", "--faults", "all")
     failed = {n: f["complaints"] for n, f in result["faults"].items() if not f["holds"]}
     assert failed == {}

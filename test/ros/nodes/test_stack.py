@@ -59,7 +59,7 @@ def test_windows_reach_the_mpc_without_dds(start: Start, peer: Any, feed: Any) -
     assert peer.node.count_subscribers("reference") == 0
 
 
-def test_others_hear_the_windows_as_well(start: Start, peer: Any, feed: Any) -> None:
+def test_windows_are_published_as_well(start: Start, peer: Any, feed: Any) -> None:
     feed.reference = False
     windows: list[MultiDOFJointTrajectory] = []
     peer.node.create_subscription(MultiDOFJointTrajectory, "reference", windows.append, 10)
@@ -69,7 +69,7 @@ def test_others_hear_the_windows_as_well(start: Start, peer: Any, feed: Any) -> 
     assert peer.wait(lambda: len(windows) > 3, timeout=90.0)
 
 
-def test_planning_does_not_keep_the_mpc_waiting(start: Start, peer: Any, feed: Any) -> None:
+def test_planning_does_not_delay_the_mpc(start: Start, peer: Any, feed: Any) -> None:
     """Requests are planned in the reference's thread while the MPC answers each odometry."""
     feed.reference = False
     commands: list[TwistStamped] = []

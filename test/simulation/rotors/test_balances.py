@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fixtures.rotors import NO_AIR, Equations, configured, rotation
+from fixtures.rotors import NO_AIR, Equations, Flying, configured
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.simulation.rotors.state import P_WC, SPEEDS, V_WC_W, W_WB_B
 
 TENSOR = (8.2e-4, 6.9e-4, 1.41e-3, 1.0e-4, -0.5e-4, 0.8e-4)
 CROOKED: dict[str, Any] = {
@@ -36,8 +35,8 @@ def test_angular_momentum_of_body_and_rotors_is_conserved(seed: int) -> None:
     body = equations(**NO_THRUST)
     x, wanted = body.random(seed)
     later = body.after(x, wanted, duration=0.5, steps=2000)
-    assert np.abs(later[SPEEDS:] - x[SPEEDS:]).max() > 100.0
-    assert np.abs(later[W_WB_B] - x[W_WB_B]).max() > 1.0
+    assert np.abs(later.speeds - x.speeds).max() > 100.0
+    assert np.abs(later.body["w_WB_B"] - x.body["w_WB_B"]).max() > 1.0
     before = body.angular_momentum(x)
     assert_allclose(
         body.angular_momentum(later), before, rtol=0.0, atol=1e-8 * np.linalg.norm(before)
@@ -49,7 +48,8 @@ def test_without_air_and_thrust_it_is_thrown_along_a_parabola() -> None:
     x, wanted = body.random(1)
     later = body.after(x, wanted, duration=1.0, steps=100)
     fallen = np.array([0.0, 0.0, -0.5 * 9.81])
-    assert_allclose(later[P_WC], x[P_WC] + x[V_WC_W] + fallen, atol=1e-9)
+    thrown = x.body["p_WC"] + x.body["v_WC_W"] + fallen
+    assert_allclose(later.body["p_WC"], thrown, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -64,16 +64,16 @@ def test_energy_changes_by_the_work_of_motors_and_air(seed: int) -> None:
     assert found == pytest.approx(work(body, x, body.rate(x, wanted), np.array(drag)), rel=1e-6)
 
 
-def work(body: Equations, x: Array, rate: Array, drag: Array) -> float:
+def work(body: Equations, x: Flying, rate: Flying, drag: Array) -> float:
     """Return the power of motors and air on a vehicle that moves as its state and rate say [W]."""
-    R_WB, w, rotors = rotation(x), x[W_WB_B], body.config.rotors
-    v_B = R_WB.T @ x[V_WC_W]
+    w, rotors = x.body["w_WB_B"], body.config.rotors
+    v_B = x.R_WB.T @ x.body["v_WC_W"]
     total = -float(drag @ (v_B * v_B))
-    for row, speed, faster in zip(body.rotors, x[SPEEDS:], rate[SPEEDS:], strict=True):
-        place, axis, spin = row[0:3], row[3:6], row[6]
+    for rotor, speed, faster in zip(body.rotors, x.speeds, rate.speeds, strict=True):
+        place, axis, spin = rotor.place, rotor.axis, rotor.spin
         resisted = rotors.torque_coefficient * speed**2
         turned = speed + spin * w @ axis  # of the rotor in the world, about its axis
-        motor = resisted + rotors.inertia * (faster + spin * rate[W_WB_B] @ axis)
+        motor = resisted + rotors.inertia * (faster + spin * rate.body["w_WB_B"] @ axis)
         thrust = rotors.thrust_coefficient * speed**2 * axis
         total += motor * speed - resisted * turned + thrust @ (v_B + np.cross(w, place))
     return float(total)
@@ -89,7 +89,7 @@ def test_air_only_takes_energy_from_a_body_that_tumbles() -> None:
     x, _ = body.random(2)
     energies = [body.energy(x)]
     for _ in range(50):
-        x = body.after(x, x[SPEEDS:].copy(), duration=0.01)
+        x = body.after(x, x.speeds.copy(), duration=0.01)
         energies.append(body.energy(x))
     assert (np.diff(energies) < 0.0).all()
 
@@ -98,9 +98,9 @@ def test_the_integrator_is_of_fourth_order() -> None:
     """Half the step, a sixteenth of the error."""
     body = Equations.of(configured("sun_2022").updated({"rotors.inertia": 1e-5}))
     x, wanted = body.random(4)
-    exact = body.after(x, wanted, duration=0.2, steps=2560)
+    exact = body.after(x, wanted, duration=0.2, steps=2560).motion
     errors = [
-        np.abs(body.after(x, wanted, duration=0.2, steps=steps) - exact)[:13].max()
+        np.abs(body.after(x, wanted, duration=0.2, steps=steps).motion - exact).max()
         for steps in (20, 40, 80)
     ]
     for coarse, fine in itertools.pairwise(errors):

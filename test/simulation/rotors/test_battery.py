@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quad_mpc_ros.simulation.rotors.battery import battery
-from quad_mpc_ros.simulation.rotors.craft import craft_in
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 from quad_mpc_ros.simulation.sensors import OdometryStream
 
@@ -21,16 +20,14 @@ FULL, EMPTY, RESISTANCE, EFFICIENCY, CAPACITY = 16.8, 13.2, 0.02, 0.7, 1.3 * 360
 
 def under_load(power: float, used: float) -> tuple[float, float]:
     """Return voltage [V] and current [A]."""
-    craft = craft_in(Equations.of(configured(**CELLS)).craft)
+    craft = Equations.of(configured(**CELLS)).craft[()]
     share, current = battery(power, used=used, craft=craft)
     return share * FULL, current
 
 
 @settings(deadline=None)
 @given(st.floats(0.0, 1500.0), st.floats(0.0, 1.2))
-def test_power_is_voltage_times_current_and_the_resistance_takes_its_part(
-    power: float, used_share: float
-) -> None:
+def test_power_balance_of_the_battery(power: float, used_share: float) -> None:
     voltage, current = under_load(power, used_share * CAPACITY)
     idle = EMPTY + max(1.0 - used_share, 0.0) * (FULL - EMPTY)
     assert voltage * current * EFFICIENCY == pytest.approx(power, rel=1e-9, abs=1e-9)
@@ -38,7 +35,7 @@ def test_power_is_voltage_times_current_and_the_resistance_takes_its_part(
     assert voltage >= 0.5 * idle
 
 
-def test_more_than_it_can_give_is_not_given() -> None:
+def test_power_saturates() -> None:
     voltage, current = under_load(1e6, 0.0)
     assert voltage == pytest.approx(0.5 * FULL)
     assert current == pytest.approx(0.5 * FULL / RESISTANCE)
@@ -66,7 +63,7 @@ def test_the_greatest_thrust_falls_as_the_battery_is_used_up(compensated: bool) 
     assert thrust < ((EMPTY + 0.2 * (FULL - EMPTY)) / FULL) ** 2
 
 
-def test_an_autopilot_that_compensates_hovers_on_and_one_that_does_not_sinks() -> None:
+def test_sinks_without_voltage_compensation() -> None:
     for compensated, sinks in ((True, False), (False, True)):
         body = plant(**CELLS, battery__charge=0.3, battery__compensated=compensated)
         body.apply(command(configured().vehicle().hover_throttle))
@@ -100,12 +97,12 @@ def test_the_voltage_of_the_plant_is_that_of_its_battery() -> None:
     assert voltage < FULL
 
 
-def test_it_is_measured_five_times_a_second() -> None:
+def test_voltage_is_measured_five_times_a_second() -> None:
     config = configured(**CELLS, duration=2.0, odom_delay=0.05)
     stream = OdometryStream(RotorsPlant(config), config, start_stamp_ns=0)
-    told = []
+    measured = []
     while (sent := stream.step()) is not None:
         if sent.voltage is not None:
-            told.append((sent.odometry.stamp_ns, sent.voltage))
-    assert [stamp_ns for stamp_ns, _ in told] == [k * SECOND // 5 for k in range(10)]
-    assert (np.diff([voltage for _, voltage in told]) < 0.0).all()
+            measured.append((sent.odometry.stamp_ns, sent.voltage))
+    assert [stamp_ns for stamp_ns, _ in measured] == [k * SECOND // 5 for k in range(10)]
+    assert (np.diff([voltage for _, voltage in measured]) < 0.0).all()

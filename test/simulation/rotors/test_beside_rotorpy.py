@@ -14,7 +14,7 @@ PERIOD_NS = 20_000_000
 
 
 @pytest.mark.parametrize("wind", [(0.0, 0.0, 0.0), (4.0, -3.0, 1.0)])
-def test_a_manoeuvre_of_five_seconds_ends_at_the_same_place(
+def test_manoeuvre_agrees_with_rotorpy(
     wind: tuple[float, float, float],
 ) -> None:
     """Rolls, pitches and turns at once, up to 10 m/s; the largest distance is below 1 cm."""

@@ -15,21 +15,21 @@ from quad_mpc_ros.simulation.rotors import filters
 @pytest.mark.parametrize("cutoff", [10.0, 80.0, 240.0])
 def test_the_butterworth_is_that_of_scipy(cutoff: float) -> None:
     values = np.random.default_rng(0).standard_normal(200)
-    section, held = filters.butterworth(cutoff, 500.0), np.zeros(2)
+    section, held = filters.butterworth(cutoff, 500.0)[()], np.zeros(2)
     mine = [filters.filtered(value, section=section, held=held) for value in values]
     assert_allclose(mine, signal.lfilter(*signal.butter(2, cutoff, fs=500.0), values), atol=1e-12)
 
 
 @pytest.mark.parametrize("cutoff", [0.0, 30.0])
-def test_what_has_always_been_there_passes(cutoff: float) -> None:
-    section, held = filters.butterworth(cutoff, 500.0), np.zeros(2)
+def test_settled_filter_passes_a_constant(cutoff: float) -> None:
+    section, held = filters.butterworth(cutoff, 500.0)[()], np.zeros(2)
     filters.settle(3.7, section=section, held=held)
     assert_allclose([filters.filtered(3.7, section=section, held=held) for _ in range(5)], 3.7)
 
 
-def test_without_a_cut_off_everything_passes() -> None:
+def test_no_cutoff_passes_everything() -> None:
     held = np.zeros(2)
-    section = filters.butterworth(0.0, 500.0)
+    section = filters.butterworth(0.0, 500.0)[()]
     assert [filters.filtered(value, section=section, held=held) for value in (1.0, -2.0)] == [
         1,
         -2,
@@ -37,7 +37,7 @@ def test_without_a_cut_off_everything_passes() -> None:
     assert filters.smoothing(0.0, 500.0) == 1.0
 
 
-def test_smoothing_has_come_63_percent_of_the_way_after_its_time_constant() -> None:
+def test_smoothing_reaches_63_percent_after_its_time_constant() -> None:
     cutoff, rate, value = 5.0, 1000.0, 0.0
     for _ in range(round(rate / (2.0 * math.pi * cutoff))):
         value += filters.smoothing(cutoff, rate) * (1.0 - value)

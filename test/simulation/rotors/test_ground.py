@@ -7,15 +7,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fixtures.rotors import NO_AIR, SECOND, VEHICLES, Equations, command, configured, plant
+from fixtures.rotors import (
+    NO_AIR,
+    SECOND,
+    VEHICLES,
+    Equations,
+    Flying,
+    command,
+    configured,
+    plant,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from quad_mpc_ros.simulation.rotors.aerodynamics import ground_gain
-from quad_mpc_ros.simulation.rotors.craft import craft_in
-from quad_mpc_ros.simulation.rotors.state import P_WC, V_WC_W
+from quad_mpc_ros.simulation.rotors.state import BodyState
 
 OFF_CENTRE: dict[str, Any] = {"airframe__center_of_mass": (0.01, -0.02, 0.03)}
 GROUND: dict[str, Any] = {"initial_position": (1.0, 2.0, 0.0), "initial_throttle": 0.0}
@@ -28,7 +36,9 @@ def hover_throttle(name: str = "paper") -> float:
 
 @pytest.mark.parametrize("changes", [{}, OFF_CENTRE])
 @pytest.mark.parametrize("throttle", [0.0, 0.8])
-def test_the_ground_holds_what_does_not_fly(throttle: float, changes: dict[str, Any]) -> None:
+def test_stands_on_the_ground_without_enough_thrust(
+    throttle: float, changes: dict[str, Any]
+) -> None:
     """Upright and where it stands, in wind and whatever rates are commanded."""
     body = plant(**GROUND, **changes, initial_attitude=HEADING, wind=(4.0, 0.0, 0.0))
     before = body.odometry(0)
@@ -56,7 +66,7 @@ def test_nothing_falls_through_the_ground(
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_what_has_fallen_stands_level_with_its_heading_and_takes_off_again(name: str) -> None:
+def test_falls_stands_level_and_takes_off_again(name: str) -> None:
     tumbling = Rotation.from_euler("ZYX", [0.7, 0.3, -0.4])
     body = plant(
         name,
@@ -81,7 +91,7 @@ def test_landing_keeps_the_heading() -> None:
     assert_allclose(body.odometry(0).q_WB_xyzw, HEADING, atol=1e-12)
 
 
-def test_what_the_integral_gathers_on_the_ground_does_not_tip_it_over() -> None:
+def test_integral_does_not_wind_up_on_the_ground() -> None:
     body = plant(**GROUND)
     body.apply(command(0.9 * hover_throttle(), (2.0, -2.0, 1.0)))
     body.advance_to(5 * SECOND)
@@ -93,7 +103,7 @@ def test_what_the_integral_gathers_on_the_ground_does_not_tip_it_over() -> None:
 
 def gain(height: float, *, upright: float = 1.0, **changes: Any) -> float:
     config = configured(**{"airframe__ground_effect": 1.0, **changes})
-    return ground_gain(height, upright=upright, craft=craft_in(Equations.of(config).craft))
+    return ground_gain(height, upright=upright, craft=Equations.of(config).craft[()])
 
 
 def test_ground_effect_is_that_of_cheeseman_and_bennett() -> None:
@@ -112,13 +122,13 @@ def test_ground_effect_is_bounded_and_none_upside_down() -> None:
     assert np.all(np.diff([gain(z) for z in np.linspace(0.0, 0.5, 50)]) <= 0.0)
 
 
-def test_near_the_ground_it_hovers_with_less() -> None:
+def test_ground_effect_lifts_in_hover() -> None:
     body = Equations.of(
         configured().updated({**NO_AIR, "airframe.ground_effect": 1.0, "airframe.clearance": 0.02})
     )
-    x, _ = body.random(0)
-    speed = math.sqrt(0.396893 * 9.81 / 4.0 / 1.21e-6)
-    x[3:14], x[6:10], x[14:] = 0.0, (0.0, 0.0, 0.0, 1.0), speed
-    x[P_WC] = 0.0, 0.0, 0.0435
-    lifted = body.rate(x, x[14:].copy())[V_WC_W]
+    x = Flying(
+        BodyState.zeros(), np.full(len(body.rotors), math.sqrt(0.396893 * 9.81 / 4.0 / 1.21e-6))
+    )
+    x.body["q_WB_xyzw"], x.body["p_WC"] = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0435)
+    lifted = body.rate(x, x.speeds.copy()).body["v_WC_W"]
     assert_allclose(lifted, [0.0, 0.0, 9.81 / 15.0], atol=1e-9)

@@ -9,22 +9,23 @@ import pytest
 from fixtures.rotors import configured
 from numpy.testing import assert_allclose
 
+from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.rotors import rate_loop
-from quad_mpc_ros.simulation.rotors.mixer import allocation, mixing
+from quad_mpc_ros.simulation.rotors.mixer import Share, allocation, mixing
 
 INERTIA = np.array([8.2e-4, 6.9e-4, 1.41e-3])
 THROTTLE = 0.4
 
 
 class Loop(NamedTuple):
-    """A rate loop that has been at rest, with P alone unless told otherwise."""
+    """A rate loop that has been at rest, with P alone unless configured otherwise."""
 
     config: SimulatorConfig
-    memory: Array
-    loop: Array
-    mix: Array
+    memory: RecordArray[rate_loop.Memory]
+    loop: RecordArray[rate_loop.Loop]
+    mix: RecordArray[Share]
 
     @classmethod
     def of(cls, **changes: Any) -> Loop:
@@ -32,9 +33,8 @@ class Loop(NamedTuple):
         given = {"p": (10.0, 10.0, 1.0), "i": none, "d": none, "torque_max": (9.0, 9.0, 9.0)}
         given.update(changes)
         config = configured(**{f"rate_loop__{name}": value for name, value in given.items()})
-        loop, memory = rate_loop.loop_vector(config), np.zeros(rate_loop.MEMORY_SHAPE)
-        rate_loop.begin(memory, w_WB_B=np.zeros(3), loop=loop)
-        return cls(config, memory, loop, mixing(config.rotors))
+        loop = rate_loop.loop_of(config)
+        return cls(config, rate_loop.begun(np.zeros(3), loop), loop, mixing(config.rotors))
 
     def alpha(
         self,
@@ -53,11 +53,12 @@ class Loop(NamedTuple):
     def thrust_and_torque(self, rates: Any, *, gyro: Any, stands: bool, throttle: float) -> Array:
         wanted = np.empty(len(self.config.rotors.x))
         rate_loop.run(
-            self.memory,
+            self.memory[()],
             w_WB_B=np.array(gyro),
-            command=np.array([throttle, *rates]),
+            throttle=throttle,
+            rates=np.array(rates),
             stands=stands,
-            loop=self.loop,
+            loop=self.loop[()],
             mix=self.mix,
             out=wanted,
         )
@@ -65,7 +66,7 @@ class Loop(NamedTuple):
         return np.asarray(allocation(rotors) @ (rotors.thrust_coefficient * wanted**2))
 
 
-def test_the_error_makes_acceleration() -> None:
+def test_p_acts_on_the_error() -> None:
     assert_allclose(Loop.of().alpha([1.0, -2.0, 0.3], gyro=[0.5, 0.0, 0.1]), [5.0, -20.0, 0.2])
 
 
@@ -93,21 +94,21 @@ def test_the_integral_grows_with_time_up_to_its_limit() -> None:
     assert loop.alpha([1.0, 0.0, 0.0])[0] == pytest.approx(7.0)
 
 
-def test_torque_has_a_limit_and_the_integral_waits_there() -> None:
+def test_integral_is_held_at_the_torque_limit() -> None:
     loop = Loop.of(p=(1e3, 0.0, 0.0), i=(50.0, 0.0, 0.0), torque_max=(0.1, 9.0, 9.0))
     for _ in range(100):
         assert loop.alpha([1.0, 0.0, 0.0])[0] == pytest.approx(0.1 / INERTIA[0])
     assert loop.alpha([1.0, 0.0, 0.0], gyro=[1.0, 0.0, 0.0])[0] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_integral_waits_while_the_mixer_saturates() -> None:
+def test_integral_is_held_while_the_mixer_saturates() -> None:
     loop = Loop.of(p=(1e4, 0.0, 0.0), i=(50.0, 0.0, 0.0))
     for _ in range(100):
         loop.alpha([1.0, 0.0, 0.0])
     assert loop.alpha([1.0, 0.0, 0.0], gyro=[1.0, 0.0, 0.0])[0] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_on_the_ground_nothing_gathers_and_torque_does_not_lift() -> None:
+def test_no_integral_and_no_airmode_on_the_ground() -> None:
     loop = Loop.of(p=(100.0, 0.0, 0.0), i=(50.0, 0.0, 0.0))
     for _ in range(100):
         made = loop.thrust_and_torque([5.0, 0.0, 0.0], gyro=[0.0] * 3, stands=True, throttle=0.05)

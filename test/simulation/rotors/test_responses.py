@@ -29,7 +29,7 @@ DRAGLESS: dict[str, Any] = {name.replace(".", "__"): value for name, value in NO
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_at_the_throttle_of_hover_it_hovers(name: str) -> None:
+def test_hovers_at_hover_throttle(name: str) -> None:
     body = plant(name)
     body.advance_to(SECOND)
     assert_allclose(body.state.p_WB, [0.0, 0.0, 50.0], atol=1e-6)
@@ -59,7 +59,7 @@ def test_without_thrust_it_falls_freely() -> None:
 
 
 @pytest.mark.parametrize(("linear", "quadratic"), [(0.4, 0.0), (0.0, 0.05)])
-def test_it_falls_no_faster_than_drag_allows(linear: float, quadratic: float) -> None:
+def test_terminal_velocity(linear: float, quadratic: float) -> None:
     body = plant(
         **{
             **DRAGLESS,
@@ -114,7 +114,7 @@ def test_mass_and_thrust_that_differ_make_it_sink(scale: dict[str, float], climb
 
 
 @pytest.mark.parametrize("d", [0.0, 0.8])
-def test_a_small_step_of_the_rate_is_answered_as_by_second_order(d: float) -> None:
+def test_small_rate_step_is_a_second_order_response(d: float) -> None:
     """p / tau over s^2 + (1 + d) s / tau + p / tau: the rotors' lag within the loop."""
     p, tau, step = 40.0, 0.03, 0.01
     body = plant(
@@ -152,7 +152,7 @@ def test_the_rates_settle_at_what_is_commanded(name: str, axis: int) -> None:
 
 
 @pytest.mark.parametrize("integral", [0.0, 100.0])
-def test_the_integral_bears_a_centre_of_mass_that_is_off(integral: float) -> None:
+def test_integral_compensates_an_offset_centre_of_mass(integral: float) -> None:
     """Without it the error is what makes the torque: m g c over P and the inertia."""
     offset = 0.001
     body = plant(
@@ -168,7 +168,7 @@ def test_the_integral_bears_a_centre_of_mass_that_is_off(integral: float) -> Non
     assert body.odometry(0).w_WB_B[1] == pytest.approx(expected, abs=2e-3)
 
 
-def test_the_odometry_is_of_the_origin_and_turns_about_the_centre_of_mass() -> None:
+def test_odometry_is_of_the_origin() -> None:
     """Thrown without forces, the centre flies straight and the origin circles it."""
     body = plant(
         **{
@@ -189,7 +189,7 @@ def test_the_odometry_is_of_the_origin_and_turns_about_the_centre_of_mass() -> N
     assert_allclose(seen.v_WB_B[:2], [0.0, -0.8], atol=1e-6)
 
 
-def test_how_the_time_is_divided_does_not_matter() -> None:
+def test_flight_does_not_depend_on_how_time_is_divided() -> None:
     whole, split = plant("racer"), plant("racer")
     for body in (whole, split):
         body.apply(command(0.5, (3.0, -2.0, 1.0)))
@@ -200,7 +200,7 @@ def test_how_the_time_is_divided_does_not_matter() -> None:
     assert_allclose(split.state.R_WB, whole.state.R_WB, atol=1e-9)
 
 
-def test_two_flights_are_the_same_to_the_last_bit() -> None:
+def test_flights_are_reproducible_by_the_bit() -> None:
     noisy = {
         "simulator__gust_intensity": 1.0,
         "simulator__position_noise": 0.01,
@@ -214,7 +214,7 @@ def test_two_flights_are_the_same_to_the_last_bit() -> None:
     assert one.commands.w_WB_B.tobytes() == other.commands.w_WB_B.tobytes()
 
 
-def test_as_many_rotors_as_the_curve_counts() -> None:
+def test_refuses_a_motor_count_that_differs_from_the_rotors() -> None:
     with pytest.raises(ConfigurationError, match=r"^simulator\.motor_count: given 6, expected 4"):
         make_plant(configured(motor_count=6))
 

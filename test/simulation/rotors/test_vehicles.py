@@ -26,12 +26,12 @@ FOLDER = Path(__file__).resolve().parents[3] / "config" / "vehicles"
 SHARED = ("mass", "gravity", "drag", "rotor_drag", "motor_count", "thrust_curve")
 
 
-def test_they_are_presets() -> None:
+def test_vehicles_are_presets() -> None:
     found = {name for name in files.presets() if name.startswith("vehicles/")}
     assert found == {f"vehicles/{name}" for name in VEHICLES}
 
 
-def test_each_says_of_every_parameter_that_another_says() -> None:
+def test_all_vehicles_set_the_same_parameters() -> None:
     """So that a vehicle given after another one leaves nothing of it."""
     said = [names(yaml.safe_load((FOLDER / f"{name}.yaml").read_text())) for name in VEHICLES]
     assert all(each == said[0] for each in said)
@@ -47,13 +47,13 @@ def names(tree: object, prefix: str = "") -> set[str]:
     ("name", "value"),
     [("dynamics", "paper"), ("rate_time_constant", 0.1), ("thrust_time_constant", 0.1)],
 )
-def test_what_it_has_of_its_own_is_refused(name: str, value: object) -> None:
+def test_refuses_parameters_that_the_plant_replaces(name: str, value: object) -> None:
     with pytest.raises(ConfigurationError, match=rf"^simulator\.{name}: given .*has its own$"):
         SimulatorConfig.build({"plant": "rotors", name: value})
 
 
 @pytest.mark.parametrize("name", VEHICLES)
-def test_its_nodes_agree_and_it_is_told_where_it_is_from(name: str) -> None:
+def test_nodes_agree_and_sources_are_given(name: str) -> None:
     config = load_config(f"vehicles/{name}")
     assert config.simulator.plant == "rotors"
     for parameter in SHARED:
@@ -77,7 +77,7 @@ def test_its_rotors_make_the_thrust_of_its_curve(name: str) -> None:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("name", VEHICLES)
-def test_the_lags_that_the_mpc_is_told_are_those_of_a_step(name: str, axis: int) -> None:
+def test_configured_lags_match_a_step_response(name: str, axis: int) -> None:
     """63 % of a step of a rate come after lag and delay; thrust lags as the rotors do."""
     mpc = vehicle_config(name).mpc
     rates = np.zeros(3)
@@ -86,8 +86,8 @@ def test_the_lags_that_the_mpc_is_told_are_those_of_a_step(name: str, axis: int)
     body.apply(command(configured(name).vehicle().hover_throttle, tuple(rates)))
     while body.odometry(0).w_WB_B[axis] < 0.63 * 0.5 and body.time_ns < SECOND:
         body.advance_to(body.time_ns + MILLISECOND)
-    told = per_axis(mpc.rate_time_constant)[axis] + mpc.input_delay
-    assert told == pytest.approx(body.time_ns * 1e-9, rel=0.15, abs=3e-3)
+    modelled = per_axis(mpc.rate_time_constant)[axis] + mpc.input_delay
+    assert modelled == pytest.approx(body.time_ns * 1e-9, rel=0.15, abs=3e-3)
     assert mpc.thrust_time_constant == configured(name).rotors.time_constant
 
 

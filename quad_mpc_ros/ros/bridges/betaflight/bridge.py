@@ -1,8 +1,8 @@
 """The rules: who has the sticks, how it arms, and what happens when commands stop.
 
-The line always carries sticks: those of the MPC, or such that nothing happens, or such that a
-vehicle which the MPC does not fly any more comes down level, stops and is disarmed. Betaflight 4.5
-and 2025.12 hold the last sticks of MSP for ever, so nobody else would bring it down.
+The line always carries sticks: those of the MPC, neutral ones, or, for a vehicle that the MPC no
+longer flies, those that bring it down level, stop and disarm it. Betaflight 4.5 and 2025.12 hold
+the last sticks of MSP indefinitely, so nothing else would bring it down.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from quad_mpc_ros.ros.bridges.betaflight.lines import (
     FAILSAFE,
     HORIZON,
     MSP_OVERRIDE,
-    CrsfSpeech,
-    MspSpeech,
-    Speech,
+    CrsfProtocol,
+    LineProtocol,
+    MspProtocol,
     Telemetry,
 )
 from quad_mpc_ros.ros.bridges.betaflight.rates import Curve, Stick
@@ -40,8 +40,7 @@ _ARMING_NS = 2 * _SECOND
 _LOW, _MIDDLE, _HIGH = 1000.0, 1500.0, 2000.0
 _ROLL, _PITCH, _THROTTLE, _YAW = range(4)
 
-# They block by themselves while nothing arms: the switch after a refusal, and a receiver that
-# has only begun.
+# Blocks that pass by themselves while nothing arms: the switch after a refusal.
 _PASSING = frozenset(("ARM_SWITCH",))
 
 _Rates = tuple[float, float, float]
@@ -64,11 +63,11 @@ class BetaflightBridge(Bridge):
         self.subscriptions = [
             self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
         ]
-        self._told = Telemetry()
-        is_msp = config.transport == "msp"
-        self._speech: Speech = MspSpeech(self._told) if is_msp else CrsfSpeech(self._told)
-        if not is_msp:
-            self._told.curves = _configured(config)
+        self._telemetry = Telemetry()
+        self._protocol: LineProtocol = MspProtocol(self._telemetry)
+        if config.transport == "crsf":
+            self._protocol = CrsfProtocol(self._telemetry)
+            self._telemetry.curves = _configured(config)
         self._curves: tuple[Curve, ...] = ()
         self._sticks: tuple[Stick, ...] = ()
         self._arming_ns: int | None = None
@@ -78,33 +77,33 @@ class BetaflightBridge(Bridge):
         self._sent_ns: int | None = None
 
     def exchange(self, received: bytes, *, now_ns: int) -> bytes:
-        """Hear the flight controller; ask it, and repeat the sticks where it is time."""
-        self._speech.hear(received, now_ns=now_ns)
-        self._warnings += self._told.faults
-        self._told.faults.clear()
-        if self._told.voltage > 0.0:
-            self.thrust.receive_voltage(self._told.voltage, now_ns=now_ns)
+        """Receive telemetry, request more, and repeat the sticks when due."""
+        self._protocol.receive(received, now_ns=now_ns)
+        self._warnings += self._telemetry.faults
+        self._telemetry.faults.clear()
+        if self._telemetry.voltage > 0.0:
+            self.thrust.receive_voltage(self._telemetry.voltage, now_ns=now_ns)
         self._advance(now_ns)
         self._follow_arming(now_ns)
-        questions = self._speech.questions(now_ns=now_ns)
+        requests = self._protocol.requests(now_ns=now_ns)
         if self._sent_ns is not None and abs(now_ns - self._sent_ns) < _REPEAT_NS:
-            return questions
-        return questions + self._frame(now_ns)
+            return requests
+        return requests + self._frame(now_ns)
 
     def _stack(self, now_ns: int) -> Stack:
-        told = self._told
-        if _is_old(told.state_ns, now_ns):
+        telemetry = self._telemetry
+        if _is_old(telemetry.state_ns, now_ns):
             return Stack(fault=f"no telemetry within 0.5 s on {self._config.device}")
-        if not told.curves:
-            return Stack(fault="the flight controller has not told its rates yet")
-        if FAILSAFE in told.modes:
+        if not telemetry.curves:
+            return Stack(fault="the flight controller has not reported its rates yet")
+        if FAILSAFE in telemetry.modes:
             return Stack(fault="Betaflight is in failsafe")
-        if told.modes & {ANGLE, HORIZON}:
-            return Stack(fault="Betaflight levels itself (ANGLE, HORIZON): fly acro")
-        if (kind := told.curves[0].kind) not in ("ACTUAL", "BETAFLIGHT", "QUICK"):
+        if telemetry.modes & {ANGLE, HORIZON}:
+            return Stack(fault="Betaflight levels by itself (ANGLE, HORIZON): fly acro")
+        if (kind := telemetry.curves[0].kind) not in ("ACTUAL", "BETAFLIGHT", "QUICK"):
             return Stack(fault=f"rates of type {kind}: set ACTUAL, BETAFLIGHT or QUICK")
-        taken = self._config.receiver == "bridge" or MSP_OVERRIDE in told.modes
-        return Stack(takes_setpoints=taken, armed=ARM in told.modes)
+        taken = self._config.receiver == "bridge" or MSP_OVERRIDE in telemetry.modes
+        return Stack(takes_setpoints=taken, armed=ARM in telemetry.modes)
 
     def _switch_back(self, now_ns: int) -> Response:
         if self._config.receiver == "pilot":
@@ -120,7 +119,7 @@ class BetaflightBridge(Bridge):
             self._arming_ns = None
             self._flies = False
             return Response(accepted=True, text="disarming")
-        blocks = [block for block in self._told.blocks if block not in _PASSING]
+        blocks = [block for block in self._telemetry.blocks if block not in _PASSING]
         if blocks:
             return Response(accepted=False, text=f"Betaflight does not arm: {', '.join(blocks)}")
         return Response(accepted=True, text="arming")
@@ -137,14 +136,14 @@ class BetaflightBridge(Bridge):
         return [OutgoingBytes(data=self._frame(now_ns))]
 
     def _follow_arming(self, now_ns: int) -> None:
-        """Give up what does not arm, and do not arm again what was disarmed."""
-        if _is_old(self._told.state_ns, now_ns):
+        """Give up arming after a while, and do not arm again after a disarming."""
+        if _is_old(self._telemetry.state_ns, now_ns):
             return
-        armed = ARM in self._told.modes
+        armed = ARM in self._telemetry.modes
         if self._flies and (not armed or not self._stack(now_ns).takes_setpoints):
             self._flies, self._arming_ns, self._lost_ns = False, None, None
         if self._arming_ns is not None and not armed and now_ns - self._arming_ns > _ARMING_NS:
-            why = ", ".join(self._told.blocks) or "it does not say why"
+            why = ", ".join(self._telemetry.blocks) or "no reason given"
             self._warnings.append(f"Betaflight has not armed: {why}")
             self._arming_ns = None
         self._flies = self._flies or self._handover.state is State.ENGAGED
@@ -159,10 +158,10 @@ class BetaflightBridge(Bridge):
         pulses[_THROTTLE] = self._throttle_pulse(throttle)
         if self._config.receiver == "bridge" and self._arming_ns is not None:
             pulses[self._config.arm_channel - 1] = _HIGH
-        return self._speech.sticks(pulses)
+        return self._protocol.sticks(pulses)
 
     def _wanted(self, now_ns: int) -> tuple[float | None, _Rates]:
-        """Return throttle of the MPC's model, None for none, and body rates [rad/s]."""
+        """Return the throttle of the MPC's model, or None, and body rates [rad/s]."""
         still = 0.0, 0.0, 0.0
         if self._handover.state is State.ENGAGED and self._flown is not None:
             command, flown_ns = self._flown
@@ -177,7 +176,7 @@ class BetaflightBridge(Bridge):
             return None, still
         if self._lost_ns is None:
             self._lost_ns = now_ns
-            self._warnings.append("lost: it comes down level, and its motors stop")
+            self._warnings.append("commands lost: it comes down level, then its motors stop")
         if now_ns - self._lost_ns > round(self._config.lost.duration * _SECOND):
             self._arming_ns = None
             return None, still
@@ -189,15 +188,15 @@ class BetaflightBridge(Bridge):
         return float(min(max(vehicle.nearest_throttle(thrust), 0.0), 1.0))
 
     def _levelling(self, now_ns: int) -> _Rates:
-        if _is_old(self._told.attitude_ns, now_ns):
+        if _is_old(self._telemetry.attitude_ns, now_ns):
             return 0.0, 0.0, 0.0
         gain = self._config.lost.level_gain
-        return -gain * self._told.roll, -gain * self._told.pitch, 0.0
+        return -gain * self._telemetry.roll, -gain * self._telemetry.pitch, 0.0
 
     def _pulses(self, rates: _Rates) -> Sequence[float]:
         """Return the pulses of roll, pitch and yaw; the stick to the right turns clockwise."""
-        if self._curves != self._told.curves:
-            self._curves = self._told.curves
+        if self._curves != self._telemetry.curves:
+            self._curves = self._telemetry.curves
             known = all(each.kind in ("ACTUAL", "BETAFLIGHT", "QUICK") for each in self._curves)
             self._sticks = tuple(map(Stick, self._curves)) if known else ()
         if not self._sticks:
@@ -207,7 +206,7 @@ class BetaflightBridge(Bridge):
         return [stick.pulse(rate) for stick, rate in zip(self._sticks, asked, strict=True)]
 
     def _throttle_pulse(self, throttle: float | None) -> float:
-        """Return the pulse at which the motors have the level that the thrust map asks for."""
+        """Return the pulse for a throttle of the MPC's model, by the thrust map."""
         if throttle is None:
             return _LOW
         idle, low = self._config.motor_idle, float(self._config.min_check)

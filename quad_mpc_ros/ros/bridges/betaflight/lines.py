@@ -1,16 +1,18 @@
-"""What is spoken over the line: sticks out, telemetry in, by MSP or by CRSF."""
+"""The protocols of the line, MSP and CRSF: sticks out, telemetry in."""
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from quad_mpc_ros.messages import msp
 from quad_mpc_ros.ros.bridges.betaflight import crsf
 from quad_mpc_ros.ros.bridges.betaflight.rates import Curve
+
+T = TypeVar("T")
 
 _MILLISECOND = 1_000_000
 
@@ -19,7 +21,7 @@ ARM, ANGLE, HORIZON, FAILSAFE, MSP_OVERRIDE = 0, 1, 2, 27, 50
 
 _KINDS = ("BETAFLIGHT", "RACEFLIGHT", "KISS", "ACTUAL", "QUICK")
 
-# Why it does not arm, from the lowest bit on.
+# The flags that prevent arming, from the lowest bit on.
 _REASONS = (
     *("NOGYRO", "FAILSAFE", "RXLOSS", "NOT_DISARMED", "BOXFAILSAFE", "RUNAWAY", "CRASH"),
     *("THROTTLE", "ANGLE", "BOOTGRACE", "NOPREARM", "LOAD", "CALIB", "CLI", "CMS", "BST", "MSP"),
@@ -30,10 +32,10 @@ _REASONS = (
 
 @dataclass(kw_only=True)
 class Telemetry:
-    """What the flight controller has told so far, and when it told its state and its attitude.
+    """What the flight controller has reported, and when it reported state and attitude.
 
-    ``roll`` and ``pitch`` [rad] are about body x and y (FLU); ``modes`` are those that are on;
-    ``blocks`` is why it does not arm. ``curves`` are those of roll, pitch and yaw.
+    ``roll`` and ``pitch`` [rad] are about body x and y (FLU); ``modes`` are the active ones;
+    ``blocks`` is what prevents arming. ``curves`` are those of roll, pitch and yaw.
     """
 
     state_ns: int | None = None
@@ -47,21 +49,21 @@ class Telemetry:
     faults: list[str] = field(default_factory=list)
 
 
-class Speech(Protocol):
+class LineProtocol(Protocol):
     """A protocol of the line."""
 
     def sticks(self, pulses: Sequence[float]) -> bytes:
         """Return the frame of the channels [us]."""
 
-    def questions(self, *, now_ns: int) -> bytes:
-        """Return what asks for telemetry now."""
+    def requests(self, *, now_ns: int) -> bytes:
+        """Return the requests for telemetry that are due."""
 
-    def hear(self, data: bytes, *, now_ns: int) -> None:
+    def receive(self, data: bytes, *, now_ns: int) -> None:
         """Take what came over the line."""
 
 
-class MspSpeech:
-    """MSP: asks for state, attitude, voltage, and at first for modes and rates."""
+class MspProtocol:
+    """MSP: requests state, attitude, voltage, and at first modes and rates."""
 
     _BOXIDS, _STATUS, _ATTITUDE, _ANALOG, _RC_TUNING = 119, 101, 108, 110, 111
 
@@ -82,8 +84,8 @@ class MspSpeech:
         """Return the frame of the channels [us], in whole microseconds."""
         return msp.raw_rc(tuple(map(round, pulses)))
 
-    def questions(self, *, now_ns: int) -> bytes:
-        """Return the questions whose time has come."""
+    def requests(self, *, now_ns: int) -> bytes:
+        """Return the requests that are due."""
         periods = {self._STATUS: 40, self._ATTITUDE: 40, self._ANALOG: 1000, self._RC_TUNING: 1000}
         if not self._boxes:
             periods = {self._BOXIDS: 200}
@@ -97,7 +99,7 @@ class MspSpeech:
                 asked += msp.request(command)
         return asked
 
-    def hear(self, data: bytes, *, now_ns: int) -> None:
+    def receive(self, data: bytes, *, now_ns: int) -> None:
         """Take answers, in any pieces."""
         for answer in self._reader.read(data):
             take = self._answers.get(answer.command)
@@ -106,7 +108,7 @@ class MspSpeech:
             try:
                 take(answer.payload, now_ns)
             except (struct.error, IndexError):
-                self._telemetry.faults.append(f"MSP: {answer.command} is answered too shortly")
+                self._telemetry.faults.append(f"MSP: {answer.command} has too short an answer")
 
     def _on_boxes(self, payload: bytes, now_ns: int) -> None:
         self._boxes = payload
@@ -118,16 +120,16 @@ class MspSpeech:
         more = payload[15] & 0xF
         flags |= int.from_bytes(payload[16 : 16 + more], "little") << 32
         (blocks,) = struct.unpack_from("<I", payload, 17 + more)
-        told = self._telemetry
-        told.modes = frozenset(box for bit, box in enumerate(self._boxes) if flags >> bit & 1)
-        told.blocks = tuple(reason for bit, reason in enumerate(_REASONS) if blocks >> bit & 1)
-        told.state_ns = now_ns
+        telemetry = self._telemetry
+        telemetry.modes = frozenset(_flagged(self._boxes, flags))
+        telemetry.blocks = tuple(_flagged(_REASONS, blocks))
+        telemetry.state_ns = now_ns
 
     def _on_attitude(self, payload: bytes, now_ns: int) -> None:
         roll, pitch = struct.unpack_from("<hh", payload)
-        told = self._telemetry
-        told.roll, told.pitch = math.radians(0.1 * roll), math.radians(0.1 * pitch)
-        told.attitude_ns = now_ns
+        telemetry = self._telemetry
+        telemetry.roll, telemetry.pitch = math.radians(0.1 * roll), math.radians(0.1 * pitch)
+        telemetry.attitude_ns = now_ns
 
     def _on_analog(self, payload: bytes, now_ns: int) -> None:
         (hundredths,) = struct.unpack_from("<H", payload, 7)
@@ -148,8 +150,13 @@ class MspSpeech:
         )
 
 
-class CrsfSpeech:
-    """CRSF, as a receiver speaks it: telemetry comes unasked."""
+def _flagged(values: Iterable[T], flags: int) -> Iterator[T]:
+    """Return those values whose bit is set in the flags."""
+    return (value for bit, value in enumerate(values) if flags >> bit & 1)
+
+
+class CrsfProtocol:
+    """CRSF, as a receiver."""
 
     def __init__(self, telemetry: Telemetry) -> None:
         self._telemetry = telemetry
@@ -159,22 +166,23 @@ class CrsfSpeech:
         """Return the frame of the channels [us]."""
         return crsf.channels(pulses)
 
-    def questions(self, *, now_ns: int) -> bytes:
-        """Return nothing: it cannot be asked."""
+    def requests(self, *, now_ns: int) -> bytes:
+        """Return nothing: telemetry comes unasked."""
         return b""
 
-    def hear(self, data: bytes, *, now_ns: int) -> None:
+    def receive(self, data: bytes, *, now_ns: int) -> None:
         """Take frames, in any pieces."""
-        told = self._telemetry
+        telemetry = self._telemetry
         for kind, payload in self._reader.read(data):
             if kind == crsf.FLIGHT_MODE:
                 self._on_flight_mode(payload, now_ns)
             elif kind == crsf.ATTITUDE and len(payload) >= 6:
                 pitch, roll, _ = struct.unpack_from(">hhh", payload)
-                told.roll, told.pitch, told.attitude_ns = 1e-4 * roll, 1e-4 * pitch, now_ns
+                telemetry.roll, telemetry.pitch = 1e-4 * roll, 1e-4 * pitch
+                telemetry.attitude_ns = now_ns
             elif kind == crsf.BATTERY and len(payload) >= 2:
                 (tenths,) = struct.unpack_from(">H", payload)
-                told.voltage = 0.1 * tenths
+                telemetry.voltage = 0.1 * tenths
 
     def _on_flight_mode(self, payload: bytes, now_ns: int) -> None:
         text = payload.split(b"\0")[0].decode("ascii", errors="replace")
@@ -184,6 +192,7 @@ class CrsfSpeech:
         elif text[-1:] not in ("*", "!", "?"):
             modes.add(ARM)
         modes |= {mode for name, mode in (("ANGL", ANGLE), ("HOR", HORIZON)) if name in text}
-        told = self._telemetry
-        told.modes, told.state_ns = frozenset(modes), now_ns
-        told.blocks = ("it says so",) if FAILSAFE not in modes and text[-1:] == "!" else ()
+        telemetry = self._telemetry
+        telemetry.modes, telemetry.state_ns = frozenset(modes), now_ns
+        blocked = FAILSAFE not in modes and text[-1:] == "!"
+        telemetry.blocks = ("arming is blocked",) if blocked else ()
