@@ -65,7 +65,7 @@ def test_nothing_is_learned_across_a_jump_of_the_stamps(
     rising = {"v_WB_B": np.array([0.0, 0.0, 2.0])}
     for stamp in (START, START + 20 * MS, START + shift, START + shift + 20 * MS):
         # 0.4 m/s^2 of drag in a period is little; across five seconds it would be all of it.
-        model = compensation.predict(make_odometry(stamp, **rising)).model
+        model = compensation.predict(make_odometry(stamp, **rising)).parameters[()]
         compensation.record(hover, stamp_ns=stamp)
     assert_allclose(model.a_W, np.zeros(3), atol=0.1)
     assert model.thrust_scale == pytest.approx(1.0, abs=0.05)

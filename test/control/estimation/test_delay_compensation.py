@@ -140,7 +140,7 @@ def test_learns_only_from_acting_commands(
         if k in engagements:
             compensation.engage(engagements[k])
         odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=np.array([1.0, 0.0, 0.0]))
-        learned.append(float(compensation.predict(odometry).model.a_W[0]))
+        learned.append(float(compensation.predict(odometry).parameters[()].a_W[0]))
         compensation.record(throttle(0.3), stamp_ns=20 * MS * k)
     changes = np.flatnonzero(np.diff(learned)) + 1
     assert (min(changes, default=None), max(changes, default=None)) == (first, last)
@@ -155,7 +155,7 @@ def test_disengaging_recalls_earlier_estimate() -> None:
             compensation.engage(False)
         pushed = np.array([0.02 * k if k < 100 else 2.0, 0.0, 0.04 * max(k - 500, 0)])
         odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=pushed)
-        learned.append(np.array(compensation.predict(odometry).model.a_W))
+        learned.append(np.array(compensation.predict(odometry).parameters[()].a_W))
         compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
     assert learned[549][2] > 0.5
     assert abs(learned[550][2]) < 0.1
@@ -204,7 +204,7 @@ def test_landing_recalls_earlier_estimate() -> None:
         p_WB = p_WB + 0.02 * (pushed + carried)
         odometry = _odometry(stamp_ns=20 * MS * k, v_WB_B=pushed + carried)
         odometry = dataclasses.replace(odometry, p_WB=p_WB)
-        learned.append(np.array(compensation.predict(odometry).model.a_W))
+        learned.append(np.array(compensation.predict(odometry).parameters[()].a_W))
         compensation.record(throttle(VEHICLE.hover_throttle), stamp_ns=20 * MS * k)
     assert learned[499][2] > 1.0
     times = range(500 - 250, 500 - 200)

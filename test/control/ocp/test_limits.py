@@ -71,7 +71,7 @@ def held(predicted: PredictedState) -> RecordArray[StateRecord]:
     inputs, states = np.zeros((10, SUBSTEPS, 4)), StateRecord.zeros(11)
     inputs[:, :, 0] = agile().vehicle().hover_throttle
     start = predicted.prediction[()].state
-    roll_out(predicted.model, 0.05, inputs=inputs, start=start, states=states)
+    roll_out(predicted.parameters[()], 0.05, inputs=inputs, start=start, states=states)
     return states[1:]
 
 
