@@ -177,8 +177,8 @@ class ManagedParameters(Generic[C]):
                 raise ConfigurationError(
                     f"{self._kind.owner}.{name}",
                     value,
-                    f"{kept} while the node is configured; to change it, deactivate and clean up "
-                    "the node first, or set it in the parameter file and restart",
+                    f"{kept} as long as the node is configured; to change it, deactivate and "
+                    "clean up the node first, or set it in the parameter file and restart",
                 )
         return settled.updated(changes) if changes else settled
 
