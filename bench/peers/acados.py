@@ -207,7 +207,8 @@ def _require_plain_model(config: MpcConfig) -> None:
         )
     for name in config.limits.in_use:
         if name not in SOFT:
-            path = f"{config.limits.owner}.{name}"
+            names = {spec.path: spec.name for spec in config.specs()}
+            path = f"{config.owner}.{names[f'limits.{name}']}"
             raise PeerUnavailableError(f"the acados peer has no {path}: --set {path}=0")
 
 

@@ -361,8 +361,11 @@ def test_a_battery_is_simulated_recorded_and_identified(
     assert main(["identify", str(out), "--battery-voltage", "15.5"]) == 0
     printed = capsys.readouterr()
     assert "thrust by (V/15.50 V)^n" in printed.err
-    assert "#     battery_voltage: 15.5\n#     battery_exponent: 2." in printed.out
-    assert yaml.safe_load(printed.out).keys() == {"/**/mpc", "/**/reference"}
+    found = yaml.safe_load(printed.out)
+    assert found.keys() == {"/**"}
+    thrust_map = found["/**"]["ros__parameters"]["thrust_map"]
+    assert thrust_map["battery_voltage"] == 15.5
+    assert thrust_map["battery_exponent"] == pytest.approx(2.1, abs=0.2)
 
 
 @pytest.mark.parametrize(

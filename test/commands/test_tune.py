@@ -48,7 +48,7 @@ def test_study_is_flown_resumed_and_its_best_flies(
     assert main(["tune", str(file), "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "2 trials: 2 flown" in printed
-    assert "where you stand" in printed
+    assert "start" in printed
     for name in ("tune.yaml", "study.db", "trials.csv", "front.csv", "best.yaml"):
         assert (out / name).is_file(), name
     assert (out / "front.png").read_bytes().startswith(b"\x89PNG")
@@ -65,7 +65,7 @@ def test_study_is_flown_resumed_and_its_best_flies(
     with (out / "tune.yaml").open() as file:  # as another process does while it flies
         fcntl.flock(file, fcntl.LOCK_EX)
         assert main(["tune", "--resume", str(out), "--trials", "4"]) == 2
-    assert "another quad_mpc tune is at it" in capsys.readouterr().err
+    assert "another quad_mpc tune is running on it" in capsys.readouterr().err
 
 
 MISTAKES = {

@@ -45,10 +45,12 @@ def test_one_that_is_registered_is_configured_with_its_own_parameters() -> None:
     assert config.flattened()["swing_width"] == 2.0
     quarter = configured_trajectory(config).at([round(0.5e9 * np.pi)])
     assert_allclose(quarter.p_WB, [[2.0, 0.0, 1.0]], atol=1e-9)
-    # With those of every other trajectory, in their order, before its own.
+    # After those of every other trajectory, in their order, and before the advanced ones.
     names = [spec.name for spec in config.specs()]
     known = [spec.name for spec in ReferenceConfig.specs()]
-    assert names == [*known, "swing_width", "swing_rate"]
+    advanced = [name for name in known if name.startswith("advanced.")]
+    everyday = known[: len(known) - len(advanced)]
+    assert names == [*everyday, "swing_width", "swing_rate", *advanced]
     assert config.updated({"swing_width": 3.0}).flattened()["swing_width"] == 3.0
     assert ReferenceConfig.build(config.flattened()) == config
     with pytest.raises(ConfigurationError, match=r"reference.swing_width: given -1.0, .* > 0"):

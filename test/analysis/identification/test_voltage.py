@@ -152,7 +152,7 @@ def test_finds_no_exponent_where_the_autopilot_compensates() -> None:
     assert over.exponent.value == pytest.approx(0.0, abs=over.exponent.half_width)
     assert found.thrust_scale.value == pytest.approx(1.0, rel=0.02)
     table, file = texts(found)
-    assert "not apart from 0: leave thrust_map.battery_voltage of the bridge at 0" in table
+    assert "not distinct from 0: leave thrust_map.battery_voltage of the bridge at 0" in table
     assert "thrust_map" not in file
 
 

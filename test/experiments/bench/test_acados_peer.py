@@ -133,5 +133,5 @@ def test_both_keep_a_tilt_softly(
 
 
 def test_other_limits_are_refused(folder: Path, mpc: MpcConfig) -> None:
-    with pytest.raises(PeerUnavailableError, match=r"has no mpc\.limits\.rate_slew"):
-        acados.build_solver(mpc.updated({"limits.rate_slew": 50.0}), folder / "refused")
+    with pytest.raises(PeerUnavailableError, match=r"has no mpc\.advanced\.limits\.rate_slew"):
+        acados.build_solver(mpc.updated({"advanced.limits.rate_slew": 50.0}), folder / "refused")

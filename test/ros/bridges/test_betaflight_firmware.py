@@ -162,10 +162,10 @@ class Bridged(BetaflightPlant):
 
     def take_over(self, throttle: float) -> None:
         """Hold the vehicle where it is until telemetry has come, and engage."""
-        held = self._x.copy()
+        held = self._body.copy()
         for _ in range(15):
             self.live(0.02, throttle)
-            self._x[:] = held
+            self._body[()] = held
         self.engage()
 
     def begin(self) -> None:

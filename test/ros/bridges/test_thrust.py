@@ -92,5 +92,5 @@ def test_follows_sag_slowly_and_ignores_invalid_voltage() -> None:
     ],
 )
 def test_a_map_without_an_inverse_is_refused(name: str, parameters: dict[str, Any]) -> None:
-    with pytest.raises(ConfigurationError, match=f"^thrust_map.{name}"):
+    with pytest.raises(ConfigurationError, match=rf"^bridge\.thrust_map\.{name}"):
         ThrustParameters(**parameters)

@@ -178,7 +178,7 @@ def test_saves_from_running_node_without_overwriting(
     assert out.read_bytes() == before
 
     assert main([*command[:-2]]) == 0
-    assert yaml.safe_load(capsys.readouterr().out).keys() == {"/**/mpc"}
+    assert yaml.safe_load(capsys.readouterr().out).keys() == {"/**"}
 
 
 def test_missing_node_is_one_line_and_exit_code_2(
