@@ -41,7 +41,7 @@ class ParameterSpec:
 
     ``above`` and ``below`` are exclusive bounds, ``minimum`` and ``maximum`` inclusive ones;
     for arrays they hold for every element. ``length`` is the required number of elements.
-    ``per_axis`` tells that a number may as well be three, one for each body axis.
+    ``per_axis`` says that a number may as well be three, one for each body axis.
     ``live`` states whether the value may change in flight; with ``switch`` not from zero or to
     it, which changes the structure of what uses it. ``advanced`` is what nobody must set: its name
     begins with ``advanced.``. ``path`` leads to its field, through the groups.

@@ -93,7 +93,7 @@ def _run(
     except Exception:
         if rclpy.ok():
             raise
-        # else told to end while still starting: rclpy then fails at whatever comes next
+        # else asked to end while still starting: rclpy then fails at whatever comes next
     finally:
         finishing()
         uninstall_signal_handlers()  # returns when the signal thread has ended

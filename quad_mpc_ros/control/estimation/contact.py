@@ -90,13 +90,13 @@ class GroundContact:
         self._forget()
 
     def engage(self, engaged: bool) -> None:
-        """Tell whether commands act: as long as they do not, their thrust says nothing."""
+        """Set whether commands act: as long as they do not, their thrust says nothing."""
         if engaged is not self._engaged:
             stood, height = self.standing and engaged, self._stood_at
             self._engaged = engaged
             self._forget()
             self._stood_at = height  # whoever flew meanwhile: it may come down there again
-            if stood:  # as the flight stack told until now
+            if stood:  # as the flight stack reported until now
                 self.contact = Contact.STANDING
 
     def _forget(self) -> None:
@@ -111,7 +111,7 @@ class GroundContact:
     def tell_landed(self, landed: bool | None) -> None:
         """Take what the flight stack says; None where it says nothing.
 
-        That it has landed is believed as long as the vehicle is given little thrust and does not
+        A reported landing counts as long as the vehicle is given little thrust and does not
         move. That it has not says nothing: stacks take their time.
         """
         self._landed = landed
@@ -185,7 +185,7 @@ class GroundContact:
         return self._course
 
     def _wait(self, odometry: OdometrySample, window: ReferenceWindow | None) -> None:
-        """While commands do not act nothing but the flight stack knows: it is believed."""
+        """While commands do not act, take what the flight stack reports: nothing else is known."""
         self.contact = Contact.STANDING if self._landed else Contact.UNKNOWN
         height, course = float(odometry.p_WB[2]), self._course_of(window)
         self.asks_for_height = course is not None and _asks_for_height(course, height)

@@ -1,4 +1,4 @@
-"""How a vehicle moves and what carries it, filtered: from this its contact is told.
+"""How a vehicle moves and what carries it, filtered: its contact is judged by this.
 
 At the touchdown with less than a share of the thrust that has carried it in flight lately it has
 to fall. Something else carries it where it should have become faster downwards by so much, and has
