@@ -36,7 +36,7 @@ class Throttle(NamedTuple):
     slope: float
 
 
-class Prediction(NamedTuple):
+class MotionPrediction(NamedTuple):
     """Where the commands lead: state, throttle, and derivatives of the velocity."""
 
     body: Body
@@ -54,7 +54,7 @@ def predict(
     throttle: Throttle,
     start: Body,
     R_after: kernels.Matrix,
-) -> Prediction:
+) -> MotionPrediction:
     """Move a state on through commands (n, 4), each for one of the durations (n,) [s].
 
     ``R_after`` is the attitude measured at the end, for the mean thrust axis.
@@ -81,7 +81,7 @@ def predict(
         kernels.scaled(half, _slowing(shape, start.R, start.v)),
         kernels.scaled(half, _slowing(shape, R_after, body.v)),
     )
-    return Prediction(body, Throttle(value, slope), v_by_scale, v_by_lag, v_by_drag)
+    return MotionPrediction(body, Throttle(value, slope), v_by_scale, v_by_lag, v_by_drag)
 
 
 @compiled

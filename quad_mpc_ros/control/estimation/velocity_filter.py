@@ -12,7 +12,7 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, Vector3
 from quad_mpc_ros.control.estimation import velocity_noise
 from quad_mpc_ros.control.estimation.command_history import Acting
-from quad_mpc_ros.control.estimation.process_model import Prediction, Throttle, predict
+from quad_mpc_ros.control.estimation.process_model import MotionPrediction, Throttle, predict
 from quad_mpc_ros.control.estimation.velocity_noise import VelocityNoise
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.parameters import ModelParameters
@@ -167,7 +167,7 @@ def _predict(
     acting: Acting,
     before: StateRecord,
     after: StateRecord,
-) -> Prediction:
+) -> MotionPrediction:
     """Predict by the estimate from one odometry to the next, and follow the throttle."""
     x, mean = estimate.x, modelled.drag
     factor = x[MU] / mean if mean > 0.0 else 1.0
@@ -203,7 +203,7 @@ def take_velocity(estimate: VelocityEstimate, v_WB_W: Array, variance: float) ->
 
 @compiled
 def _quick_part(
-    estimate: VelocityEstimate, prediction: Prediction, duration: float
+    estimate: VelocityEstimate, prediction: MotionPrediction, duration: float
 ) -> kernels.Vector:
     """Return the velocity's derivative by the thrust's time constant, less what changes slowly."""
     share = 1.0 - math.exp(-duration / _SLOWLY)
@@ -250,7 +250,7 @@ def _predict_covariance(
 
 
 @compiled
-def _hand_over(x: Array, P: Array, prediction: Prediction, duration: float) -> None:
+def _hand_over(x: Array, P: Array, prediction: MotionPrediction, duration: float) -> None:
     """Turn a share of the vertical disturbance into thrust, as far as the scale may go.
 
     Their sum stays the same; so does its variance.

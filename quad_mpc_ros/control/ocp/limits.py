@@ -43,7 +43,7 @@ from quad_mpc_ros.control.ocp.horizon_qp import FREE
 from quad_mpc_ros.control.ocp.settings import Settings, values_of
 from quad_mpc_ros.control.ocp.stages import HorizonStages, LimitPattern
 from quad_mpc_ros.control.ocp.target import TargetStage
-from quad_mpc_ros.control.ocp.trajectory import Trajectory
+from quad_mpc_ros.control.ocp.trajectory import PlannedTrajectory
 
 # The kinds, in the order of their rows: tilt, speed, throttle, and change of the rates.
 _TILT, _SPEED, _THROTTLE, _SLEW = range(4)
@@ -311,7 +311,7 @@ def _paid(kind: int, prices: Array, beyond: float) -> float:
 def write_limits(
     places: RecordArray[LimitPlace],
     target: RecordArray[TargetStage],
-    plan: Trajectory,
+    plan: PlannedTrajectory,
     allowed: RecordArray[Allowed],
     prices: Array,
     stages: HorizonStages,

@@ -36,7 +36,13 @@ from quad_mpc_ros.control.ocp.settings import Settings
 from quad_mpc_ros.control.ocp.stages import HorizonStages
 from quad_mpc_ros.control.ocp.target import TargetStage, sample_target
 from quad_mpc_ros.control.ocp.tracking_cost import quadratic_cost, tracking_cost
-from quad_mpc_ros.control.ocp.trajectory import Trajectory, apply_bounds, copy, mark_free, shift
+from quad_mpc_ros.control.ocp.trajectory import (
+    PlannedTrajectory,
+    apply_bounds,
+    copy,
+    mark_free,
+    shift,
+)
 
 _COLD_ITERATIONS = 5
 _JUMP_ITERATIONS = 3
@@ -55,8 +61,8 @@ class Workspace(NamedTuple):
     """
 
     target: RecordArray[TargetStage]
-    nominal: Trajectory
-    plan: Trajectory
+    nominal: PlannedTrajectory
+    plan: PlannedTrajectory
     allowed: RecordArray[Allowed]
     prices: Array
     places: RecordArray[LimitPlace]
@@ -66,8 +72,8 @@ class Workspace(NamedTuple):
         """Return room for N stages."""
         return Workspace(
             target=TargetStage.zeros(steps),
-            nominal=Trajectory.zeros(steps),
-            plan=Trajectory.zeros(steps),
+            nominal=PlannedTrajectory.zeros(steps),
+            plan=PlannedTrajectory.zeros(steps),
             allowed=Allowed.zeros(steps if is_limited else 0),
             prices=np.zeros(len(places)),
             places=places,
@@ -296,7 +302,7 @@ def _search(
 
 @compiled
 def _copy_plan(
-    plan: Trajectory,
+    plan: PlannedTrajectory,
     rate_gain: Array,
     model: ModelParameters,
     inputs: Array,

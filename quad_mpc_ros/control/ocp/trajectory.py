@@ -17,7 +17,7 @@ from quad_mpc_ros.control.ocp.target import TargetStage
 _ROUNDING = 1e-9
 
 
-class Trajectory(NamedTuple):
+class PlannedTrajectory(NamedTuple):
     """A plan of N stages of M substeps, and where it leads.
 
     ``deviation`` (N, 4) from the reference's mean inputs, ``inputs`` (N, M, 4) inside the bounds,
@@ -29,9 +29,9 @@ class Trajectory(NamedTuple):
     states: RecordArray[StateRecord]
 
     @staticmethod
-    def zeros(steps: int) -> Trajectory:
+    def zeros(steps: int) -> PlannedTrajectory:
         """Return room for a plan."""
-        return Trajectory(
+        return PlannedTrajectory(
             np.zeros((steps, INPUT_SIZE)),
             np.zeros((steps, SUBSTEPS, INPUT_SIZE)),
             StateRecord.zeros(steps + 1),
@@ -39,7 +39,7 @@ class Trajectory(NamedTuple):
 
 
 @compiled
-def copy(source: Trajectory, destination: Trajectory) -> None:
+def copy(source: PlannedTrajectory, destination: PlannedTrajectory) -> None:
     """Copy a plan."""
     destination.deviation[:] = source.deviation
     destination.inputs[:] = source.inputs
@@ -48,7 +48,7 @@ def copy(source: Trajectory, destination: Trajectory) -> None:
 
 @compiled
 def apply_bounds(
-    target: RecordArray[TargetStage], plan: Trajectory, u_min: Array, u_max: Array
+    target: RecordArray[TargetStage], plan: PlannedTrajectory, u_min: Array, u_max: Array
 ) -> None:
     """Bring a plan inside the bounds, and write its inputs.
 
@@ -65,7 +65,7 @@ def apply_bounds(
 
 
 @compiled
-def mark_free(target: RecordArray[TargetStage], plan: Trajectory, free: Array) -> None:
+def mark_free(target: RecordArray[TargetStage], plan: PlannedTrajectory, free: Array) -> None:
     """Write one for inputs (N, M, 4) that no bound holds, zero for others."""
     for i in range(len(free)):
         for j in range(SUBSTEPS):
