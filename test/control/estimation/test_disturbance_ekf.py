@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.disturbance_ekf import DisturbanceEkf, Filters, update
-from quad_mpc_ros.control.estimation.process_model import Prediction, Throttle, predict
+from quad_mpc_ros.control.estimation.process_model import MotionPrediction, Throttle, predict
 from quad_mpc_ros.control.estimation.velocity_filter import (
     HELD,
     LEARNED,
@@ -223,7 +223,7 @@ def test_the_derivative_by_drag_is_that_of_the_prediction(drag: float | tuple[fl
     )
     acting = Acting(durations=np.array([0.004, 0.016]), commands=np.array([[0.4, 1, 2, 0.5]] * 2))
 
-    def predicted(mean: float) -> Prediction:
+    def predicted(mean: float) -> MotionPrediction:
         uneven = mean / modelled.drag * modelled.uneven_drag
         model = changed(modelled, drag=mean, uneven_drag=uneven)
         throttle = Throttle(0.3, 0.0)
