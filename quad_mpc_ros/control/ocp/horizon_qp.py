@@ -68,6 +68,8 @@ class HorizonQP:
         self.A, A_places = _assemble(self._constraint_blocks(), shape=(rows, columns))
         self.P, P_places = _assemble(self._cost_blocks(), shape=(columns, columns))
         self.q, self.lower, self.upper = np.zeros(columns), np.zeros(rows), np.zeros(rows)
+        self._numbers = QpNumbers(self.P.data, self.q, self.A.data, self.lower, self.upper)
+        self._checked: HorizonStages | None = None
         self._multipliers = np.zeros(rows)
         self.cost_scale = 1.0
         """Factor on the cost as it stands, and so on the multipliers; 1 without soft rows."""
@@ -110,19 +112,25 @@ class HorizonQP:
 
     def update(self, stages: HorizonStages) -> None:
         """Write the numbers of a horizon; shapes as in :class:`HorizonStages`."""
-        given, expected = stages.sizes, (self._n, self._nx, self._nu, self._nr, self._ns)
-        if given != expected:  # compiled code does not look where it writes
-            raise ValueError(
-                "steps, states, inputs, soft rows and slacks of the stages: "
-                f"{given}, expected {expected}"
-            )
+        if stages is not self._checked:
+            self._check_sizes(stages)
         self.cost_scale, self.magnitude = _write(
             stages,
             scatter=self._scatter,
             sizes=self._sizes,
             row_sizes=self._row_sizes,
-            numbers=QpNumbers(self.P.data, self.q, self.A.data, self.lower, self.upper),
+            numbers=self._numbers,
         )
+
+    def _check_sizes(self, stages: HorizonStages) -> None:
+        """Refuse other sizes: compiled code does not look where it writes."""
+        given, expected = stages.sizes, (self._n, self._nx, self._nu, self._nr, self._ns)
+        if given != expected:
+            raise ValueError(
+                "steps, states, inputs, soft rows and slacks of the stages: "
+                f"{given}, expected {expected}"
+            )
+        self._checked = stages
 
     @property
     def is_soft(self) -> bool:
