@@ -28,6 +28,7 @@ lint:  ## check style, types and layers
 	$(IN_VENV) dev mypy
 	$(IN_VENV) dev lint-imports
 	$(IN_VENV) dev shellcheck tools/*.sh .ci/run
+	$(IN_VENV) dev hadolint Dockerfile
 
 clean:  ## remove everything that was built; recorded runs stay
 	rm -rf .venv build install log dist *.egg-info .*_cache .hypothesis

