@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from quad_mpc_ros.commands import recording
 from quad_mpc_ros.commands.output import check_writable, write_new
@@ -43,7 +44,6 @@ def run(options: argparse.Namespace) -> int:
     from quad_mpc_ros.analysis.identification.measurements import (
         RECORDED,
         measurements_of,
-        recorded_bridge,
     )
     from quad_mpc_ros.analysis.identification.report import identification_table, parameter_file
     from quad_mpc_ros.control.config import MpcConfig
@@ -71,9 +71,7 @@ def run(options: argparse.Namespace) -> int:
     age = float("nan") if lockstep else data.command_age
     table = identification_table(found, mpc, command_age=age, file=options.out)
     print(table, file=sys.stderr)
-    text = parameter_file(
-        found, mpc, bag=run.bag, keep=options.keep, bridge=recorded_bridge(run.parameters)
-    )
+    text = parameter_file(found, mpc, bag=run.bag, keep=options.keep, bridge=_bridge(options, run))
     if options.out is None:
         print(text, end="")
     else:
@@ -112,6 +110,19 @@ def _add_battery_options(parser: argparse.ArgumentParser) -> None:
         help="thrust_map.battery_exponent of the bridge in that flight, with --battery-voltage "
         "(default: 0, the bridge left the voltage out)",
     )
+
+
+def _bridge(options: argparse.Namespace, run: RecordedRun) -> Mapping[str, Any]:
+    """Return the recorded parameters of the bridge, with what ``--config`` says over them."""
+    from quad_mpc_ros.analysis.identification.measurements import recorded_bridge
+    from quad_mpc_ros.commands.run_configuration import SCHEMA
+    from quad_mpc_ros.configuration import files
+    from quad_mpc_ros.ros.bridges.config import BridgeConfig
+
+    schema = {**SCHEMA, "bridge": BridgeConfig}
+    given = files.collected(options.config, [], schema=schema)["bridge"]
+    BridgeConfig.build(given)
+    return {**recorded_bridge(run.parameters), **given}
 
 
 def _voltage_map(options: argparse.Namespace, run: RecordedRun) -> VoltageMap:

@@ -24,6 +24,8 @@ Schema = Mapping[str, type[Configuration]]
 _EVERY_NODE = "/**"
 # Set by ROS or by whoever starts the nodes, and no business of the configuration.
 _FOREIGN = ("use_sim_time",)
+# Nodes of a vehicle that a schema may leave out: one file for all of them may speak of these.
+_BESIDE, _BRIDGE = ("player", "visualisation"), "_bridge"
 
 
 def load(
@@ -150,8 +152,8 @@ def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
         if key == _EVERY_NODE:
             _refuse_unknown(values, schema, path)
             found.setdefault(_EVERY_NODE, {}).update(values)
-        else:
-            found.setdefault(_node_meant(str(key), schema, path), {}).update(values)
+        elif node := _node_meant(str(key), schema, path):
+            found.setdefault(node, {}).update(values)
     return found
 
 
@@ -169,11 +171,13 @@ def _refuse_unknown(values: Mapping[str, Any], schema: Schema, path: Path) -> No
 
 
 def _node_meant(key: str, schema: Schema, path: Path) -> str:
-    """Return the node that a key of the file is for."""
+    """Return the node that a key of the file is for; empty for one that is beside the schema."""
     node = key.rsplit("/", 1)[-1]
-    if node not in schema:
-        raise UserError(f"{path}: given node {key!r}, expected one of {', '.join(schema)}")
-    return node
+    if node in schema:
+        return node
+    if node in _BESIDE or node.endswith(_BRIDGE):
+        return ""
+    raise UserError(f"{path}: given node {key!r}, expected one of {', '.join(schema)}")
 
 
 def flattened(parameters: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, Any]]:
