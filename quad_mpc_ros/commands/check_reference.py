@@ -13,7 +13,7 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.references.configured import judged_trajectory
-from quad_mpc_ros.references.feasibility import Verdict
+from quad_mpc_ros.references.feasibility import Verdict, rates_beyond
 
 _FIGURE = "reference.png"
 
@@ -53,12 +53,7 @@ def _beyond_the_controller(verdict: Verdict, mpc: MpcConfig) -> list[str]:
     return [
         f"note: {need.name} {need.worst:.4g} rad/s is beyond mpc.omega_max, {bound:.4g}: the MPC "
         "cannot follow it there exactly"
-        for need, bound in zip(
-            (need for need in verdict.needs if need.name.endswith("rate")),
-            mpc.omega_max,
-            strict=True,
-        )
-        if need.worst > bound
+        for need, bound in rates_beyond(verdict, mpc.omega_max)
     ]
 
 

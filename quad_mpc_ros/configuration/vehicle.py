@@ -26,6 +26,8 @@ VEHICLE = (
     "throttle_min",
     "throttle_max",
 )
+CARRIES = ("mass", "gravity", "motor_count", "thrust_curve")
+"""What carries the vehicle: to nodes that differ in it one throttle is another acceleration."""
 _THRUST_MAP = "thrust_map."
 
 
@@ -44,6 +46,29 @@ def differences(given: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]
         for name, value in given.items()
         if name in other and not _alike(value, other[name])
     ]
+
+
+def disagreements(vehicles: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """Return the parameters in which the vehicles of nodes differ, each with who has which value.
+
+    The values read like ``mass 0.9 of mpc, 0.5 of reference and px4_bridge``. Only what several
+    nodes know is compared.
+    """
+    found: dict[str, str] = {}
+    for name in dict.fromkeys(name for values in vehicles.values() for name in values):
+        groups: list[tuple[Any, list[str]]] = []
+        for node, values in vehicles.items():
+            if name not in values:
+                continue
+            alike = next((who for value, who in groups if _alike(value, values[name])), None)
+            if alike is None:
+                groups.append((values[name], [node]))
+            else:
+                alike.append(node)
+        if len(groups) > 1:
+            told = (f"{_shown(value)} of {' and '.join(who)}" for value, who in groups)
+            found[name] = f"{name} {', '.join(told)}"
+    return found
 
 
 def _alike(a: Any, b: Any) -> bool:

@@ -7,6 +7,7 @@ rates are the trajectory's own. Both are checked every 2 ms, or a thousand times
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -144,6 +145,14 @@ class Verdict:
         if self.jumps:
             complaints.append(f"{len(self.jumps)} jumps, the first at {self.jumps[0]:.3f} s")
         return "; ".join(complaints)
+
+
+def rates_beyond(verdict: Verdict, omega_max: Sequence[float]) -> list[tuple[Need, float]]:
+    """Return the body rates that a trajectory needs beyond those of a controller (3,) [rad/s]."""
+    rates = [need for need in verdict.needs if need.name.endswith("rate")]
+    return [
+        (need, bound) for need, bound in zip(rates, omega_max, strict=True) if need.worst > bound
+    ]
 
 
 def judged(trajectory: Trajectory, limits: LimitParameters, *, ground: float = 0.0) -> Verdict:

@@ -24,6 +24,7 @@ from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.clocks import Metronome, create_steady_timer
 from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.parameters import ManagedParameters, ParameterNode
+from quad_mpc_ros.ros.preflight.own import own_findings
 from quad_mpc_ros.ros.realtime import settle_memory
 from quad_mpc_ros.ros.spin import stop
 
@@ -236,6 +237,8 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         try:
             config = self._managed_parameters.settle()
             self.health.vehicle = config.vehicle_values()
+            for finding in own_findings(config):
+                self.get_logger().warning(finding.text)
             self.configure(config)
         except Exception:
             self._destroy_made()

@@ -12,6 +12,8 @@ from rclpy.node import Node
 from quad_mpc_ros.configuration.vehicle import differences
 from quad_mpc_ros.messages.topics import DIAGNOSTICS
 from quad_mpc_ros.ros.messages import decoded
+from quad_mpc_ros.ros.preflight.finding import Finding
+from quad_mpc_ros.ros.preflight.vehicles import carried_differently
 
 VEHICLE_KEY = "vehicle"
 _MARK = b"vehicle\0"
@@ -28,7 +30,8 @@ class VehicleWatch:
 
     def __init__(self, node: Node, values: Mapping[str, Any]) -> None:
         self._node, self._values = node, values
-        self._found: dict[str, tuple[str, float]] = {}
+        self._stated: dict[str, tuple[Mapping[str, Any], float]] = {}
+        self._faults: dict[str, str] = {}
 
     def receive(self, data: bytes) -> None:
         """Take a raw message of ``/diagnostics``; log what differs when it is new."""
@@ -44,19 +47,26 @@ class VehicleWatch:
 
     def fault(self) -> str:
         """Return which nodes have another vehicle, and in what; empty if none has."""
+        return "; ".join(self._faults[name] for name in self._fresh() if self._faults[name])
+
+    def contradictions(self) -> list[Finding]:
+        """Return what must be mended before a vehicle flies by what the nodes were given."""
+        return carried_differently({self._node.get_name(): self._values, **self._fresh()})
+
+    def _fresh(self) -> dict[str, Mapping[str, Any]]:
+        """Return the vehicles of the nodes that still report."""
         now = time.monotonic()
-        return "; ".join(
-            text for text, seen in self._found.values() if text and now - seen < _STALE
-        )
+        return {name: it for name, (it, seen) in self._stated.items() if now - seen < _STALE}
 
     def _compare(self, name: str, text: str) -> None:
         try:
-            differ = differences(self._values, json.loads(text))
+            stated = json.loads(text)
+            differ = differences(self._values, stated)
         except (ValueError, TypeError, AttributeError):
             return  # of another package
         ours = self._node.get_name()
         fault = f"{ours} and {name} were given different vehicles: {', '.join(differ)}"
-        before, _ = self._found.get(name, ("", 0.0))
-        if differ and fault != before:
+        if differ and fault != self._faults.get(name):
             self._node.get_logger().warning(f"{fault}; give every node the same vehicle file")
-        self._found[name] = (fault if differ else "", time.monotonic())
+        self._stated[name] = stated, time.monotonic()
+        self._faults[name] = fault if differ else ""

@@ -30,7 +30,10 @@ from quad_mpc_ros.ros.bridges.serial_line import SerialLine
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
+from quad_mpc_ros.ros.preflight.finding import Level
+from quad_mpc_ros.ros.preflight.thrust_map import thrust_map_findings
 from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
 _OURS = (topics.ODOMETRY, topics.ODOMETRY_RESET, topics.REFERENCE, topics.ENGAGED, topics.LANDED)
 _WARNING_PERIOD = 5.0
@@ -67,6 +70,14 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             name: self.create_client(message_class(type_name), name)
             for name, type_name in self._bridge.services
         }
+        self._own_findings = thrust_map_findings(self.config)
+        for finding in self._own_findings:
+            self.get_logger().warning(finding.text)
+        self._vehicles = VehicleWatch(self, self.config.vehicle_values())
+        self.health.watch = self._vehicles
+        self.health.subscription(
+            topics.DIAGNOSTICS, self._vehicles.receive, raw=True, expected=False
+        )
         self.health.subscription(topics.REFERENCE, self._on_reference, expected=False)
         self.health.subscription(command, self._on_command)
         for subscription in self._bridge.subscriptions:
@@ -177,9 +188,9 @@ class BridgeNode(ReportingNode[BridgeConfig]):
 
     def _serve(self, ask: Callable[..., Response], request: Any, response: Any) -> Any:
         """Send a request to the stack; its own response is logged when it comes."""
-        rivals = self.health.rivals() if request.data else ""
-        if rivals:
-            response.success, response.message = False, f"{rivals}: stop the others first"
+        obstacle = self._obstacle() if request.data else ""
+        if obstacle:
+            response.success, response.message = False, obstacle
             self.get_logger().info(response.message)
             return response
         decided = ask(bool(request.data), now_ns=self._time.now_ns())
@@ -198,6 +209,17 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         self._follow_engagement(self._time.now_ns())
         self.get_logger().info(response.message)
         return response
+
+    def _obstacle(self) -> str:
+        """Return what must be mended before the vehicle is handed over; nothing is asked now."""
+        rivals = self.health.rivals()
+        found = [*self._own_findings, *self._vehicles.contradictions()]
+        return "; ".join(
+            [
+                *([f"{rivals}: stop the others first"] if rivals else []),
+                *(finding.text for finding in found if finding.level is Level.ERROR),
+            ]
+        )
 
     def _on_answered(self, service: str, future: Any) -> None:
         self.get_logger().info(f"{service} answered {future.result()}")

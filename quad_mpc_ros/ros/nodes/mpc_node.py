@@ -22,6 +22,7 @@ from quad_mpc_ros.ros.compiling import reported
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import odometry_in, reference_in
+from quad_mpc_ros.ros.preflight.own import REFUSED_KEY
 from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
@@ -57,14 +58,10 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def configure(self, config: MpcConfig) -> None:
         """Make the controller and listen."""
-        for refusal in realtime.apply(config.realtime):
+        refused = realtime.apply(config.realtime)
+        for refusal in refused:
             self.get_logger().warning(refusal)
-        if config.unmodelled_lags and not config.lockstep:
-            self.get_logger().warning(
-                f"{', '.join(config.unmodelled_lags)} = 0: every real vehicle lags, and one that "
-                "lags more than modelled oscillates; set an estimate, and after a first flight "
-                "what quad_mpc identify finds"
-            )
+        self._refused = "; ".join(refused)
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
         with reported(self):
@@ -244,7 +241,11 @@ class MpcNode(ManagedNode[MpcConfig]):
         return Health(
             level=level,
             text=text,
-            values=[*tick.stats.items(), ("engaged", engaged)],
+            values=[
+                *tick.stats.items(),
+                ("engaged", engaged),
+                (REFUSED_KEY, self._refused),
+            ],
         )
 
     def _warn(self, text: str) -> None:

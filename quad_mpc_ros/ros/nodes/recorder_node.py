@@ -10,6 +10,7 @@ from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.ros.health import PEERS_KEY, Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.nodes.recorder import Recorder
+from quad_mpc_ros.ros.preflight.own import FREE_KEY, bag_place, free_bytes
 from quad_mpc_ros.ros.spin import run, stop
 
 _PERIOD = 0.1
@@ -32,6 +33,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
     def configure(self, config: RecorderConfig) -> None:
         """Prepare a new recording."""
         self._recorder = Recorder(self, config, on_fault=self._on_fault)
+        self._place = bag_place(config)
         self._lost_logged = 0
         # One timer for everything: waking the node costs more than the work.
         self.managed_timer(_PERIOD, self._on_timer, steady=True)
@@ -68,6 +70,7 @@ class RecorderNode(ManagedNode[RecorderConfig]):
                 ),
                 ("messages", str(recorder.message_count)),
                 ("lost", str(lost)),
+                (FREE_KEY, str(free_bytes(self._place))),
                 ("parameters_missing", " ".join(recorder.unanswered)),
             ],
         )

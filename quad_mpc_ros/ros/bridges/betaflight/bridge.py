@@ -67,7 +67,7 @@ class BetaflightBridge(Bridge):
         self._protocol: LineProtocol = MspProtocol(self._telemetry)
         if config.transport == "crsf":
             self._protocol = CrsfProtocol(self._telemetry)
-            self._telemetry.curves = _configured(config)
+            self._telemetry.curves = config.rates.curves
         self._curves: tuple[Curve, ...] = ()
         self._sticks: tuple[Stick, ...] = ()
         self._arming_ns: int | None = None
@@ -212,16 +212,6 @@ class BetaflightBridge(Bridge):
         idle, low = self._config.motor_idle, float(self._config.min_check)
         share = (self.thrust.stack_throttle(throttle) - idle) / (1.0 - idle)
         return low + (_HIGH - low) * min(max(share, 0.0), 1.0)
-
-
-def _configured(config: BetaflightConfig) -> tuple[Curve, ...]:
-    rates = config.rates
-    return tuple(
-        Curve(kind=rates.kind, rc_rate=rc_rate, super_rate=super_rate, expo=expo)
-        for rc_rate, super_rate, expo in zip(
-            rates.rc_rate, rates.super_rate, rates.expo, strict=True
-        )
-    )
 
 
 def _is_old(since_ns: int | None, now_ns: int) -> bool:

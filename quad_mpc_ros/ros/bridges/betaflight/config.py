@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter
+from quad_mpc_ros.ros.bridges.betaflight.rates import Curve, Stick
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
 
@@ -27,6 +28,16 @@ class RatesParameters(Configuration):
     expo: tuple[int, ...] = parameter(
         (0, 0, 0), doc="expo of roll, pitch, yaw.", length=3, minimum=0, maximum=100
     )
+
+    @property
+    def curves(self) -> tuple[Curve, ...]:
+        """The curves of roll, pitch and yaw."""
+        return tuple(
+            Curve(kind=self.kind, rc_rate=rc_rate, super_rate=super_rate, expo=expo)
+            for rc_rate, super_rate, expo in zip(
+                self.rc_rate, self.super_rate, self.expo, strict=True
+            )
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +102,13 @@ class BetaflightConfig(BridgeConfig):
     )
     rates: RatesParameters = dataclasses.field(default_factory=RatesParameters)
     lost: LostParameters = dataclasses.field(default_factory=LostParameters)
+
+    @property
+    def fastest_rates(self) -> tuple[float, ...] | None:
+        """Body rates [rad/s] at full stick, with CRSF; over MSP the flight controller tells."""
+        if self.transport != "crsf":
+            return None
+        return tuple(Stick(curve).fastest for curve in self.rates.curves)
 
     def check(self) -> None:
         """Refuse an override that the transport does not have."""

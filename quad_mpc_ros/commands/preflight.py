@@ -1,0 +1,135 @@
+"""``quad_mpc preflight``: whether the running nodes of a vehicle are fit to fly."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from quad_mpc_ros.commands import EXIT_FAILED
+from quad_mpc_ros.commands.processes import require_ros
+from quad_mpc_ros.commands.run_options import add_config
+from quad_mpc_ros.configuration import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from quad_mpc_ros.ros.preflight.finding import Finding
+
+_NONE = "none"
+_LEAST = 1.0  # s
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add which vehicle to look at, and what it should be."""
+    parser.description = (
+        "Look at the running nodes of a vehicle before it flies, and print a line for each check: "
+        "ok, or what to do (docs/preflight.md). Nothing is changed or flown. Exit code 0 when it "
+        "may fly, warnings allowed, 1 when something must be mended, 2 for wrong input."
+    )
+    parser.add_argument(
+        "--namespace", default="", metavar="NS", help="namespace of the vehicle (default: none)"
+    )
+    parser.add_argument(
+        "--bridge",
+        default="",
+        metavar="NAME",
+        help="bridge that must run, as px4, or none (default: whichever runs, or the simulator)",
+    )
+    add_config(parser, "that the nodes should have been given")
+    parser.add_argument(
+        "--timeout",
+        type=float,
+        default=10.0,
+        metavar="S",
+        help="how long to wait for nodes, their answers and odometry (default: 10)",
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Look, judge, print; return the exit code."""
+    if not _LEAST <= options.timeout < float("inf"):
+        raise UserError(f"--timeout: given {options.timeout}, expected {_LEAST:g} or more")
+    require_ros("preflight", instead="; 'simulate' and 'campaign' rehearse without it")
+    from quad_mpc_ros.commands.running_vehicle import RunningVehicle
+    from quad_mpc_ros.ros.preflight.checks import findings
+    from quad_mpc_ros.ros.preflight.own import free_bytes
+
+    _check_namespace(options.namespace)
+    bridge = _bridge(options.bridge)
+    stated = _stated(options.config)
+    with RunningVehicle(options.namespace) as vehicle:
+        facts = vehicle.facts(bridge=bridge, timeout=options.timeout)
+    here = Path.cwd()
+    facts = facts.changed(
+        stated=stated, free={str(here): free_bytes(here)}, compiled=_is_compiled()
+    )
+    found = findings(facts)
+    print(_report(found))
+    print(_verdict(found), file=sys.stderr)
+    from quad_mpc_ros.ros.preflight.finding import Level
+
+    return EXIT_FAILED if any(each.level is Level.ERROR for _, each in found) else 0
+
+
+def _check_namespace(namespace: str) -> None:
+    from rclpy.exceptions import InvalidNamespaceException
+    from rclpy.validate_namespace import validate_namespace
+
+    try:
+        validate_namespace(f"/{namespace.strip('/')}")
+    except InvalidNamespaceException as error:
+        raise UserError(
+            f"--namespace: given {namespace!r}, expected one of ROS, as uav1: "
+            f"{' '.join(str(error).split())}"
+        ) from error
+
+
+def _bridge(name: str) -> str:
+    """Return the name of the bridge's node. Raises :class:`UserError` for an unknown one."""
+    from quad_mpc_ros.ros.bridges.registry import load_bridge
+
+    return name if name in ("", _NONE) else str(load_bridge(name).name)
+
+
+def _stated(sources: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return what files state for each node, validated. Raises :class:`UserError`."""
+    if not sources:
+        return {}
+    from quad_mpc_ros.commands.running_vehicle import node_configurations
+    from quad_mpc_ros.configuration import files
+
+    schema = node_configurations()
+    files.load(sources, [], schema=schema)
+    return files.collected(sources, [], schema=schema)
+
+
+def _is_compiled() -> bool | None:
+    from quad_mpc_ros.configuration.kept_code import KeptCode
+
+    try:
+        return KeptCode().is_complete()
+    except OSError:
+        return None
+
+
+def _report(found: Sequence[tuple[str, Finding]]) -> str:
+    from quad_mpc_ros.configuration.text_tables import text_table
+
+    rows = [(each.level.name.lower(), name, each.text) for name, each in found]
+    return "\n".join(text_table(rows, align="lll"))
+
+
+def _verdict(found: Sequence[tuple[str, Finding]]) -> str:
+    """Return in one line whether it may fly."""
+    from quad_mpc_ros.ros.preflight.finding import Level
+
+    counts = {
+        level: sum(each.level is level for _, each in found)
+        for level in (Level.ERROR, Level.WARNING)
+    }
+    errors, warnings = counts[Level.ERROR], counts[Level.WARNING]
+    if errors:
+        return f"{errors} to mend before it flies, {warnings} to look at: docs/preflight.md"
+    return f"nothing must be mended, {warnings} to look at"

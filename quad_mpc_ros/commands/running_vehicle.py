@@ -1,0 +1,283 @@
+"""The running nodes of a vehicle, looked at from outside: what the checks before a flight read."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Self
+
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from quad_mpc_ros.commands.observer import Observer, subscribe
+from quad_mpc_ros.commands.run_configuration import SCHEMA
+from quad_mpc_ros.configuration import Configuration, UserError
+from quad_mpc_ros.messages.topics import (
+    BATTERY,
+    CLOCK,
+    COMMAND,
+    DIAGNOSTICS,
+    ENGAGED,
+    ODOMETRY,
+    REFERENCE,
+    Topic,
+)
+from quad_mpc_ros.recordings.recording import flown_points
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.registry import bridge_configurations
+from quad_mpc_ros.ros.clocks import SteadyTime
+from quad_mpc_ros.ros.messages import odometry_in
+from quad_mpc_ros.ros.nodes.parameter_query import ParameterQuery
+from quad_mpc_ros.ros.preflight.facts import (
+    BRIDGE_SUFFIX,
+    MPC_NODE,
+    REFERENCE_NODE,
+    Arrival,
+    Battery,
+    Course,
+    Endpoint,
+    Facts,
+    NodeFacts,
+    TopicFacts,
+)
+from quad_mpc_ros.ros.preflight.way import course_of
+
+_NAME = "quad_mpc_preflight"
+_SETTLING = 1.5  # s: in which nodes are discovered, and report their health
+_WATCHING = 1.5  # s: of odometry
+_USE_SIM_TIME = "use_sim_time"
+
+
+class RunningVehicle(Observer):
+    """A small node beside those of the vehicle in ``namespace``, full or empty."""
+
+    def __init__(self, namespace: str) -> None:
+        super().__init__(_NAME)
+        self._space = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
+        self._health: dict[str, Any] = {}
+        self._arrivals: list[Arrival] = []
+        self._battery: Battery | None = None
+
+    def __enter__(self) -> Self:
+        super().__enter__()
+        subscribe(self.node, DIAGNOSTICS, self._on_diagnostics)
+        return self
+
+    def facts(self, *, bridge: str, timeout: float) -> Facts:
+        """Look at the vehicle for some seconds, at most ``timeout``, and return what is there.
+
+        ``bridge`` is as in :class:`Facts`.
+        """
+        deadline = time.monotonic() + timeout
+        self._spin(lambda: MPC_NODE in self._names(), deadline)
+        self._spin(lambda: False, min(time.monotonic() + _SETTLING, deadline))
+        names = self._names()
+        parameters = self._parameters(sorted(set(names)), deadline)
+        self._follow_time(parameters)
+        topics = self._topics()
+        self._watch(topics, deadline)
+        nodes = {
+            name: self._node(name, parameters.get(name), count=names.count(name))
+            for name in sorted(set(names), key=_order)
+        }
+        course, course_fault = _course(nodes.get(REFERENCE_NODE))
+        return Facts(
+            nodes=nodes,
+            bridge=bridge,
+            topics={role: self._topic(topic) for role, topic in topics.items()},
+            arrivals=tuple(self._arrivals),
+            battery=self._battery,
+            course=course,
+            course_fault=course_fault,
+        )
+
+    def _names(self) -> list[str]:
+        """Return the nodes of the vehicle, one that is there twice twice.
+
+        A node may have reported its health before the graph knows its name.
+        """
+        there = [
+            f"{space.rstrip('/')}/{name}"
+            for name, space in self.node.get_node_names_and_namespaces()
+        ]
+        there += sorted(self._health.keys() - set(there))
+        return [
+            name
+            for space, _, name in (each.rpartition("/") for each in there)
+            if space == self._space and (name in SCHEMA or name.endswith(BRIDGE_SUFFIX))
+        ]
+
+    def _parameters(self, names: list[str], deadline: float) -> dict[str, dict[str, Any]]:
+        """Return the parameters of the nodes that answer in time."""
+        queries = {name: ParameterQuery(self.node, f"{self._space}/{name}") for name in names}
+        found: dict[str, dict[str, Any]] = {}
+
+        def all_there() -> bool:
+            for name, query in queries.items():
+                values = query.poll()
+                if values is not None:
+                    found[name] = values
+            return len(found) == len(queries)
+
+        self._spin(all_there, deadline)
+        for query in queries.values():
+            query.close()
+        return found
+
+    def _follow_time(self, parameters: Mapping[str, Mapping[str, Any]]) -> None:
+        """Let arrivals be timed by the clock of the MPC."""
+        if parameters.get(MPC_NODE, {}).get(_USE_SIM_TIME):
+            self.node.set_parameters([Parameter(_USE_SIM_TIME, value=True)])
+
+    def _watch(self, topics: Mapping[str, Topic], deadline: float) -> None:
+        """Take odometry for a while, and one report of each node."""
+        clock = SteadyTime(self.node.get_clock())
+
+        def on_odometry(data: bytes) -> None:
+            at_ns = clock.now_ns()
+            try:
+                odometry = odometry_in(data)
+            except ValueError:
+                return
+            self._arrivals.append(Arrival(odometry=odometry, at_ns=at_ns))
+
+        subscribe(self.node, topics[ODOMETRY.name], on_odometry, raw=True)
+        battery = dataclasses.replace(BATTERY, name=f"{self._space}/{BATTERY.name}")
+        subscribe(self.node, battery, self._on_battery)
+        self._spin(lambda: bool(self._arrivals), deadline)
+        self._spin(lambda: False, min(time.monotonic() + _WATCHING, deadline))
+
+    def _node(self, name: str, parameters: dict[str, Any] | None, *, count: int) -> NodeFacts:
+        status = self._health.get(f"{self._space}/{name}")
+        values = {pair.key: pair.value for pair in status.values} if status is not None else {}
+        config, fault = None, "its parameter services do not answer"
+        if parameters is not None:
+            config, fault = _configuration(name, parameters)
+        return NodeFacts(
+            config=config,
+            fault=fault,
+            state=values.get("state", ""),
+            health=status.message if status is not None else "",
+            values=values,
+            use_sim_time=bool((parameters or {}).get(_USE_SIM_TIME)),
+            count=count,
+        )
+
+    def _topics(self) -> dict[str, Topic]:
+        """Return the topics by what they are for, under the names to which nodes remapped them."""
+        found = {
+            role: dataclasses.replace(topic, name=f"{self._space}/{topic.name}")
+            for role, topic in ((each.name, each) for each in (REFERENCE, ENGAGED))
+        } | {CLOCK.name: CLOCK}
+        ours = self.node
+        for topic, node, ends in (
+            (ODOMETRY, MPC_NODE, ours.get_subscriber_names_and_types_by_node),
+            (COMMAND, MPC_NODE, ours.get_publisher_names_and_types_by_node),
+            (REFERENCE, REFERENCE_NODE, ours.get_publisher_names_and_types_by_node),
+        ):
+            name = f"{self._space}/{topic.name}"
+            if node in self._names():
+                used = [
+                    each
+                    for each, types in ends(node, self._space or "/")
+                    if topic.type_name in types
+                ]
+                name = used[0] if len(used) == 1 else name
+            found[topic.name] = dataclasses.replace(topic, name=name)
+        return found
+
+    def _topic(self, topic: Topic) -> TopicFacts:
+        publishers = self.node.get_publishers_info_by_topic(topic.name)
+        subscriptions = [
+            end
+            for end in self.node.get_subscriptions_info_by_topic(topic.name)
+            if end.node_name != _NAME
+        ]
+        return TopicFacts(
+            name=topic.name,
+            type_name=topic.type_name,
+            publishers=tuple(map(_endpoint, publishers)),
+            subscriptions=tuple(map(_endpoint, subscriptions)),
+            mismatches=tuple(
+                mismatch
+                for publisher in publishers
+                for subscription in subscriptions
+                if (mismatch := _mismatch(publisher, subscription))
+            ),
+        )
+
+    def _on_diagnostics(self, message: Any) -> None:
+        for status in message.status:
+            self._health[status.name] = status
+
+    def _on_battery(self, message: Any) -> None:
+        cells = [float(cell) for cell in message.cell_voltage if cell > 0.0]
+        self._battery = Battery(
+            voltage=_measured(message.voltage),
+            share=_measured(message.percentage),
+            cell=min(cells, default=None),
+        )
+
+    def _spin(self, until: Callable[[], bool], deadline: float) -> None:
+        while not until() and (remaining := deadline - time.monotonic()) > 0.0:
+            self.executor.spin_once(timeout_sec=min(remaining, 0.05))
+
+
+def node_configurations() -> dict[str, type[Configuration]]:
+    """Return the parameters of every node that a vehicle may have, by its name."""
+    return {**SCHEMA, **bridge_configurations()}
+
+
+def _configuration(name: str, parameters: Mapping[str, Any]) -> tuple[Configuration | None, str]:
+    """Return what a node was configured with, or why that is not known."""
+    kind = node_configurations().get(name, BridgeConfig)
+    # A node has parameters of ROS itself as well; a bridge of another package has its own.
+    known = {spec.name for spec in kind.specs()} if kind is BridgeConfig else parameters.keys()
+    foreign = ("start_type_description_service", _USE_SIM_TIME)
+    given = {
+        parameter: value
+        for parameter, value in parameters.items()
+        if parameter in known and parameter not in foreign and "qos_overrides" not in parameter
+    }
+    try:
+        return kind.build(given), ""
+    except UserError as error:
+        return None, str(error)
+
+
+def _course(node: NodeFacts | None) -> tuple[Course | None, str]:
+    if node is None or not isinstance(node.config, ReferenceConfig):
+        return None, ""
+    try:
+        return course_of(node.config, read_bag=flown_points), ""
+    except UserError as error:
+        return None, str(error)
+
+
+def _endpoint(info: TopicEndpointInfo) -> Endpoint:
+    return Endpoint(node=_full_name(info), type_name=info.topic_type)
+
+
+def _full_name(info: TopicEndpointInfo) -> str:
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+
+
+def _mismatch(publisher: TopicEndpointInfo, subscription: TopicEndpointInfo) -> str:
+    """Return why a subscription does not get what a publisher sends; empty if it does."""
+    compatibility, reason = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
+    if compatibility is not QoSCompatibility.ERROR:
+        return ""
+    told = " ".join(reason.removeprefix("ERROR: ").split()).rstrip(";.")
+    return f"{_full_name(subscription)} does not get what {_full_name(publisher)} sends: {told}"
+
+
+def _measured(value: float) -> float | None:
+    return float(value) if value > 0.0 else None  # NaN is what was not measured
+
+
+def _order(name: str) -> tuple[int, str]:
+    known = list(SCHEMA)
+    return (known.index(name) if name in known else len(known), name)

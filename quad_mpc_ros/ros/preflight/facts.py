@@ -1,0 +1,148 @@
+"""What is known of a running vehicle before its flight: what the checks read."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from quad_mpc_ros.configuration import Configuration
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.feasibility import Verdict
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
+
+C = TypeVar("C", bound=Configuration)
+
+MPC_NODE, REFERENCE_NODE = "mpc", "reference"
+SIMULATOR_NODE, RECORDER_NODE = "simulator", "recorder"
+BRIDGE_SUFFIX = "_bridge"
+"""How the name of a bridge's node ends."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NodeFacts:
+    """A node of the vehicle.
+
+    ``config`` is None where its parameters did not come or cannot be used; then ``fault`` says
+    why. ``state`` is that of its lifecycle, empty for a node without one. ``health`` is the text
+    of its newest diagnostics, empty before the first, and ``values`` are their values. ``count``
+    is how many nodes have this name.
+    """
+
+    config: Configuration | None = None
+    fault: str = ""
+    state: str = ""
+    health: str = ""
+    values: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    use_sim_time: bool = False
+    count: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Endpoint:
+    """A publisher or a subscription: its node's full name, and its type."""
+
+    node: str
+    type_name: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopicFacts:
+    """A topic; ``mismatches`` are the pairs of ends that do not understand each other."""
+
+    name: str
+    type_name: str
+    publishers: tuple[Endpoint, ...] = ()
+    subscriptions: tuple[Endpoint, ...] = ()
+    mismatches: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Arrival:
+    """An odometry and when it arrived, by the clock of the nodes [ns]."""
+
+    odometry: OdometrySample
+    at_ns: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Battery:
+    """What was last measured of the battery; None where that is not told."""
+
+    voltage: float | None = None
+    share: float | None = None
+    """Of its charge, 0 to 1."""
+    cell: float | None = None
+    """Voltage of the weakest cell."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Course:
+    """What the reference leads along, as odometry of a vehicle on it, and the verdict on it."""
+
+    samples: tuple[OdometrySample, ...]
+    verdict: Verdict
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """All that was gathered.
+
+    Attributes:
+        nodes: By their names in the namespace.
+        bridge: The bridge asked for: the name of its node, ``none``, or empty for any.
+        topics: By what they are for: the names in ``messages/topics.py``.
+        arrivals: Odometries in order.
+        battery: None where no battery is published.
+        course: None where the reference's parameters give none here; then ``course_fault`` says
+            why.
+        stated: What files given on the command line state, by node and parameter.
+        free: Bytes free on this computer's disk, by folder.
+        compiled: Whether all machine code is kept on this computer; None where that is unknown.
+    """
+
+    nodes: Mapping[str, NodeFacts] = dataclasses.field(default_factory=dict)
+    bridge: str = ""
+    topics: Mapping[str, TopicFacts] = dataclasses.field(default_factory=dict)
+    arrivals: tuple[Arrival, ...] = ()
+    battery: Battery | None = None
+    course: Course | None = None
+    course_fault: str = ""
+    stated: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
+    free: Mapping[str, int] = dataclasses.field(default_factory=dict)
+    compiled: bool | None = None
+
+    @property
+    def mpc(self) -> MpcConfig | None:
+        """The parameters of the MPC, if they are known."""
+        return self._config(MPC_NODE, MpcConfig)
+
+    @property
+    def reference(self) -> ReferenceConfig | None:
+        """The parameters of the reference, if they are known."""
+        return self._config(REFERENCE_NODE, ReferenceConfig)
+
+    @property
+    def bridges(self) -> dict[str, NodeFacts]:
+        """The bridges that run."""
+        return {name: node for name, node in self.nodes.items() if name.endswith(BRIDGE_SUFFIX)}
+
+    @property
+    def bridge_configs(self) -> dict[str, BridgeConfig]:
+        """The parameters of the bridges that run."""
+        return {
+            name: node.config
+            for name, node in self.bridges.items()
+            if isinstance(node.config, BridgeConfig)
+        }
+
+    def _config(self, name: str, kind: type[C]) -> C | None:
+        node = self.nodes.get(name)
+        return node.config if node is not None and isinstance(node.config, kind) else None
+
+    def changed(self, **fields: Any) -> Facts:
+        """Return these facts with some of them changed."""
+        return dataclasses.replace(self, **fields)

@@ -1,0 +1,229 @@
+"""Whether the odometry can be flown by: its frames, rate, clock, and what it tells at rest."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import statistics
+from collections import Counter
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.twist_frame import TwistFrameCheck
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
+from quad_mpc_ros.control.safety.validation import is_frame
+from quad_mpc_ros.messages.topics import CLOCK
+from quad_mpc_ros.ros.preflight.facts import SIMULATOR_NODE, Arrival, Facts
+from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+_ENOUGH = 10  # odometries to judge by
+_RATE_SHARE = 0.95  # of the control rate
+_JITTER_SHARE = 0.3  # of a period
+_CLOCK_OFF = 0.1  # s: what a bridge takes as the age of a command (command_timeout)
+# At rest: positions within this [m], and then at most this speed [m/s], turn [rad/s], tilt [rad].
+_STILL, _SPEED, _TURN, _TILT = 0.05, 0.3, 0.2, 0.35
+_NO_ODOMETRY = unknown("no odometry came")
+
+
+def frame_findings(facts: Facts) -> list[Finding]:
+    """Are odometry and reference in the frame that the MPC expects?"""
+    mpc, reference = facts.mpc, facts.reference
+    if mpc is None:
+        return [unknown("the parameters of mpc are unknown")]
+    expected, found = mpc.odometry.frame_id, []
+    if reference is not None and not is_frame(reference.frame_id, expected):
+        found.append(
+            error(
+                f"reference.frame_id is '{reference.frame_id}', mpc.odometry.frame_id is "
+                f"'{expected}'",
+                "set both alike: the MPC refuses other references",
+            )
+        )
+    if not facts.arrivals:
+        return found or [_NO_ODOMETRY]
+    odometry = facts.arrivals[-1].odometry
+    given, child = odometry.frame_id, odometry.child_frame_id
+    if not is_frame(given, expected):
+        found.append(
+            error(
+                f"the odometry is in frame '{given}', mpc.odometry.frame_id is '{expected}'",
+                "set odometry.frame_id to the frame, which must be ENU: the MPC refuses others",
+            )
+        )
+    if mpc.odometry.twist_frame == "child" and (not child or is_frame(child, given)):
+        found.append(
+            warning(
+                f"the odometry's child_frame_id is '{child}': its twist may be that of the world",
+                "set odometry.twist_frame of mpc to world if it is",
+            )
+        )
+    return found or [ok(f"odometry in '{given}', twist in '{child}'")]
+
+
+def rate_findings(facts: Facts) -> list[Finding]:
+    """Does the odometry come often and regularly enough?"""
+    mpc, arrivals = facts.mpc, facts.arrivals
+    if len(arrivals) < 2:
+        return [
+            error(
+                "no odometry came" if not arrivals else "one odometry came, and no more",
+                "start its source; the lines nodes and topics say what is missing",
+            )
+        ]
+    steps = [1e-9 * (b.odometry.stamp_ns - a.odometry.stamp_ns) for a, b in pairwise(arrivals)]
+    duration = sum(steps)
+    if len(arrivals) < _ENOUGH or duration <= 0.0 or mpc is None:
+        return [unknown(f"{len(arrivals)} odometries came, too few to judge their rate")]
+    rate, found = len(steps) / duration, []
+    if rate < _RATE_SHARE * mpc.control_rate:
+        found.append(
+            warning(
+                f"odometry comes {rate:.1f} times a second, mpc.control_rate is "
+                f"{mpc.control_rate:g}: commands come no more often",
+                "raise the rate of its source, or lower control_rate",
+            )
+        )
+    if max(steps) > mpc.odom_timeout:
+        found.append(
+            warning(
+                f"{max(steps):.2f} s lie between two odometries, mpc.odom_timeout is "
+                f"{mpc.odom_timeout:g}",
+                "find out what holds its source up, or whether messages are lost on the way",
+            )
+        )
+    latencies = [1e-9 * (each.at_ns - each.odometry.stamp_ns) for each in arrivals]
+    jitter = max(statistics.pstdev(steps), statistics.pstdev(latencies))
+    if jitter > _JITTER_SHARE * duration / len(steps):
+        found.append(
+            warning(
+                f"odometry comes {rate:.1f} times a second with a jitter of {1e3 * jitter:.0f} ms",
+                "look at the load of the computer and at the link",
+            )
+        )
+    return found or [ok(f"{rate:.1f} odometries a second, jitter {1e3 * jitter:.1f} ms")]
+
+
+def clock_findings(facts: Facts) -> list[Finding]:
+    """Do all nodes use one clock, and are odometries stamped by it?"""
+    found = _simulated_time(facts)
+    if not facts.arrivals:
+        return found or [_NO_ODOMETRY]
+    ages = [1e-9 * (each.at_ns - each.odometry.stamp_ns) for each in facts.arrivals]
+    least = min(ages, key=abs)
+    if abs(least) > _CLOCK_OFF:
+        side = "behind" if least > 0.0 else "ahead of"
+        judged = error if facts.bridges else warning
+        found.append(
+            judged(
+                f"the odometry's stamps are {abs(least):.2f} s {side} the clock of this computer",
+                "set the clocks alike (chrony), or use_sim_time on all nodes: a bridge passes no "
+                "command whose stamp is off by more than 0.1 s",
+            )
+        )
+    return found or [ok(f"odometry is {1e3 * statistics.median(ages):.0f} ms old when it comes")]
+
+
+def _simulated_time(facts: Facts) -> list[Finding]:
+    on: list[str] = []
+    off: list[str] = []
+    for name, node in facts.nodes.items():
+        makes_time = isinstance(node.config, SimulatorConfig) and node.config.lockstep
+        if not (name == SIMULATOR_NODE and makes_time):
+            (on if node.use_sim_time else off).append(name)
+    if on and off:
+        return [
+            error(
+                f"use_sim_time is on for {', '.join(on)}, off for {', '.join(off)}",
+                "set it alike on all nodes",
+            )
+        ]
+    clock = facts.topics.get(CLOCK.name)
+    if on and (clock is None or not clock.publishers):
+        return [error("use_sim_time is on and nobody publishes /clock", "switch it off")]
+    return []
+
+
+def motion_findings(facts: Facts) -> list[Finding]:
+    """Would the MPC take the odometry, and does it tell of rest while the vehicle rests?"""
+    mpc, arrivals = facts.mpc, facts.arrivals
+    if mpc is None or len(arrivals) < _ENOUGH:
+        return [unknown("too few odometries came")]
+    found = _refused(mpc, arrivals)
+    if found:
+        return found
+    p_WB = np.array([each.odometry.p_WB for each in arrivals])
+    if float(np.abs(p_WB - p_WB.mean(axis=0)).max()) < _STILL:
+        return _at_rest(mpc, arrivals) or [ok("at rest, level, its twist tells so")]
+    check = TwistFrameCheck(twist_frame=mpc.odometry.twist_frame)
+    suspects = [frame for each in arrivals if (frame := check.suspect(each.odometry))]
+    if suspects:
+        return [
+            error(
+                f"the twist of the odometry seems to be in the {suspects[0]} frame, "
+                f"mpc.odometry.twist_frame is {mpc.odometry.twist_frame}",
+                f"set it to {suspects[0]}, or mend the source",
+            )
+        ]
+    return [unknown("it moves: the odometry at rest could not be looked at")]
+
+
+def _refused(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
+    """Return what the MPC would refuse besides the frame, which has a line of its own."""
+    gate = OdometryGate(mpc)
+    frame_id = mpc.odometry.frame_id
+    reasons = Counter(
+        reason
+        for each in arrivals
+        if (
+            reason := gate.refusal(
+                dataclasses.replace(each.odometry, frame_id=frame_id), now_ns=each.at_ns
+            )
+        )
+    )
+    if not reasons:
+        return []
+    judged = error if 2 * reasons.total() > len(arrivals) else warning
+    ((reason, _),) = reasons.most_common(1)
+    return [
+        judged(
+            f"the MPC would refuse {reasons.total()} of {len(arrivals)} odometries: {reason}",
+            "mend their source",
+        )
+    ]
+
+
+def _at_rest(mpc: MpcConfig, arrivals: Sequence[Arrival]) -> list[Finding]:
+    """Return what does not fit a vehicle that stays where it is."""
+    samples = [each.odometry for each in arrivals]
+    v = np.array([each.v_WB_B for each in samples])
+    if mpc.odometry.twist_frame == "child":
+        q = np.array([each.q_WB_xyzw for each in samples])
+        v = np.einsum("nij,nj->ni", so3.rotation_from_quaternion_xyzw(q), v)
+    speed = float(np.linalg.norm(v.mean(axis=0)))
+    turn = float(np.linalg.norm(np.mean([each.w_WB_B for each in samples], axis=0)))
+    tilt = math.acos(min(max(statistics.fmean(each.up for each in samples), -1.0), 1.0))
+    found = []
+    if speed > _SPEED:
+        found.append(
+            error(f"the odometry stays where it is and tells of {speed:.2f} m/s", "mend its twist")
+        )
+    if turn > _TURN:
+        found.append(
+            error(
+                f"the odometry stays where it is and tells of a turn of {turn:.2f} rad/s",
+                "calibrate the gyroscope, or mend its twist",
+            )
+        )
+    if tilt > _TILT:
+        found.append(
+            warning(
+                f"the vehicle rests with a tilt of {tilt:.2f} rad, expected {_TILT:g} or less",
+                "put it level; if it is, its frames are not ENU and FLU",
+            )
+        )
+    return found

@@ -1,0 +1,134 @@
+"""What a node finds in its own parameters: they can be used, and had better be looked at.
+
+What cannot be used at all is refused where it is declared (``Configuration.check``).
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+from pathlib import Path
+
+from quad_mpc_ros.configuration import Configuration
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.recordings.config import RecorderConfig
+from quad_mpc_ros.ros.preflight.finding import Finding, error, warning
+
+REFUSED_KEY, FREE_KEY = "realtime_refused", "free_bytes"
+"""In a node's diagnostics: what the operating system refused, what is free on the bag's disk."""
+
+# Thrust over weight: below the first at full throttle wind and climbs saturate it, above the
+# second at the least throttle it hardly descends.
+_LEAST_LIFT, _MOST_IDLE = 1.4, 0.7
+# bytes: a flight of ten minutes takes about a tenth of the second.
+_SCARCE, _FULL = 1_000_000_000, 100_000_000
+
+
+def own_findings(config: Configuration) -> list[Finding]:
+    """Return what a node can judge by itself when it is configured."""
+    if isinstance(config, MpcConfig):
+        lags = [] if config.lockstep else lag_findings(config)
+        return [*lags, *throttle_findings(config), *limit_findings(config)]
+    if isinstance(config, RecorderConfig):
+        place = bag_place(config)
+        return disk_findings(place, free_bytes(place))
+    return []
+
+
+def lag_findings(mpc: MpcConfig) -> list[Finding]:
+    """Return which lags are left out of the model."""
+    if not mpc.unmodelled_lags:
+        return []
+    return [
+        warning(
+            f"{', '.join(mpc.unmodelled_lags)} = 0: every real vehicle lags, and one that lags "
+            "more than modelled oscillates",
+            "set an estimate, and after a first flight what quad_mpc identify finds",
+        )
+    ]
+
+
+def throttle_findings(mpc: MpcConfig) -> list[Finding]:
+    """Return where the bounds on the throttle leave little room around hovering."""
+    weight = mpc.mass * mpc.gravity
+    lift, idle = mpc.thrust(mpc.throttle_max) / weight, mpc.thrust(mpc.throttle_min) / weight
+    tilt = mpc.limits.tilt_max
+    found = []
+    if lift < _LEAST_LIFT:
+        found.append(
+            warning(
+                f"at throttle_max {mpc.throttle_max:g} the motors lift {lift:.2f} times the "
+                f"weight, expected {_LEAST_LIFT:g} or more",
+                "check mass, motor_count and thrust_curve, or raise throttle_max",
+            )
+        )
+    elif mpc.formulation == "manifold" and 0.0 < tilt < math.pi and lift * math.cos(tilt) < 1.0:
+        found.append(
+            warning(
+                f"at limits.tilt_max {tilt:g} rad and throttle_max {mpc.throttle_max:g} the "
+                f"motors lift {max(lift * math.cos(tilt), 0.0):.2f} times the weight: it would "
+                "sink",
+                f"set limits.tilt_max below {math.acos(1.0 / lift):.2f}",
+            )
+        )
+    if idle > _MOST_IDLE:
+        found.append(
+            warning(
+                f"at throttle_min {mpc.throttle_min:g} the motors still lift {idle:.2f} times the "
+                f"weight, expected {_MOST_IDLE:g} or less: it hardly descends",
+                "lower throttle_min",
+            )
+        )
+    return found
+
+
+def limit_findings(mpc: MpcConfig) -> list[Finding]:
+    """Return what the plan may do that the envelope does not allow."""
+    envelope, limits = mpc.envelope, mpc.limits
+    planned = [("omega_max", max(mpc.omega_max), "envelope.rate_max", envelope.rate_max, "rad/s")]
+    if mpc.formulation == "manifold":
+        # No limit in the plan is one of any size; a tilt of pi and a speed of 100 m/s are any.
+        tilt = limits.tilt_max or math.pi
+        planned.append(("limits.tilt_max", tilt, "envelope.tilt_max", envelope.tilt_max, "rad"))
+        if limits.speed_max:
+            speed = envelope.speed_max
+            planned.append(
+                ("limits.speed_max", limits.speed_max, "envelope.speed_max", speed, "m/s")
+            )
+    return [
+        warning(
+            f"{name} allows the plan {value:.3g} {unit}, {bound} is {most:.3g}, where the action "
+            f"is {envelope.action}",
+            f"set {name} below {bound}",
+        )
+        for name, value, bound, most, unit in planned
+        if value > most
+    ]
+
+
+def bag_place(recorder: RecorderConfig) -> Path:
+    """Return the folder, which exists, below which the recorder writes its bag."""
+    wanted = Path(recorder.directory).resolve().parent if recorder.directory else Path.cwd()
+    return next(folder for folder in (wanted, *wanted.parents) if folder.exists())
+
+
+def free_bytes(place: Path) -> int:
+    """Return how much is free on the disk of a folder; 0 for one that cannot be looked at."""
+    try:
+        return shutil.disk_usage(place).free
+    except OSError:
+        return 0
+
+
+def disk_findings(place: Path | str, free: int) -> list[Finding]:
+    """Return whether the space on a disk is scarce, in bytes."""
+    if free >= _SCARCE:
+        return []
+    found = error if free < _FULL else warning
+    return [
+        found(
+            f"{free / 1e6:.0f} MB are free where the bag is written ({place}), expected "
+            f"{_SCARCE / 1e6:.0f} MB",
+            "remove old bags, or set the recorder's directory to another disk",
+        )
+    ]

@@ -1,0 +1,179 @@
+"""Whether the way of the reference stays within the limits of those who fly it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from quad_mpc_ros.control.config import EnvelopeParameters, FenceParameters, MpcConfig
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.safety.flight_limits import FlightLimits
+from quad_mpc_ros.control.safety.ladder import Action, Breach
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import judged_trajectory
+from quad_mpc_ros.references.feasibility import rates_beyond
+from quad_mpc_ros.references.point_table import BagReader
+from quad_mpc_ros.ros.preflight.facts import Course, Facts
+from quad_mpc_ros.ros.preflight.finding import Finding, error, ok, unknown, warning
+from quad_mpc_ros.ros.preflight.own import limit_findings
+
+_MOST_SAMPLES = 500
+_NEAR = 1e-6  # m
+_UNKNOWN = unknown("the parameters of mpc or reference are unknown")
+
+
+def course_of(config: ReferenceConfig, *, read_bag: BagReader) -> Course:
+    """Return what a configured reference leads along.
+
+    Raises :class:`UserError` where that cannot be found out here: of a file on another computer.
+    """
+    trajectory, verdict = judged_trajectory(config, read_bag=read_bag)
+    seconds = verdict.over_time.seconds
+    chosen = seconds[:: max(len(seconds) // _MOST_SAMPLES, 1)]
+    samples = trajectory.at([round(1e9 * second) for second in chosen])
+    R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
+    v_WB_B = np.einsum("nji,nj->ni", R_WB, samples.v_WB_W)
+    w_WB_B = np.einsum("nji,nj->ni", R_WB, samples.w_WB_W)
+    return Course(
+        samples=tuple(
+            OdometrySample(
+                stamp_ns=0,
+                frame_id=config.frame_id,
+                p_WB=samples.p_WB[i],
+                q_WB_xyzw=samples.q_WB_xyzw[i],
+                v_WB_B=v_WB_B[i],
+                w_WB_B=w_WB_B[i],
+            )
+            for i in range(len(chosen))
+        ),
+        verdict=verdict,
+    )
+
+
+def limits_findings(facts: Facts) -> list[Finding]:
+    """Do the limits nest: the reference's within the plan's, those within the envelope's?"""
+    mpc, reference = facts.mpc, facts.reference
+    if mpc is None:
+        return [_UNKNOWN]
+    found = limit_findings(mpc)
+    if reference is not None:
+        speed, envelope = reference.max_speed, mpc.envelope
+        if speed > envelope.speed_max:
+            judged = warning if envelope.action == "warn" else error
+            found.append(
+                judged(
+                    f"reference.max_speed is {speed:g} m/s, mpc.envelope.speed_max "
+                    f"{envelope.speed_max:g}, where the action is {envelope.action}",
+                    "lower max_speed, or raise envelope.speed_max",
+                )
+            )
+        elif 0.0 < mpc.limits.speed_max < speed:
+            found.append(
+                warning(
+                    f"reference.max_speed is {speed:g} m/s, mpc.limits.speed_max "
+                    f"{mpc.limits.speed_max:g}: the MPC falls behind",
+                    "lower max_speed, or raise limits.speed_max",
+                )
+            )
+    return found or [ok("of reference, plan and envelope nest")]
+
+
+def rates_findings(facts: Facts) -> list[Finding]:
+    """Can the stack turn as fast as the MPC may command, and the MPC as the reference needs?"""
+    mpc = facts.mpc
+    if mpc is None:
+        return [_UNKNOWN]
+    found = []
+    for name, config in facts.bridge_configs.items():
+        fastest = config.fastest_rates
+        for axis, asked, most in zip(_AXES, mpc.omega_max, fastest or mpc.omega_max, strict=True):
+            if asked > most:
+                found.append(
+                    warning(
+                        f"mpc.omega_max of {axis} is {asked:.3g} rad/s, {name} can ask for "
+                        f"{most:.3g}",
+                        "lower omega_max, or raise the rates of the stack",
+                    )
+                )
+    if facts.course is not None:
+        found += [
+            warning(
+                f"the reference needs a {need.name} of {need.worst:.3g} rad/s, mpc.omega_max is "
+                f"{bound:.3g}",
+                "slow it down: reference.time_scaling, advanced.trajectory_omega_max",
+            )
+            for need, bound in rates_beyond(facts.course.verdict, mpc.omega_max)
+        ]
+    return found or [ok(f"omega_max {[round(rate, 2) for rate in mpc.omega_max]} rad/s")]
+
+
+def fence_findings(facts: Facts) -> list[Finding]:
+    """Do fence and envelope hold the vehicle, its take-off and the reference?"""
+    mpc = facts.mpc
+    if mpc is None:
+        return [_UNKNOWN]
+    if mpc.fence == FenceParameters() and mpc.envelope == EnvelopeParameters():
+        if facts.bridges:
+            return [warning("no fence is set", "set fence.minimum and fence.maximum of mpc")]
+        return [ok("none is set")]
+    found = []
+    limits = FlightLimits(mpc)
+    for name, samples, remedy in _places(facts):
+        breach = _gravest(limits, samples)
+        if breach is not None:
+            judged = warning if breach.action is Action.WARN else error
+            found.append(judged(f"{name} would break a limit: {breach.reason}", remedy))
+        elif _is_near(mpc, limits, samples):
+            found.append(warning(f"{name} comes nearer than 0.5 m to the fence", remedy))
+    if facts.course_fault:
+        found.append(unknown(f"the way of the reference: {facts.course_fault}"))
+    return found or [ok("vehicle, take-off and reference are inside")]
+
+
+def _places(facts: Facts) -> list[tuple[str, Sequence[OdometrySample], str]]:
+    """Return what has to be inside: its name, where it leads, and what to do if it is not."""
+    places: list[tuple[str, Sequence[OdometrySample], str]] = []
+    here: Array = np.zeros(3)
+    if facts.arrivals:
+        odometry = facts.arrivals[-1].odometry
+        here = odometry.p_WB
+        places.append(
+            ("the vehicle", [_resting(here)], "carry it inside, or move the fence's walls")
+        )
+    if facts.reference is not None:
+        height = facts.reference.takeoff_height
+        places.append(
+            (
+                f"a take-off to {height:g} m",
+                [_resting(here + np.array([0.0, 0.0, height]))],
+                "lower reference.takeoff_height, or raise fence.maximum",
+            )
+        )
+    if facts.course is not None:
+        places.append(
+            ("the reference", facts.course.samples, "change it, or widen fence.* or envelope.*")
+        )
+    return places
+
+
+def _resting(p_WB: Array) -> OdometrySample:
+    return OdometrySample.at_rest(p_WB)
+
+
+def _gravest(limits: FlightLimits, samples: Sequence[OdometrySample]) -> Breach | None:
+    found = [each for sample in samples if (each := limits.foreseen(sample)) is not None]
+    return max(found, key=lambda breach: breach.action, default=None)
+
+
+def _is_near(mpc: MpcConfig, limits: FlightLimits, samples: Sequence[OdometrySample]) -> bool:
+    """Whether a way, and not only where the vehicle stands, is near a wall."""
+    if mpc.fence == FenceParameters() or len(samples) < 2:
+        return False
+    return any(
+        float(np.abs(limits.inside(sample.p_WB) - sample.p_WB).max()) > _NEAR for sample in samples
+    )
+
+
+_AXES = ("roll", "pitch", "yaw")
