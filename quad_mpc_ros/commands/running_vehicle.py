@@ -268,7 +268,7 @@ def _full_name(info: TopicEndpointInfo) -> str:
 def _mismatch(publisher: TopicEndpointInfo, subscription: TopicEndpointInfo) -> str:
     """Return why a subscription does not get what a publisher sends; empty if it does."""
     compatibility, reason = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
-    if compatibility is not QoSCompatibility.ERROR:
+    if compatibility != QoSCompatibility.ERROR:
         return ""
     told = " ".join(reason.removeprefix("ERROR: ").split()).rstrip(";.")
     return f"{_full_name(subscription)} does not get what {_full_name(publisher)} sends: {told}"

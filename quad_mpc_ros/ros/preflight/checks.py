@@ -107,7 +107,10 @@ def _missing(facts: Facts) -> list[Finding]:
 
 def _inactive(facts: Facts) -> list[Finding]:
     return [
-        error(f"{name} is not active: {node.health or node.state}", "ros2 lifecycle set activates")
+        error(
+            f"{name} is not active: {node.health or node.state}",
+            "mend that; docs/lifecycle.md says how to activate it by hand",
+        )
         for name, node in facts.nodes.items()
         if name in (MPC_NODE, REFERENCE_NODE) and node.state not in ("", "active")
     ]
@@ -165,6 +168,8 @@ def throttle(facts: Facts) -> list[Finding]:
 
 def topics(facts: Facts) -> list[Finding]:
     """Has each topic one publisher that its subscriptions understand?"""
+    if not facts.topics:
+        return [unknown("no topic is known")]
     found: list[Finding] = []
     for role in (ODOMETRY.name, REFERENCE.name, COMMAND.name, ENGAGED.name):
         topic = facts.topics.get(role)

@@ -20,7 +20,7 @@ REFUSED_KEY, FREE_KEY = "realtime_refused", "free_bytes"
 # Thrust over weight: below the first at full throttle wind and climbs saturate it, above the
 # second at the least throttle it hardly descends.
 _LEAST_LIFT, _MOST_IDLE = 1.4, 0.7
-# bytes: a flight of ten minutes takes about a tenth of the second.
+# bytes: ten minutes at 50 Hz take about a third of the second.
 _SCARCE, _FULL = 1_000_000_000, 100_000_000
 
 

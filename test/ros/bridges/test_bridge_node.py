@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from fixtures.bridges import BRIDGES, HOVER
 from fixtures.setup_py import executable
 from geometry_msgs.msg import TwistStamped
@@ -22,6 +23,7 @@ from std_srvs.srv import SetBool
 
 from quad_mpc_ros.messages.topics import (
     COMMAND,
+    DIAGNOSTICS,
     ENGAGED,
     LANDED,
     ODOMETRY,
@@ -31,11 +33,13 @@ from quad_mpc_ros.messages.topics import (
 )
 from quad_mpc_ros.ros.bridges import node as node_module
 from quad_mpc_ros.ros.bridges.bridge import Bridge
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.node import run_bridge
 from quad_mpc_ros.ros.bridges.rates import RatesBridge
 from quad_mpc_ros.ros.bridges.rosflight import RosflightBridge
 from quad_mpc_ros.ros.health import HealthReporter
 from quad_mpc_ros.ros.messages import qos_of
+from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, vehicle_text
 
 # Those whose stacks are not at the end of a serial line: test_serial_line.py has that one.
 OVER_TOPICS = {name: kind for name, kind in BRIDGES.items() if "serial" not in kind.packages}
@@ -173,6 +177,71 @@ def test_refuses_handover_with_two_command_sources(peer: Peer, tmp_path: Path) -
     assert code == 0
 
 
+class Others:
+    """The health of an MPC and a reference, which state their vehicles."""
+
+    def __init__(self, peer: Peer) -> None:
+        self.vehicles = {name: BridgeConfig().vehicle_values() for name in ("mpc", "reference")}
+        self._publisher = peer.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        peer.node.create_timer(0.1, self._tell)
+
+    def _tell(self) -> None:
+        for name, values in self.vehicles.items():
+            stated = KeyValue(key=VEHICLE_KEY, value=vehicle_text(values))
+            status = DiagnosticStatus(name=f"/{name}", values=[stated])
+            self._publisher.publish(DiagnosticArray(status=[status]))
+
+
+def test_refuses_handover_while_nodes_have_different_vehicles(peer: Peer, tmp_path: Path) -> None:
+    others = Others(peer)
+    others.vehicles["reference"] = {**others.vehicles["reference"], "mass": 0.9, "drag": 0.2}
+    others.vehicles["mpc"]["drag"] = 0.3  # may differ
+    others.vehicles["simulator"] = {"mass": 5.0}  # what flies may be another vehicle
+    arm = peer.node.create_client(SetBool, "rates_bridge/arm")
+    process = start("rates", log=tmp_path / "log")
+    try:
+        ready = (peer.engage.service_is_ready, arm.service_is_ready)
+        assert peer.fly(lambda: peer.odometries and all(each() for each in ready))
+        expected = (
+            "vehicles differ: mass 0.396893 of rates_bridge and mpc, 0.9 of reference; give every "
+            "node the same vehicle file"
+        )
+        log = tmp_path / "log"
+        assert peer.fly(lambda: "were given different vehicles" in log.read_text())
+        engaging = peer.engage.call_async(SetBool.Request(data=True))
+        assert peer.fly(engaging.done)
+        assert (engaging.result().success, engaging.result().message) == (False, expected)
+        arming = arm.call_async(SetBool.Request(data=True))
+        assert peer.fly(arming.done)
+        assert (arming.result().success, arming.result().message) == (False, expected)
+        disengaging = peer.engage.call_async(SetBool.Request(data=False))
+        assert peer.fly(disengaging.done)
+        assert disengaging.result().success
+
+        others.vehicles["reference"]["mass"] = others.vehicles["mpc"]["mass"]
+        assert peer.fly(lambda: peer.asked_to_engage())
+    finally:
+        code = end(process)
+    assert code == 0
+
+
+def test_refuses_handover_with_a_thrust_map_that_cannot_carry_the_vehicle(
+    peer: Peer, tmp_path: Path
+) -> None:
+    map_ = ("-p", "thrust_map.kind:=linear", "-p", "thrust_map.full_thrust:=3.0")
+    process = start("rates", *map_, log=tmp_path / "log")
+    try:
+        assert peer.fly(lambda: peer.odometries and peer.engage.service_is_ready())
+        engaging = peer.engage.call_async(SetBool.Request(data=True))
+        assert peer.fly(engaging.done)
+        assert not engaging.result().success
+        assert "no throttle that carries the weight of 3.89 N" in engaging.result().message
+    finally:
+        code = end(process)
+    assert code == 0
+    assert "[WARN]" in (tmp_path / "log").read_text()
+
+
 class StandIn:
     """In place of a publisher to a stack whose messages are not installed: when was it used?"""
 
@@ -205,7 +274,8 @@ def test_silent_without_commands_while_state_continues(
         callback: Callable[[Any], None],
         **options: bool,
     ) -> None:
-        if topic.type_name in (COMMAND.type_name, REFERENCE.type_name) and topic.name[0] != "/":
+        ours = topic.type_name in (COMMAND.type_name, REFERENCE.type_name)
+        if topic == DIAGNOSTICS or (ours and topic.name[0] != "/"):
             subscription(self, topic, callback, **options)
         else:
             receivers[topic.name] = topic.type_name, callback

@@ -1,0 +1,108 @@
+"""``quad_mpc preflight`` beside running vehicles: one that is fit, and one with every fault."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from fixtures.processes import end
+
+from quad_mpc_ros.cli import main
+
+Start = Callable[..., "subprocess.Popen[bytes]"]
+
+WALLS = "{fence: {minimum: [-5.0, -5.0, -1.0], maximum: [5.0, 5.0, 5.0]}}"
+VEHICLE = f"""
+/**:
+  ros__parameters: {{mass: 0.5, thrust_curve: [2.0, 3.0, 0.0]}}
+/**/mpc:
+  ros__parameters: {WALLS}
+"""
+# Somebody else who commands, and a listener that the odometry cannot satisfy.
+INTRUDER = textwrap.dedent("""
+    import contextlib
+    import rclpy
+    from geometry_msgs.msg import TwistStamped
+    from nav_msgs.msg import Odometry
+    from rclpy.qos import qos_profile_sensor_data
+    rclpy.init()
+    node = rclpy.create_node("intruder", namespace="unfit")
+    node.create_publisher(TwistStamped, "command", qos_profile_sensor_data)
+    node.create_subscription(Odometry, "odom", print, 10)  # reliable
+    with contextlib.suppress(KeyboardInterrupt):
+        rclpy.spin(node)
+""")
+
+
+@pytest.fixture
+def intruder() -> Iterator[None]:
+    process = subprocess.Popen([sys.executable, "-c", INTRUDER])
+    yield
+    end(process)
+
+
+def preflight(
+    capsys: pytest.CaptureFixture[str], *arguments: str
+) -> tuple[int, dict[str, list[tuple[str, str]]]]:
+    """Return the exit code, and level and text of the lines of each check."""
+    capsys.readouterr()
+    code = main(["preflight", *arguments, "--timeout", "30"])
+    found: dict[str, list[tuple[str, str]]] = {}
+    for line in capsys.readouterr().out.splitlines():
+        level, check, text = re.split(r"\s+", line, maxsplit=2)
+        found.setdefault(check, []).append((level, text))
+    return code, found
+
+
+def errors(found: dict[str, list[tuple[str, str]]]) -> dict[str, str]:
+    return {
+        check: "; ".join(text for level, text in lines if level == "error")
+        for check, lines in found.items()
+        if any(level == "error" for level, _ in lines)
+    }
+
+
+def test_tells_a_fit_vehicle_from_an_unfit_one(
+    start: Start, intruder: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "vehicle.yaml"
+    file.write_text(VEHICLE)
+    hover = ("-p", "trajectory:=hover", "-p", "height:=1.5")
+    fit = ("--params-file", str(file), "-r", "__ns:=/fit")
+    start("simulator", *fit)
+    start("reference", *fit, *hover)
+    start("mpc", *fit)
+    start("recorder", *fit, "-p", f"directory:={tmp_path / 'bag'}")
+    unfit = ("--params-file", str(file), "-r", "__ns:=/unfit")
+    start("simulator", *unfit, "-p", "frame_id:=map")
+    start("reference", *unfit, *hover, "-p", "mass:=0.75", "-p", "height:=6.0")
+    start("mpc", *unfit)
+
+    code, found = preflight(capsys, "--namespace", "fit", "--config", str(file))
+    assert code == 0, found
+    assert not errors(found)
+    for check in ("vehicles", "file", "throttle", "limits", "fence", "topics", "frames", "clock"):
+        assert [level for level, _ in found[check]] == ["ok"], found[check]
+    assert found["nodes"][0][1].startswith("mpc active, simulator, reference active, recorder")
+    assert "/fit/odom" in found["topics"][0][1]
+
+    code, found = preflight(capsys, "--namespace", "/unfit", "--config", str(file))
+    assert code == 1
+    mend = errors(found)
+    # The MPC takes no odometry in another frame, and so does not begin.
+    assert "inactive: odometry is in frame 'map', expected 'odom'" in mend.pop("nodes")
+    assert mend.pop("vehicles") == (
+        "vehicles differ: mass 0.5 of mpc, 0.75 of reference; give every node the same vehicle file"
+    )
+    assert "reference has mass 0.75, the file 0.5" in mend.pop("file")
+    assert "z is 6.00 m, limits -1 to 5" in mend.pop("fence")
+    topics = mend.pop("topics")
+    assert "2 publishers on /unfit/command, expected one" in topics
+    assert "/unfit/intruder does not get what /unfit/simulator sends" in topics
+    assert "the odometry is in frame 'map', mpc.odometry.frame_id is 'odom'" in mend.pop("frames")
+    assert not mend

@@ -1,0 +1,708 @@
+"""Each check before a flight by cases: what is well, what is to be looked at, what to be mended."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.messages.topics import CLOCK, COMMAND, ENGAGED, ODOMETRY, REFERENCE, Topic
+from quad_mpc_ros.recordings.config import RecorderConfig
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.ros.bridges.betaflight.config import BetaflightConfig
+from quad_mpc_ros.ros.bridges.rates import RatesConfig
+from quad_mpc_ros.ros.preflight.checks import CHECKS, findings
+from quad_mpc_ros.ros.preflight.facts import (
+    Arrival,
+    Battery,
+    Endpoint,
+    Facts,
+    NodeFacts,
+    TopicFacts,
+)
+from quad_mpc_ros.ros.preflight.finding import Level
+from quad_mpc_ros.ros.preflight.way import course_of
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+NOW_NS = 50_000_000_000
+Change = Callable[[Facts], Facts]
+
+
+def no_bag(_: object) -> Any:
+    raise AssertionError
+
+
+def topic(of: Topic, publisher: str, *subscribers: str) -> TopicFacts:
+    ends = tuple(Endpoint(node=f"/{name}", type_name=of.type_name) for name in subscribers)
+    return TopicFacts(
+        name=f"/{of.name}",
+        type_name=of.type_name,
+        publishers=(Endpoint(node=f"/{publisher}", type_name=of.type_name),),
+        subscriptions=ends,
+    )
+
+
+def arrivals(
+    count: int = 50, *, period: float = 0.02, age: float = 0.002, **fields: Any
+) -> tuple[Arrival, ...]:
+    """Return odometries of a vehicle that rests, but for what is given."""
+    found = []
+    for i in range(count):
+        at_ns = NOW_NS + round(1e9 * period * i)
+        rest = OdometrySample.at_rest([0.0, 0.0, 0.0], stamp_ns=at_ns - round(1e9 * age))
+        found.append(Arrival(odometry=dataclasses.replace(rest, **fields), at_ns=at_ns))
+    return tuple(found)
+
+
+def fit() -> Facts:
+    """Return the facts of a vehicle with which all is well."""
+    reference = ReferenceConfig(trajectory="hover", height=1.5, mode="on_request")
+    walls = {"fence.minimum": [-3.0, -3.0, -1.0], "fence.maximum": [3.0, 3.0, 4.0]}
+    active = {"state": "active", "source": "mpc", "realtime_refused": ""}
+    return Facts(
+        nodes={
+            "mpc": NodeFacts(config=MpcConfig.build(walls), state="active", values=active),
+            "reference": NodeFacts(config=reference, state="active"),
+            "recorder": NodeFacts(
+                config=RecorderConfig(),
+                state="active",
+                health="recording",
+                values={"free_bytes": "50000000000"},
+            ),
+            "rates_bridge": NodeFacts(config=RatesConfig()),
+        },
+        topics={
+            ODOMETRY.name: topic(ODOMETRY, "rates_bridge", "mpc", "reference"),
+            REFERENCE.name: topic(REFERENCE, "reference", "mpc"),
+            COMMAND.name: topic(COMMAND, "mpc", "rates_bridge"),
+            ENGAGED.name: topic(ENGAGED, "rates_bridge", "mpc"),
+        },
+        arrivals=arrivals(),
+        course=course_of(reference, read_bag=no_bag),
+        free={"/here": 50_000_000_000},
+        compiled=True,
+    )
+
+
+FIT = fit()
+
+
+def with_node(name: str, **fields: Any) -> Change:
+    """Return what changes or adds a node."""
+
+    def change(facts: Facts) -> Facts:
+        node = dataclasses.replace(facts.nodes.get(name, NodeFacts()), **fields)
+        return facts.changed(nodes={**facts.nodes, name: node})
+
+    return change
+
+
+def without(*names: str) -> Change:
+    return lambda facts: facts.changed(
+        nodes={name: node for name, node in facts.nodes.items() if name not in names}
+    )
+
+
+def configured(name: str, **values: Any) -> Change:
+    """Return what changes parameters of a node, and what follows from those of the reference."""
+
+    def change(facts: Facts) -> Facts:
+        config = facts.nodes[name].config
+        assert config is not None
+        wanted = config.updated({key.replace("__", "."): each for key, each in values.items()})
+        changed = with_node(name, config=wanted)(facts)
+        if isinstance(wanted, ReferenceConfig):
+            changed = changed.changed(course=course_of(wanted, read_bag=no_bag))
+        return changed
+
+    return change
+
+
+def on(role: str, **fields: Any) -> Change:
+    """Return what changes a topic."""
+    return lambda facts: facts.changed(
+        topics={**facts.topics, role: dataclasses.replace(facts.topics[role], **fields)}
+    )
+
+
+def both(*changes: Change) -> Change:
+    def change(facts: Facts) -> Facts:
+        for each in changes:
+            facts = each(facts)
+        return facts
+
+    return change
+
+
+def flying(*, told: str) -> tuple[Arrival, ...]:
+    """Return odometries of a flight north with the nose east, its twist in a frame."""
+    quarter = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])  # the nose north
+    v = np.array([1.0, 0.0, 0.0]) if told == "child" else np.array([0.0, 1.0, 0.0])
+    return tuple(
+        dataclasses.replace(
+            each,
+            odometry=dataclasses.replace(
+                each.odometry,
+                p_WB=np.array([0.0, 0.02 * i, 1.0]),
+                q_WB_xyzw=quarter,
+                v_WB_B=v,
+            ),
+        )
+        for i, each in enumerate(arrivals())
+    )
+
+
+HEAVY = {"mass": 0.9, "thrust_curve": [4.0, 3.0, 0.0]}
+TWO = (
+    Endpoint(node="/mpc", type_name=COMMAND.type_name),
+    Endpoint(node="/pilot", type_name=COMMAND.type_name),
+)
+OK, WARNING, ERROR, UNKNOWN = Level.OK, Level.WARNING, Level.ERROR, Level.UNKNOWN
+
+CASES: dict[str, tuple[str, Change, Level, str]] = {
+    # nodes
+    "no mpc": ("nodes", without("mpc"), ERROR, "no mpc node"),
+    "two called mpc": ("nodes", with_node("mpc", count=2), ERROR, "2 nodes are called mpc"),
+    "mpc not active": (
+        "nodes",
+        with_node("mpc", state="inactive", health="inactive: no odometry yet"),
+        ERROR,
+        "mpc is not active: inactive: no odometry yet",
+    ),
+    "mpc hovers": (
+        "nodes",
+        with_node("mpc", values={"source": "hover"}, health="solver: failed"),
+        WARNING,
+        "does not plan but hover: solver: failed",
+    ),
+    "no answer": (
+        "nodes",
+        with_node("reference", config=None, fault="its parameter services do not answer"),
+        ERROR,
+        "reference: its parameter services",
+    ),
+    "another bridge": (
+        "nodes",
+        lambda facts: facts.changed(bridge="px4_bridge"),
+        ERROR,
+        "px4_bridge does not run, there is rates_bridge",
+    ),
+    "the bridge asked for": (
+        "nodes",
+        lambda facts: facts.changed(bridge="rates_bridge"),
+        OK,
+        "mpc active, reference active",
+    ),
+    "a bridge where none should be": (
+        "nodes",
+        lambda facts: facts.changed(bridge="none"),
+        ERROR,
+        "expected no bridge",
+    ),
+    "nobody acts": ("nodes", without("rates_bridge"), WARNING, "neither a bridge nor"),
+    "an own reference": (
+        "nodes",
+        both(without("reference")),
+        OK,
+        "mpc active",
+    ),
+    "no reference at all": (
+        "nodes",
+        both(without("reference"), on(REFERENCE.name, publishers=())),
+        ERROR,
+        "no reference node",
+    ),
+    # vehicles
+    "another mass": (
+        "vehicles",
+        configured("reference", mass=0.75),
+        ERROR,
+        "vehicles differ: mass 0.396893 of mpc and rates_bridge, 0.75 of reference",
+    ),
+    "another drag": (
+        "vehicles",
+        configured("reference", drag=0.3),
+        WARNING,
+        "drag 0.2 of mpc, 0.3 of reference",
+    ),
+    "drag of each axis alike": ("vehicles", configured("mpc", drag=[0.2, 0.2, 0.2]), OK, "same"),
+    "a plant of another mass": (
+        "vehicles",
+        with_node("simulator", config=SimulatorConfig(mass=0.5)),
+        WARNING,
+        "mass 0.396893 of mpc and reference and rates_bridge, 0.5 of simulator",
+    ),
+    # file
+    "without the file's mass": (
+        "file",
+        lambda facts: facts.changed(stated={"mpc": HEAVY, "reference": {}}),
+        ERROR,
+        "mpc has mass 0.396893, the file 0.9",
+    ),
+    "without the file's weights": (
+        "file",
+        lambda facts: facts.changed(stated={"mpc": {"terminal_weight": 3}}),
+        WARNING,
+        "mpc has terminal_weight 10.0, the file 3.0",
+    ),
+    "with what the file states": (
+        "file",
+        lambda facts: facts.changed(stated={"mpc": {"mass": 0.396893}}),
+        OK,
+        "every node has",
+    ),
+    # throttle
+    "lifts little": (
+        "throttle",
+        configured("mpc", mass=1.5),
+        WARNING,
+        "lift 1.27 times the weight",
+    ),
+    "sinks when tilted": (
+        "throttle",
+        configured("mpc", limits__tilt_max=1.5),
+        WARNING,
+        "set limits.tilt_max below 1.36",
+    ),
+    "hardly descends": (
+        "throttle",
+        configured("mpc", throttle_min=0.25),
+        WARNING,
+        "at throttle_min 0.25 the motors still lift 0.83",
+    ),
+    "a thrust map too weak": (
+        "throttle",
+        configured("rates_bridge", thrust_map__kind="linear", thrust_map__full_thrust=3.0),
+        ERROR,
+        "no throttle that carries the weight of 3.89 N",
+    ),
+    "a thrust map that just carries": (
+        "throttle",
+        configured("rates_bridge", thrust_map__kind="linear", thrust_map__full_thrust=4.5),
+        WARNING,
+        "hovers at the stack's throttle 0.87",
+    ),
+    # lags
+    "no lags": (
+        "lags",
+        configured("mpc", input_delay=0.0),
+        WARNING,
+        "input_delay = 0: every real vehicle lags",
+    ),
+    # limits
+    "plans beyond the envelope": (
+        "limits",
+        configured("mpc", envelope__tilt_max=0.5),
+        WARNING,
+        "limits.tilt_max allows the plan 0.61 rad, envelope.tilt_max is 0.5",
+    ),
+    "plans within the envelope": ("limits", configured("mpc", envelope__tilt_max=0.7), OK, "nest"),
+    "plans any tilt within an envelope": (
+        "limits",
+        configured("mpc", limits__tilt_max=0.0, envelope__tilt_max=0.7),
+        WARNING,
+        "limits.tilt_max allows the plan 3.14 rad",
+    ),
+    "turns beyond the envelope": (
+        "limits",
+        configured("mpc", envelope__rate_max=10.0),
+        WARNING,
+        "omega_max allows the plan 18.8 rad/s",
+    ),
+    "a reference faster than the envelope": (
+        "limits",
+        configured("mpc", envelope__speed_max=3.0, envelope__action="hover"),
+        ERROR,
+        "reference.max_speed is 5 m/s",
+    ),
+    "a reference faster than an envelope that warns": (
+        "limits",
+        configured("mpc", envelope__speed_max=3.0),
+        WARNING,
+        "the action is warn",
+    ),
+    "a reference faster than the plan": (
+        "limits",
+        configured("mpc", limits__speed_max=3.0),
+        WARNING,
+        "the MPC falls behind",
+    ),
+    "a reference slower than the plan": (
+        "limits",
+        configured("mpc", limits__speed_max=6.0),
+        OK,
+        "",
+    ),
+    # rates
+    "rates that the stack cannot": (
+        "rates",
+        both(
+            without("rates_bridge"),
+            with_node(
+                "betaflight_bridge", config=BetaflightConfig(transport="crsf", receiver="bridge")
+            ),
+        ),
+        WARNING,
+        "betaflight_bridge can ask for 11.7",
+    ),
+    "rates that the reference needs": (
+        "rates",
+        both(
+            configured("reference", trajectory="lemniscate", angular_frequency=2.0),
+            configured("mpc", omega_max=[6.0, 6.0, 3.0]),
+        ),
+        WARNING,
+        "the reference needs a roll rate of",
+    ),
+    # fence
+    "no fence": (
+        "fence",
+        configured("mpc", fence__minimum=[-1e6] * 3, fence__maximum=[1e6] * 3),
+        WARNING,
+        "no fence is set",
+    ),
+    "a reference outside": (
+        "fence",
+        configured("reference", origin=[4.0, 0.0]),
+        ERROR,
+        "the reference would break a limit: outside the fence: x is 4.00 m, limits -3 to 3",
+    ),
+    "a reference outside of a fence that warns": (
+        "fence",
+        both(configured("reference", origin=[4.0, 0.0]), configured("mpc", fence__action="warn")),
+        WARNING,
+        "outside the fence",
+    ),
+    "a reference near the fence": (
+        "fence",
+        configured("reference", origin=[2.7, 0.0]),
+        WARNING,
+        "the reference comes nearer than 0.5 m",
+    ),
+    "a reference too fast to stop inside": (
+        "fence",
+        both(
+            configured("reference", trajectory="circle", circle_radius=2.4, circle_speed=3.0),
+        ),
+        ERROR,
+        "where it would come to a stop",
+    ),
+    "a take-off through the roof": (
+        "fence",
+        configured("reference", takeoff_height=4.5),
+        ERROR,
+        "a take-off to 4.5 m would break a limit: outside the fence: z is 4.50",
+    ),
+    "a vehicle outside": (
+        "fence",
+        lambda facts: facts.changed(arrivals=arrivals(p_WB=np.array([0.0, 0.0, -1.2]))),
+        ERROR,
+        "the vehicle would break a limit",
+    ),
+    "a way that is not known here": (
+        "fence",
+        lambda facts: facts.changed(course=None, course_fault="there.csv does not exist"),
+        UNKNOWN,
+        "there.csv does not exist",
+    ),
+    # topics
+    "two who command": (
+        "topics",
+        on(COMMAND.name, publishers=TWO),
+        ERROR,
+        "2 publishers on /command, expected one: /mpc, /pilot",
+    ),
+    "nobody who commands": ("topics", on(COMMAND.name, publishers=()), ERROR, "no publisher on"),
+    "nobody tells engaged": ("topics", on(ENGAGED.name, publishers=()), ERROR, "/engaged"),
+    "nobody tells engaged and no bridge": (
+        "topics",
+        both(on(ENGAGED.name, publishers=()), without("rates_bridge")),
+        OK,
+        "one publisher each: /odom, /reference, /command",
+    ),
+    "another type": (
+        "topics",
+        on(
+            ODOMETRY.name,
+            publishers=(Endpoint(node="/vio", type_name="geometry_msgs/msg/PoseStamped"),),
+        ),
+        ERROR,
+        "/odom of /vio has the type geometry_msgs/msg/PoseStamped",
+    ),
+    "another quality of service": (
+        "topics",
+        on(ODOMETRY.name, mismatches=("/mpc does not get what /vio sends: Best effort",)),
+        ERROR,
+        "/odom: /mpc does not get what /vio sends",
+    ),
+    "a bridge that hears nothing": (
+        "topics",
+        on(COMMAND.name, subscriptions=()),
+        ERROR,
+        "rates_bridge does not listen to /command",
+    ),
+    # frames
+    "another frame": (
+        "frames",
+        lambda facts: facts.changed(arrivals=arrivals(frame_id="map")),
+        ERROR,
+        "the odometry is in frame 'map', mpc.odometry.frame_id is 'odom'",
+    ),
+    "tf's old slash": (
+        "frames",
+        lambda facts: facts.changed(arrivals=arrivals(frame_id="/odom")),
+        OK,
+        "",
+    ),
+    "a reference in another frame": (
+        "frames",
+        configured("reference", frame_id="map"),
+        ERROR,
+        "reference.frame_id is 'map'",
+    ),
+    "a twist of the world": (
+        "frames",
+        lambda facts: facts.changed(arrivals=arrivals(child_frame_id="odom")),
+        WARNING,
+        "its twist may be that of the world",
+    ),
+    # rate
+    "no odometry": (
+        "rate",
+        lambda facts: facts.changed(arrivals=()),
+        ERROR,
+        "no odometry came",
+    ),
+    "slow odometry": (
+        "rate",
+        lambda facts: facts.changed(arrivals=arrivals(30, period=0.05)),
+        WARNING,
+        "20.0 times a second, mpc.control_rate is 50",
+    ),
+    "quick odometry": (
+        "rate",
+        lambda facts: facts.changed(arrivals=arrivals(200, period=0.005)),
+        OK,
+        "200.0 odometries a second",
+    ),
+    "a gap": (
+        "rate",
+        lambda facts: facts.changed(
+            arrivals=(*facts.arrivals[:20], *facts.arrivals[40:]),
+        ),
+        WARNING,
+        "0.42 s lie between two odometries",
+    ),
+    "irregular arrivals": (
+        "rate",
+        lambda facts: facts.changed(
+            arrivals=tuple(
+                dataclasses.replace(each, at_ns=each.at_ns + (16_000_000 if i % 2 else 0))
+                for i, each in enumerate(facts.arrivals)
+            )
+        ),
+        WARNING,
+        "jitter of 8 ms",
+    ),
+    # clock
+    "another clock": (
+        "clock",
+        lambda facts: facts.changed(arrivals=arrivals(age=3.0)),
+        ERROR,
+        "3.00 s behind the clock",
+    ),
+    "a clock ahead": (
+        "clock",
+        lambda facts: facts.changed(arrivals=arrivals(age=-0.4)),
+        ERROR,
+        "0.40 s ahead of the clock",
+    ),
+    "another clock without a bridge": (
+        "clock",
+        both(without("rates_bridge"), lambda facts: facts.changed(arrivals=arrivals(age=3.0))),
+        WARNING,
+        "3.00 s behind",
+    ),
+    "simulated time on one node": (
+        "clock",
+        with_node("mpc", use_sim_time=True),
+        ERROR,
+        "use_sim_time is on for mpc, off for reference, recorder, rates_bridge",
+    ),
+    "simulated time of nobody": (
+        "clock",
+        both(*(with_node(name, use_sim_time=True) for name in FIT.nodes)),
+        ERROR,
+        "nobody publishes /clock",
+    ),
+    "simulated time in lockstep": (
+        "clock",
+        both(
+            without("rates_bridge"),
+            *(with_node(name, use_sim_time=True) for name in ("mpc", "reference", "recorder")),
+            with_node("simulator", config=SimulatorConfig(lockstep=True)),
+            lambda facts: facts.changed(
+                topics={**facts.topics, CLOCK.name: topic(CLOCK, "simulator")}
+            ),
+        ),
+        OK,
+        "ms old",
+    ),
+    # motion
+    "not a number": (
+        "motion",
+        lambda facts: facts.changed(arrivals=arrivals(p_WB=np.array([math.nan, 0.0, 0.0]))),
+        ERROR,
+        "the MPC would refuse 50 of 50 odometries: odometry holds a number that is not finite",
+    ),
+    "no unit quaternion": (
+        "motion",
+        lambda facts: facts.changed(arrivals=arrivals(q_WB_xyzw=np.zeros(4))),
+        ERROR,
+        "quaternion is not of unit length",
+    ),
+    "a stamp for ever": (
+        "motion",
+        lambda facts: facts.changed(arrivals=arrivals(stamp_ns=NOW_NS)),
+        ERROR,
+        "odometry repeats its stamp",
+    ),
+    "speed at rest": (
+        "motion",
+        lambda facts: facts.changed(arrivals=arrivals(v_WB_B=np.array([0.0, 0.8, 0.0]))),
+        ERROR,
+        "of 50 odometries: odometry reports motion but its values do not change",
+    ),
+    "speed at rest, noisy": (
+        "motion",
+        lambda facts: facts.changed(
+            arrivals=tuple(
+                dataclasses.replace(
+                    each,
+                    odometry=dataclasses.replace(
+                        each.odometry, v_WB_B=np.array([0.0, 0.8 + 0.001 * i, 0.0])
+                    ),
+                )
+                for i, each in enumerate(facts.arrivals)
+            )
+        ),
+        ERROR,
+        "stays where it is and tells of 0.82 m/s",
+    ),
+    "on its side": (
+        "motion",
+        lambda facts: facts.changed(
+            arrivals=arrivals(q_WB_xyzw=np.array([math.sin(0.3), 0.0, 0.0, math.cos(0.3)]))
+        ),
+        WARNING,
+        "rests with a tilt of 0.60 rad",
+    ),
+    "a twist in the other frame": (
+        "motion",
+        lambda facts: facts.changed(arrivals=flying(told="world")),
+        ERROR,
+        "seems to be in the world frame, mpc.odometry.twist_frame is child",
+    ),
+    "in flight": (
+        "motion",
+        lambda facts: facts.changed(arrivals=flying(told="child")),
+        UNKNOWN,
+        "it moves",
+    ),
+    # battery
+    "a full battery": (
+        "battery",
+        lambda facts: facts.changed(battery=Battery(voltage=16.4, share=0.95, cell=4.08)),
+        OK,
+        "16.40 V",
+    ),
+    "a battery half used": (
+        "battery",
+        lambda facts: facts.changed(battery=Battery(voltage=14.9, share=0.35)),
+        WARNING,
+        "the charge is 0.35, expected 0.4 or more",
+    ),
+    "an empty cell": (
+        "battery",
+        lambda facts: facts.changed(battery=Battery(voltage=14.0, share=0.5, cell=3.2)),
+        ERROR,
+        "the weakest cell is 3.2 V",
+    ),
+    "a battery of other cells": (
+        "battery",
+        both(
+            configured("rates_bridge", thrust_map__battery_voltage=15.2),
+            lambda facts: facts.changed(battery=Battery(voltage=11.9)),
+        ),
+        WARNING,
+        "11.9 V, the thrust map of rates_bridge is for 15.2 V",
+    ),
+    # recorder, disk, code, realtime
+    "no recorder": ("recorder", without("recorder"), WARNING, "no recorder runs"),
+    "a recorder that pauses": (
+        "recorder",
+        with_node("recorder", state="inactive", health="inactive"),
+        WARNING,
+        "the recorder is inactive",
+    ),
+    "little space": (
+        "disk",
+        with_node("recorder", values={"free_bytes": "500000000"}),
+        WARNING,
+        "500 MB are free",
+    ),
+    "no space": (
+        "disk",
+        with_node("recorder", values={"free_bytes": "50000000"}),
+        ERROR,
+        "50 MB are free",
+    ),
+    "no space here, without a recorder": (
+        "disk",
+        both(without("recorder"), lambda facts: facts.changed(free={"/here": 1000})),
+        ERROR,
+        "(/here)",
+    ),
+    "not compiled": ("code", lambda facts: facts.changed(compiled=False), WARNING, "compile"),
+    "priority refused": (
+        "realtime",
+        with_node("mpc", values={"realtime_refused": "scheduler_priority 10 is not granted"}),
+        WARNING,
+        "is not granted",
+    ),
+}
+
+
+def test_a_fit_vehicle_has_nothing_to_mend_or_look_at() -> None:
+    found = findings(FIT)
+    assert {each.level for _, each in found} == {Level.OK}
+    # All but those for what a vehicle need not have.
+    assert {name for name, _ in found} == CHECKS.keys() - {"file", "battery"}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_finds(case: str) -> None:
+    check, change, level, words = CASES[case]
+    found = CHECKS[check](change(FIT))
+    assert max(each.level for each in found) == level, found
+    (told,) = [each for each in found if each.level is level and words in each.text][:1]
+    assert bool(told.remedy) == (level in (Level.WARNING, Level.ERROR))
+
+
+def test_every_check_is_tried_in_both_directions() -> None:
+    found_well = {name for name, each in findings(FIT) if each.level is Level.OK}
+    well = found_well | {check for check, _, level, _ in CASES.values() if level is Level.OK}
+    ill = {check for check, _, level, _ in CASES.values() if level is not Level.OK}
+    assert well == ill == CHECKS.keys()
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_nothing_gathered_is_no_reason_to_fail(check: str) -> None:
+    """Where nothing is known no check calls it well."""
+    assert Level.OK not in {each.level for each in CHECKS[check](Facts())}
