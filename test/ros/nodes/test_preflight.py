@@ -97,7 +97,8 @@ def test_tells_a_fit_vehicle_from_an_unfit_one(
     # The MPC takes no odometry in another frame, and so does not begin.
     assert "inactive: odometry is in frame 'map', expected 'odom'" in mend.pop("nodes")
     assert mend.pop("vehicles") == (
-        "vehicles differ: mass 0.5 of mpc, 0.75 of reference; give every node the same vehicle file"
+        "vehicles differ: mass 0.5 of mpc, 0.75 of reference; give every node the same vehicle "
+        "file"
     )
     assert "reference has mass 0.75, the file 0.5" in mend.pop("file")
     assert "z is 6.00 m, limits -1 to 5" in mend.pop("fence")

@@ -1,10 +1,12 @@
-"""Each check before a flight by cases: what is well, what is to be looked at, what to be mended."""
+"""Each check before a flight by cases: what is well, what to look at, what to mend."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -693,6 +695,11 @@ def test_finds(case: str) -> None:
     assert max(each.level for each in found) == level, found
     (told,) = [each for each in found if each.level is level and words in each.text][:1]
     assert bool(told.remedy) == (level in (Level.WARNING, Level.ERROR))
+
+
+def test_every_check_has_its_line_on_the_page() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "preflight.md").read_text()
+    assert re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE) == list(CHECKS)
 
 
 def test_every_check_is_tried_in_both_directions() -> None:
