@@ -211,10 +211,12 @@ def _unheard(facts: Facts) -> list[Finding]:
     if command is None or not command.publishers:
         return []
     hearing = {end.node.rpartition("/")[2] for end in command.subscriptions}
+    # Behind a bridge a simulator is the stack's, and hears the stack.
+    acting = list(facts.bridges) or [name for name in facts.nodes if name == SIMULATOR_NODE]
     return [
         error(f"{name} does not listen to {command.name}", "remap its topic, or the MPC's")
-        for name in facts.nodes
-        if (name == SIMULATOR_NODE or name in facts.bridges) and name not in hearing
+        for name in acting
+        if name not in hearing
     ]
 
 

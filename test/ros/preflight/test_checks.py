@@ -449,6 +449,18 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         ERROR,
         "rates_bridge does not listen to /command",
     ),
+    "a simulator that hears nothing": (
+        "topics",
+        both(without("rates_bridge"), with_node("simulator", config=SimulatorConfig())),
+        ERROR,
+        "simulator does not listen to /command",
+    ),
+    "a simulator behind a bridge": (
+        "topics",
+        with_node("simulator", config=SimulatorConfig()),
+        OK,
+        "one publisher each",
+    ),
     # frames
     "another frame": (
         "frames",
