@@ -71,14 +71,18 @@ class RunningVehicle(Observer):
 
         ``bridge`` is as in :class:`Facts`.
         """
-        deadline = time.monotonic() + timeout
-        self._spin(lambda: MPC_NODE in self._names(), deadline)
-        self._spin(lambda: False, min(time.monotonic() + _SETTLING, deadline))
-        names = self._names()
+        begun = time.monotonic()
+        deadline = begun + timeout
+        # A vehicle may have another source of its reference, so this does not take all the time.
+        expected = {MPC_NODE, REFERENCE_NODE}
+        self._spin(lambda: expected <= set(self._names()), begun + 0.5 * timeout)
+        names = self._settled_names(deadline)
         parameters = self._parameters(sorted(set(names)), deadline)
         self._follow_time(parameters)
         topics = self._topics()
         self._watch(topics, deadline)
+        told = {f"{self._space}/{name}" for name in names}
+        self._spin(lambda: told <= self._health.keys(), deadline)
         nodes = {
             name: self._node(name, parameters.get(name), count=names.count(name))
             for name in sorted(set(names), key=_order)
@@ -93,6 +97,19 @@ class RunningVehicle(Observer):
             course=course,
             course_fault=course_fault,
         )
+
+    def _settled_names(self, deadline: float) -> list[str]:
+        """Return the nodes of the vehicle once no more of them appear."""
+        names, since = self._names(), time.monotonic()
+
+        def settled() -> bool:
+            nonlocal names, since
+            if (now := self._names()) != names:
+                names, since = now, time.monotonic()
+            return time.monotonic() - since > _SETTLING
+
+        self._spin(settled, deadline)
+        return names
 
     def _names(self) -> list[str]:
         """Return the nodes of the vehicle, one that is there twice twice.

@@ -57,7 +57,10 @@ def nodes(facts: Facts) -> list[Finding]:
         if node.count > 1
     ]
     found += [
-        error(f"{name}: {node.fault}", "restart it, with the release of this command")
+        error(
+            f"{name}: {node.fault}",
+            "look at its log: it may still be compiling, or be of another release",
+        )
         for name, node in facts.nodes.items()
         if node.fault
     ]
@@ -108,11 +111,11 @@ def _missing(facts: Facts) -> list[Finding]:
 def _inactive(facts: Facts) -> list[Finding]:
     return [
         error(
-            f"{name} is not active: {node.health or node.state}",
+            f"{name} is not active: {node.health or 'it has not reported its health'}",
             "mend that; docs/lifecycle.md says how to activate it by hand",
         )
         for name, node in facts.nodes.items()
-        if name in (MPC_NODE, REFERENCE_NODE) and node.state not in ("", "active")
+        if name in (MPC_NODE, REFERENCE_NODE) and node.state != "active"
     ]
 
 

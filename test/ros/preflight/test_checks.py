@@ -177,6 +177,12 @@ CASES: dict[str, tuple[str, Change, Level, str]] = {
         ERROR,
         "mpc is not active: inactive: no odometry yet",
     ),
+    "mpc says nothing": (
+        "nodes",
+        with_node("mpc", state="", health=""),
+        ERROR,
+        "mpc is not active: it has not reported its health",
+    ),
     "mpc hovers": (
         "nodes",
         with_node("mpc", values={"source": "hover"}, health="solver: failed"),
