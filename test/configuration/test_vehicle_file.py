@@ -9,7 +9,7 @@ import pytest
 
 from quad_mpc_ros.commands.run_configuration import SCHEMA
 from quad_mpc_ros.configuration import files
-from quad_mpc_ros.configuration.vehicle import VEHICLE, differences
+from quad_mpc_ros.configuration.vehicle import VEHICLE, differences, disagreements
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
@@ -94,3 +94,17 @@ def test_differences_name_parameter_and_both_values() -> None:
     given = {"mass": 0.5, "drag": 0.2, "omega_max": [1.0, 1.0, 1.0]}
     other = {"mass": 0.75, "drag": [0.2, 0.2, 0.2]}
     assert differences(given, other) == ["mass 0.5 and 0.75"]
+
+
+def test_disagreements_name_every_node_with_its_value() -> None:
+    vehicles = {
+        "mpc": {"mass": 0.9, "drag": 0.2, "omega_max": [6.0, 6.0, 3.0]},
+        "reference": {"mass": 0.397, "drag": [0.2, 0.2, 0.2]},
+        "px4_bridge": {"mass": 0.9},
+    }
+    assert disagreements(vehicles) == {
+        "mass": "mass 0.9 of mpc and px4_bridge, 0.397 of reference"
+    }
+    vehicles["reference"]["mass"] = 0.9
+    assert disagreements(vehicles) == {}
+    assert disagreements({}) == {}
