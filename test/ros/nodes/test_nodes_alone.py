@@ -65,7 +65,8 @@ def test_warns_of_two_odometry_sources_and_zero_lags(
     rivals = [
         peer.node.create_publisher(Odometry, "odom", qos_profile_sensor_data) for _ in range(2)
     ]
-    start("mpc", "-p", "input_delay:=0.0", "-p", "rate_time_constant:=0.03")
+    lags = ("-p", "input_delay:=0.0", "-p", "rate_time_constant:=0.03")
+    start("mpc", *lags, "-p", "envelope.tilt_max:=0.5")
 
     def warned() -> bool:
         return bool(told) and told[-1].status[0].message.startswith("2 publishers on odom,")
@@ -75,7 +76,8 @@ def test_warns_of_two_odometry_sources_and_zero_lags(
     peer.node.destroy_publisher(rivals[1])
     assert peer.wait(lambda: not warned())
     log = (tmp_path / "mpc.log").read_text()
-    assert "input_delay = 0: every real vehicle lags" in log
+    assert log.count("input_delay = 0: every real vehicle lags") == 1
+    assert log.count("limits.tilt_max allows the plan 0.61 rad, envelope.tilt_max is 0.5") == 1
 
 
 @pytest.mark.parametrize("node", NODES)
