@@ -148,6 +148,7 @@ def test_a_campaign_flies_the_vehicle(vehicle_file: Path) -> None:
         assert held(config.flattened(), type(config)) == known(type(config))
 
 
+@pytest.mark.parametrize("vehicle_file", ["with sections of nodes"], indirect=True)
 def test_identify_begins_with_the_vehicle_and_keeps_its_thrust_map(
     vehicle_file: Path, tmp_path: Path
 ) -> None:
