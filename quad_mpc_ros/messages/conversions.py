@@ -145,6 +145,12 @@ def pose_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[n
     return message.header.frame_id, _vector(pose.position), _quaternion(pose.orientation)
 
 
+def twist_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
+    """Return frame, velocity (3,) and turn rate (3,) of a ``geometry_msgs/TwistStamped``."""
+    twist = message.twist
+    return message.header.frame_id, _vector(twist.linear), _vector(twist.angular)
+
+
 def positions_from_path(message: Any) -> NDArray[np.float64]:
     """Return the positions (n, 3) of a ``nav_msgs/Path``."""
     places = [_vector(pose.pose.position) for pose in message.poses]

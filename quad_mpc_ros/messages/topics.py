@@ -52,6 +52,8 @@ REFERENCE_PATH = Topic(
 # Requests to the reference node, which refuses what it cannot fly.
 GOAL_POSE = Topic(name="goal_pose", type_name="geometry_msgs/msg/PoseStamped", reliable=True)
 TRAJECTORY = Topic(name="trajectory", type_name=REFERENCE.type_name, reliable=True)
+# A velocity to fly, as joysticks and navigation send it.
+VELOCITY = Topic(name="cmd_vel", type_name="geometry_msgs/msg/TwistStamped")
 PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path")
 STATS = Topic(
     name="mpc/stats", type_name="diagnostic_msgs/msg/DiagnosticArray", reliable=True, depth=10
@@ -77,6 +79,7 @@ RECORDED = (
     ODOMETRY_RESET,
     REFERENCE,
     COMMAND,
+    VELOCITY,
     ENGAGED,
     LANDED,
     BATTERY,

@@ -7,7 +7,7 @@ its own, as a base of :class:`ReferenceConfig`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from quad_mpc_ros.configuration import (
@@ -19,6 +19,7 @@ from quad_mpc_ros.configuration import (
     registered,
 )
 from quad_mpc_ros.control.model.vehicle import VehicleParameters
+from quad_mpc_ros.references.bounds import FenceParameters
 from quad_mpc_ros.references.circle import Circle, CircleParameters
 from quad_mpc_ros.references.ellipse import Ellipse, EllipseParameters
 from quad_mpc_ros.references.excitation import ExcitationParameters, excitation
@@ -130,10 +131,19 @@ class ReferenceConfig(
         above=0.0,
         maximum=1.0,
     )
+    velocity_timeout: float = parameter(
+        0.5,
+        doc="How long a velocity commanded holds; without a newer one the vehicle then brakes and "
+        "holds.",
+        unit="s",
+        above=0.0,
+        maximum=10.0,
+    )
+    fence: FenceParameters = field(default_factory=FenceParameters)
     reach: float = parameter(
         100.0,
-        doc="How far from where the vehicle stood at first a goal or a trajectory received may "
-        "lead.",
+        doc="How far from where the vehicle stood at first a goal, a trajectory received or, "
+        "along each axis, a velocity may lead.",
         unit="m",
         above=0.0,
         maximum=1e3,

@@ -21,6 +21,7 @@ import numpy as np
 from quad_mpc_ros.control.estimation.ground import stay_down
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.references.bounds import YAW_SHARE
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.feasibility import Verdict, judged
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
@@ -29,12 +30,20 @@ from quad_mpc_ros.references.path import Rest, Straight
 from quad_mpc_ros.references.timeline import Phase, Timeline
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.references.transition import FlatState, flat_state_of, transition
+from quad_mpc_ros.references.velocity import (
+    STEP_NS,
+    VelocityCommand,
+    VelocityLimits,
+    VelocityPath,
+    first_points,
+    followed,
+)
 
 GROUND, TAKEOFF, HOLD = "ground", "takeoff", "hold"
 GOING, TRACKING, LANDING = "going", "tracking", "landing"
+VELOCITY = "velocity"
 _VERTICAL_SPEED = 1.0  # m/s, from and to the ground
 _FLARE = 0.5  # m above the ground: from here on down at the touchdown speed
-_YAW_SHARE = 0.5  # of the limit
 _GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)  # shares of the acceleration, to come to rest
 _UPRIGHT_STEP_NS, _UPRIGHT_WITHIN_NS = 20_000_000, 10_000_000_000
 _LATER_NS, _LATER_TRIALS = 100_000_000, 6
@@ -56,6 +65,7 @@ class Reply:
     text: str
 
 
+INVERTED = Reply(accepted=False, text="not while upside down: try again")
 TOO_LATE = Reply(accepted=False, text="planning took too long")
 
 
@@ -69,6 +79,7 @@ class Director:
         self.too_late: Callable[[int], bool] = lambda start_ns: False
         """Whether it is too late to begin at a time; checked once a plan is ready."""
         self.timeline = Timeline(first)
+        self._following: tuple[Phase, VelocityPath] | None = None
 
     @classmethod
     def standing(cls, config: ReferenceConfig, *, p_WB: Array, yaw: float) -> Director:
@@ -116,11 +127,12 @@ class Director:
     def reset_estimate(self, now_ns: int, reset: EstimateReset) -> bool:
         """Take an announced step of the estimate; return whether the reference moves along.
 
-        Hold, take-off and landing do, as they are relative to the vehicle. A trajectory or a goal
-        was given in world coordinates, and stays there.
+        Hold, velocity, take-off and landing do, as they are relative to the vehicle. A trajectory
+        or a goal was given in world coordinates, and stays there.
         """
         self.ground += float(reset.step_W[2])
-        moves = self.mode(now_ns) in (GROUND, TAKEOFF, HOLD, LANDING)
+        moves = self.mode(now_ns) in (GROUND, TAKEOFF, HOLD, LANDING, VELOCITY)
+        self._following = None  # the next command begins anew, in the new coordinates
         if moves:
             self.timeline.reset_estimate(reset)
         return moves
@@ -159,6 +171,41 @@ class Director:
             return Reply(accepted=False, text=f"goal {[*p_WB, yaw]}, expected finite numbers")
         legs = [(GOING, flat_state_of(self.timeline, now_ns), FlatState.at_rest(p_WB, yaw=yaw))]
         return self._go(now_ns, legs, then=HOLD)
+
+    def follow_velocity(
+        self, now_ns: int, command: VelocityCommand, limits: VelocityLimits, *, timeout: float
+    ) -> Reply | None:
+        """Follow a velocity until a timeout [s], then brake and hold; None if there is no news.
+
+        One that moves nothing ends a motion that a velocity began, and no other.
+        """
+        phase = self.timeline.phase(now_ns)
+        if phase.name in (GROUND, TAKEOFF, LANDING):
+            return self._refused(now_ns, "velocity") if command.moves else None
+        begins = self._following is None or phase is not self._following[0]
+        if begins:
+            if not command.moves:
+                return None
+            state = flat_state_of(self.timeline, now_ns)
+            if state.inverted:
+                return INVERTED
+            start_ns, known = now_ns, first_points(state)
+        else:
+            assert self._following is not None
+            steps = (now_ns - phase.start_ns) // STEP_NS
+            start_ns = phase.start_ns + steps * STEP_NS
+            known = self._following[1].fixed(steps)
+        path = followed(known, command, limits, held=1e-9 * (now_ns - start_ns) + timeout)
+        try:
+            trajectory = FlatTrajectory.of(self._config, path)
+        except ValueError as error:
+            return Reply(accepted=False, text=f"no feasible way there: {error}")
+        following = Phase(start_ns=start_ns, name=VELOCITY, trajectory=trajectory)
+        reply = self._follow(now_ns, [following], HOLD, None)
+        if not reply.accepted:
+            return reply
+        self._following = following, path
+        return Reply(accepted=True, text="follows it") if begins else None
 
     def land(self, now_ns: int) -> Reply:
         """Come to rest, descend, and sink until the touchdown."""
@@ -249,7 +296,7 @@ class Director:
         phases, time_ns = [], now_ns
         for name, start, goal in legs:
             if start.inverted:
-                return Reply(accepted=False, text="not while upside down: try again")
+                return INVERTED
             try:
                 leg = self._leg(name, start, goal)
             except ValueError as error:
@@ -323,7 +370,7 @@ class Director:
                 self._config.max_speed, _VERTICAL_SPEED if _is_vertical(name) else np.inf
             ),
             max_acceleration=share * self._config.max_acceleration,
-            max_yaw_rate=_YAW_SHARE * self._config.trajectory_omega_max[2],
+            max_yaw_rate=YAW_SHARE * self._config.trajectory_omega_max[2],
         )
         return FlatTrajectory.of(self._config, path)
 

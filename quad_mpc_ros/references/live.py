@@ -22,6 +22,7 @@ from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.safety.validation import pose_fault
+from quad_mpc_ros.references.bounds import velocity_limits
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import received_trajectory
 from quad_mpc_ros.references.director import GROUND, LANDING, Director, Reply
@@ -31,6 +32,7 @@ from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.references.touchdown import Touchdown
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 from quad_mpc_ros.references.transition import FlatState
+from quad_mpc_ros.references.velocity import VelocityCommand
 
 _CARRIED = 0.1  # m
 _MOST_DRAWN = 500  # poses: a path is drawn between two windows
@@ -41,6 +43,7 @@ _NOT_ENGAGED = Reply(
     accepted=False, text="the vehicle does not act on commands: engage and arm it first"
 )
 WAITING = "waiting"
+_NO_NEWS = Reply(accepted=False, text="")
 
 
 class LiveReference:
@@ -171,6 +174,11 @@ class LiveReference:
 
         def request(director: Director) -> Reply:
             self._follow_over_the_ground(director, now_ns)
+            above = director.timeline.at([now_ns]).p_WB
+            above[0, 2] = director.ground + self._config.takeoff_height
+            fault = self._config.fence.objection(above)
+            if fault is not None:
+                return Reply(accepted=False, text=fault)
             return director.take_off(now_ns, height=self._config.takeoff_height)
 
         return self._requested(request)
@@ -230,6 +238,23 @@ class LiveReference:
             return director.fly(now_ns, trajectory)
 
         return self._requested(request)
+
+    def move(self, now_ns: int, command: VelocityCommand) -> Reply | None:
+        """Follow a velocity for ``velocity_timeout``; return what there is to tell, if anything.
+
+        It begins in the air, and ends whatever is flown except for a take-off and a landing.
+        """
+        if self._director is None and not command.moves:
+            return None
+
+        def request(director: Director) -> Reply:
+            limits = velocity_limits(self._config, ground=director.ground, home=self._home)
+            timeout = self._config.velocity_timeout
+            news = director.follow_velocity(now_ns, command, limits, timeout=timeout)
+            return _NO_NEWS if news is None else news
+
+        reply = self._requested(request)
+        return reply if reply is not _NO_NEWS else None
 
     def _requested(self, request: Callable[[Director], Reply]) -> Reply:
         """Carry out a request, which raises :class:`UserError` for bad input."""
@@ -358,7 +383,7 @@ class LiveReference:
         distance = float(np.linalg.norm(p_WB - self._home, axis=1).max())
         if not distance <= self._config.reach:
             return f"it is {distance:.4g} m away, more than reach, {self._config.reach:g} m"
-        return None
+        return self._config.fence.objection(p_WB)
 
 
 def _heading(odometry: OdometrySample) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -10,12 +11,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
 from quad_mpc_ros.references.director import Reply
+from quad_mpc_ros.references.feasibility import needs_of
 from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.references.trajectory import TrajectorySamples
+from quad_mpc_ros.references.velocity import VelocityCommand
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -420,3 +425,205 @@ def test_unpreviewed_jump_is_a_change() -> None:
     previewed = live(mode="at_once", trajectory="square", preview=True, dwell_time=2.0)
     previewed.observe(odometry(START))
     assert not previewed.changes(START, START + 10 * SECOND)
+
+
+def velocity(*v: float, yaw_rate: float = 0.0, heading_aligned: bool = True) -> VelocityCommand:
+    return VelocityCommand(
+        velocity=np.array(v), yaw_rate=yaw_rate, heading_aligned=heading_aligned
+    )
+
+
+def moved(
+    reference: LiveReference, now: int, command: VelocityCommand, seconds: float
+) -> tuple[int, list[ReferenceWindow]]:
+    """Command a velocity 50 times a second; return the time then, and the windows meanwhile."""
+    windows = []
+    for _ in range(round(50 * seconds)):
+        reference.move(now, command)
+        now += SECOND // 50
+        windows.append(reference.window(now))
+    assert None not in windows
+    return now, [window for window in windows if window is not None]
+
+
+def assert_continuous(windows: list[ReferenceWindow], *, dt: float = 0.02) -> None:
+    for one, other in itertools.pairwise(windows):
+        mean = 0.5 * (one.v_WB_W[0] + other.v_WB_W[0])
+        assert_allclose(other.p_WB[0] - one.p_WB[0], dt * mean, atol=1e-3)
+        mean = 0.5 * (one.a_WB_W[0] + other.a_WB_W[0])
+        assert_allclose(other.v_WB_W[0] - one.v_WB_W[0], dt * mean, atol=5e-3)
+        R_one, R_other = (so3.rotation_from_quaternion_xyzw(w.q_WB_xyzw[0]) for w in (one, other))
+        mean = 0.5 * (one.w_WB_W[0] + other.w_WB_W[0])
+        assert_allclose(so3.log(R_other @ R_one.T), dt * mean, atol=1e-2)
+
+
+def test_a_velocity_is_flown_and_its_end_brakes_to_a_hold() -> None:
+    reference, now = hovering()
+    before = place(reference, now)
+    first = reference.move(now, velocity(1.0, 0.0, 0.2))
+    assert first is not None
+    assert first.accepted
+    now, windows = moved(reference, now, velocity(1.0, 0.0, 0.2), 3.0)
+    assert reference.mode(now) == "velocity"
+    assert_allclose(windows[-1].v_WB_W[0], [1.0, 0.0, 0.2], atol=1e-6)
+    gone = place(reference, now)
+    # Nobody commands any more: the timeout, braking, rest.
+    assert reference.mode(now + 2 * SECOND) == "hold"
+    rest = place(reference, now + 2 * SECOND)
+    assert 0.5 < np.linalg.norm(rest - gone) < 1.0 * (0.5 + 0.5 + 0.25)
+    assert rest[0] > before[0] + 2.0
+    assert_allclose(rest[1], before[1], atol=1e-9)
+
+
+def test_a_released_stick_brakes_sooner_than_a_lost_one() -> None:
+    ends = []
+    for released in (True, False):
+        reference, now = hovering()
+        now, _ = moved(reference, now, velocity(1.0, 0.0, 0.0), 3.0)
+        gone = place(reference, now)
+        if released:
+            reference.move(now, velocity(0.0, 0.0, 0.0))
+        ends.append(float(np.linalg.norm(place(reference, now + 5 * SECOND) - gone)))
+    assert ends[0] < 0.6
+    assert ends[0] < ends[1] - 0.2
+
+
+def test_nothing_jumps_from_hold_through_velocities_to_hold_goal_and_landing() -> None:
+    reference, now = hovering()
+    windows: list[ReferenceWindow] = []
+    for each in (
+        velocity(2.0, 0.0, 0.0, yaw_rate=1.5),
+        velocity(-1.0, 1.0, 0.3, heading_aligned=False),
+        velocity(0.0, 0.0, 0.0, yaw_rate=-2.0),
+        velocity(0.0, -3.0, 0.0),
+    ):
+        now, seen = moved(reference, now, each, 1.5)
+        windows += seen
+    assert reference.hold(now).accepted
+    now, seen = moved(reference, now, velocity(0.0, 0.0, 0.0), 5.0)
+    windows += seen
+    assert reference.mode(now) == "hold"
+    assert reference.go_to(
+        now, frame_id="odom", p_WB=np.array([1.0, 1.0, 2.0]), q_WB_xyzw=LEVEL
+    ).accepted
+    now, seen = moved(reference, now, velocity(0.0, 0.0, 0.0), 0.5)  # does not end the goal
+    windows += seen
+    assert reference.mode(now) == "going"
+    now, seen = moved(reference, now, velocity(0.0, 1.0, 0.0), 1.0)
+    windows += seen
+    assert reference.mode(now) == "velocity"
+    assert reference.land(now).accepted
+    now, seen = moved(reference, now, velocity(0.0, 1.0, 0.0), 1.0)
+    windows += seen
+    assert reference.mode(now) == "landing"
+    assert_continuous(windows)
+
+
+def test_a_velocity_takes_over_a_trajectory_without_a_jump() -> None:
+    reference, now = hovering(trajectory="circle")
+    assert reference.start(now).accepted
+    now += 10 * SECOND
+    assert reference.mode(now) == "tracking"
+    now, before = moved(reference, now, velocity(0.0, 0.0, 0.0), 0.5)
+    assert reference.mode(now) == "tracking"
+    now, after = moved(reference, now, velocity(0.5, 0.0, 0.0), 3.0)
+    assert_continuous([*before, *after])
+    assert_allclose(np.linalg.norm(after[-1].v_WB_W[0]), 0.5, atol=1e-3)
+
+
+def test_no_velocity_on_the_ground_in_take_off_and_landing() -> None:
+    reference = live()
+    push = velocity(1.0, 0.0, 0.0)
+    early = reference.move(START, push)
+    assert early is not None
+    assert not early.accepted
+    reference.observe(odometry(START))
+    ground = reference.move(START, push)
+    assert ground is not None
+    assert ground.text == "no velocity while in ground"
+    assert reference.move(START, velocity(0.0, 0.0, 0.0)) is None
+    assert reference.take_off(START).accepted
+    climbing = reference.move(START + SECOND, push)
+    assert climbing is not None
+    assert climbing.text == "no velocity while in takeoff"
+
+
+def test_no_velocity_while_commands_do_not_act() -> None:
+    reference, now = hovering()
+    reference.engage(False)
+    refused = reference.move(now, velocity(1.0, 0.0, 0.0))
+    assert refused is not None
+    assert "engage" in refused.text
+
+
+def test_velocities_stay_inside_the_fence_and_above_the_ground() -> None:
+    walls = {"fence.minimum": [-2.0, -1.0, 0.0], "fence.maximum": [2.0, 1.0, 2.5]}
+    reference, now = hovering(max_speed=4.0, max_acceleration=4.0, **walls)
+    for each in (
+        velocity(4.0, 1.0, 0.0),
+        velocity(-3.0, -4.0, 2.0),
+        velocity(0.0, 4.0, -4.0),
+        velocity(0.0, 0.0, -1.0),
+    ):
+        now, windows = moved(reference, now, each, 3.0)
+        # The whole preview too: a vehicle that loses its joystick follows it.
+        places = np.concatenate([window.p_WB for window in windows])
+        assert (np.abs(places[:, 0]) < 2.0 - 0.29).all()
+        assert (np.abs(places[:, 1]) < 1.0 - 0.29).all()
+        assert (places[:, 2] > 0.29).all()
+        assert (places[:, 2] < 2.5 - 0.29).all()
+
+
+@pytest.mark.parametrize("asked", ["goal", "trajectory", "takeoff"])
+def test_the_fence_refuses_what_leads_out_of_it(asked: str) -> None:
+    reference, now = hovering(**{"fence.maximum": [2.0, 2.0, 2.5]})
+    if asked == "goal":
+        reply = reference.go_to(
+            now, frame_id="odom", p_WB=np.array([1.0, 2.5, 1.0]), q_WB_xyzw=LEVEL
+        )
+    elif asked == "trajectory":
+        reply = reference.follow(now, message([[0, 0, 1], [0, 2.5, 1]], [0, 5]))
+    else:
+        reference = live(takeoff_height=3.0, **{"fence.maximum": [2.0, 2.0, 2.5]})
+        reference.observe(odometry(START))
+        reply = reference.take_off(START)
+    assert not reply.accepted
+    assert "outside the fence" in reply.text
+
+
+def test_a_velocity_goes_on_after_a_step_of_the_estimate() -> None:
+    reference, now = hovering()
+    now, _ = moved(reference, now, velocity(1.0, 0.0, 0.0), 2.0)
+    before = place(reference, now)
+    step = np.array([3.0, -1.0, 0.2])
+    reference.reset_estimate(now, EstimateReset(stamp_ns=now, turn=0.0, step_W=step))
+    assert_allclose(place(reference, now), before + step, atol=1e-9)
+    _, windows = moved(reference, now, velocity(1.0, 0.0, 0.0), 2.0)
+    assert_continuous(windows)
+    assert_allclose(windows[-1].v_WB_W[0], [1.0, 0.0, 0.0], atol=1e-3)
+
+
+@pytest.mark.parametrize("most", [2.0, 30.0])
+def test_velocities_are_feasible_for_the_vehicle_whatever_the_parameters(most: float) -> None:
+    """Thrust and body rates of the worst commands, judged as a trajectory is."""
+    rng = np.random.default_rng(4)
+    reference, now = hovering(
+        trajectory="hover", max_acceleration=most, max_speed=most, limit_margin=0.2
+    )
+    windows: list[ReferenceWindow] = []
+    for _ in range(25):
+        command = velocity(*rng.normal(0.0, most, 3), yaw_rate=rng.normal(0.0, 9.0))
+        now, seen = moved(reference, now, command, 0.4)
+        windows += seen
+    config = ReferenceConfig.build({"limit_margin": 0.2})
+    vehicle = config.vehicle()
+    fields = ("p_WB", "q_WB_xyzw", "v_WB_W", "a_WB_W", "w_WB_W")
+    samples = TrajectorySamples(
+        **{name: np.array([getattr(window, name)[0] for window in windows]) for name in fields}
+    )
+    needs = needs_of(samples, vehicle, seconds=0.02 * np.arange(len(windows)))
+    hover = vehicle.hover_throttle
+    assert needs.throttle.min() > 0.2 * hover
+    assert needs.throttle.max() < hover + 0.8 * (1.0 - hover)
+    assert (np.abs(needs.w_WB_B) < 0.8 * np.array(config.trajectory_omega_max)).all()
+    assert_continuous(windows)

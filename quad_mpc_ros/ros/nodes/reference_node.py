@@ -24,6 +24,7 @@ from quad_mpc_ros.references.live import LiveReference
 from quad_mpc_ros.references.point_table import PointTable
 from quad_mpc_ros.references.timeline import FlightTime, StampClock
 from quad_mpc_ros.references.trajectory import TrajectorySamples
+from quad_mpc_ros.references.velocity import VelocityCommand
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
@@ -34,6 +35,7 @@ _BODY_FRAME = "base_link"
 # A request begins after a lead, as it has to be planned first; if planning takes longer, it is
 # repeated with a lead of 1.5 times its duration more.
 _LEAD_NS = 100_000_000
+_QUICK_LEAD_NS = 20_000_000  # of a velocity, which is planned in a millisecond
 _LONGER = 1.5
 _TRIALS = 3
 _RENEWAL = 0.05  # of a window's length: then it is published again, though unchanged
@@ -90,6 +92,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
         self.managed_subscription(topics.GOAL_POSE, self._on_goal)
         self.managed_subscription(topics.TRAJECTORY, self._on_trajectory)
+        self.managed_subscription(topics.VELOCITY, self._on_velocity, expected=False)
         for name, request in (
             ("takeoff", self._live.take_off),
             ("start", self._live.start),
@@ -214,6 +217,34 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self._report_request("trajectory", Reply(accepted=False, text=str(error)))
             return
         self._handle("trajectory", lambda now_ns: self._live.follow(now_ns, window))
+
+    def _on_velocity(self, message: Any) -> None:
+        """Follow a velocity; what is told of it is when it begins, and why it is refused."""
+        if not self.active:
+            return
+        try:
+            command = self._velocity_in(message)
+        except ValueError as error:
+            self._report_request("velocity", Reply(accepted=False, text=str(error)))
+            return
+        lead_ns = 0 if self._config.lockstep else _QUICK_LEAD_NS
+        reply = self._live.move(self._flight_ns() + lead_ns, command)
+        if reply is not None and reply is not TOO_LATE:  # the next one comes soon
+            self._report_request("velocity", reply)
+
+    def _velocity_in(self, message: Any) -> VelocityCommand:
+        """Return a velocity received. Raises ``ValueError`` where it cannot be used."""
+        frame_id, velocity, turn = conversions.twist_from_message(message)
+        if frame_id not in ("", _BODY_FRAME, self._config.frame_id):
+            raise ValueError(
+                f"frame {frame_id!r}, expected {_BODY_FRAME!r} (where the nose points) or "
+                f"{self._config.frame_id!r}"
+            )
+        return VelocityCommand(
+            velocity=velocity,
+            yaw_rate=float(turn[2]),
+            heading_aligned=frame_id != self._config.frame_id,
+        )
 
     def _handle(self, name: str, request: Callable[[int], Reply]) -> Reply:
         """Pass a request to the flight, report its result, and publish the new path."""
