@@ -154,6 +154,7 @@ setup(
             "mpc_node = quad_mpc_ros.ros.nodes.mpc_node:main",
             "stack_node = quad_mpc_ros.ros.stack_node:main",
             "recorder_node = quad_mpc_ros.ros.nodes.recorder_node:main",
+            "teleop_node = quad_mpc_ros.ros.nodes.teleop_node:main",
             "visualisation_node = quad_mpc_ros.ros.nodes.visualisation_node:main",
             "player_node = quad_mpc_ros.ros.nodes.player_node:main",
             *(f"{name} = {bridge}.main" for name, bridge in BRIDGES.items()),

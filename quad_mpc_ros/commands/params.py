@@ -63,8 +63,14 @@ def own_nodes() -> dict[str, type[Configuration]]:
     from quad_mpc_ros.commands.run_configuration import SCHEMA
     from quad_mpc_ros.messages.markers import VisualisationConfig
     from quad_mpc_ros.recordings.config import PlayerConfig
+    from quad_mpc_ros.ros.teleop.config import TeleopConfig
 
-    return {**SCHEMA, "player": PlayerConfig, "visualisation": VisualisationConfig}
+    return {
+        **SCHEMA,
+        "player": PlayerConfig,
+        "visualisation": VisualisationConfig,
+        "teleop": TeleopConfig,
+    }
 
 
 def _found(

@@ -54,6 +54,7 @@ GOAL_POSE = Topic(name="goal_pose", type_name="geometry_msgs/msg/PoseStamped", r
 TRAJECTORY = Topic(name="trajectory", type_name=REFERENCE.type_name, reliable=True)
 # A velocity to fly, as joysticks and navigation send it.
 VELOCITY = Topic(name="cmd_vel", type_name="geometry_msgs/msg/TwistStamped")
+JOYSTICK = Topic(name="joy", type_name="sensor_msgs/msg/Joy")
 PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path")
 STATS = Topic(
     name="mpc/stats", type_name="diagnostic_msgs/msg/DiagnosticArray", reliable=True, depth=10

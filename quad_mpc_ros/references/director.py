@@ -240,7 +240,10 @@ class Director:
         self.ground = float(p_WB[2])
         start = flat_state_of(self.timeline, now_ns)
         below = FlatState.at_rest(stay_down(p_WB), yaw=start.yaw)
-        return self._go(now_ns, [(LANDING, start, below)], then=GROUND)
+        phases = self._planned(now_ns, [(LANDING, start, below)])
+        if isinstance(phases, Reply):
+            return phases
+        return self._joined(now_ns, phases, GROUND, None)  # now is past: that of an odometry
 
     def is_sinking(self, now_ns: int) -> bool:
         """Return whether a landing is in progress, without a touchdown yet."""
@@ -280,6 +283,12 @@ class Director:
         """
         if self.too_late(now_ns):
             return TOO_LATE
+        return self._joined(now_ns, phases, then, trajectory)
+
+    def _joined(
+        self, now_ns: int, phases: list[Phase], then: str, trajectory: Trajectory | None
+    ) -> Reply:
+        """Follow phases, and then a trajectory, as :meth:`_follow` does, late or not."""
         last = phases[-1]
         if trajectory is None:
             end = _end_of(last.trajectory)

@@ -627,3 +627,22 @@ def test_velocities_are_feasible_for_the_vehicle_whatever_the_parameters(most: f
     assert needs.throttle.max() < hover + 0.8 * (1.0 - hover)
     assert (np.abs(needs.w_WB_B) < 0.8 * np.array(config.trajectory_omega_max)).all()
     assert_continuous(windows)
+
+
+def test_a_touchdown_is_never_too_late() -> None:
+    """It is felt in an odometry, whose stamp is past whenever the clock does not wait."""
+    reference, clock, now = live(), [START], START + 10 * SECOND
+    reference.too_late = lambda start_ns: clock[0] > start_ns
+    reference.observe(odometry(START))
+    assert reference.take_off(START).accepted
+    clock[0] = now
+    assert reference.land(now).accepted
+    replies = []
+    for k in range(20 * 50):
+        stamp = now + k * SECOND // 50
+        clock[0] = stamp + 5_000_000  # on its way
+        height = max(place(reference, stamp)[2], 0.0)
+        replies.append(reference.observe(odometry(stamp, 0.0, 0.0, height)))
+    told = [reply for reply in replies if reply is not None]
+    assert [reply.accepted for reply in told] == [True]
+    assert reference.mode(now + 21 * SECOND) == "ground"
