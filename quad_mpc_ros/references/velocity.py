@@ -41,6 +41,7 @@ _FORESIGHT = 0.75
 _AXES = 3
 _LONGEST_STOP = 30.0  # s
 _REST = 1e-9  # m/s, rad/s
+_ABSURD = 1e6  # m/s, rad/s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,7 +49,7 @@ class VelocityCommand:
     """A velocity (3,) [m/s] and a yaw rate [rad/s] about the vertical.
 
     With ``heading_aligned`` its x axis points where the nose does, level, and y to the left; else
-    the velocity is in the world. Raises ``ValueError`` where a number is not finite.
+    the velocity is in the world. Raises ``ValueError`` where a number is not finite, or absurd.
     """
 
     velocity: Array
@@ -56,11 +57,11 @@ class VelocityCommand:
     heading_aligned: bool
 
     def __post_init__(self) -> None:
-        """Refuse what is not finite."""
-        if not np.all(np.isfinite([*self.velocity, self.yaw_rate])):
+        """Refuse what is not finite, and what numbers cannot be computed with."""
+        if not np.all(np.abs([*self.velocity, self.yaw_rate]) <= _ABSURD):
             raise ValueError(
                 f"velocity {self.velocity.tolist()} m/s and yaw rate {self.yaw_rate} rad/s, "
-                "expected finite numbers"
+                f"expected finite numbers up to {_ABSURD:g}"
             )
 
     @property
@@ -166,7 +167,9 @@ class _Pursuit:
             for before, after in zip(self.points[-2], self.points[-1], strict=True)
         )
         self._limits = limits
-        self._slowing = limits.acceleration * _STEP  # of the speed, in a step
+        # In a step, of the speed; more where it begins so fast that it would never stop.
+        needed = math.hypot(*self._velocity) / _LONGEST_STOP
+        self._slowing = max(limits.acceleration, needed) * _STEP
         self._speed = min(limits.speed, _LONGEST_STOP * limits.acceleration)
         self._wanted: list[float] = command.velocity.tolist()
         self._aligned = command.heading_aligned

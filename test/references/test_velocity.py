@@ -185,3 +185,14 @@ def test_numbers_that_are_not_finite_are_refused() -> None:
         command(math.nan, 0.0, 0.0)
     with pytest.raises(ValueError, match="expected finite numbers"):
         command(0.0, 0.0, 0.0, yaw_rate=math.inf)
+    with pytest.raises(ValueError, match="expected finite numbers"):
+        command(1.7e308, 1.7e308, 0.0)
+
+
+def test_a_stop_from_any_speed_ends_within_half_a_minute() -> None:
+    end = End(
+        p_WB=np.zeros(3), v_WB_W=np.array([1e5, 0.0, 0.0]), a_WB_W=np.zeros(3), j_WB_W=np.zeros(3)
+    )
+    start = FlatState(end=end, yaw=0.0)
+    path = followed(first_points(start), command(1.0, 0.0, 0.0), LIMITS, held=0.5)
+    assert path.duration < 32.0

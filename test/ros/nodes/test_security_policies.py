@@ -12,7 +12,7 @@ import pytest
 POLICIES = Path(__file__).resolve().parents[3] / "config" / "security" / "policies.xml"
 # Not the root, where a node that another test has left would be taken for one of these.
 SPACE = "/policed"
-NODES = ("simulator", "reference", "mpc", "recorder", "visualisation")
+NODES = ("simulator", "reference", "mpc", "recorder", "visualisation", "teleop")
 # Opened by some only: on simulated time or in lockstep, where tf2_msgs is installed, once somebody
 # publishes it, of a plant that has it.
 SOMETIMES = {"/battery", "/clock", "/tf", "/engaged", "/landed", "/odom_reset"}
@@ -48,8 +48,9 @@ def test_nodes_use_exactly_what_policies_allow(
     start: Callable[..., Any], peer: Any, tmp_path: Path
 ) -> None:
     for node in NODES:
-        bag = ("-p", f"directory:={tmp_path / 'bag'}") if node == "recorder" else ()
-        start(node, "-r", f"__ns:={SPACE}", *bag)
+        given = {"recorder": f"directory:={tmp_path / 'bag'}", "teleop": "input:=joystick"}
+        more = ("-p", given[node]) if node in given else ()
+        start(node, "-r", f"__ns:={SPACE}", *more)
 
     def excess() -> list[str]:
         """What is opened and not allowed, or allowed and not opened yet."""

@@ -184,9 +184,7 @@ def test_the_terminal_is_restored_however_the_node_ends(how: str, peer: Any) -> 
         assert "Traceback" not in keys.shown
 
 
-def test_position_mode_asks_for_steps_from_where_the_reference_leads(
-    peer: Any, feed: Any
-) -> None:
+def test_position_mode_asks_for_steps_from_where_the_reference_leads(peer: Any, feed: Any) -> None:
     goals: list[PoseStamped] = []
     velocities: list[TwistStamped] = []
     peer.node.create_subscription(PoseStamped, "goal_pose", goals.append, 10)
