@@ -17,7 +17,7 @@ from quad_mpc_ros.ros.messages import decoded
 
 _ROSOUT = Topic(name="/rosout", type_name="rcl_interfaces/msg/Log", reliable=True, depth=50)
 _SEARCH_PERIOD = 1.0  # s between looks for new vehicles
-_ONCE_WAITS, _ONCE_COUNTS = 10.0, 1.5  # s: for a first message, and then to count rates
+_ONCE_WAITS, _ONCE_COUNTS = 5.0, 2.5  # s: for a first message, and then to count rates
 
 
 def watch_live(screen: Screen, *, namespaces: Sequence[str] | None, interval: float) -> bool:

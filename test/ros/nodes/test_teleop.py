@@ -124,13 +124,13 @@ def test_a_flight_by_keys_and_joystick(start: Start, peer: Any) -> None:
         assert flight.position[2] == pytest.approx(1.0, abs=0.2)
 
         # A stick: its deadman button is let go while it is still pushed.
-        flight.hold_stick(0.5, forward=-1.0, deadman=False)
+        flight.hold_stick(0.3, forward=-1.0, deadman=False)
         assert flight.mode == "hold"
         flight.hold_stick(1.5, forward=-1.0, deadman=True)
         assert flight.mode == "velocity"
         assert np.linalg.norm(flight.velocity) > 0.5
         released = flight.position
-        flight.hold_stick(2.5, forward=-1.0, deadman=False)
+        flight.hold_stick(0.5, forward=-1.0, deadman=False)
         assert flight.rests()
         assert np.linalg.norm(flight.position - released) < 1.2
 
