@@ -17,6 +17,8 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.control.safety.ladder import Source
 from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.live import LiveReference
+from quad_mpc_ros.references.velocity import VelocityCommand
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 
@@ -171,3 +173,58 @@ def test_sends_px4_nothing_without_status(new: New) -> None:
     with pytest.raises(AssertionError, match="setpoints timed out"):
         fly(way, odom_rate=100.0, at=lose)
     assert "no vehicle_status within 1.5 s" in way.bridge.silence
+
+
+class ByHand:
+    """Takes off, pushes the stick for two seconds, lets it go, and lands."""
+
+    def __init__(self) -> None:
+        self.modes: list[str] = []
+        self.speeds: list[float] = []
+        self.ends: dict[str, Array] = {}
+        self.early: list[bool] = []
+        self._pushed_ns = 0
+
+    def __call__(self, live: LiveReference, now_ns: int) -> None:
+        mode = live.mode(now_ns)
+        if not self.modes or mode != self.modes[-1]:
+            self.modes.append(mode)
+        push = VelocityCommand(
+            velocity=np.array([1.0, 0.5, 0.0]), yaw_rate=0.5, heading_aligned=True
+        )
+        if mode in ("waiting", "ground"):
+            refused = live.move(now_ns, push)
+            self.early.append(refused is not None and refused.accepted)
+        if mode == "ground" and "landing" not in self.modes:
+            live.take_off(now_ns)
+        elif mode == "hold" and not self._pushed_ns:
+            self._pushed_ns = now_ns
+        elif mode == "hold" and self.modes[-2] == "velocity":
+            live.land(now_ns)
+        window = live.window(now_ns)
+        assert window is not None
+        if self._pushed_ns and now_ns - self._pushed_ns < 2 * SECOND:
+            live.move(now_ns, push)
+            self.speeds.append(float(np.linalg.norm(window.v_WB_W[0])))
+        self.ends[mode] = window.p_WB[0]
+
+
+@pytest.mark.parametrize("case", ["px4", "crazyswarm2", "rosflight"])
+def test_velocities_are_flown_from_the_ground_to_the_ground(case: str, new: New) -> None:
+    pilot = ByHand()
+    flight = fly(
+        bridged(case, new),
+        odom_rate=CASES[case][1].odom_rate,
+        throttle_max=CASES[case][3],
+        duration=19.0,
+        reference=ReferenceConfig(mode="on_request", takeoff_height=1.0),
+        pilot=pilot,
+    )
+    assert not any(pilot.early)
+    assert pilot.modes[-6:] == ["takeoff", "hold", "velocity", "hold", "landing", "ground"]
+    assert flight.sources == {Source.MPC}
+    assert pilot.speeds[-1] == pytest.approx(np.hypot(1.0, 0.5), abs=1e-3)
+    travelled = float(np.linalg.norm(pilot.ends["hold"][:2]))
+    assert 1.5 < travelled < 3.5
+    airborne = flight.errors[: -3 * round(CASES[case][1].odom_rate)]
+    assert max(airborne[len(airborne) // 2 :]) < 0.55  # half a metre below it on the ground
