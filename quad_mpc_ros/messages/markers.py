@@ -5,18 +5,27 @@ No message package is imported, as in ``conversions``.
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.configuration.box import BoxParameters
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.vehicle import ARM, LiftParameters, Vehicle, outline
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnFence(BoxParameters):
+    """The fence as it is drawn, if it has all six walls."""
+
+    owner = "visualisation.fence"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +50,7 @@ class VisualisationConfig(LiftParameters):
     thrust_length: float = parameter(
         0.3, doc="Length of the thrust arrow at hover.", unit="m", above=0.0
     )
+    fence: DrawnFence = field(default_factory=DrawnFence)
     broadcast_tf: bool = parameter(
         True,
         doc="Broadcast the pose of the odometry on /tf, where tf2_msgs is installed; false where "
@@ -97,6 +107,7 @@ _PREDICTED = _Look(
     rgb=(0.8, 0.47, 0.65),
     lifetime_ns=_SHORT_LIFETIME_NS,
 )
+_FENCE = _Look(name="fence", kind=LINE_LIST, scale=(0.02, 0.0, 0.0), rgb=(0.84, 0.37, 0.0))
 _THRUST = _Look(
     name="thrust",
     kind=ARROW,
@@ -131,6 +142,19 @@ def trail_marker(odometry: OdometrySample, p_WB: Array, *, new: NewMessage) -> A
 def predicted_marker(odometry: OdometrySample, p_WB: Array, *, new: NewMessage) -> Any:
     """Return the plan (n, 3) [m], in the frame of the odometry as the controller plans."""
     return _marker(_PREDICTED, odometry, p_WB, new=new)
+
+
+def fence_marker(odometry: OdometrySample, fence: BoxParameters, *, new: NewMessage) -> Any:
+    """Return the twelve edges of the fence; none if it is open."""
+    ends = [fence.minimum, fence.maximum]
+    corners = np.array([[ends[i][0], ends[j][1], ends[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
+    edges = [
+        (corners[a], corners[b])
+        for a, b in itertools.combinations(range(8), 2)
+        if (a ^ b).bit_count() == 1
+    ]
+    points = np.array(edges).reshape(-1, 3) if fence.is_closed else np.zeros((0, 3))
+    return _marker(_FENCE, odometry, points, new=new)
 
 
 def _marker(

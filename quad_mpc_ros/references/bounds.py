@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quad_mpc_ros.configuration import Configuration, ConfigurationError, parameter, per_axis
+from quad_mpc_ros.configuration import per_axis
+from quad_mpc_ros.configuration.box import BoxParameters
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.velocity import STEP_NS, VelocityLimits
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 YAW_SHARE = 0.5
 """Of the limit of the yaw rate, what is asked for."""
 
-_FAR = 1e4  # m
 _FROM_WALLS = 0.3  # m: a vehicle that flies beside its reference stays inside the fence
 _CLEARANCE = 0.3  # m above the ground: lower only by a landing
 _THRUST_SHARE = 0.9  # of what hovering leaves free
@@ -25,37 +25,13 @@ _YAW_RISE = 0.5  # s, to the highest yaw rate
 
 
 @dataclass(frozen=True, kw_only=True)
-class FenceParameters(Configuration):
-    """A box in the world for what is asked of the reference; by default it has no walls."""
+class FenceParameters(BoxParameters):
+    """What a take-off, a goal, a trajectory received or a velocity may not lead out of.
+
+    A velocity ends a little in front of the walls.
+    """
 
     owner = "reference.fence"
-
-    minimum: tuple[float, ...] = parameter(
-        (-_FAR,) * 3,
-        doc="Lowest position that a take-off, a goal, a trajectory received or a velocity may "
-        "lead to; usually that of the mpc. A velocity ends 0.3 m in front of it.",
-        unit="m",
-        length=3,
-        minimum=-_FAR,
-        maximum=_FAR,
-    )
-    maximum: tuple[float, ...] = parameter(
-        (_FAR,) * 3,
-        doc="Highest position, as minimum.",
-        unit="m",
-        length=3,
-        minimum=-_FAR,
-        maximum=_FAR,
-    )
-
-    def check(self) -> None:
-        """Refuse a fence with no inside."""
-        if not all(low < high for low, high in zip(self.minimum, self.maximum, strict=True)):
-            raise ConfigurationError(
-                f"{self.owner}.minimum",
-                self.minimum,
-                f"3 numbers below fence.maximum {list(self.maximum)}",
-            )
 
     def objection(self, p_WB: Array) -> str | None:
         """Return which of some points (n, 3) [m] is outside, or None."""

@@ -11,7 +11,7 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.messages import conversions, markers
-from quad_mpc_ros.messages.markers import Trail
+from quad_mpc_ros.messages.markers import DrawnFence, Trail
 from quad_mpc_ros.ros.messages import new_message
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -71,6 +71,19 @@ def test_lines_are_in_the_frame_of_the_odometry(odometry: OdometrySample) -> Non
         assert conversions.nanoseconds(line.header.stamp) == odometry.stamp_ns
         assert in_frame(line) == pytest.approx(path)
         assert line.color.a == 1.0
+
+
+def test_the_fence_is_its_twelve_edges_and_an_open_one_is_none(odometry: OdometrySample) -> None:
+    closed = DrawnFence(minimum=(-1.0, -2.0, 0.0), maximum=(3.0, 2.0, 2.5))
+    marker = markers.fence_marker(odometry, closed, new=new_message)
+    assert marker.header.frame_id == "map"
+    edges = in_frame(marker).reshape(-1, 2, 3)
+    lengths = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
+    assert sorted(lengths) == pytest.approx(4 * [2.5] + 8 * [4.0])
+    assert edges.min(axis=(0, 1)) == pytest.approx([-1.0, -2.0, 0.0])
+    assert edges.max(axis=(0, 1)) == pytest.approx([3.0, 2.0, 2.5])
+    for fence in (DrawnFence(), DrawnFence(minimum=(-1.0, -2.0, 0.0))):
+        assert markers.fence_marker(odometry, fence, new=new_message).action == Marker.DELETE
 
 
 def test_single_point_deletes_the_marker(odometry: OdometrySample) -> None:

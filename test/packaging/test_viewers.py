@@ -100,6 +100,21 @@ def test_rviz_displays_ask_for_what_is_offered() -> None:
         assert (asked["Durability Policy"] == "Transient Local") == topic.latched
 
 
+def test_rviz_sends_goals_where_the_reference_node_listens() -> None:
+    (tool,) = (each for each in RVIZ["Visualization Manager"]["Tools"] if "Topic" in each)
+    assert tool["Class"] == "rviz_default_plugins/SetGoal"
+    assert TOPICS[tool["Topic"]["Value"]] is topics.GOAL_POSE
+    assert tool["Topic"]["Reliability Policy"] == "Reliable"  # as the subscription wants it
+
+
+def test_rqt_plots_values_that_there_are() -> None:
+    page = (VIEWERS.parents[1] / "docs" / "viewers.md").read_text()
+    (command,) = re.findall(r"rqt_plot rqt_plot (.+)", page)
+    for address in command.split():
+        topic, rest = topic_in(address, "/")
+        assert kind_of(topic.type_name, rest.split("/")) == "float64"
+
+
 def test_every_viewer_shows_odometry_command_and_stats() -> None:
     for addresses, separator in ((FOXGLOVE_PATHS, "."), (CURVES, "/")):
         seen = {topic_in(address, separator)[0].name for address in addresses}
