@@ -104,6 +104,7 @@ setup(
         "zstandard",
         "PyYAML",
         "matplotlib",
+        "rich>=13",
     ],
     extras_require={
         "ros": [
@@ -117,7 +118,6 @@ setup(
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
         "serial": ["pyserial>=3.5"],  # betaflight_bridge
         "report": ["plotly>=6.0"],  # quad_mpc report
-        "watch": ["rich>=13"],  # quad_mpc watch
         # quad_mpc campaign on a cluster, with Parquet and its page; quad_mpc tune
         "campaign": ["dask", "distributed", "optuna>=4", "pyarrow", "plotly>=6.0"],
         "browser": ["playwright"],  # its test in a Chromium that is installed
@@ -135,7 +135,6 @@ setup(
             "plotly>=6.0",
             "pyarrow",
             "pyserial>=3.5",
-            "rich>=13",
         ],
         "dev": [
             "ruff",

@@ -145,7 +145,7 @@ def predicted_marker(odometry: OdometrySample, p_WB: Array, *, new: NewMessage) 
 
 
 def fence_marker(odometry: OdometrySample, fence: BoxParameters, *, new: NewMessage) -> Any:
-    """Return the twelve edges of the fence; none if it is open."""
+    """Return the twelve edges of the fence."""
     ends = [fence.minimum, fence.maximum]
     corners = np.array([[ends[i][0], ends[j][1], ends[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
     edges = [
@@ -153,8 +153,7 @@ def fence_marker(odometry: OdometrySample, fence: BoxParameters, *, new: NewMess
         for a, b in itertools.combinations(range(8), 2)
         if (a ^ b).bit_count() == 1
     ]
-    points = np.array(edges).reshape(-1, 3) if fence.is_closed else np.zeros((0, 3))
-    return _marker(_FENCE, odometry, points, new=new)
+    return _marker(_FENCE, odometry, np.array(edges).reshape(-1, 3), new=new)
 
 
 def _marker(

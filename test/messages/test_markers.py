@@ -73,7 +73,9 @@ def test_lines_are_in_the_frame_of_the_odometry(odometry: OdometrySample) -> Non
         assert line.color.a == 1.0
 
 
-def test_the_fence_is_its_twelve_edges_and_an_open_one_is_none(odometry: OdometrySample) -> None:
+def test_the_fence_is_its_twelve_edges_and_is_closed_by_six_walls(
+    odometry: OdometrySample,
+) -> None:
     closed = DrawnFence(minimum=(-1.0, -2.0, 0.0), maximum=(3.0, 2.0, 2.5))
     marker = markers.fence_marker(odometry, closed, new=new_message)
     assert marker.header.frame_id == "map"
@@ -82,8 +84,9 @@ def test_the_fence_is_its_twelve_edges_and_an_open_one_is_none(odometry: Odometr
     assert sorted(lengths) == pytest.approx(4 * [2.5] + 8 * [4.0])
     assert edges.min(axis=(0, 1)) == pytest.approx([-1.0, -2.0, 0.0])
     assert edges.max(axis=(0, 1)) == pytest.approx([3.0, 2.0, 2.5])
-    for fence in (DrawnFence(), DrawnFence(minimum=(-1.0, -2.0, 0.0))):
-        assert markers.fence_marker(odometry, fence, new=new_message).action == Marker.DELETE
+    assert closed.is_closed
+    assert not DrawnFence().is_closed
+    assert not DrawnFence(minimum=(-1.0, -2.0, 0.0)).is_closed
 
 
 def test_single_point_deletes_the_marker(odometry: OdometrySample) -> None:

@@ -9,10 +9,7 @@ from pathlib import Path
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.configuration import UserError
 
-_RICH_NEEDED = (
-    "quad_mpc watch draws with Rich 13 or later: pip install 'quad_mpc_ros[watch]', or "
-    "apt install python3-rich"
-)
+_RICH_NEEDED = "quad_mpc watch draws with Rich: apt install python3-rich, or pip install rich"
 _QUICK, _PLAIN = 0.25, 1.0  # s between two pictures: in a terminal, and elsewhere
 
 

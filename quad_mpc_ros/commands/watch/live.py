@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from quad_mpc_ros.commands.observer import Observer, subscribe
-from quad_mpc_ros.commands.watch.screen import Screen
+from quad_mpc_ros.commands.watch.screen import LONGEST_WAIT, Screen
 from quad_mpc_ros.commands.watch.vehicle import WATCHED, Arrival, Vehicle, Vehicles
 from quad_mpc_ros.commands.watch.view import looked_at
 from quad_mpc_ros.messages.topics import DIAGNOSTICS, STATS, Topic
@@ -23,16 +23,16 @@ _ONCE_WAITS, _ONCE_COUNTS = 5.0, 2.5  # s: for a first message, and then to coun
 def watch_live(screen: Screen, *, namespaces: Sequence[str] | None, interval: float) -> bool:
     """Show vehicles until interrupted, or once; return whether anything was heard of one."""
     vehicles = Vehicles(namespaces)
-    with _Watcher(vehicles) as watcher:
+    with screen, _Watcher(vehicles) as watcher:
         if screen.once:
-            watcher.wait(_ONCE_WAITS, until=lambda: watcher.hears)
-            watcher.wait(_ONCE_COUNTS if watcher.hears else 0.0)
+            watcher.wait(_ONCE_WAITS, until=lambda: watcher.hears or screen.stopped)
+            watcher.wait(_ONCE_COUNTS if watcher.hears else 0.0, until=lambda: screen.stopped)
             _show(vehicles, screen)
             return watcher.hears
-        with screen:
-            while True:
-                _show(vehicles, screen)
-                watcher.wait(interval)
+        while not screen.stopped:
+            _show(vehicles, screen)
+            watcher.wait(interval, until=lambda: screen.stopped)
+    return True
 
 
 def _show(vehicles: Vehicles, screen: Screen) -> None:
@@ -63,13 +63,13 @@ class _Watcher(Observer):
         subscribe(self.node, _ROSOUT, self._vehicles.take_log)
         return self
 
-    def wait(self, seconds: float, *, until: Callable[[], bool] = lambda: False) -> None:
+    def wait(self, seconds: float, *, until: Callable[[], bool]) -> None:
         """Take what comes for so long, or until something is true."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0.0 and not until():
             if time.monotonic() - self._searched > _SEARCH_PERIOD:
                 self._search()
-            self.executor.spin_once(timeout_sec=min(left, _SEARCH_PERIOD))
+            self.executor.spin_once(timeout_sec=min(left, LONGEST_WAIT))
 
     def _search(self) -> None:
         self._searched = time.monotonic()

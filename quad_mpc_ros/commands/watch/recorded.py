@@ -34,12 +34,14 @@ def watch_bag(
     with screen:
         for message in reader.messages([*takers, DIAGNOSTICS.name, _ROSOUT]):
             now = 1e-9 * (message.log_time_ns - begin_ns)
-            while now >= due:
+            while now >= due and not screen.stopped:
                 views = looked_at(vehicles, due)
                 if not screen.once:
-                    time.sleep(max(began + due / rate - time.monotonic(), 0.0))
+                    screen.sleep(began + due / rate - time.monotonic())
                     screen.show(views, title=_title(bag, due))
                 due += interval * rate
+            if screen.stopped:
+                return True
             _take(message, takers, vehicles, now)
         screen.show(looked_at(vehicles, now), title=_title(bag, now))
     return True

@@ -81,8 +81,9 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         drawn = [
             markers.vehicle_marker(odometry, arm=config.arm, new=new),
             markers.trail_marker(odometry, self._trail.p_WB, new=new),
-            markers.fence_marker(odometry, config.fence, new=new),
         ]
+        if config.fence.is_closed:
+            drawn.append(markers.fence_marker(odometry, config.fence, new=new))
         if self._command is not None:
             throttle, length = self._command.throttle, config.thrust_length
             drawn.append(

@@ -54,7 +54,7 @@ def test_in_a_terminal_it_draws_over_itself_and_ends_with_ctrl_c(bag: Path) -> N
     try:
         wait_for(lambda: "\x1b[?1049h" in terminal.shown and "thrust" in terminal.shown)
         terminal.type("\x03")
-        assert terminal.process.wait(20) == 0
+        assert terminal.process.wait(20) == 0, terminal.shown
         wait_for(lambda: "\x1b[?1049l" in terminal.shown)  # the screen as it was
         assert "\x1b[?25h" in terminal.shown  # and the cursor
         assert "Traceback" not in terminal.shown
@@ -90,7 +90,7 @@ def test_without_rich_it_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "rich", None)
     assert main(["watch", "--bag", str(bag)]) == 2
-    assert "pip install 'quad_mpc_ros[watch]'" in capsys.readouterr().err
+    assert "pip install rich" in capsys.readouterr().err
 
 
 def test_a_bag_of_other_vehicles_has_nothing_to_show(
