@@ -54,12 +54,14 @@ class Pilot:
         }
         self._goal = node.create_publisher(PoseStamped, "goal_pose", 1)
         self._trajectory = node.create_publisher(MultiDOFJointTrajectory, "trajectory", 1)
+        self._velocity = node.create_publisher(TwistStamped, "cmd_vel", 1)
 
     def await_node(self) -> None:
         assert self._peer.wait(
             lambda: (
                 self._goal.get_subscription_count()
                 and self._trajectory.get_subscription_count()
+                and self._velocity.get_subscription_count()
                 and self._peer.node.count_publishers("reference")
                 and all(client.service_is_ready() for client in self._clients.values())
             )
@@ -81,6 +83,11 @@ class Pilot:
 
     def send_trajectory(self, message: MultiDOFJointTrajectory) -> str:
         return self._told("trajectory", lambda: self._trajectory.publish(message))
+
+    def send_velocity(self, *, frame_id: str, x: float = 0.3) -> None:
+        message = TwistStamped()
+        message.header.frame_id, message.twist.linear.x = frame_id, x
+        self._velocity.publish(message)
 
     @property
     def now(self) -> float:
@@ -238,6 +245,15 @@ def test_bad_input_is_refused_with_its_reason_and_the_flight_goes_on(
             "not finite",
         ),
         (lambda: pilot.send_trajectory(no_transform), "no transform"),
+        (lambda: pilot._told("velocity", lambda: pilot.send_velocity(frame_id="map")), "'map'"),
+        (
+            lambda: pilot._told("velocity", lambda: pilot.send_velocity(frame_id="", x=nan)),
+            "expected finite numbers",
+        ),
+        (
+            lambda: pilot._told("velocity", lambda: pilot.send_velocity(frame_id="base_link")),
+            "no velocity while in takeoff",
+        ),
     ):
         verdict = told()
         assert " refused: " in verdict
@@ -263,6 +279,27 @@ def test_requests_are_accepted_reported_and_drawn(pilot: Pilot, peer: Any) -> No
     assert peer.wait(lambda: np.allclose(_end(pilot.paths[-1])[:2], [0.2, 0.1], atol=1e-3))
     pilot.fly(0.5)
     assert_nothing_jumps(pilot.windows())
+
+
+def test_velocities_of_other_programs_are_flown(pilot: Pilot, peer: Any) -> None:
+    """A reliable publisher, as most are, in the world's frame; held as long as it sends."""
+    assert pilot.call("takeoff").success
+    assert peer.wait(lambda: _rests(pilot), timeout=20.0)
+    begin = pilot.windows()[-1].p_WB[0]
+    for _ in range(20):
+        pilot.send_velocity(frame_id="odom")
+        peer.spin(0.05)
+    assert pilot.windows()[-1].v_WB_W[0, 0] > 0.1
+    assert peer.wait(lambda: _rests(pilot), timeout=20.0)
+    way = pilot.windows()[-1].p_WB[0] - begin
+    assert 0.2 < way[0] < 1.0
+    assert np.allclose(way[1:], 0.0, atol=1e-6)
+    assert_nothing_jumps(pilot.windows())
+
+
+def _rests(pilot: Pilot) -> bool:
+    newest = pilot.windows()[-1]
+    return bool(newest.p_WB[0, 2] > 0.4) and not np.any(newest.v_WB_W)
 
 
 def _end(path: PathMessage) -> list[float]:
