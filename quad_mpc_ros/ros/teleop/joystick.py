@@ -19,13 +19,19 @@ class Joystick:
         self._axes: Sequence[float] = ()
         self._buttons: Sequence[int] = ()
         self._received: float | None = None
+        self._let_go = False
 
     def receive(self, axes: Sequence[float], buttons: Sequence[int], *, now: float) -> list[str]:
         """Take a message; return the requests whose buttons are pressed anew.
 
-        What is pressed in the first message after a loss is not: nobody saw it being pressed.
+        What is pressed in the first message, or the first after a loss, is not: nobody saw it
+        being pressed, and a driver may tell what was pressed before. So the deadman button counts
+        once it was seen let go.
         """
-        before = self._buttons if self.is_connected(now=now) else buttons
+        connected = self.is_connected(now=now)
+        before = self._buttons if connected else buttons
+        released = not _held(buttons, self._config.deadman_button)
+        self._let_go = released or (connected and self._let_go)
         self._axes, self._buttons, self._received = axes, buttons, now
         return [
             name
@@ -72,7 +78,7 @@ class Joystick:
     @property
     def _deadman(self) -> bool:
         number = self._config.deadman_button
-        return number < 0 or _held(self._buttons, number)
+        return number < 0 or (self._let_go and _held(self._buttons, number))
 
     def _share(self, axis: int) -> float:
         """Return the share of an axis in [-1, 1], 0 in the deadzone and rising from its edge."""

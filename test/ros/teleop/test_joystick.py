@@ -35,6 +35,7 @@ def test_sticks_count_only_while_the_deadman_button_is_held() -> None:
 def test_a_joystick_that_is_silent_counts_as_let_go() -> None:
     joystick = Joystick(CONFIG)
     assert not joystick.was_there
+    joystick.receive(*message(), now=-0.1)
     joystick.receive(*message(forward=1.0, pressed=("deadman",)), now=0.0)
     assert joystick.motion(now=CONFIG.timeout - 0.01) != STILL
     assert joystick.motion(now=CONFIG.timeout + 0.01) == STILL
@@ -53,6 +54,7 @@ def test_take_off_and_start_need_the_deadman_button_and_hold_and_land_do_not() -
     for deadman in ((), ("deadman",)):
         for name in ("takeoff", "start", "hold", "land"):
             joystick = Joystick(CONFIG)
+            joystick.receive(*message(), now=-0.1)
             joystick.receive(*message(pressed=deadman), now=0.0)
             made[name, bool(deadman)] = joystick.receive(
                 *message(pressed=(*deadman, name)), now=0.05
@@ -71,12 +73,25 @@ def test_a_button_that_is_pressed_when_the_joystick_returns_asks_for_nothing() -
     assert joystick.receive(*message(pressed=("land",)), now=5.0) == []
 
 
+def test_a_deadman_button_that_is_held_when_the_joystick_comes_counts_once_let_go() -> None:
+    """A driver may go on telling what was held when the joystick was unplugged."""
+    joystick, pushed = Joystick(CONFIG), message(forward=1.0, pressed=("deadman",))
+    for begin in (0.0, 10.0):  # at first, and after a loss
+        for k in range(5):
+            joystick.receive(*pushed, now=begin + 0.05 * k)
+            assert joystick.motion(now=begin + 0.05 * k) == STILL
+        joystick.receive(*message(forward=1.0), now=begin + 0.3)
+        joystick.receive(*pushed, now=begin + 0.35)
+        assert joystick.motion(now=begin + 0.35) == Motion(forward=1.0)
+
+
 @pytest.mark.parametrize(
     ("value", "share"),
     [(0.1, 0.0), (-0.1, 0.0), (0.55, 0.5), (-1.0, -1.0), (3.0, 1.0), (math.nan, 0.0)],
 )
 def test_a_share_rises_from_the_edge_of_the_deadzone(value: float, share: float) -> None:
     joystick = Joystick(CONFIG)
+    joystick.receive(*message(), now=-0.1)
     joystick.receive(*message(forward=value, pressed=("deadman",)), now=0.0)
     assert joystick.motion(now=0.0).forward == pytest.approx(share)
 
@@ -84,6 +99,7 @@ def test_a_share_rises_from_the_edge_of_the_deadzone(value: float, share: float)
 def test_axes_may_be_reversed() -> None:
     config = JoystickParameters(reversed_axes=(CONFIG.forward_axis,))
     joystick = Joystick(config)
+    joystick.receive(*message(), now=-0.1)
     joystick.receive(*message(forward=1.0, pressed=("deadman",)), now=0.0)
     assert joystick.motion(now=0.0).forward == -1.0
 
