@@ -64,6 +64,7 @@ def configurations(options: argparse.Namespace) -> dict[str, RunConfig]:
 def _finish(configs: Mapping[str, RunConfig], *, wall_seconds: float) -> int:
     """Evaluate each vehicle's bag, show one table, and return the exit code."""
     from quad_mpc_ros.recordings.evaluation.metrics import summarise
+    from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
     from quad_mpc_ros.recordings.recording import Recording
 
     summaries = {}
@@ -75,8 +76,10 @@ def _finish(configs: Mapping[str, RunConfig], *, wall_seconds: float) -> int:
             write_json(config.out / "summary.json", summaries[namespace])
     print(fleet_table(summaries))
     print(f"\nbags and summaries  {next(iter(configs.values())).out.parent}/uav*")
-    held = all(s["commands"] and not s["fallbacks"] for s in summaries.values())
-    return 0 if held else EXIT_FAILED
+    verdicts = {name: verdict_on(summary) for name, summary in summaries.items()}
+    failed = [f"{name}: {verdict.line}" for name, verdict in verdicts.items() if not verdict.good]
+    print("\n".join(["", *failed]), file=sys.stderr)
+    return EXIT_FAILED if failed else 0
 
 
 def fleet_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:

@@ -104,6 +104,9 @@ def _report_runs(options: argparse.Namespace) -> int:
     _check(options, list(bags))
     runs = read_runs(bags)
     write_new("--out", options.out, page(runs), overwrite=options.overwrite)
+    for run in runs:
+        print(f"{run.name}: {run.verdict.line}")
+        print("\n".join(f"  to do: {each}" for each in run.verdict.advice))
     print(f"report  {options.out}")
     if options.png is not None:
         with results_in(options.png):

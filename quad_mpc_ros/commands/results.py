@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 from quad_mpc_ros.analysis.figures import write_figures
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import results_in, write_json
 from quad_mpc_ros.recordings.evaluation.metrics import summarise
 from quad_mpc_ros.recordings.evaluation.table import summary_table
+from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
 from quad_mpc_ros.recordings.recording import Recording
 
 
 def finish(out: Path, *, wall_seconds: float) -> int:
     """Evaluate the bag in ``out``, write and show the results, and return the exit code.
 
-    It is 0 only when the MPC itself gave every command.
+    It is 0 only when the MPC itself gave every command and the vehicle did not crash.
     """
     print("  evaluating the recording", file=sys.stderr, flush=True)
     flight = Recording(out / "bag").flight()
@@ -28,19 +28,7 @@ def finish(out: Path, *, wall_seconds: float) -> int:
     print(summary_table(summary))
     print(f"\nbag      {out / 'bag'}\nsummary  {out / 'summary.json'}")
     print(f"figures  {', '.join(str(path) for path in figures)}")
-    failure = _failure(summary)
-    if failure:
-        print(f"\n{failure}", file=sys.stderr)
-        return EXIT_FAILED
-    return 0
-
-
-def _failure(summary: dict[str, Any]) -> str:
-    """Return why the MPC did not give every command, or nothing."""
-    if not summary["commands"]:
-        return "No command was given: see the solver status in mpc/stats."
-    if summary["fallbacks"]:
-        return f"The failsafe commanded {summary['fallbacks']} times: see reason in mpc/stats."
-    if summary["solver_failures"]:
-        return f"{summary['solver_failures']} solves failed: see the solver status in mpc/stats."
-    return ""
+    verdict = verdict_on(summary)
+    print(f"\nverdict  {verdict.line}")
+    print("\n".join(f"to do    {each}" for each in verdict.advice))
+    return 0 if verdict.good else EXIT_FAILED

@@ -18,7 +18,9 @@ from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.control.tick import TickStats
-from quad_mpc_ros.recordings.evaluation.metrics import FALLBACKS, NOT_FAILED, percentiles
+from quad_mpc_ros.recordings.evaluation.commanding import FALLBACKS
+from quad_mpc_ros.recordings.evaluation.metrics import NOT_FAILED
+from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 CHANNELS = ("throttle", "rate_x", "rate_y", "rate_z")
 _UNITS = ("", "rad/s", "rad/s", "rad/s")

@@ -82,6 +82,11 @@ def paragraph(text: str, kind: str = "") -> str:
     return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
 
 
+def bullets(texts: Sequence[str]) -> str:
+    """Return a list of texts, which are escaped here."""
+    return "<ul>\n" + "\n".join(f"<li>{escape(text)}</li>" for text in texts) + "\n</ul>"
+
+
 def verdict(name: str, text: str, *, good: bool) -> str:
     """Return the paragraph that says how a run or a campaign went."""
     kind = "good" if good else "bad"

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import datetime
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from operator import getitem
 from typing import Any
 
 from quad_mpc_ros.analysis.report.markup import html_table
-from quad_mpc_ros.analysis.report.run import WITHOUT_MPC, ReportedRun, fallback_spans
+from quad_mpc_ros.analysis.report.run import ReportedRun
 from quad_mpc_ros.configuration import files
 from quad_mpc_ros.configuration.errors import shown
 from quad_mpc_ros.recordings.parameters import recorded_parameters
@@ -20,26 +19,6 @@ from quad_mpc_ros.simulation.config import SimulatorConfig
 _ABSENT = "–"
 _NOT_RECORDED = "not recorded"
 _SIMULATED_BEFORE = 946_684_800  # s, the year 2000: clocks of simulations begin at 0
-
-
-def verdict(run: ReportedRun) -> str:
-    """Return in a sentence or two whether the MPC commanded, and what did otherwise."""
-    summary = run.summary
-    if not summary["commands"]:
-        return "No command was given."
-    sources = Counter(run.flight.stats["source"].tolist())
-    without = {source: sources[source] for source in WITHOUT_MPC if sources[source]}
-    if not sources:
-        return f"{summary['commands']} commands; who gave them was not recorded."
-    if not without:
-        return f"The MPC gave every one of the {summary['commands']} commands."
-    first = fallback_spans(run.flight)[0]
-    counts = ", ".join(f"{count} {source}" for source, count in without.items())
-    return (
-        f"The MPC did not command at {sum(without.values())} of {sources.total()} ticks: "
-        f"{counts}. "
-        f"First at {first.start:.2f} s: {first.reason}."
-    )
 
 
 def identity_table(runs: Sequence[ReportedRun]) -> str:

@@ -12,6 +12,7 @@ from quad_mpc_ros.analysis.figures import panels
 from quad_mpc_ros.analysis.report import overview
 from quad_mpc_ros.analysis.report.markup import (
     Section,
+    bullets,
     folded,
     html_page,
     paragraph,
@@ -100,7 +101,8 @@ def page(runs: Sequence[ReportedRun]) -> str:
 
     Raises :class:`UserError` when Plotly is not installed.
     """
-    facts = ["<h2>The runs</h2>", overview.identity_table(runs)]
+    facts = [each for run in runs for each in _in_words(run, alone=len(runs) == 1)]
+    facts += ["<h2>The runs</h2>", overview.identity_table(runs)]
     facts += ["<h2>Figures of merit</h2>", overview.metrics_table(runs), _differences(runs)]
     parameters = overview.parameter_table(runs, only_different=False)
     series = Section(key="series", title="Time series", parts=[_buttons(run) for run in runs])
@@ -130,11 +132,22 @@ def _section(figure: _Figure, runs: Sequence[ReportedRun]) -> Section:
 def _verdict(run: ReportedRun) -> str:
     summary = run.summary
     error = summary["position_rmse_m"]
-    text = f"{summary['duration_s']:.2f} s. {overview.verdict(run)}"
+    text = f"{summary['duration_s']:.2f} s. {run.verdict.line}"
     if error is not None:
         most = summary["position_max_m"]
         text += f" Position error {error:.3g} m RMSE, {most:.3g} m at most."
-    return verdict(run.name, text, good=bool(summary["commands"] and not summary["fallbacks"]))
+    return verdict(run.name, text, good=run.verdict.good)
+
+
+def _in_words(run: ReportedRun, *, alone: bool) -> list[str]:
+    """Return what the verdict says below its titles, folded away where there are several runs."""
+    lists = [
+        f"<h3>{escape(title)}</h3>\n{bullets(sentences)}"
+        for title, sentences in run.verdict.sections.items()
+    ]
+    if alone:
+        return ["<h2>In words</h2>", *lists]
+    return [folded(f"{run.name} in words", "\n".join(lists))]
 
 
 def _differences(runs: Sequence[ReportedRun]) -> str:

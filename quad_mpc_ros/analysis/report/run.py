@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from quad_mpc_ros.control.safety.ladder import Source
-from quad_mpc_ros.recordings.evaluation.metrics import FALLBACKS, Summary, summarise
+from quad_mpc_ros.recordings.evaluation.commanding import WITHOUT_MPC
+from quad_mpc_ros.recordings.evaluation.metrics import Summary, summarise
+from quad_mpc_ros.recordings.evaluation.verdict import Verdict, verdict_on
 from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.recordings.recording import Recording
 
 MOST_HORIZONS = 100  # drawn; more would hide the flight
-WITHOUT_MPC = (*FALLBACKS, Source.SILENT.name.lower())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,6 +30,11 @@ class ReportedRun:
     def summary(self) -> Summary:
         """Figures of merit, as in ``summary.json``."""
         return summarise(self.flight, wall_seconds=None)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The same in words."""
+        return verdict_on(self.summary)
 
 
 def read_runs(bags: Mapping[str, Path]) -> list[ReportedRun]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.experiments.bench.peers import Peer
-from quad_mpc_ros.recordings.evaluation.metrics import percentiles
+from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.server import ReferenceServer
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant

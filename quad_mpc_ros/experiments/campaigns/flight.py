@@ -10,8 +10,9 @@ from typing import Any
 
 from quad_mpc_ros.configuration import files
 from quad_mpc_ros.experiments.campaigns.campaign import SCHEMA, Campaign, FlightPlan
-from quad_mpc_ros.experiments.campaigns.outcome import FIGURES, TruthLog, verdict
+from quad_mpc_ros.experiments.campaigns.outcome import FIGURES, TruthLog
 from quad_mpc_ros.experiments.campaigns.table import NUMBER, VERDICT, Row
+from quad_mpc_ros.recordings.evaluation.crash import crash_figures
 from quad_mpc_ros.recordings.evaluation.metrics import Summary, summarise
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, FlightLog
 from quad_mpc_ros.simulation.closed_loop import fly
@@ -91,7 +92,7 @@ def _figures(plan: FlightPlan, *, settle_time: float) -> dict[str, Any]:
         name: value if value is not None and math.isfinite(value) else None
         for name, value in figures.items()
     }
-    return {**verdict(truth.crash()), **finite}
+    return {**crash_figures(truth.crash()), **finite}
 
 
 def _scalars(summary: Summary) -> dict[str, Any]:

@@ -6,16 +6,19 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.control.safety.ladder import Source
+from quad_mpc_ros.recordings.evaluation.commanding import (
+    FALLBACKS,
+    commanding,
+    estimated,
+    margins,
+)
+from quad_mpc_ros.recordings.evaluation.crash import crash_figures, crash_of
+from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoints
 from quad_mpc_ros.recordings.flight import Flight
 
-FALLBACKS = [
-    source.name.lower() for source in (Source.PLAN, Source.HOVER, Source.IDLE, Source.BLIND)
-]
 NOT_FAILED = ["solved", "not run"]
 _SATURATED = 1e-3  # rad/s: this close to its bound a rate is at it, to the solver's accuracy
 _FORGIVEN = 0.4  # of a control period: as much as the controller itself forgives
@@ -29,7 +32,8 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
     Among them ``position_rmse_m``, the root of the mean of |p_r - p|^2 over all odometries;
     ``waypoint_error_m``, just before each switch of a reference that jumps; ``attitude_rmse_rad``,
     of the angle |Log(R' R_r)|; ``step_time_us`` and ``iterations`` as percentiles; ``fallbacks``,
-    the commands that were not the MPC's.
+    the commands that were not the MPC's; ``crashed``, with ``crash`` and ``crash_time_s``, as a
+    campaign judges it but by the odometry, None without a reference.
 
     Args:
         flight: A recorded or simulated flight.
@@ -67,6 +71,10 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         "fallbacks": int(np.sum(np.isin(flight.stats["source"], FALLBACKS))),
         "deadline_misses": int(np.sum(latency_ms > 1e3 / flight.mpc.control_rate)),
         "rate_saturation_fraction": _saturation(flight),
+        **_crash(flight),
+        **commanding(flight),
+        **margins(flight),
+        **estimated(flight),
         "realtime_factor": duration / wall_seconds if wall_seconds else None,
         "config": {node: _plain(values) for node, values in flight.parameters.items()},
     }
@@ -85,6 +93,12 @@ def attitude_errors(flight: Flight) -> Array:
         return np.zeros(0)
     R_BW = np.swapaxes(so3.rotation_from_quaternion_xyzw(flight.q_WB_xyzw), -1, -2)
     return np.asarray(np.linalg.norm(so3.log(R_BW @ flight.reference.R_WB), axis=1))
+
+
+def _crash(flight: Flight) -> dict[str, Any]:
+    """Return whether and how it crashed, None for not known."""
+    figures = crash_figures(crash_of(flight))
+    return figures if flight.reference is not None else dict.fromkeys(figures)
 
 
 def _latencies_ms(flight: Flight) -> Array:
@@ -125,15 +139,6 @@ def _saturation(flight: Flight) -> float | None:
 
 def _rms(values: Array) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if len(values) else None
-
-
-def percentiles(values: NDArray[Any], *percents: int) -> dict[str, float | None]:
-    """Return percentiles and maximum of the finite values; each is one that was measured."""
-    ordered = np.sort(values[np.isfinite(values)])
-    # Rounded up in integers: 0.01 * 90 * n is not exactly 0.9 n.
-    ranks = {f"p{percent}": -(-percent * len(ordered) // 100) for percent in percents}
-    ranks["max"] = len(ordered)
-    return {name: ordered[rank - 1].item() if rank else None for name, rank in ranks.items()}
 
 
 def _number(value: float) -> float | None:

@@ -23,7 +23,6 @@ from quad_mpc_ros.analysis.figures.panels import (
     solver_panels,
 )
 from quad_mpc_ros.analysis.report import TABLE_NAMES, ReportedRun, csv_tables, page
-from quad_mpc_ros.analysis.report.overview import verdict
 from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, fallback_spans
 from quad_mpc_ros.analysis.report.space_figure import drawn_horizons
 from quad_mpc_ros.analysis.report.time_figure import label
@@ -79,8 +78,8 @@ def test_waiting_is_not_a_fallback(make_flight: FlightMaker, build: SimpleNamesp
 def test_verdict_states_who_commanded_and_why(
     failing: ReportedRun, make_flight: FlightMaker
 ) -> None:
-    assert verdict(run_of(make_flight(7))) == "The MPC gave every one of the 7 commands."
-    message = verdict(failing)
+    assert run_of(make_flight(7)).verdict.commanded == "The MPC gave every one of the 7 commands."
+    message = failing.verdict.commanded
     assert "at 20 of 100 ticks: 10 plan, 10 hover." in message
     assert "First at 0.60 s: solver <failed>" in message
 

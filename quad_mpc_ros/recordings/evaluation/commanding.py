@@ -1,0 +1,106 @@
+"""Who commanded in a flight, how close it came to its limits, and what the controller estimated."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.configuration import per_axis
+from quad_mpc_ros.control.config import FenceParameters, MpcConfig
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.safety.ladder import Source
+from quad_mpc_ros.recordings.evaluation.crash import tilts
+from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
+from quad_mpc_ros.recordings.flight import Flight
+
+FALLBACKS = [
+    source.name.lower() for source in (Source.PLAN, Source.HOVER, Source.IDLE, Source.BLIND)
+]
+WITHOUT_MPC = (*FALLBACKS, Source.SILENT.name.lower())
+
+_SETTLED_SHARE = 0.5  # of the MPC's ticks: the estimates are those of the rest
+
+
+def commanding(flight: Flight) -> dict[str, Any]:
+    """Return the ticks of each source, and the first that was neither the MPC's nor waiting."""
+    sources = flight.stats["source"]
+    without = np.flatnonzero(np.isin(sources, WITHOUT_MPC))
+    first = None
+    if len(without):
+        at = int(without[0])
+        first = {
+            "time_s": float(flight.tick_time[at]),
+            "source": str(sources[at]),
+            "reason": str(flight.stats["reason"][at]),
+        }
+    return {"sources": dict(Counter(sources.tolist())), "first_without_mpc": first}
+
+
+def margins(flight: Flight) -> dict[str, Any]:
+    """Return how close the flight came to limits: times [ms], tilt [rad], the fence [m].
+
+    Tilt and fence are those of the odometry; what has no limit is None.
+    """
+    flying = flight.stats["source"] == Source.MPC.name.lower()
+    mpc = flight.mpc
+    return {
+        "control_period_ms": 1e3 / mpc.control_rate,
+        "odom_timeout_ms": 1e3 * mpc.odom_timeout,
+        "odom_age_ms": percentiles(flight.stats["odom_age_ms"][flying], 50, 99),
+        "reference_age_ms": percentiles(flight.stats["reference_age_ms"][flying], 50, 99),
+        "tilt_max_rad": float(tilts(flight.q_WB_xyzw).max()),
+        "tilt_limit_rad": mpc.limits.tilt_max or None,
+        "fence_margin_m": _fence_margin(flight),
+    }
+
+
+def estimated(flight: Flight) -> dict[str, Any]:
+    """Return what the flying MPC estimated, by the names that ``mpc/stats`` has for it.
+
+    Each has the median of the later half of the MPC's ticks, the range of the middle 90 % of
+    them, and what was given. Empty where nothing is estimated, or nothing was recorded.
+    """
+    flying = np.flatnonzero(flight.stats["source"] == Source.MPC.name.lower())
+    settled = flying[int(_SETTLED_SHARE * len(flying)) :]
+    estimates = flight.mpc.formulation == "manifold" and flight.mpc.estimate_disturbance
+    found = {}
+    for name, given in _given(flight.mpc).items() if estimates and len(settled) else ():
+        spread = percentiles(flight.stats[name][settled], 5, 50, 95)
+        low, value, high = (spread[each] for each in ("p5", "p50", "p95"))
+        found[name] = {"value": value, "low": low, "high": high, "given": given}
+    return {
+        "estimated": found,
+        "estimate_resets": _last(flight, "estimate_resets"),
+        "rejected_inputs": _last(flight, "rejected_inputs"),
+    }
+
+
+def _given(mpc: MpcConfig) -> dict[str, float]:
+    """Return what is estimated by its name in ``mpc/stats``, as it was given."""
+    roll, pitch, yaw = per_axis(mpc.rate_time_constant)
+    return {
+        "thrust_scale": 1.0,
+        "rate_time_constant_ms": 5e2 * (roll + pitch),
+        "yaw_time_constant_ms": 1e3 * yaw,
+        "thrust_time_constant_ms": 1e3 * mpc.thrust_time_constant,
+        "drag": float(np.mean(per_axis(mpc.drag))),
+        "disturbance_x": 0.0,
+        "disturbance_y": 0.0,
+        "disturbance_z": 0.0,
+    }
+
+
+def _fence_margin(flight: Flight) -> float | None:
+    """Return the least distance to a wall of the fence [m], below 0 outside."""
+    fence = flight.mpc.fence
+    if (fence.minimum, fence.maximum) == (FenceParameters().minimum, FenceParameters().maximum):
+        return None
+    to_walls: Array = np.minimum(flight.p_WB - fence.minimum, fence.maximum - flight.p_WB)
+    return float(to_walls.min())
+
+
+def _last(flight: Flight, name: str) -> int:
+    values = flight.stats[name]
+    return int(values[-1]) if len(values) else 0

@@ -1,0 +1,128 @@
+"""When a flight counts as crashed: one judgement for simulated, recorded and many flights."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.recordings.flight import Flight
+
+_AIRBORNE = 0.1  # m; this high it flies
+_HARD = 1.0  # m/s downwards: touching the ground faster is no landing
+_DESCENT_TIME = 0.1  # s over which a descent is measured: noise of a single position is not one
+_FARTHEST = 5.0  # m from the box of the reference and the start
+_TURNED_OVER = math.pi / 2
+_MORE_THAN_ASKED = math.radians(60.0)  # of tilt; a flip lags behind its reference
+
+_WORDS = {
+    "ground": "it touched the ground, where the reference did not ask for it or too fast",
+    "upside_down": "it turned over, beyond 90° and by 60° more than the reference",
+    "away": f"it was more than {_FARTHEST:g} m away from the reference and the start",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crash:
+    """How a flight was lost, and when [s]: ``ground``, ``upside_down`` or ``away``."""
+
+    kind: str
+    time: float
+
+    @property
+    def text(self) -> str:
+        """The crash in words."""
+        return crash_text(self.kind, self.time)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """Where n odometries and the reference were, and how they were tilted.
+
+    Shapes: ``time`` [s], ``tilt``, ``tilt_reference`` [rad], of the thrust axis from the vertical,
+    (n,); ``p_WB``, ``p_WB_reference`` [m] (n, 3). The ground is at height 0.
+    """
+
+    time: Array
+    p_WB: Array
+    tilt: Array
+    p_WB_reference: Array
+    tilt_reference: Array
+
+    def crash(self) -> Crash | None:
+        """Return the first crash: into the ground in flight, upside down, or far away."""
+        found = [
+            Crash(kind=kind, time=float(self.time[np.argmax(when)]))
+            for kind, when in (
+                ("ground", self._hits_ground()),
+                ("upside_down", self._turned_over()),
+                ("away", self._away()),
+            )
+            if when.any()
+        ]
+        return min(found, key=lambda crash: crash.time, default=None)
+
+    def was_airborne(self) -> NDArray[np.bool_]:
+        """Return at which odometries it had already been in the air."""
+        return np.asarray(np.logical_or.accumulate(self.p_WB[:, 2] > _AIRBORNE))
+
+    def _hits_ground(self) -> NDArray[np.bool_]:
+        """Return where it is on the ground after it flew, unasked or too fast."""
+        down = (self.p_WB[:, 2] <= 0.0) & self.was_airborne()
+        asked = self.p_WB_reference[:, 2] <= _AIRBORNE
+        return np.asarray(down & ((self._descent() > _HARD) | ~asked))
+
+    def _descent(self) -> Array:
+        """Return how fast it has come down lately [m/s]."""
+        places = np.arange(len(self.time))
+        before = np.searchsorted(self.time, self.time - _DESCENT_TIME + 1e-6, side="right") - 1
+        before = np.clip(before, 0, np.maximum(places - 1, 0))
+        duration = np.where(places > before, self.time - self.time[before], 1.0)
+        return np.asarray((self.p_WB[before, 2] - self.p_WB[:, 2]) / duration)
+
+    def _turned_over(self) -> NDArray[np.bool_]:
+        """Return where it is upside down unasked; one that starts so may turn up first."""
+        upright = np.logical_or.accumulate(self.tilt <= _TURNED_OVER)
+        beyond = self.tilt > self.tilt_reference + _MORE_THAN_ASKED
+        return np.asarray(upright & (self.tilt > _TURNED_OVER) & beyond)
+
+    def _away(self) -> NDArray[np.bool_]:
+        box = np.vstack((self.p_WB_reference, self.p_WB[:1]))
+        outside = self.p_WB - np.clip(self.p_WB, box.min(axis=0), box.max(axis=0))
+        return np.asarray(np.linalg.norm(outside, axis=1) > _FARTHEST)
+
+
+def crash_of(flight: Flight) -> Crash | None:
+    """Return the crash of a flight by its odometry, if any; it needs a reference."""
+    if flight.reference is None:
+        return None
+    return Motion(
+        time=flight.time,
+        p_WB=flight.p_WB,
+        tilt=tilts(flight.q_WB_xyzw),
+        p_WB_reference=flight.reference.p_WB,
+        tilt_reference=tilts(so3.quaternion_xyzw_from_rotation(flight.reference.R_WB)),
+    ).crash()
+
+
+def crash_figures(crash: Crash | None) -> dict[str, Any]:
+    """Return a crash, or none, as figures of a summary and cells of a table."""
+    if crash is None:
+        return {"crashed": False, "crash": None, "crash_time_s": None}
+    return {"crashed": True, "crash": crash.kind, "crash_time_s": crash.time}
+
+
+def crash_text(kind: str, time: float) -> str:
+    """Return a crash in words; ``time`` [s]."""
+    return f"it crashed at {time:.2f} s: {_WORDS[kind]}"
+
+
+def tilts(q_WB_xyzw: Array) -> Array:
+    """Return the angles (n,) between thrust axes and the vertical [rad]."""
+    x, y, z, w = q_WB_xyzw.T
+    # Exact near zero, where the cosine alone is not.
+    return np.asarray(2.0 * np.arctan2(np.hypot(x, y), np.hypot(z, w)))

@@ -1,0 +1,25 @@
+"""Percentiles as every table, page and file of this package has them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def percentiles(
+    values: NDArray[Any] | Sequence[float], *percents: int
+) -> dict[str, float | None]:
+    """Return percentiles and maximum of the finite values, None where there is none.
+
+    The percentile P of n values is the least of them that P % of them do not exceed: the one of
+    rank ceil(P n / 100), so that it is one that was measured and nothing is interpolated.
+    """
+    given = np.asarray(values)
+    ordered = np.sort(given[np.isfinite(given)])
+    # Rounded up in integers: 0.01 * 90 * n is not exactly 0.9 n.
+    ranks = {f"p{percent}": -(-percent * len(ordered) // 100) for percent in percents}
+    ranks["max"] = len(ordered)
+    return {name: ordered[rank - 1].item() if rank else None for name, rank in ranks.items()}

@@ -1,0 +1,244 @@
+"""A summary in plain words: who commanded, margins, what was estimated, what to do next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from quad_mpc_ros.recordings.evaluation.commanding import WITHOUT_MPC
+from quad_mpc_ros.recordings.evaluation.crash import crash_text
+
+Summary = Mapping[str, Any]
+
+_SATURATED = 0.05  # of the commands
+_THRUST_OFF, _LAG_OFF = 0.1, 0.25  # of what was given
+_FAR_OFF = 0.5  # m RMSE from a reference that does not jump
+_SHORTEST_LAG = 5.0  # ms; a difference below is not worth a flight
+_TIGHT_DEADLINE = 0.5  # of a control period, at p99
+
+_LAGS = {
+    "rate_time_constant_ms": "roll and pitch rates lag by",
+    "yaw_time_constant_ms": "yaw rate lags by",
+    "thrust_time_constant_ms": "thrust lags by",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """What a summary says, in sentences.
+
+    Attributes:
+        good: Whether the MPC gave every command, every solve had a solution, nothing crashed.
+        line: The outcome in one line.
+        commanded: Who commanded.
+        margins: How close it came to limits.
+        estimated: What the controller estimated of its vehicle.
+        wrong: What went wrong.
+        advice: What to do next, each with the page that says how.
+    """
+
+    good: bool
+    line: str
+    commanded: str
+    margins: Sequence[str]
+    estimated: Sequence[str]
+    wrong: Sequence[str]
+    advice: Sequence[str]
+
+    @property
+    def sections(self) -> dict[str, Sequence[str]]:
+        """The sentences below their titles; a title that has none is left out."""
+        found = {
+            "What went wrong": self.wrong,
+            "Margins": self.margins,
+            "What was estimated": self.estimated,
+            "What to do next": self.advice,
+        }
+        return {title: sentences for title, sentences in found.items() if sentences}
+
+
+def verdict_on(summary: Summary) -> Verdict:
+    """Return what the summary of a flight says (:func:`.metrics.summarise`)."""
+    wrong, commanded = _wrong(summary), commanded_text(summary)
+    failed = _without_mpc(summary) or summary["solver_failures"] or summary["crashed"]
+    return Verdict(
+        good=bool(summary["commands"] and not failed),
+        line=_line(summary, commanded, wrong),
+        commanded=commanded,
+        margins=_margins(summary),
+        estimated=_estimated(summary),
+        wrong=wrong,
+        advice=_advice(summary),
+    )
+
+
+def commanded_text(summary: Summary) -> str:
+    """Return in a sentence or two who commanded, and the first reason where the MPC did not."""
+    sources, first = summary["sources"], summary["first_without_mpc"]
+    if not summary["commands"]:
+        return "No command was given. See the solver status in mpc/stats."
+    if not sources:
+        return f"{summary['commands']} commands; who gave them was not recorded."
+    without = _without_mpc(summary)
+    if not without:
+        return f"The MPC gave every one of the {summary['commands']} commands."
+    total = sum(sources.values())
+    counts = ", ".join(f"{count} {source}" for source, count in without.items())
+    return (
+        f"The MPC did not command at {sum(without.values())} of {total} ticks: {counts}. "
+        f"First at {first['time_s']:.2f} s: {first['reason']}."
+    )
+
+
+def _line(summary: Summary, commanded: str, wrong: Sequence[str]) -> str:
+    if summary["crashed"]:
+        return f"CRASHED: {crash_text(summary['crash'], summary['crash_time_s'])}."
+    if not summary["commands"] or _without_mpc(summary):
+        return commanded
+    more = f" {wrong[0]}" if wrong else " Nothing went wrong."
+    return f"{commanded}{more}"
+
+
+def _without_mpc(summary: Summary) -> dict[str, int]:
+    """Return the ticks of each source but the MPC, of those that it flew or should have."""
+    sources = summary["sources"]
+    return {source: sources[source] for source in WITHOUT_MPC if sources.get(source)}
+
+
+def _wrong(s: Summary) -> list[str]:
+    found: list[str] = []
+    if s["crashed"]:
+        found.append(f"{_capital(crash_text(s['crash'], s['crash_time_s']))}.")
+    if _without_mpc(s):
+        found.append(f"The failsafe commanded: {s['first_without_mpc']['reason']}.")
+    if s["solver_failures"]:
+        found.append(f"{s['solver_failures']} solves gave no solution.")
+    if s["deadline_misses"]:
+        found.append(f"{s['deadline_misses']} commands came more than a control period late.")
+    if s["unanswered_odometries"]:
+        found.append(f"{s['unanswered_odometries']} odometries had no command.")
+    if s["rejected_inputs"]:
+        found.append(f"{s['rejected_inputs']} odometries or references were refused as unusable.")
+    if s["estimate_resets"]:
+        found.append(f"The estimate did not fit and was reset: {s['estimate_resets']}.")
+    if (s["position_rmse_m"] or 0.0) > _FAR_OFF and not s["waypoint_error_m"]:
+        found.append(f"It was {s['position_rmse_m']:.2f} m RMSE away from its reference.")
+    if _saturates(s):
+        found.append(
+            f"{s['rate_saturation_fraction']:.0%} of the commands had a body rate at its bound."
+        )
+    return found
+
+
+def _margins(s: Summary) -> list[str]:
+    found = []
+    period, step, age = s["control_period_ms"], s["step_time_us"], s["odom_age_ms"]
+    if step["p99"] is not None:
+        found.append(
+            f"Time: a control step took {1e-3 * step['p99']:.2f} ms at p99 and "
+            f"{1e-3 * step['max']:.2f} ms at most, of a period of {period:g} ms."
+        )
+    if age["max"] is not None:
+        found.append(
+            f"Ages: the odometry was {age['p50']:.1f} ms old at p50 and {age['max']:.1f} ms at "
+            f"most (odom_timeout {s['odom_timeout_ms']:g} ms), the reference "
+            f"{s['reference_age_ms']['max']:.0f} ms at most."
+        )
+    if s["rate_saturation_fraction"] is not None:
+        found.append(f"Body rates: {s['rate_saturation_fraction']:.1%} of the commands at a bound.")
+    tilt, limit = math.degrees(s["tilt_max_rad"]), s["tilt_limit_rad"]
+    planned = f"; limits.tilt_max {math.degrees(limit):.0f}°" if limit else ""
+    found.append(f"Tilt: {tilt:.0f}° at most{planned}.")
+    fence = s["fence_margin_m"]
+    if fence is None:
+        found.append("Fence: none was set.")
+    elif fence < 0.0:
+        found.append(f"Fence: {-fence:.2f} m outside of it.")
+    else:
+        found.append(f"Fence: {fence:.2f} m from it at least.")
+    return found
+
+
+def _estimated(s: Summary) -> list[str]:
+    seen = s["estimated"]
+    if not seen or s["crashed"]:  # after a crash it estimates of something that does not fly
+        return []
+    found = [f"Thrust: {_spread(seen['thrust_scale'])} of the modelled."]
+    lags = [
+        f"{words} {_spread(seen[name], ' ms')}, given {seen[name]['given']:.0f} ms"
+        for name, words in _LAGS.items()
+        if seen[name]["value"]
+    ]
+    found += [f"{_capital('; '.join(lags))}."] if lags else []
+    drag = seen["drag"]
+    if abs(drag["value"] - drag["given"]) > 1e-3:
+        found.append(f"Drag: {_spread(drag, ' 1/s')}, given {drag['given']:.2g} 1/s.")
+    pushes = ", ".join(f"{axis} {_spread(seen[f'disturbance_{axis}'])}" for axis in "xyz")
+    found.append(f"Disturbance in m/s²: {pushes}.")
+    return found
+
+
+def _advice(s: Summary) -> list[str]:
+    found: list[str] = []
+    if s["crashed"]:
+        return [
+            "Do not fly a vehicle with this: quad_mpc rehearse says what a configuration bears "
+            "(docs/first_flight.md)."
+        ]
+    if (s["first_without_mpc"] or {}).get("reason", "").startswith("oscillation"):
+        found.append("Raise lags or delay by half, or fly default (docs/tuning.md).")
+    elif _without_mpc(s):
+        found.append("Look the reason up and mend it (docs/diagnostics.md).")
+    if s["deadline_misses"] or _tight(s):
+        found.append(
+            "Give the MPC more time: fewer mpc.horizon_steps, or advanced.realtime.* "
+            "(docs/performance.md)."
+        )
+    if s["rejected_inputs"]:
+        found.append("Read the log for why messages were refused (docs/diagnostics.md).")
+    if _saturates(s):
+        found.append(
+            "Raise R of the body rates, or omega_max if the rate loop follows more "
+            "(docs/tuning.md)."
+        )
+    if _model_is_off(s):
+        found.append(
+            "The model is off: run quad_mpc identify on this flight, or save-vehicle while it "
+            "flies (docs/identify.md)."
+        )
+    return found or ["Nothing to mend."]
+
+
+def _model_is_off(s: Summary) -> bool:
+    """Whether what was estimated differs from what was given by more than it spreads."""
+    seen = s["estimated"]
+    if not seen:
+        return False
+    thrust = abs(seen["thrust_scale"]["value"] - 1.0) > _THRUST_OFF
+    return thrust or any(
+        abs(seen[name]["value"] - seen[name]["given"])
+        > max(_LAG_OFF * seen[name]["given"], _SHORTEST_LAG)
+        for name in _LAGS
+        if seen[name]["value"]
+    )
+
+
+def _saturates(s: Summary) -> bool:
+    return (s["rate_saturation_fraction"] or 0.0) > _SATURATED
+
+
+def _tight(s: Summary) -> bool:
+    return 1e-3 * (s["step_time_us"]["p99"] or 0.0) > _TIGHT_DEADLINE * s["control_period_ms"]
+
+
+def _spread(estimate: Mapping[str, float], unit: str = "") -> str:
+    """Return a value and where the middle 90 % of the ticks lay."""
+    style = "{:.0f}" if unit == " ms" else "{:.2f}"
+    value, low, high = (style.format(estimate[name]) for name in ("value", "low", "high"))
+    return f"{value}{unit} ({low} to {high})"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,87 @@
+"""What is said of a flight in plain words."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.recordings.evaluation.metrics import Summary, summarise
+from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
+from quad_mpc_ros.recordings.flight import Flight
+
+FlightMaker = Callable[..., Flight]
+LAGS = {"rate_time_constant_ms": 70.0, "yaw_time_constant_ms": 70.0, "thrust_time_constant_ms": 40}
+
+
+@pytest.fixture
+def good(make_flight: FlightMaker, build: SimpleNamespace) -> Summary:
+    """Return the summary of a flight at which all is well."""
+    flight = make_flight(100)
+    ticks = [build.tick(int(stamp), **LAGS) for stamp in flight.stamp_ns]
+    return summarise(dataclasses.replace(flight, stats=build.stats(ticks)))
+
+
+def test_a_good_flight(good: Summary) -> None:
+    verdict = verdict_on(good)
+    assert verdict.good
+    assert verdict.line == "The MPC gave every one of the 100 commands. Nothing went wrong."
+    assert verdict.wrong == []
+    assert verdict.advice == ["Nothing to mend."]
+    assert any("lag by 70 ms (70 to 70), given 70 ms" in each for each in verdict.estimated)
+
+
+@pytest.mark.parametrize(
+    ("changes", "wrong", "advice"),
+    [
+        ({"solver_failures": 3}, "3 solves", ""),
+        ({"deadline_misses": 2}, "2 commands came", "docs/performance.md"),
+        ({"rate_saturation_fraction": 0.2}, "20% of the commands", "Raise R"),
+        ({"rejected_inputs": 4}, "4 odometries", "docs/diagnostics.md"),
+        ({"position_rmse_m": 3.4}, "3.40 m RMSE", ""),
+        ({"crashed": True, "crash": "away", "crash_time_s": 3.0}, "3.00 s", "rehearse"),
+    ],
+)
+def test_each_failure_is_said_with_what_to_do(
+    good: Summary, changes: dict[str, Any], wrong: str, advice: str
+) -> None:
+    verdict = verdict_on(good | changes)
+    assert any(wrong in each for each in verdict.wrong)
+    assert any(advice in each for each in verdict.advice)
+    assert verdict.good == (not {"solver_failures", "crashed"} & changes.keys())
+
+
+def test_a_model_that_is_off_is_to_be_identified(good: Summary) -> None:
+    seen = good["estimated"]
+    lag = {**seen["rate_time_constant_ms"], "value": 110.0}
+    verdict = verdict_on(good | {"estimated": {**seen, "rate_time_constant_ms": lag}})
+    assert any("identify" in each for each in verdict.advice)
+
+
+def test_the_estimates_are_those_of_the_later_half(
+    make_flight: FlightMaker, build: SimpleNamespace
+) -> None:
+    flight = make_flight(100)
+    scales = np.concatenate((np.full(50, 1.0), np.linspace(0.79, 0.81, 50)))
+    ticks = [
+        build.tick(int(stamp), thrust_scale=float(scale))
+        for stamp, scale in zip(flight.stamp_ns, scales, strict=True)
+    ]
+    found = summarise(dataclasses.replace(flight, stats=build.stats(ticks)))["estimated"]
+    scale = found["thrust_scale"]
+    assert scale["value"] == pytest.approx(0.8, abs=0.001)
+    assert 0.79 <= scale["low"] < 0.792
+    assert 0.808 < scale["high"] <= 0.81
+
+
+def test_the_fence_and_tilt_that_were_used(make_flight: FlightMaker) -> None:
+    flight = make_flight(50)
+    fence = dataclasses.replace(flight.mpc.fence, maximum=(1e6, 0.4, 1e6))
+    fenced = dataclasses.replace(flight, mpc=dataclasses.replace(flight.mpc, fence=fence))
+    assert summarise(fenced)["fence_margin_m"] == pytest.approx(0.4)
+    assert summarise(flight)["fence_margin_m"] is None
+    assert summarise(flight)["tilt_max_rad"] == 0.0
