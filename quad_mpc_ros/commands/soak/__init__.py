@@ -93,6 +93,7 @@ def _faults_hold(config: SoakConfig) -> bool:
     from quad_mpc_ros.commands.soak import results
     from quad_mpc_ros.commands.soak.campaign import Outcome, campaign
     from quad_mpc_ros.commands.soak.rig import Rig, SoakError
+    from quad_mpc_ros.recordings.evaluation.crash import crash_figures
 
     run = config.run
     print(f"injecting {len(config.faults)} faults into {run.out}", file=sys.stderr)
@@ -107,7 +108,10 @@ def _faults_hold(config: SoakConfig) -> bool:
             wrong.append(str(error))
         # Also between the faults.
         wrong += rig.watch.unsound[:1]
+        crash = rig.motion.crash()
+        wrong += [crash.text] if crash is not None else []
         found = {
+            **crash_figures(crash),
             "commands": len(rig.watch.commands_ns),
             "unsound_commands": len(rig.watch.unsound),
             "faults": results.outcome_figures(outcomes),

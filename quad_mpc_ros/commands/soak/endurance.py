@@ -14,6 +14,8 @@ from quad_mpc_ros.commands.soak.bare_timer import BareTimer, Wakes
 from quad_mpc_ros.commands.soak.rig import Rig
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.experiments.faults.parameter_changes import good_changes
+from quad_mpc_ros.recordings.evaluation.crash import crash_figures, crash_text
+from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 _MEGABYTE = 1e6
 _GROWTH_ALLOWED = 5.0  # MB
@@ -84,17 +86,20 @@ def figures(rig: Rig, seen: Endurance, config: MpcConfig) -> dict[str, Any]:
         "machine": _machine(
             seen, [*late_ns, *unanswered_ns], margin=1e-3 * PERIODS_TO_CATCH_UP * period_ms
         ),
-        "odom_to_stats_ms": _percentiles(lateness),
+        "odom_to_stats_ms": percentiles(lateness, 50, 99),
         "memory_mb": _memory(rig, seen),
         "parameter_changes": seen.changes,
         "parameters_refused": seen.refused,
         "unsound_commands": len(rig.watch.unsound),
+        **crash_figures(rig.motion.crash()),
     }
 
 
 def endurance_complaints(figures: dict[str, Any], unsound: list[str]) -> list[str]:
     """Return all that is wrong with the figures of an endurance."""
     wrong = list(unsound[:1])
+    if figures["crashed"]:
+        wrong.append(crash_text(figures["crash"], figures["crash_time_s"]))
     beyond = {s: n for s, n in figures["sources"].items() if s not in ("mpc", "plan")}
     if beyond:
         counts = ", ".join(f"{name} {count}" for name, count in beyond.items())
@@ -150,10 +155,3 @@ def _memory(rig: Rig, seen: Endurance) -> dict[str, float | None]:
     share = max(round(_END_SHARE * len(warm)), 1)
     before, after = np.median(warm[:share]), np.median(warm[-share:])
     return {"warm": float(before) / _MEGABYTE, "growth": float(after - before) / _MEGABYTE}
-
-
-def _percentiles(values: np.ndarray) -> dict[str, float]:
-    if not len(values):
-        return {}
-    p50, p99 = np.percentile(values, (50, 99))
-    return {"p50": float(p50), "p99": float(p99), "max": float(values.max())}

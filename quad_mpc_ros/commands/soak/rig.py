@@ -22,6 +22,7 @@ from quad_mpc_ros.commands.soak.watch import Watch, resident_memory
 from quad_mpc_ros.experiments.faults.parameter_changes import Change
 from quad_mpc_ros.experiments.faults.verdict import is_home
 from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE
+from quad_mpc_ros.recordings.evaluation.crash import MotionLog
 
 NODES = ("simulator", "reference", "mpc")
 # The first start after an installation compiles, on a small computer for minutes.
@@ -52,6 +53,9 @@ class Rig(Observer):
         self._memory_due = 0.0
         self.stall = 0.0
         """Longest time [s] for which the machine kept this process from looking; may be reset."""
+        self.motion = MotionLog()
+        """Where vehicle and reference were since the flight began; seconds since then."""
+        self._began = time.monotonic()
         self._position_error: float | None = None
         self._position_due = 0.0
 
@@ -94,6 +98,8 @@ class Rig(Observer):
         for node in NODES:
             self.start(node)
         self.wait(self._connected, "the nodes to connect", timeout=_READY_TIMEOUT)
+        self.motion.clear()
+        self._began = time.monotonic()
         self.call(self._simulator, Trigger.Request())
         self.settle()
 
@@ -113,13 +119,6 @@ class Rig(Observer):
     @property
     def position_error(self) -> float | None:
         """Distance from the reference [m], updated now and then."""
-        if time.monotonic() >= self._position_due:
-            self._position_due = time.monotonic() + _POSITION_PERIOD
-            odometry, window = self.odometry.last, self.reference.last
-            if odometry is not None and window is not None:
-                self._position_error = float(
-                    np.linalg.norm(window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB)
-                )
         return self._position_error
 
     def spin(self, seconds: float) -> None:
@@ -182,7 +181,20 @@ class Rig(Observer):
                 relay.release()
             self._check_alive()
             self._sample_memory()
+            self._sample_motion()
         return True
+
+    def _sample_motion(self) -> None:
+        """Sample vehicle and reference now and then."""
+        if time.monotonic() < self._position_due:
+            return
+        self._position_due = time.monotonic() + _POSITION_PERIOD
+        odometry, window = self.odometry.last, self.reference.last
+        if odometry is not None and window is not None:
+            p, q = window.pose_at(odometry.stamp_ns)
+            self._position_error = float(np.linalg.norm(p - odometry.p_WB))
+            elapsed = time.monotonic() - self._began
+            self.motion.add(elapsed, (odometry.p_WB, odometry.q_WB_xyzw), (p, q))
 
     def _sample_memory(self) -> None:
         """Sample the memory now and then."""

@@ -25,12 +25,13 @@ from quad_mpc_ros.experiments.campaign_report.pairs import (
 )
 from quad_mpc_ros.experiments.campaign_report.proportion import Proportion
 from quad_mpc_ros.experiments.campaigns.table import NUMBER
+from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 ABSENT = "–"
 MOST_ERRORS = 20  # different ones
 _MOST_LISTED = 10  # flights of an error
 
-_PERCENTILES = {"min": 0, "p50": 50, "p95": 95, "p99": 99, "max": 100}
+_PERCENTILES = ("min", "p50", "p95", "p99", "max")
 
 
 def verdict(campaign: ReportedCampaign) -> str:
@@ -180,12 +181,11 @@ def number(value: float | None) -> str:
     return ABSENT if value is None or not np.isfinite(value) else f"{value:.4g}"
 
 
-def _percentiles(values: Array) -> dict[str, float]:
+def _percentiles(values: Array) -> dict[str, float | None]:
     known = values[np.isfinite(values)]
     if not len(known):
         return {}
-    found = np.percentile(known, list(_PERCENTILES.values())).tolist()
-    return dict(zip(_PERCENTILES, found, strict=True))
+    return {"min": float(known.min()), **percentiles(known, 50, 95, 99)}
 
 
 def _crashed(campaign: ReportedCampaign) -> Proportion:

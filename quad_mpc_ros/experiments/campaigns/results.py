@@ -6,11 +6,10 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.experiments.campaigns.campaign import Campaign, number_text
 from quad_mpc_ros.experiments.campaigns.table import CSV_NAME, NUMBER, PARQUET_NAME, Row
+from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 _SHOWN = (
     "settled_error_mean_m",
@@ -21,7 +20,6 @@ _SHOWN = (
     "speed_max_m_s",
     "rates_rms_rad_s",
 )
-_PERCENTS = (50, 95, 99, 100)
 
 
 def results_text(folder: Path, campaign: Campaign, rows: Sequence[Row]) -> str:
@@ -54,8 +52,8 @@ def _percentiles(flown: Sequence[Row]) -> list[str]:
     for name in _SHOWN:
         values = [float(row[name]) for row in flown if row.get(name) is not None]
         if values:
-            shown = np.percentile(values, _PERCENTS, method="higher")
-            table.append([name, *(f"{value:.3g}" for value in shown)])
+            shown = percentiles(values, 50, 95, 99)
+            table.append([name, *(f"{value:.3g}" for value in shown.values())])
     return text_table(table, align="lrrrr")
 
 

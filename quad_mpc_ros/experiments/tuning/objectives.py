@@ -19,6 +19,7 @@ from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.experiments.campaigns.campaign import Campaign
 from quad_mpc_ros.experiments.campaigns.flight import column_names
 from quad_mpc_ros.experiments.campaigns.table import VERDICT, Row
+from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 
 CRASHED = "crashed"
 
@@ -162,7 +163,8 @@ def _number(name: str, given: Any) -> float:
 
 
 def _percentile(values: Sequence[float], percent: int) -> float:
-    return float(np.percentile(values, percent, method="higher"))
+    found = percentiles(values, percent)[f"p{percent}"]
+    return math.nan if found is None else found
 
 
 def _listed(names: Any) -> str:

@@ -7,6 +7,7 @@ import shlex
 import sys
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from quad_mpc_ros.experiments.campaign_report.points import (
 )
 from quad_mpc_ros.experiments.campaign_report.proportion import Proportion
 from quad_mpc_ros.experiments.campaign_report.shares_figure import shares_figure
+from quad_mpc_ros.experiments.campaigns.results import results_text
 
 COUNT = 700
 ROWS = random_rows(COUNT)
@@ -77,19 +79,22 @@ def test_the_flights_are_counted(campaign: ReportedCampaign) -> None:
 @pytest.mark.parametrize(
     ("population", "rows"), [("did not crash", UNHARMED), ("all flown", FLOWN)]
 )
-def test_percentiles_lie_between_the_sorted_values(
-    population: str, rows: list[Row], campaign: ReportedCampaign
+def test_percentiles_are_those_of_the_terminal_and_measured(
+    population: str, rows: list[Row], campaign: ReportedCampaign, tmp_path: Path
 ) -> None:
     table = Rows(tables.percentile_table([campaign], population)).rows
     for name in FIGURES:
         known = values(rows, name)
-        wanted = [known[0]]
-        for share in (0.5, 0.95, 0.99):
-            place = share * (len(known) - 1)
-            low = int(place)
-            wanted.append(known[low] + (place - low) * (known[low + 1] - known[low]))
-        wanted.append(known[-1])
+        # The least value that so many percent of all do not exceed.
+        ranks = [1, *(math.ceil(percent * len(known) / 100) for percent in (50, 95, 99, 100))]
+        wanted = [known[rank - 1] for rank in ranks]
         assert list(map(float, table[name])) == pytest.approx(wanted, rel=1e-3)
+    if population == "did not crash":
+        flown = SimpleNamespace(flights=COUNT)
+        lines = results_text(tmp_path, flown, ROWS).splitlines()
+        (line,) = [line for line in lines if line.startswith("position_rmse_m")]
+        shown = list(map(float, table["position_rmse_m"]))[1:]
+        assert list(map(float, line.split()[1:])) == pytest.approx(shown, rel=1e-2)
 
 
 def test_interval_of_a_share_has_its_coverage() -> None:

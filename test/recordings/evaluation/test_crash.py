@@ -11,7 +11,7 @@ import pytest
 from fixtures.recorded_flights import reference_track
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.recordings.evaluation.crash import crash_of
+from quad_mpc_ros.recordings.evaluation.crash import MotionLog, crash_of
 from quad_mpc_ros.recordings.evaluation.metrics import summarise
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -57,3 +57,16 @@ def test_noise_on_the_ground_after_a_landing_is_no_hard_landing(make_flight: Fli
 def test_without_a_reference_it_is_not_known(make_flight: FlightMaker) -> None:
     summary = summarise(make_flight(100, reference=None))
     assert summary["crashed"] is None
+
+
+def test_a_flight_that_is_watched_while_it_crashes() -> None:
+    log = MotionLog()
+    assert log.crash() is None
+    level, over, above = np.array([0, 0, 0, 1.0]), rolled(np.array([2.5]))[0], np.array([0, 0, 9.0])
+    for number, q_WB_xyzw in enumerate((level, level, over)):
+        log.add(0.05 * number, (above, q_WB_xyzw), (above, level))
+    crash = log.crash()
+    assert crash is not None
+    assert (crash.kind, crash.time) == ("upside_down", pytest.approx(0.1))
+    log.clear()
+    assert log.crash() is None

@@ -62,4 +62,5 @@ def test_endurance(tmp_path: Path) -> None:
     assert result["sources"]["mpc"] >= 0.9 * result["ticks"]
     assert result["parameter_changes"] >= 6
     assert result["parameters_refused"] == []
+    assert result["crashed"] is False
     assert abs(result["memory_mb"]["growth"]) < 5.0
