@@ -86,6 +86,7 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/config", files("config/*.yaml")),
         (f"share/{PACKAGE}/config/vehicles", files("config/vehicles/*.yaml")),
+        (f"share/{PACKAGE}/config/campaigns", files("config/campaigns/*.yaml")),
         (f"share/{PACKAGE}/config/viewers", files("config/viewers/*")),
         (f"share/{PACKAGE}/config/security", files("config/security/*.xml")),
         (f"share/{PACKAGE}/launch", files("launch/*.launch.py")),

@@ -21,12 +21,12 @@ import numpy as np
 import yaml
 
 from quad_mpc_ros.analysis.figures import style
+from quad_mpc_ros.configuration import files
 from quad_mpc_ros.configuration.text_tables import markdown_table
 from quad_mpc_ros.experiments.campaigns.campaign_file import Overrides, campaign_from
 from quad_mpc_ros.experiments.campaigns.flying import fly
 from quad_mpc_ros.experiments.campaigns.local_workers import LocalWorkers
 
-CAMPAIGNS = Path(__file__).with_name("campaigns")
 DELAYS = (0.0, 0.02, 0.04, 0.06, 0.08, 0.1, 0.12)  # s, more than modelled
 CALM = 0.175  # rad: it oscillates where it tilts further in hover, long after its start
 
@@ -98,9 +98,9 @@ class Flights:
     def flown(self, front: Front) -> Flown:
         """Fly all of it."""
         print(f"{front.name} ...", file=sys.stderr, flush=True)
-        hover = self._rows(front, _content("hover.yaml"))
-        unknown = self._rows(front, _content("lemniscate.yaml"))
-        configured = self._rows(front, _content("configured.yaml"))
+        hover = self._rows(front, _content("hover"))
+        unknown = self._rows(front, _content("lemniscate"))
+        configured = self._rows(front, _content("configured"))
         (square,) = self._rows(front, _alone("square", 16.0, GUESSED), flights=1)
         fast = _alone("lemniscate", 10.0, CONFIGURED, {"reference.angular_frequency": 2.6})
         (lemniscate,) = self._rows(front, fast | {"start": "reference"}, flights=1)
@@ -118,7 +118,7 @@ class Flights:
     def _margin(self, front: Front) -> float:
         held = -1.0
         for delay in DELAYS:
-            content = _content("delay.yaml")
+            content = _content("delay")
             content["set"] = {f"mpc.{name}": value for name, value in GUESSED.items()}
             content["set"]["mpc.advanced.oscillation.action"] = (
                 "warn"  # its weights are judged, not their rescue
@@ -141,7 +141,8 @@ class Flights:
 
 
 def _content(name: str) -> dict[str, Any]:
-    content: dict[str, Any] = yaml.safe_load((CAMPAIGNS / name).read_text(encoding="utf-8"))
+    text = files.shipped_campaigns()[name].read_text(encoding="utf-8")
+    content: dict[str, Any] = yaml.safe_load(text)
     return content
 
 

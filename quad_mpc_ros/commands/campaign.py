@@ -30,7 +30,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     add_campaign_options(parser, "campaign")
     parser.add_argument(
-        "--flights", type=int, metavar="N", help="number of flights, instead of the file's"
+        "--flights",
+        type=int,
+        metavar="N",
+        help="number of flights, instead of the file's; with --resume more than it has",
+    
     )
     parser.add_argument("--seed", type=int, metavar="N", help="seed, instead of the file's")
 
@@ -69,10 +73,11 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, Path]:
     """Return the campaign that is asked for and its folder."""
     from quad_mpc_ros.experiments.campaigns.campaign_file import (
         Overrides,
-        campaign_text,
+        identity_text,
+        located_campaign,
         read_campaign,
     )
-    from quad_mpc_ros.experiments.campaigns.flying import campaign_of
+    from quad_mpc_ros.experiments.campaigns.flying import campaign_of, grown
 
     overrides = Overrides(
         config=options.config,
@@ -80,12 +85,14 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, Path]:
         flights=options.flights,
         seed=options.seed,
     )
-    return new_or_resumed(
+    campaign, out = new_or_resumed(
         options,
         "campaign",
-        read=lambda: read_campaign(options.file, overrides),
+        read=lambda: read_campaign(located_campaign(options.file), overrides),
         read_folder=campaign_of,
-        text=campaign_text,
-        overrides=bool(options.config or options.assignments or options.flights)
-        or options.seed is not None,
+        text=identity_text,
+        overrides=bool(options.config or options.assignments) or options.seed is not None,
     )
+    if options.resume is None:
+        return campaign, out
+    return grown(campaign, options.flights, out), out

@@ -25,7 +25,8 @@ def add_campaign_options(parser: argparse.ArgumentParser, kind: str) -> None:
         type=Path,
         nargs="?",
         metavar="FILE",
-        help=f"file of the {kind}; may be left out with --resume",
+        help=f"file of the {kind}, or the name of a shipped one "
+        "(docs/campaigns.md); may be left out with --resume",
     )
     add_out(parser, f"the {kind}; must not hold one", "<name of the file>")
     parser.add_argument(

@@ -125,7 +125,7 @@ def _observer(progress: StudyProgress, tuning: Tuning) -> Observer:
 
 def _tuning(options: argparse.Namespace) -> tuple[Tuning, Path]:
     """Return the study that is asked for and its folder."""
-    from quad_mpc_ros.experiments.campaigns.campaign_file import Overrides
+    from quad_mpc_ros.experiments.campaigns.campaign_file import Overrides, located_campaign
     from quad_mpc_ros.experiments.tuning.tune_file import identity_text, read_tuning
     from quad_mpc_ros.experiments.tuning.tune_results import tuning_of
 
@@ -133,7 +133,7 @@ def _tuning(options: argparse.Namespace) -> tuple[Tuning, Path]:
     return new_or_resumed(
         options,
         "study",
-        read=lambda: read_tuning(options.file, overrides),
+        read=lambda: read_tuning(located_campaign(options.file), overrides),
         read_folder=tuning_of,
         text=identity_text,
         overrides=bool(options.config or options.assignments),

@@ -104,6 +104,11 @@ def presets() -> dict[str, Path]:
     return {path.relative_to(folder).with_suffix("").as_posix(): path for path in found}
 
 
+def shipped_campaigns() -> dict[str, Path]:
+    """Return the shipped files of campaigns and of their tuning by name."""
+    return {path.stem: path for path in sorted(_config_directory().glob("campaigns/*.yaml"))}
+
+
 def _config_directory() -> Path:
     """Return ``config`` of a source tree, or ``share/quad_mpc_ros/config`` of an installation.
 

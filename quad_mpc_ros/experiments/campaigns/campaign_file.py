@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -45,6 +46,16 @@ class Overrides:
     seed: int | None = None
 
 
+def located_campaign(given: Path) -> Path:
+    """Return the file at a path, or the shipped one of that name. Raises :class:`UserError`."""
+    if given.is_file():
+        return given
+    shipped = files.shipped_campaigns()
+    if str(given) in shipped:
+        return shipped[str(given)]
+    raise UserError(f"{given}: no such file, nor one that is shipped ({', '.join(shipped)})")
+
+
 def read_campaign(path: Path, overrides: Overrides | None = None) -> Campaign:
     """Return the campaign that a file describes.
 
@@ -83,6 +94,11 @@ def campaign_text(campaign: Campaign) -> str:
         "vary": {name: variation.described() for name, variation in campaign.vary.items()},
     }
     return content_text(content)
+
+
+def identity_text(campaign: Campaign) -> str:
+    """Return what may not change during a campaign: all but the number of its flights."""
+    return campaign_text(campaign if campaign.grid else dataclasses.replace(campaign, flights=1))
 
 
 def read_variations(

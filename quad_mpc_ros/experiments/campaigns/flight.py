@@ -28,6 +28,8 @@ _SUMMARY = (
     "solver_failures",
     "fallbacks",
     "deadline_misses",
+    "estimate_resets",
+    "rejected_inputs",
     "rate_saturation_fraction",
 )
 _ITERATIONS = ("p50", "p99", "max")

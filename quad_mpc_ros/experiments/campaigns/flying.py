@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration.atomic_file import write_atomically
 from quad_mpc_ros.experiments.campaigns.campaign import Campaign, number_text
-from quad_mpc_ros.experiments.campaigns.campaign_file import campaign_text, read_campaign
+from quad_mpc_ros.experiments.campaigns.campaign_file import (
+    campaign_text,
+    identity_text,
+    read_campaign,
+)
 from quad_mpc_ros.experiments.campaigns.engine import Engine, batched
 from quad_mpc_ros.experiments.campaigns.flight import FlownFlight, column_names
 from quad_mpc_ros.experiments.campaigns.journal import NAME as JOURNAL_NAME
@@ -36,16 +42,42 @@ def campaign_of(folder: Path) -> Campaign:
     return read_campaign(folder / CAMPAIGN_NAME)
 
 
+def grown(campaign: Campaign, flights: int | None, folder: Path) -> Campaign:
+    """Return the campaign of a folder with so many flights, None for as many as it has.
+
+    Flight NUMBER is the same in a longer campaign. Raises :class:`UserError` for fewer, for a
+    grid, and for more than the names of its files have digits for.
+    """
+    if flights is None or flights == campaign.flights:
+        return campaign
+    if campaign.grid:
+        raise UserError(f"--flights: {folder} is a grid: it has {campaign.flights} combinations")
+    if flights < campaign.flights:
+        raise UserError(
+            f"--flights: given {flights}, but the campaign of {folder} has {campaign.flights}: "
+            "it may get more flights, not fewer; begin anew with another --out"
+        )
+    longer = dataclasses.replace(campaign, flights=flights)
+    if len(number_text(0, flights)) != len(number_text(0, campaign.flights)):
+        raise UserError(
+            f"--flights: given {flights}, but the flights of {folder} are numbered with "
+            f"{len(number_text(0, campaign.flights))} digits: begin anew with another --out"
+        )
+    return longer
+
+
 def fly_into(
     folder: Path, campaign: Campaign, engine: Engine, observe: Observer | None = None
 ) -> list[Row]:
     """Fly what is left to fly of the campaign in a folder, and write its table.
 
-    Each batch is on disk before the next one counts. Raises ``OSError``, and :class:`UserError`
-    if the campaign has changed.
+    Each batch is on disk before the next one counts. The campaign may have more flights than the
+    folder says, which then says so too. Raises ``OSError``, and :class:`UserError` if the
+    campaign has changed in anything else.
     """
-    text = (folder / CAMPAIGN_NAME).read_text(encoding="utf-8")
-    with Journal(folder, campaign_text=text) as journal:
+    with Journal(folder, campaign_text=identity_text(campaign_of(folder))) as journal:
+        text = campaign_text(campaign)
+        write_atomically(folder / CAMPAIGN_NAME, text, overwrite=True)
         left = [number for number in range(campaign.flights) if number not in journal.rows]
         crashed = sum(bool(row["crashed"]) for row in journal.rows.values())
         for flown in engine.fly(campaign, batched(left, workers=engine.workers)):

@@ -24,7 +24,7 @@ _SETTLED_SHARE = 0.5  # of the MPC's ticks: the estimates are those of the rest
 
 
 def commanding(flight: Flight) -> dict[str, Any]:
-    """Return the ticks of each source, and the first that was neither the MPC's nor waiting."""
+    """Return the number of ticks of each source, and the first that a failsafe commanded."""
     sources = flight.stats["source"]
     without = np.flatnonzero(np.isin(sources, WITHOUT_MPC))
     first = None
@@ -35,7 +35,7 @@ def commanding(flight: Flight) -> dict[str, Any]:
             "source": str(sources[at]),
             "reason": str(flight.stats["reason"][at]),
         }
-    return {"sources": dict(Counter(sources.tolist())), "first_without_mpc": first}
+    return {"ticks": dict(Counter(sources.tolist())), "first_without_mpc": first}
 
 
 def margins(flight: Flight) -> dict[str, Any]:
@@ -70,11 +70,7 @@ def estimated(flight: Flight) -> dict[str, Any]:
         spread = percentiles(flight.stats[name][settled], 5, 50, 95)
         low, value, high = (spread[each] for each in ("p5", "p50", "p95"))
         found[name] = {"value": value, "low": low, "high": high, "given": given}
-    return {
-        "estimated": found,
-        "estimate_resets": _last(flight, "estimate_resets"),
-        "rejected_inputs": _last(flight, "rejected_inputs"),
-    }
+    return found
 
 
 def _given(mpc: MpcConfig) -> dict[str, float]:
@@ -101,6 +97,7 @@ def _fence_margin(flight: Flight) -> float | None:
     return float(to_walls.min())
 
 
-def _last(flight: Flight, name: str) -> int:
+def last_count(flight: Flight, name: str) -> int:
+    """Return a counter of ``mpc/stats`` at the end of the flight, 0 where none was recorded."""
     values = flight.stats[name]
     return int(values[-1]) if len(values) else 0

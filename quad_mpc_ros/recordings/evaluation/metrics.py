@@ -12,6 +12,7 @@ from quad_mpc_ros.recordings.evaluation.commanding import (
     FALLBACKS,
     commanding,
     estimated,
+    last_count,
     margins,
 )
 from quad_mpc_ros.recordings.evaluation.crash import crash_figures, crash_of
@@ -72,9 +73,11 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         "deadline_misses": int(np.sum(latency_ms > 1e3 / flight.mpc.control_rate)),
         "rate_saturation_fraction": _saturation(flight),
         **_crash(flight),
-        **commanding(flight),
-        **margins(flight),
-        **estimated(flight),
+        "estimate_resets": last_count(flight, "estimate_resets"),
+        "rejected_inputs": last_count(flight, "rejected_inputs"),
+        "commanding": commanding(flight),
+        "margins": margins(flight),
+        "estimated": estimated(flight),
         "realtime_factor": duration / wall_seconds if wall_seconds else None,
         "config": {node: _plain(values) for node, values in flight.parameters.items()},
     }

@@ -76,7 +76,8 @@ def verdict_on(summary: Summary) -> Verdict:
 
 def commanded_text(summary: Summary) -> str:
     """Return in a sentence or two who commanded, and the first reason where the MPC did not."""
-    sources, first = summary["sources"], summary["first_without_mpc"]
+    sources = summary["commanding"]["ticks"]
+    first = summary["commanding"]["first_without_mpc"]
     if not summary["commands"]:
         return "No command was given. See the solver status in mpc/stats."
     if not sources:
@@ -103,7 +104,7 @@ def _line(summary: Summary, commanded: str, wrong: Sequence[str]) -> str:
 
 def _without_mpc(summary: Summary) -> dict[str, int]:
     """Return the ticks of each source but the MPC, of those that it flew or should have."""
-    sources = summary["sources"]
+    sources = summary["commanding"]["ticks"]
     return {source: sources[source] for source in WITHOUT_MPC if sources.get(source)}
 
 
@@ -112,7 +113,7 @@ def _wrong(s: Summary) -> list[str]:
     if s["crashed"]:
         found.append(f"{_capital(crash_text(s['crash'], s['crash_time_s']))}.")
     if _without_mpc(s):
-        found.append(f"The failsafe commanded: {s['first_without_mpc']['reason']}.")
+        found.append(f"The failsafe commanded: {s['commanding']['first_without_mpc']['reason']}.")
     if s["solver_failures"]:
         found.append(f"{s['solver_failures']} solves gave no solution.")
     if s["deadline_misses"]:
@@ -133,8 +134,8 @@ def _wrong(s: Summary) -> list[str]:
 
 
 def _margins(s: Summary) -> list[str]:
-    found = []
-    period, step, age = s["control_period_ms"], s["step_time_us"], s["odom_age_ms"]
+    found, used = [], s["margins"]
+    period, step, age = used["control_period_ms"], s["step_time_us"], used["odom_age_ms"]
     if step["p99"] is not None:
         found.append(
             f"Time: a control step took {1e-3 * step['p99']:.2f} ms at p99 and "
@@ -143,15 +144,15 @@ def _margins(s: Summary) -> list[str]:
     if age["max"] is not None:
         found.append(
             f"Ages: the odometry was {age['p50']:.1f} ms old at p50 and {age['max']:.1f} ms at "
-            f"most (odom_timeout {s['odom_timeout_ms']:g} ms), the reference "
-            f"{s['reference_age_ms']['max']:.0f} ms at most."
+            f"most (odom_timeout {used['odom_timeout_ms']:g} ms), the reference "
+            f"{used['reference_age_ms']['max']:.0f} ms at most."
         )
     if s["rate_saturation_fraction"] is not None:
         found.append(f"Body rates: {s['rate_saturation_fraction']:.1%} of the commands at a bound.")
-    tilt, limit = math.degrees(s["tilt_max_rad"]), s["tilt_limit_rad"]
+    tilt, limit = math.degrees(used["tilt_max_rad"]), used["tilt_limit_rad"]
     planned = f"; limits.tilt_max {math.degrees(limit):.0f}°" if limit else ""
     found.append(f"Tilt: {tilt:.0f}° at most{planned}.")
-    fence = s["fence_margin_m"]
+    fence = used["fence_margin_m"]
     if fence is None:
         found.append("Fence: none was set.")
     elif fence < 0.0:
@@ -187,7 +188,7 @@ def _advice(s: Summary) -> list[str]:
             "Do not fly a vehicle with this: quad_mpc rehearse says what a configuration bears "
             "(docs/first_flight.md)."
         ]
-    if (s["first_without_mpc"] or {}).get("reason", "").startswith("oscillation"):
+    if (s["commanding"]["first_without_mpc"] or {}).get("reason", "").startswith("oscillation"):
         found.append("Raise lags or delay by half, or fly default (docs/tuning.md).")
     elif _without_mpc(s):
         found.append("Look the reason up and mend it (docs/diagnostics.md).")
@@ -230,7 +231,8 @@ def _saturates(s: Summary) -> bool:
 
 
 def _tight(s: Summary) -> bool:
-    return 1e-3 * (s["step_time_us"]["p99"] or 0.0) > _TIGHT_DEADLINE * s["control_period_ms"]
+    step, period = s["step_time_us"]["p99"] or 0.0, s["margins"]["control_period_ms"]
+    return 1e-3 * step > _TIGHT_DEADLINE * period
 
 
 def _spread(estimate: Mapping[str, float], unit: str = "") -> str:

@@ -1,17 +1,20 @@
 """Campaign files: what they describe, and what is refused in one line."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from fixtures.setup_py import ROOT, setup_arguments
 
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.experiments.campaigns.campaign_file import (
     Overrides,
     campaign_from,
     campaign_text,
+    located_campaign,
     read_campaign,
 )
 
@@ -246,3 +249,30 @@ def test_refuses_a_file_without_keys(text, tmp_path):
         read_campaign(path)
     with pytest.raises(UserError, match="cannot be read"):
         read_campaign(tmp_path / "none.yaml")
+
+
+def test_shipped_campaigns_are_found_by_name_and_installed(tmp_path: Path) -> None:
+    shipped = files.shipped_campaigns()
+    campaigns = shipped.keys() - {"tune_vehicles"}
+    assert {"hover", "lemniscate", "delay", "quick"} <= campaigns
+    for name in campaigns:
+        assert read_campaign(located_campaign(Path(name))).flights >= 1
+    installed = dict(setup_arguments()["data_files"])["share/quad_mpc_ros/config/campaigns"]
+    assert {Path(each).stem for each in installed} == shipped.keys()
+    own = tmp_path / "hover"
+    own.write_text("flights: 1")
+    assert located_campaign(own) == own
+    with pytest.raises(UserError, match="hoover.*hover, lemniscate"):
+        located_campaign(Path("hoover"))
+
+
+def test_pages_name_campaigns_that_are_shipped() -> None:
+    """What a page asks a user to type must be there after an installation."""
+    named = {}
+    for page in (ROOT / "docs").rglob("*.md"):
+        for name in re.findall(r"quad_mpc (?:campaign|tune) ([\w/.]+)", page.read_text()):
+            if not name.startswith("runs/"):
+                named[name] = page.name
+    # Files that the page itself shows, or that stand for one; words.
+    made = {"ten.yaml", "many.yaml", "by"}
+    assert set(named) - made <= files.shipped_campaigns().keys(), named

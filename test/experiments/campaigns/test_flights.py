@@ -30,7 +30,7 @@ from quad_mpc_ros.experiments.campaigns import dask_workers
 from quad_mpc_ros.experiments.campaigns import flight as flight_module
 from quad_mpc_ros.experiments.campaigns.campaign_file import campaign_from
 from quad_mpc_ros.experiments.campaigns.flight import column_names, fly_one
-from quad_mpc_ros.experiments.campaigns.flying import fly, fly_into
+from quad_mpc_ros.experiments.campaigns.flying import campaign_of, fly, fly_into, grown
 from quad_mpc_ros.experiments.campaigns.local_workers import LocalWorkers
 from quad_mpc_ros.experiments.campaigns.table import CSV_NAME
 from quad_mpc_ros.recordings.evaluation.simulated import load_config, simulate
@@ -218,8 +218,33 @@ def test_refuses_to_resume_a_changed_campaign(
         fly_into(folder, campaign_from(CONTENT), HereAndNow())
 
 
+def test_more_flights_continue_a_campaign(tmp_path: Path) -> None:
+    folder = flown_into(tmp_path / "short", HereAndNow())
+    rows = lines_in(folder / "journal.jsonl")
+    fly_into(folder, grown(campaign_of(folder), 8, folder), HereAndNow())
+    assert lines_in(folder / "journal.jsonl") == rows + 2
+    whole = flown_into(tmp_path / "whole", HereAndNow(), {**CONTENT, "flights": 8})
+    for name in (CSV_NAME, "campaign.yaml"):
+        assert (folder / name).read_bytes() == (whole / name).read_bytes()
+
+
+def test_resuming_with_a_number_of_flights_says_what_differs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, file = flown_into(tmp_path / "flown", HereAndNow()), tmp_path / "file.yaml"
+    file.write_text(yaml.safe_dump(CONTENT, sort_keys=False))
+    for given in ([], [str(file)]):
+        assert main(["campaign", *given, "--resume", str(folder), "--flights", "5"]) == 2
+        message = capsys.readouterr().err
+        assert "--flights: given 5" in message
+        assert "has 6" in message
+    with pytest.raises(UserError, match="4 digits"):
+        grown(campaign_of(folder), 20_000, folder)
+
+
 MISTAKES = {
     "no file": ([], "FILE: expected the file of a campaign"),
+    "no such file": (["hoover"], "nor one that is shipped"),
     "workers": (["{file}", "--workers", "0"], "--workers: given 0"),
     "scheduler": (["{file}", "--scheduler", "tcp://127.0.0.1:1"], "no Dask scheduler answers"),
     "no address": (["{file}", "--scheduler", "nowhere at all"], "--scheduler"),

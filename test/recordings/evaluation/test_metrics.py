@@ -38,10 +38,7 @@ KEYS = {
     "unanswered_odometries",
     "duration_s",
     *("crashed", "crash", "crash_time_s"),
-    *("sources", "first_without_mpc"),
-    *("control_period_ms", "odom_timeout_ms", "odom_age_ms", "reference_age_ms"),
-    *("tilt_max_rad", "tilt_limit_rad", "fence_margin_m"),
-    *("estimated", "estimate_resets", "rejected_inputs"),
+    *("commanding", "margins", "estimated", "estimate_resets", "rejected_inputs"),
 }
 
 
@@ -302,14 +299,16 @@ def test_missing_data_is_null(make_flight: FlightMaker, build: SimpleNamespace) 
         "odometries": 1,
         "unanswered_odometries": 0,
         "duration_s": 0.0,
-        **dict.fromkeys(("crashed", "crash", "crash_time_s", "first_without_mpc")),
-        "sources": {},
-        "control_period_ms": 20.0,
-        "odom_timeout_ms": 100.0,
-        **dict.fromkeys(("odom_age_ms", "reference_age_ms"), {name: None for name in P50_P99_MAX}),
-        "tilt_max_rad": 0.0,
-        "tilt_limit_rad": 0.61,
-        "fence_margin_m": None,
+        **dict.fromkeys(("crashed", "crash", "crash_time_s")),
+        "commanding": {"ticks": {}, "first_without_mpc": None},
+        "margins": {
+            "control_period_ms": 20.0,
+            "odom_timeout_ms": 100.0,
+            **dict.fromkeys(("odom_age_ms", "reference_age_ms"), dict.fromkeys(P50_P99_MAX)),
+            "tilt_max_rad": 0.0,
+            "tilt_limit_rad": 0.61,
+            "fence_margin_m": None,
+        },
         **{"estimated": {}, "estimate_resets": 0, "rejected_inputs": 0},
     }
 

@@ -82,6 +82,6 @@ def test_the_fence_and_tilt_that_were_used(make_flight: FlightMaker) -> None:
     flight = make_flight(50)
     fence = dataclasses.replace(flight.mpc.fence, maximum=(1e6, 0.4, 1e6))
     fenced = dataclasses.replace(flight, mpc=dataclasses.replace(flight.mpc, fence=fence))
-    assert summarise(fenced)["fence_margin_m"] == pytest.approx(0.4)
-    assert summarise(flight)["fence_margin_m"] is None
-    assert summarise(flight)["tilt_max_rad"] == 0.0
+    assert summarise(fenced)["margins"]["fence_margin_m"] == pytest.approx(0.4)
+    assert summarise(flight)["margins"]["fence_margin_m"] is None
+    assert summarise(flight)["margins"]["tilt_max_rad"] == 0.0
