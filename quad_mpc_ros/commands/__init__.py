@@ -9,3 +9,5 @@ EXIT_FAILED = 1
 """A flight with failsafe, a reference that cannot be flown, a soak that does not hold."""
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
+EXIT_BROKEN_PIPE = 141
+"""Whoever read the output has closed it, as ``head`` does; that of a shell for SIGPIPE."""

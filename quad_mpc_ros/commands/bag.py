@@ -27,7 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "power. Damaged files stay beside the repaired ones as <name>.broken. A complete "
         "bag is left alone.",
     )
-    repairing.add_argument("bag", type=Path, metavar="DIR", help="bag directory")
+    repairing.add_argument("bag", type=Path, metavar="BAG", help="bag directory, or one .mcap file")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -42,7 +42,8 @@ def _repair(directory: Path) -> None:
     done = repair(directory)
     for file in done.files:
         print(_repaired(file))
-    print("metadata.yaml written\n" if done.needed else "nothing to repair\n")
+    wrote = "metadata.yaml written\n" if directory.is_dir() else ""
+    print(wrote if done.needed else "nothing to repair\n")
 
 
 def _repaired(file: RepairedFile) -> str:
@@ -66,7 +67,7 @@ def _info(path: Path) -> str:
         f"messages  {count}",
     ]
     if not reader.complete:
-        lines.append(f"not ended properly: quad_mpc bag repair {path}")
+        lines.append(reader.unfinished)
     topics = [
         (f"  {topic}", f"{info.message_count}", info.type_name)
         for topic, info in sorted(reader.topics.items())

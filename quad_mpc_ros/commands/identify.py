@@ -47,11 +47,10 @@ def run(options: argparse.Namespace) -> int:
     )
     from quad_mpc_ros.analysis.identification.report import identification_table, parameter_file
     from quad_mpc_ros.control.config import MpcConfig
-    from quad_mpc_ros.recordings.recording import Recording
 
     for name, path in (("--out", options.out), ("--plot", options.plot)):
         check_writable(name, path, overwrite=options.overwrite)
-    bag = Recording(options.bag)
+    bag = recording.opened(options.bag)
     run = bag.run(recording.topic_names(options), topics=RECORDED)
     mpc = cast("MpcConfig", recording.configuration(options, run)["mpc"])
     data = measurements_of(

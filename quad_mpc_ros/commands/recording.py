@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ from quad_mpc_ros.commands.run_options import add_config, add_set
 
 if TYPE_CHECKING:
     from quad_mpc_ros.configuration import Configuration
+    from quad_mpc_ros.recordings.recording import Recording
     from quad_mpc_ros.recordings.run import RecordedRun, TopicNames
 
 
@@ -40,6 +42,19 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="frame of the twist: child (REP-103, body) or world (default: "
         "mpc.odometry.twist_frame)",
     )
+
+
+def opened(path: Path) -> Recording:
+    """Open a recording, and warn of one that was not ended properly.
+
+    Raises :class:`BagError`.
+    """
+    from quad_mpc_ros.recordings.recording import Recording
+
+    bag = Recording(path)
+    if bag.unfinished:
+        print(f"warning: {bag.unfinished}", file=sys.stderr)
+    return bag
 
 
 def topic_names(options: argparse.Namespace) -> TopicNames:

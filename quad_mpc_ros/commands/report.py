@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -105,6 +106,8 @@ def _report_runs(options: argparse.Namespace) -> int:
     runs = read_runs(bags)
     write_new("--out", options.out, page(runs), overwrite=options.overwrite)
     for run in runs:
+        if run.unfinished:
+            print(f"warning: {run.unfinished}", file=sys.stderr)
         print(f"{run.name}: {run.verdict.line}")
         print("\n".join(f"  to do: {each}" for each in run.verdict.advice))
     print(f"report  {options.out}")

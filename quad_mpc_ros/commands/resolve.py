@@ -51,9 +51,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Feed, record and compare; return the exit code."""
     from quad_mpc_ros.messages.topics import REFERENCE
-    from quad_mpc_ros.recordings.recording import Recording
 
-    run = Recording(options.bag).run(recording.topic_names(options))
+    run = recording.opened(options.bag).run(recording.topic_names(options))
     config = recording.configuration(options, run, assignments=_adopted(options, run))
     mpc = cast("MpcConfig", config["mpc"])
     windows = None

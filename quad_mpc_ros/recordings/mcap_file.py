@@ -9,14 +9,13 @@ import tempfile
 import zlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
 import zstandard
-from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
@@ -25,6 +24,12 @@ from mcap.writer import MCAP0_MAGIC
 
 from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.recordings.bag_metadata import TimeSpan, extended, united
+from quad_mpc_ros.recordings.mcap_records import (
+    RECORD_HEAD,
+    records_in,
+    records_of_cut_chunk,
+    size_of,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +68,8 @@ class McapFile:
     """One MCAP file.
 
     A file with an index is read by it. One without, as SIGKILL leaves it, is scanned from the
-    start up to its last whole record, which makes an index. Messages are read piece by piece, so
+    start up to its last whole record, those of a chunk that was cut included, which makes an
+    index. Messages are read piece by piece, so
     that the memory needed is that of a chunk and of those that overlap it in time. A file that is
     compressed as a whole (``.mcap.zstd``) is unpacked into a temporary one each time. Checksums
     are verified. Every failure is a :class:`BagError` that names the file.
@@ -122,7 +128,6 @@ class McapFile:
 
 
 _MAGIC_SIZE = len(MCAP0_MAGIC)
-RECORD_HEAD = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI")
 _CHECKSUM_SIZE = 4
 _PIECE_SIZE = 2**20
@@ -169,14 +174,6 @@ def _check_magic(stream: BinaryIO) -> None:
     if start != MCAP0_MAGIC:
         raise _NotMcapError("is not an MCAP file")
     stream.seek(0)
-
-
-def size_of(stream: BinaryIO) -> int:
-    """Return the size of a file, which stays where it is."""
-    position = stream.tell()
-    size = stream.seek(0, io.SEEK_END)
-    stream.seek(position)
-    return size
 
 
 def _check_summary(stream: BinaryIO) -> None:
@@ -257,7 +254,7 @@ def _scanned_contents(stream: BinaryIO) -> McapContents:
 def _pieces_of_whole_records(stream: BinaryIO) -> Iterator[tuple[int, int]]:
     """Yield start and size of parts of a file up to its end, or to where its writer was stopped.
 
-    Each is a chunk, or records outside of chunks, as many as make a mebibyte.
+    Each is a chunk, of which the last may be cut, or records outside of chunks, as many as make a mebibyte.
     """
     size = size_of(stream)
     start = position = _MAGIC_SIZE
@@ -266,6 +263,11 @@ def _pieces_of_whole_records(stream: BinaryIO) -> Iterator[tuple[int, int]]:
         opcode, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
         following = position + RECORD_HEAD.size + length
         if following > size:
+            if opcode == Opcode.CHUNK:
+                if position > start:
+                    yield start, position - start
+                yield position, size - position
+                return
             break
         if opcode == Opcode.CHUNK:
             if position > start:
@@ -302,13 +304,10 @@ def _in_order(
 def _records(stream: BinaryIO, start: int, size: int) -> Iterator[McapRecord]:
     """Yield the records in a part of a file, those in a chunk one by one."""
     stream.seek(start)
-    return records_in(stream.read(min(size, size_of(stream) - start)))
-
-
-def records_in(content: bytes) -> Iterator[McapRecord]:
-    """Yield the records in a content that ends after a whole one, those in a chunk one by one."""
-    reader = StreamReader(
-        io.BytesIO(content), skip_magic=True, validate_crcs=True, record_size_limit=len(content)
-    )
-    with suppress(EndOfFile):  # where the next record would begin
-        yield from reader.records
+    content = stream.read(min(size, size_of(stream) - start))
+    opcode, length = RECORD_HEAD.unpack_from(content)
+    if opcode == Opcode.CHUNK and length > len(content) - RECORD_HEAD.size:
+        stream.seek(start + RECORD_HEAD.size)
+        yield from records_of_cut_chunk(stream, start + len(content))
+    else:
+        yield from records_in(content)

@@ -72,6 +72,7 @@ class BagReader:
         short, it is every ``.mcap`` file in it, by number. What rosbag2 compressed with zstd, by
         file or by message, is unpacked.
         """
+        self._path = path
         information = _bag_information(path / METADATA_FILE)
         paths = _mcap_files(path) if information is None else _listed_files(path, information)
         self._files = [McapFile(file) for file in paths]
@@ -104,6 +105,16 @@ class BagReader:
     def complete(self) -> bool:
         """Whether the bag has its ``metadata.yaml`` and every file its end."""
         return self._complete and all(file.finished for file in self._files)
+
+    @property
+    def unfinished(self) -> str:
+        """What to say of a bag that was not ended properly; empty of a complete one."""
+        if self.complete:
+            return ""
+        return (
+            f"{self._path} is unfinished: it is read as far as it is whole; to complete it: "
+            f"quad_mpc bag repair {self._path}"
+        )
 
     @property
     def span(self) -> TimeSpan | None:

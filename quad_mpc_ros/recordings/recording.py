@@ -78,6 +78,11 @@ class Recording:
         self.path = bag_of(Path(path))
         self.bag = BagReader(self.path)
 
+    @property
+    def unfinished(self) -> str:
+        """What to say of a bag that was not ended properly; empty of a complete one."""
+        return self.bag.unfinished
+
     @cached_property
     def parameters(self) -> Mapping[str, Mapping[str, Any]]:
         """The recorded parameters by node, and by dotted name."""

@@ -49,8 +49,8 @@ class Repair:
     needed: bool
 
 
-def repair(directory: Path) -> Repair:
-    """Make a complete bag of what a killed recorder or a power failure left in ``directory``.
+def repair(path: Path) -> Repair:
+    """Make a complete bag of what a killed recorder or a power failure left at ``path``.
 
     Each MCAP file that has no end, or a wrong checksum, is written anew from its whole records;
     the original stays beside it as ``<name>.broken``. ``metadata.yaml`` is written when a file
@@ -60,23 +60,48 @@ def repair(directory: Path) -> Repair:
 
     Raises :class:`BagError` for what is no bag, and when the disk refuses; nothing of the
     recording is ever overwritten.
+
+    A single MCAP file is repaired alike, without ``metadata.yaml``; one of a bag only with it.
     """
-    if not directory.is_dir():
-        raise BagError(f"{directory}: is no bag directory")
+    if path.is_file():
+        return _repaired_alone(path)
+    if not path.is_dir():
+        raise BagError(f"{path}: is no bag directory and no .mcap file")
+    return _repaired_bag(path)
+
+
+def _repaired_alone(path: Path) -> Repair:
+    """Repair one file that is in no bag."""
+    if (path.parent / bag_metadata.METADATA_FILE).exists():
+        raise BagError(f"{path}: is a part of a bag: quad_mpc bag repair {path.parent}")
+    _refuse_packed([path])
+    if _is_whole(path):
+        return Repair(files=(), needed=False)
+    try:
+        return Repair(files=[_repaired(path)], needed=True)
+    except OSError as error:
+        raise BagError(f"{path}: cannot be repaired: {os_reason(error)}") from error
+
+
+def _repaired_bag(directory: Path) -> Repair:
     _undo_interrupted_repair(directory)
     paths = mcap_files_in(directory)
     damaged = [path for path in paths if not _is_whole(path)]
     if not damaged and _is_complete(directory, paths):
         return Repair(files=(), needed=False)
-    packed = [path for path in paths if path.suffix != ".mcap"]
-    if packed:
-        raise BagError(f"{packed[0]}: is compressed as a whole; unpack it first: unzstd FILE")
+    _refuse_packed(paths)
     try:
         repaired = [_repaired(path) for path in damaged]
         _write_metadata(directory, paths)
     except OSError as error:
         raise BagError(f"{directory}: cannot be repaired: {os_reason(error)}") from error
     return Repair(files=repaired, needed=True)
+
+
+def _refuse_packed(paths: Sequence[Path]) -> None:
+    packed = [path for path in paths if path.suffix == ".zstd"]
+    if packed:
+        raise BagError(f"{packed[0]}: is compressed as a whole; unpack it first: unzstd FILE")
 
 
 def _undo_interrupted_repair(directory: Path) -> None:

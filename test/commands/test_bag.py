@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import random
 from pathlib import Path
 
 import pytest
 from rosbags.highlevel import AnyReader
 
 from quad_mpc_ros.cli import main
+from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.writer import BagWriter
 
 CLOCK = "rosgraph_msgs/msg/Clock"
@@ -82,3 +84,60 @@ def test_what_is_not_a_bag_is_one_line_and_exit_code_2(
     assert printed.err.startswith("error: ")
     assert str(path) in printed.err
     assert len(printed.err.strip().splitlines()) == 1
+
+
+def lone_cut_file(tmp_path: Path) -> Path:
+    """Return a file of many messages that ends in the middle of its only chunk."""
+    directory = tmp_path / "long"
+    with BagWriter(directory) as writer:
+        writer.add_topic("/clock", CLOCK)
+        source = random.Random(1)
+        for number in range(2000):
+            data = b"\x00\x01\x00\x00" + source.randbytes(8)
+            writer.write("/clock", data, log_time_ns=10**9 * (number + 1), publish_time_ns=0)
+    content = (directory / "long_0.mcap").read_bytes()
+    (tmp_path / "alone").mkdir()
+    file = tmp_path / "alone" / "trunc.mcap"
+    file.write_bytes(content[: len(content) // 4])
+    return file
+
+
+def test_what_is_whole_of_a_cut_file_is_read_and_repaired_alike(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = lone_cut_file(tmp_path)
+    damaged = file.read_bytes()
+    read = [message.data for message in BagReader(file).messages()]
+    assert 10 < len(read) < 2000
+
+    assert main(["bag", "info", str(file)]) == 0
+    printed = capsys.readouterr().out
+    assert "is unfinished" in printed
+    assert f"quad_mpc bag repair {file}" in printed
+
+    assert main(["bag", "repair", str(file)]) == 0
+    assert f"{len(read)} messages kept" in capsys.readouterr().out
+    assert [message.data for message in BagReader(file).messages()] == read
+    assert BagReader(file).complete
+    assert file.with_name("trunc.mcap.broken").read_bytes() == damaged
+    assert sorted(path.name for path in file.parent.iterdir()) == [file.name, f"{file.name}.broken"]
+    assert main(["bag", "repair", str(file)]) == 0
+    assert capsys.readouterr().out.startswith("nothing to repair")
+
+
+def test_an_earlier_original_is_not_overwritten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = lone_cut_file(tmp_path)
+    broken = file.with_name("trunc.mcap.broken")
+    broken.write_text("from an earlier repair")
+    assert main(["bag", "repair", str(file)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert broken.read_text() == "from an earlier repair"
+
+
+def test_a_file_of_a_bag_is_repaired_with_it(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bag", "repair", str(bag / "bag_0.mcap")]) == 2
+    assert f"quad_mpc bag repair {bag}" in capsys.readouterr().err

@@ -37,3 +37,19 @@ def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[
         main([name, "--help"])
     assert end.value.code == 0
     assert capsys.readouterr().out.startswith(f"usage: quad_mpc {name} ")
+
+
+@pytest.mark.parametrize("arguments", [["params"], ["bridges"]])
+def test_a_closed_pipe_is_a_quiet_end(arguments: list[str]) -> None:
+    """As of ``quad_mpc params | head``: whether it ends in the middle or at the last flush."""
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "quad_mpc_ros.cli", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    message = process.stderr.read()
+    process.stderr.close()
+    assert (process.wait(timeout=60), message) == (141, b"")

@@ -291,7 +291,9 @@ def test_invalid_bag_is_one_line_and_exit_code_2(
     printed = capsys.readouterr()
     assert printed.out == ""
     assert expected in printed.err
-    assert len(printed.err.strip().splitlines()) == 1
+    # What is read of an unfinished bag is said before.
+    lines = printed.err.strip().splitlines()
+    assert len([line for line in lines if not line.startswith("warning: ")]) == 1
     assert not out.exists()
 
 
@@ -391,3 +393,28 @@ def test_a_bag_without_its_metadata_is_read(lagged: Path, tmp_path: Path) -> Non
     shutil.copytree(lagged / "bag", bag)
     (bag / "metadata.yaml").unlink()
     assert main(["identify", str(bag), "--out", str(tmp_path / "vehicle.yaml")]) == 0
+
+
+def test_what_is_whole_of_a_cut_flight_is_used_and_said(
+    lagged: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every command reads what a repair would keep, and says that the bag is unfinished."""
+    cut = tmp_path / "cut.mcap"
+    content = next((lagged / "bag").glob("*.mcap")).read_bytes()
+    cut.write_bytes(content[: int(0.6 * len(content))])
+    odometries = sum(message.topic == "/odom" for message in BagReader(cut).messages())
+    assert odometries > 50
+
+    assert main(["identify", str(cut)]) in (0, 2)
+    said = capsys.readouterr().err
+    assert f"{cut} is unfinished" in said
+    assert "usable odometries" not in said or f"{odometries} usable" in said
+    assert main(["resolve", str(cut), "--out", str(tmp_path / "resolved")]) == 0
+    assert f"{cut} is unfinished" in capsys.readouterr().err
+    page = tmp_path / "page.html"
+    assert main(["report", str(cut), "--out", str(page)]) == 0
+    assert f"{cut} is unfinished" in capsys.readouterr().err
+    assert "is unfinished: it is read as far as it is whole" in page.read_text()
+    assert main(["bag", "repair", str(cut)]) == 0
+    repaired = sum(message.topic == "/odom" for message in BagReader(cut).messages())
+    assert repaired == odometries

@@ -270,7 +270,7 @@ def test_flipped_byte_creates_no_message(tmp_path: Path, finished: bool) -> None
 
 
 REFUSED = {
-    "no such folder": (None, "is no bag directory"),
+    "no such folder": (None, "is no bag directory and no .mcap file"),
     "empty folder": ({}, "neither metadata.yaml nor an .mcap file"),
     "some text": ({"x_0.mcap": b"flight notes\n"}, "x_0.mcap: is not an MCAP file"),
     "packed": ({"x_0.mcap.zstd": b"\x28\xb5\x2f\xfd"}, "compressed as a whole"),

@@ -136,7 +136,9 @@ def _verdict(run: ReportedRun) -> str:
     if error is not None:
         most = summary["position_max_m"]
         text += f" Position error {error:.3g} m RMSE, {most:.3g} m at most."
-    return verdict(run.name, text, good=run.verdict.good)
+    if run.unfinished:
+        text += f" {run.unfinished}."
+    return verdict(run.name, text, good=run.verdict.good and not run.unfinished)
 
 
 def _in_words(run: ReportedRun, *, alone: bool) -> list[str]:

@@ -25,6 +25,8 @@ class ReportedRun:
     name: str
     bag: Path
     flight: Flight
+    unfinished: str = ""
+    """What to say of a bag that was not ended properly."""
 
     @cached_property
     def summary(self) -> Summary:
@@ -39,10 +41,14 @@ class ReportedRun:
 
 def read_runs(bags: Mapping[str, Path]) -> list[ReportedRun]:
     """Read bags by the name of their run. Raises what :meth:`Recording.flight` raises."""
-    return [
-        ReportedRun(name=name, bag=bag, flight=Recording(bag).flight(most_plans=MOST_HORIZONS))
-        for name, bag in bags.items()
-    ]
+    runs = []
+    for name, bag in bags.items():
+        recording = Recording(bag)
+        flight = recording.flight(most_plans=MOST_HORIZONS)
+        runs.append(
+            ReportedRun(name=name, bag=bag, flight=flight, unfinished=recording.unfinished)
+        )
+    return runs
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -90,6 +90,8 @@ class PlayerNode(ReportingNode[PlayerConfig]):
         if config.progress:
             self.create_timer(_PROGRESS_PERIOD, self._show_progress)
         sys.setswitchinterval(_SWITCH_INTERVAL_S)
+        if reader.unfinished:
+            self.get_logger().warning(reader.unfinished)
         self.get_logger().info(f"playing {config.bag}: {len(self._outputs)} topics")
         self._thread.start()
 
