@@ -99,7 +99,7 @@ def lone_cut_file(tmp_path: Path) -> Path:
     content = (directory / "long_0.mcap").read_bytes()
     (tmp_path / "alone").mkdir()
     file = tmp_path / "alone" / "trunc.mcap"
-    file.write_bytes(content[: len(content) // 2])
+    file.write_bytes(content[: len(content) // 3])
     return file
 
 
