@@ -45,8 +45,16 @@ def write_path(flight: Flight, path: Path) -> Path:
         side=side,
         zorder=_VEHICLES,
     )
-    axes.legend(
-        loc="upper left", frameon=False, fontsize=9, labelcolor=style.INK, handlelength=2.4
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles,
+        labels,
+        loc="outside upper left",
+        ncols=len(labels),
+        frameon=False,
+        fontsize=9,
+        labelcolor=style.INK,
+        handlelength=2.4,
     )
     return style.save(figure, path)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,13 @@ from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.vehicle import ARM, outline
 
 _ELEVATION, _AZIMUTH = 22.0, -60.0  # deg, of the eye
-_ZOOM = 1.12
+_AROUND = 0.08  # of the axes, for numbers and labels beside the room
+_MOST_ZOOM = 2.0
 _MARGIN = 0.1  # of the longest side of the flight
 _SMALLEST_SIDE = 1.0  # m: a hovering flight is not to look like a journey
 
 _SMALLEST_ARM = 0.045  # of the longest side, where the true size could not be seen
+_APART = 3.6  # arms: nearer to one that is drawn none is drawn
 
 
 def room(points: Array) -> tuple[Array, Array]:
@@ -31,9 +34,12 @@ def room(points: Array) -> tuple[Array, Array]:
 
 
 def draw_room(
-    figure: Any, lower: Array, upper: Array, *, place: Any = 111, zoom: float = _ZOOM
+    figure: Any, lower: Array, upper: Array, *, place: Any = 111, around: float = _AROUND
 ) -> Any:
-    """Return axes of that extent, in a place of the figure; Any, for mplot3d has no types."""
+    """Return axes of that extent, in a place of the figure; Any, for mplot3d has no types.
+
+    The room fills them up to a share of their width that is left ``around`` it.
+    """
     from matplotlib import rc_context
     from matplotlib.ticker import MaxNLocator
 
@@ -41,8 +47,8 @@ def draw_room(
     with rc_context({"grid.color": style.GRID, "grid.linewidth": 0.6}):
         axes = figure.add_subplot(place, projection="3d", computed_zorder=False)
     axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(lower[2], upper[2]))
-    axes.set_box_aspect(upper - lower, zoom=zoom)
     axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
+    _fill(axes, lower, upper, around=around)
     names = {"x, east": axes.xaxis, "y, north": axes.yaxis, "z, up": axes.zaxis}
     for name, axis in names.items():
         axis.set_pane_color((0.98, 0.98, 0.98, 1.0))
@@ -51,6 +57,21 @@ def draw_room(
         axis.set_tick_params(labelsize=8, labelcolor=style.INK, color=style.FAINT)
         axis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
     return axes
+
+
+def _fill(axes: Any, lower: Array, upper: Array, *, around: float) -> None:
+    """Zoom so that all corners of the room are inside of the axes, whatever its shape."""
+    from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped]
+
+    corners = np.array(np.meshgrid(*zip(lower, upper, strict=True))).reshape(3, -1)
+    zoom = 1.0
+    for _ in range(3):  # by perspective not quite proportional
+        axes.set_box_aspect(upper - lower, zoom=zoom)
+        x, y, _ = proj3d.proj_transform(*corners, axes.get_proj())
+        places = axes.transLimits.transform(np.column_stack((x, y)))
+        zoom *= (0.5 - around) / float(np.abs(places - 0.5).max())
+        zoom = min(zoom, _MOST_ZOOM)
+    axes.set_box_aspect(upper - lower, zoom=zoom)
 
 
 def draw_coloured_by_speed(
@@ -98,16 +119,18 @@ def draw_vehicles(
     """Draw the vehicle, four rotors on a cross, at positions (n, 3) [m] as it is tilted there.
 
     One is drawn every ``spacing`` of the ``way`` (n,), larger than it is where the longest
-    ``side`` [m] of the room is large.
+    ``side`` [m] of the room is large, and none on another.
     """
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    drawn = np.flatnonzero(np.diff(np.floor(way / spacing), prepend=0.0))
+    arm = max(ARM, _SMALLEST_ARM * side)
+    due = np.flatnonzero(np.diff(np.floor(way / spacing), prepend=0.0))
+    drawn = _apart(p_WB, due, distance=_APART * arm)
     if len(drawn) == 0:
         return
     places = p_WB[drawn]
     R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw[drawn])
-    arms_B, rotors_B = outline(max(ARM, _SMALLEST_ARM * side))
+    arms_B, rotors_B = outline(arm)
     arms_W = np.einsum("nij,lkj->nlki", R_WB, arms_B) + places[:, None, None]
     rotors_W = np.einsum("nij,lkj->nlki", R_WB, rotors_B) + places[:, None, None]
     axes.add_collection(
@@ -122,3 +145,12 @@ def draw_vehicles(
     axes.add_collection(
         Line3DCollection(arms_W.reshape(-1, 2, 3), color=style.INK, linewidth=1.2, zorder=zorder)
     )
+
+
+def _apart(p_WB: Array, places: Iterable[int], *, distance: float) -> list[int]:
+    """Return those of the places whose positions are no nearer to each other than that [m]."""
+    kept: list[int] = []
+    for place in places:
+        if not kept or np.linalg.norm(p_WB[kept] - p_WB[place], axis=1).min() >= distance:
+            kept.append(int(place))
+    return kept
