@@ -1,4 +1,4 @@
-"""Fly twice, report, and write the picture of docs/report.md. Needs a Chromium and Playwright.
+"""Fly twice, report, and write the pictures of docs/report.md. Needs a Chromium and Playwright.
 
 python tools/update_report_image.py PATH_OF_CHROMIUM
 """
@@ -13,8 +13,11 @@ from playwright.sync_api import sync_playwright
 
 from quad_mpc_ros.cli import main
 
-PICTURE = Path(__file__).resolve().parents[1] / "docs" / "images" / "report.png"
-SHOWN = ("path", "error", "inputs", "source")
+IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
+SHOWN = {
+    "report.png": ("path", "error", "inputs", "source"),
+    "report_in_words.png": ("words",),
+}
 WEBGL = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 
@@ -25,14 +28,15 @@ def update(chromium: str) -> None:
         for run, most in zip(runs, (400, 30), strict=True):
             limit = ["--config", "agile", "--set", f"mpc.advanced.solver.max_iterations={most}"]
             main(["simulate", "--start", "reference", *limit, "--duration", "8", "--out", run])
-        page = Path(scratch, "report.html")
-        main(["report", *runs, "--out", str(page)])
-        _photograph(page, chromium)
+        for picture, of in {"report.png": runs, "report_in_words.png": runs[1:]}.items():
+            page = Path(scratch, f"{picture}.html")
+            main(["report", *of, "--out", str(page)])
+            _photograph(page, chromium, picture)
 
 
-def _photograph(page_path: Path, chromium: str) -> None:
+def _photograph(page_path: Path, chromium: str, picture: str) -> None:
     """Write the top of the page and some of its sections, one below the other."""
-    kept = ", ".join(f"section#{key}" for key in SHOWN)
+    kept = ", ".join(f"section#{key}" for key in SHOWN[picture])
     hidden = f"body > :not(header, {kept}) {{ display: none; }}"
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=list(WEBGL))
@@ -40,7 +44,7 @@ def _photograph(page_path: Path, chromium: str) -> None:
         page.goto(page_path.as_uri())
         page.add_style_tag(content=hidden)
         page.wait_for_timeout(1000)
-        page.screenshot(path=str(PICTURE), full_page=True)
+        page.screenshot(path=str(IMAGES / picture), full_page=True)
         browser.close()
 
 

@@ -27,7 +27,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "power. Damaged files stay beside the repaired ones as <name>.broken. A complete "
         "bag is left alone.",
     )
-    repairing.add_argument("bag", type=Path, metavar="BAG", help="bag directory, or one .mcap file")
+    repairing.add_argument(
+        "bag", type=Path, metavar="BAG", help="bag directory, or one .mcap file"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

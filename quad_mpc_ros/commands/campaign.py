@@ -34,7 +34,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar="N",
         help="number of flights, instead of the file's; with --resume more than it has",
-    
     )
     parser.add_argument("--seed", type=int, metavar="N", help="seed, instead of the file's")
 

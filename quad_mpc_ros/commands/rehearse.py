@@ -22,10 +22,10 @@ RESULT, PICTURE, LOST = "rehearsal.json", "rehearsal.png", "lost"
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the vehicle, where to write, the workers."""
     parser.description = (
-        "Hover simulated vehicles that begin beside the reference, pushed and tilted, in gusts and "
-        "with noisy odometry; then let them lag more, answer later, push less or more and weigh "
-        "more than guessed, until one does not come back. Prints the margins and a verdict. Exit "
-        "code 0 for ready, 1 for marginal or not ready, 2 for bad input."
+        "Hover simulated vehicles that begin beside the reference, pushed and tilted, in gusts "
+        "and with noisy odometry; then let them lag more, answer later, push less or more and "
+        "weigh more than guessed, until one does not come back. Prints the margins and a verdict. "
+        "Exit code 0 for ready, 1 for marginal or not ready, 2 for bad input."
     )
     add_config(parser, "(default, agile, …, your vehicle file)")
     add_set(parser, "set one parameter, for example mpc.horizon_steps=20")

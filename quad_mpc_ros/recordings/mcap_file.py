@@ -254,7 +254,8 @@ def _scanned_contents(stream: BinaryIO) -> McapContents:
 def _pieces_of_whole_records(stream: BinaryIO) -> Iterator[tuple[int, int]]:
     """Yield start and size of parts of a file up to its end, or to where its writer was stopped.
 
-    Each is a chunk, of which the last may be cut, or records outside of chunks, as many as make a mebibyte.
+    Each is a chunk, of which the last may be cut, or records outside of chunks, as many as make a
+    mebibyte.
     """
     size = size_of(stream)
     start = position = _MAGIC_SIZE

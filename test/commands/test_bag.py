@@ -121,7 +121,10 @@ def test_what_is_whole_of_a_cut_file_is_read_and_repaired_alike(
     assert [message.data for message in BagReader(file).messages()] == read
     assert BagReader(file).complete
     assert file.with_name("trunc.mcap.broken").read_bytes() == damaged
-    assert sorted(path.name for path in file.parent.iterdir()) == [file.name, f"{file.name}.broken"]
+    assert sorted(path.name for path in file.parent.iterdir()) == [
+        file.name,
+        f"{file.name}.broken",
+    ]
     assert main(["bag", "repair", str(file)]) == 0
     assert capsys.readouterr().out.startswith("nothing to repair")
 

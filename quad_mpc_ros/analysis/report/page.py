@@ -101,7 +101,7 @@ def page(runs: Sequence[ReportedRun]) -> str:
 
     Raises :class:`UserError` when Plotly is not installed.
     """
-    facts = [each for run in runs for each in _in_words(run, alone=len(runs) == 1)]
+    facts = [_in_words(run, alone=len(runs) == 1) for run in runs]
     facts += ["<h2>The runs</h2>", overview.identity_table(runs)]
     facts += ["<h2>Figures of merit</h2>", overview.metrics_table(runs), _differences(runs)]
     parameters = overview.parameter_table(runs, only_different=False)
@@ -141,15 +141,15 @@ def _verdict(run: ReportedRun) -> str:
     return verdict(run.name, text, good=run.verdict.good and not run.unfinished)
 
 
-def _in_words(run: ReportedRun, *, alone: bool) -> list[str]:
+def _in_words(run: ReportedRun, *, alone: bool) -> str:
     """Return what the verdict says below its titles, folded away where there are several runs."""
     lists = [
         f"<h3>{escape(title)}</h3>\n{bullets(sentences)}"
         for title, sentences in run.verdict.sections.items()
     ]
     if alone:
-        return ["<h2>In words</h2>", *lists]
-    return [folded(f"{run.name} in words", "\n".join(lists))]
+        return Section(key="words", title="In words", parts=lists).html
+    return folded(f"{run.name} in words", "\n".join(lists))
 
 
 def _differences(runs: Sequence[ReportedRun]) -> str:

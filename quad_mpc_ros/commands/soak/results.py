@@ -85,7 +85,9 @@ def endurance_table(figures: dict[str, Any]) -> str:
         "late by a period": f"{figures['late_ticks']}, and {figures['unanswered_odometries']} "
         "odometries unanswered",
         "the machine": _machine_text(figures["machine"]),
-        "odometry to tick": ", ".join(f"{name} {ms:.2f} ms" for name, ms in latency.items() if ms is not None),
+        "odometry to tick": ", ".join(
+            f"{name} {ms:.2f} ms" for name, ms in latency.items() if ms is not None
+        ),
         "unsound commands": f"{figures['unsound_commands']}",
         "memory": _memory_text(memory),
     }

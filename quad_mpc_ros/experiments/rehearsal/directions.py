@@ -8,8 +8,8 @@ from typing import Any, Literal
 from quad_mpc_ros.simulation.config import SimulatorConfig
 
 _LATER = (
-    "measure lags and delay with quad_mpc identify (docs/identify.md), fly the weights of default, "
-    "or raise R of the body rates (docs/tuning.md)"
+    "measure lags and delay with quad_mpc identify (docs/identify.md), fly the weights of "
+    "default, or raise R of the body rates (docs/tuning.md)"
 )
 _WEIGHT = "weigh the vehicle, and set thrust_curve from a thrust stand or its hover throttle"
 

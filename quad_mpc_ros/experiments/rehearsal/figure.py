@@ -61,7 +61,8 @@ def _draw(axes: Axes, limit: Limit) -> None:
                 if bool(each.lost) is lost
             ]
         ).reshape(-1, 2)
-        axes.scatter(*places.T, s=14, c=colour, marker=marker, linewidths=1.0, label=label)
+        across, up = places.T
+        axes.scatter(across, up, s=14, c=colour, marker=marker, linewidths=1.0, label=label)
     axes.set_xlim(-0.02 * scale * direction.most, 1.03 * scale * direction.most)
     axes.set_ylim(-1.0, VEHICLES)
     axes.set_yticks([])

@@ -1,4 +1,4 @@
-"""Who commanded in a flight, how close it came to its limits, and what the controller estimated."""
+"""Who commanded in a flight, how close it came to its limits, what the controller estimated."""
 
 from __future__ import annotations
 

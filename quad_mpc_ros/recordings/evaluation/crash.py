@@ -114,7 +114,9 @@ class MotionLog:
         """Return the first crash, if any."""
         if not self._rows:
             return None
-        time, p, q, p_reference, q_reference = np.split(np.array(self._rows), [1, 4, 8, 11], axis=1)
+        time, p, q, p_reference, q_reference = np.split(
+            np.array(self._rows), [1, 4, 8, 11], axis=1
+        )
         return Motion(
             time=time[:, 0],
             p_WB=p,

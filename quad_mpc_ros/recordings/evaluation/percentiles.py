@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def percentiles(
-    values: NDArray[Any] | Sequence[float], *percents: int
-) -> dict[str, float | None]:
+def percentiles(values: NDArray[Any] | Sequence[float], *percents: int) -> dict[str, float | None]:
     """Return percentiles and maximum of the finite values, None where there is none.
 
     The percentile P of n values is the least of them that P % of them do not exceed: the one of

@@ -18,6 +18,12 @@ _FAR_OFF = 0.5  # m RMSE from a reference that does not jump
 _SHORTEST_LAG = 5.0  # ms; a difference below is not worth a flight
 _TIGHT_DEADLINE = 0.5  # of a control period, at p99
 
+_BY_REASON = (
+    ("it oscillates", "Raise lags or delay by half, or fly default (docs/tuning.md)."),
+    ("solver", "Let the solver iterate longer: advanced.solver.max_iterations (docs/tuning.md)."),
+)
+_LOOK = "Look the reason up and mend it (docs/diagnostics.md)."
+
 _LAGS = {
     "rate_time_constant_ms": "roll and pitch rates lag by",
     "yaw_time_constant_ms": "yaw rate lags by",
@@ -32,7 +38,8 @@ class Verdict:
     Attributes:
         good: Whether the MPC gave every command, every solve had a solution, nothing crashed.
         line: The outcome in one line.
-        commanded: Who commanded.
+        commanded: Who commanded, and why another than the MPC.
+        shares: The share of the ticks that each source commanded.
         margins: How close it came to limits.
         estimated: What the controller estimated of its vehicle.
         wrong: What went wrong.
@@ -42,6 +49,7 @@ class Verdict:
     good: bool
     line: str
     commanded: str
+    shares: Sequence[str]
     margins: Sequence[str]
     estimated: Sequence[str]
     wrong: Sequence[str]
@@ -51,6 +59,7 @@ class Verdict:
     def sections(self) -> dict[str, Sequence[str]]:
         """The sentences below their titles; a title that has none is left out."""
         found = {
+            "Who commanded": self.shares,
             "What went wrong": self.wrong,
             "Margins": self.margins,
             "What was estimated": self.estimated,
@@ -67,6 +76,7 @@ def verdict_on(summary: Summary) -> Verdict:
         good=bool(summary["commands"] and not failed),
         line=_line(summary, commanded, wrong),
         commanded=commanded,
+        shares=_shares(summary),
         margins=_margins(summary),
         estimated=_estimated(summary),
         wrong=wrong,
@@ -108,6 +118,15 @@ def _without_mpc(summary: Summary) -> dict[str, int]:
     return {source: sources[source] for source in WITHOUT_MPC if sources.get(source)}
 
 
+def _shares(summary: Summary) -> list[str]:
+    """Return the share of each source, the MPC's first."""
+    ticks = summary["commanding"]["ticks"]
+    total = sum(ticks.values())
+    ordered = sorted(ticks.items(), key=lambda each: (each[0] != "mpc", -each[1]))
+    shares = ", ".join(f"{source} {count / total:.1%}" for source, count in ordered)
+    return [f"{shares} of {total} ticks."] if total else []
+
+
 def _wrong(s: Summary) -> list[str]:
     found: list[str] = []
     if s["crashed"]:
@@ -115,13 +134,13 @@ def _wrong(s: Summary) -> list[str]:
     if _without_mpc(s):
         found.append(f"The failsafe commanded: {s['commanding']['first_without_mpc']['reason']}.")
     if s["solver_failures"]:
-        found.append(f"{s['solver_failures']} solves gave no solution.")
+        found.append(f"Solves without a solution: {s['solver_failures']}.")
     if s["deadline_misses"]:
-        found.append(f"{s['deadline_misses']} commands came more than a control period late.")
+        found.append(f"Commands more than a control period late: {s['deadline_misses']}.")
     if s["unanswered_odometries"]:
-        found.append(f"{s['unanswered_odometries']} odometries had no command.")
+        found.append(f"Odometries without a command: {s['unanswered_odometries']}.")
     if s["rejected_inputs"]:
-        found.append(f"{s['rejected_inputs']} odometries or references were refused as unusable.")
+        found.append(f"Odometries and references refused as unusable: {s['rejected_inputs']}.")
     if s["estimate_resets"]:
         found.append(f"The estimate did not fit and was reset: {s['estimate_resets']}.")
     if (s["position_rmse_m"] or 0.0) > _FAR_OFF and not s["waypoint_error_m"]:
@@ -148,7 +167,9 @@ def _margins(s: Summary) -> list[str]:
             f"{used['reference_age_ms']['max']:.0f} ms at most."
         )
     if s["rate_saturation_fraction"] is not None:
-        found.append(f"Body rates: {s['rate_saturation_fraction']:.1%} of the commands at a bound.")
+        found.append(
+            f"Body rates: {s['rate_saturation_fraction']:.1%} of the commands at a bound."
+        )
     tilt, limit = math.degrees(used["tilt_max_rad"]), used["tilt_limit_rad"]
     planned = f"; limits.tilt_max {math.degrees(limit):.0f}°" if limit else ""
     found.append(f"Tilt: {tilt:.0f}° at most{planned}.")
@@ -188,10 +209,9 @@ def _advice(s: Summary) -> list[str]:
             "Do not fly a vehicle with this: quad_mpc rehearse says what a configuration bears "
             "(docs/first_flight.md)."
         ]
-    if (s["commanding"]["first_without_mpc"] or {}).get("reason", "").startswith("oscillation"):
-        found.append("Raise lags or delay by half, or fly default (docs/tuning.md).")
-    elif _without_mpc(s):
-        found.append("Look the reason up and mend it (docs/diagnostics.md).")
+    reason = (s["commanding"]["first_without_mpc"] or {}).get("reason", "")
+    if _without_mpc(s):
+        found.append(next((text for begin, text in _BY_REASON if reason.startswith(begin)), _LOOK))
     if s["deadline_misses"] or _tight(s):
         found.append(
             "Give the MPC more time: fewer mpc.horizon_steps, or advanced.realtime.* "
@@ -232,7 +252,7 @@ def _saturates(s: Summary) -> bool:
 
 def _tight(s: Summary) -> bool:
     step, period = s["step_time_us"]["p99"] or 0.0, s["margins"]["control_period_ms"]
-    return 1e-3 * step > _TIGHT_DEADLINE * period
+    return bool(1e-3 * step > _TIGHT_DEADLINE * period)
 
 
 def _spread(estimate: Mapping[str, float], unit: str = "") -> str:

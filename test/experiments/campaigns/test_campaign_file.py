@@ -262,7 +262,7 @@ def test_shipped_campaigns_are_found_by_name_and_installed(tmp_path: Path) -> No
     own = tmp_path / "hover"
     own.write_text("flights: 1")
     assert located_campaign(own) == own
-    with pytest.raises(UserError, match="hoover.*hover, lemniscate"):
+    with pytest.raises(UserError, match=r"hoover.*hover, lemniscate"):
         located_campaign(Path("hoover"))
 
 

@@ -62,7 +62,8 @@ def test_without_a_reference_it_is_not_known(make_flight: FlightMaker) -> None:
 def test_a_flight_that_is_watched_while_it_crashes() -> None:
     log = MotionLog()
     assert log.crash() is None
-    level, over, above = np.array([0, 0, 0, 1.0]), rolled(np.array([2.5]))[0], np.array([0, 0, 9.0])
+    level, over = rolled(np.array([0.0, 2.5]))
+    above = np.array([0.0, 0.0, 9.0])
     for number, q_WB_xyzw in enumerate((level, level, over)):
         log.add(0.05 * number, (above, q_WB_xyzw), (above, level))
     crash = log.crash()

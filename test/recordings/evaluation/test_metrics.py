@@ -309,7 +309,9 @@ def test_missing_data_is_null(make_flight: FlightMaker, build: SimpleNamespace) 
             "tilt_limit_rad": 0.61,
             "fence_margin_m": None,
         },
-        **{"estimated": {}, "estimate_resets": 0, "rejected_inputs": 0},
+        "estimated": {},
+        "estimate_resets": 0,
+        "rejected_inputs": 0,
     }
 
 

@@ -38,10 +38,10 @@ def test_a_good_flight(good: Summary) -> None:
 @pytest.mark.parametrize(
     ("changes", "wrong", "advice"),
     [
-        ({"solver_failures": 3}, "3 solves", ""),
-        ({"deadline_misses": 2}, "2 commands came", "docs/performance.md"),
+        ({"solver_failures": 3}, "without a solution: 3", ""),
+        ({"deadline_misses": 2}, "period late: 2", "docs/performance.md"),
         ({"rate_saturation_fraction": 0.2}, "20% of the commands", "Raise R"),
-        ({"rejected_inputs": 4}, "4 odometries", "docs/diagnostics.md"),
+        ({"rejected_inputs": 4}, "unusable: 4", "docs/diagnostics.md"),
         ({"position_rmse_m": 3.4}, "3.40 m RMSE", ""),
         ({"crashed": True, "crash": "away", "crash_time_s": 3.0}, "3.00 s", "rehearse"),
     ],
@@ -85,3 +85,23 @@ def test_the_fence_and_tilt_that_were_used(make_flight: FlightMaker) -> None:
     assert summarise(fenced)["margins"]["fence_margin_m"] == pytest.approx(0.4)
     assert summarise(flight)["margins"]["fence_margin_m"] is None
     assert summarise(flight)["margins"]["tilt_max_rad"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("reason", "advice"),
+    [
+        ("it oscillates: lags or delay may be longer than the model's", "Raise lags or delay"),
+        ("solver: maximum iterations reached", "max_iterations"),
+        ("odometry is 0.20 s old", "docs/diagnostics.md"),
+    ],
+)
+def test_what_to_do_goes_by_the_reason_of_the_failsafe(
+    good: Summary, reason: str, advice: str
+) -> None:
+    first = {"time_s": 1.0, "source": "hover", "reason": reason}
+    commanding = {"ticks": {"mpc": 75, "hover": 25}, "first_without_mpc": first}
+    verdict = verdict_on(good | {"commanding": commanding})
+    assert not verdict.good
+    assert verdict.shares == ["mpc 75.0%, hover 25.0% of 100 ticks."]
+    assert f"First at 1.00 s: {reason}." in verdict.line
+    assert any(advice in each for each in verdict.advice)
