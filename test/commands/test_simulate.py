@@ -85,3 +85,9 @@ def test_a_crash_is_not_a_success(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert summary["crashed"] is True
     assert summary["fallbacks"] == 0
     assert "CRASHED" in capsys.readouterr().out
+
+
+def test_a_hard_turn_is_no_crash(tmp_path: Path) -> None:
+    """By agile the vehicle swings beyond 90° for a tenth of a second at the square's corners."""
+    arguments = ["--config", "agile", "--duration", "4", "--out", str(tmp_path / "run")]
+    assert main(["simulate", *arguments]) == 0

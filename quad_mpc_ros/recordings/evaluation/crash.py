@@ -17,11 +17,12 @@ _HARD = 1.0  # m/s downwards: touching the ground faster is no landing
 _DESCENT_TIME = 0.1  # s over which a descent is measured: noise of a single position is not one
 _FARTHEST = 5.0  # m from the box of the reference and the start
 _TURNED_OVER = math.pi / 2
+_TURNED_TIME = 0.3  # s; a hard turn to the other side swings beyond for less
 _MORE_THAN_ASKED = math.radians(60.0)  # of tilt; a flip lags behind its reference
 
 _WORDS = {
     "ground": "it touched the ground, where the reference did not ask for it or too fast",
-    "upside_down": "it turned over, beyond 90° and by 60° more than the reference",
+    "upside_down": "it turned over, beyond 90° and by 60° more than the reference, and stayed so",
     "away": f"it was more than {_FARTHEST:g} m away from the reference and the start",
 }
 
@@ -85,10 +86,19 @@ class Motion:
         return np.asarray((self.p_WB[before, 2] - self.p_WB[:, 2]) / duration)
 
     def _turned_over(self) -> NDArray[np.bool_]:
-        """Return where it is upside down unasked; one that starts so may turn up first."""
+        """Return where it begins to be upside down unasked, for long or to the end.
+
+        One that starts so may turn up first.
+        """
         upright = np.logical_or.accumulate(self.tilt <= _TURNED_OVER)
         beyond = self.tilt > self.tilt_reference + _MORE_THAN_ASKED
-        return np.asarray(upright & (self.tilt > _TURNED_OVER) & beyond)
+        turned = upright & (self.tilt > _TURNED_OVER) & beyond
+        changes = np.flatnonzero(np.diff(turned.astype(np.int8), prepend=0, append=0))
+        begins, lasts = changes[::2], changes[1::2] - 1
+        stays = self.time[lasts] - self.time[begins] >= _TURNED_TIME
+        when = np.zeros(len(turned), dtype=np.bool_)
+        when[begins[stays | (lasts == len(turned) - 1)]] = True
+        return when
 
     def _away(self) -> NDArray[np.bool_]:
         box = np.vstack((self.p_WB_reference, self.p_WB[:1]))

@@ -82,6 +82,13 @@ def test_upside_down_is_a_crash():
     assert crash_of(flown([HOVER] * 5, tilts=tilts)) == ("upside_down", 0.3)
 
 
+def test_a_swing_beyond_the_vertical_is_no_crash_and_staying_there_is():
+    swing = np.radians([0, 60, 95, 105, 95, 60, 0, 0, 0, 0])
+    assert crash_of(flown([HOVER] * 10, tilts=swing)) is None
+    stays = np.radians([0, 60, 95, 105, 120, 130, 95, 60, 0, 0])
+    assert crash_of(flown([HOVER] * 10, tilts=stays)) == ("upside_down", 0.2)
+
+
 def test_upside_down_like_the_reference_is_no_crash():
     asked = np.radians([0, 60, 120, 180, 180])
     assert (
