@@ -46,6 +46,7 @@ def margins(flight: Flight) -> dict[str, Any]:
     flying = flight.stats["source"] == Source.MPC.name.lower()
     mpc = flight.mpc
     return {
+        "lockstep": mpc.lockstep,
         "control_period_ms": 1e3 / mpc.control_rate,
         "odom_timeout_ms": 1e3 * mpc.odom_timeout,
         "odom_age_ms": percentiles(flight.stats["odom_age_ms"][flying], 50, 99),

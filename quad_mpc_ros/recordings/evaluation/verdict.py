@@ -135,7 +135,7 @@ def _wrong(s: Summary) -> list[str]:
         found.append(f"The failsafe commanded: {s['commanding']['first_without_mpc']['reason']}.")
     if s["solver_failures"]:
         found.append(f"Solves without a solution: {s['solver_failures']}.")
-    if s["deadline_misses"]:
+    if _late(s):
         found.append(f"Commands more than a control period late: {s['deadline_misses']}.")
     if s["unanswered_odometries"]:
         found.append(f"Odometries without a command: {s['unanswered_odometries']}.")
@@ -212,7 +212,7 @@ def _advice(s: Summary) -> list[str]:
     reason = (s["commanding"]["first_without_mpc"] or {}).get("reason", "")
     if _without_mpc(s):
         found.append(next((text for begin, text in _BY_REASON if reason.startswith(begin)), _LOOK))
-    if s["deadline_misses"] or _tight(s):
+    if _late(s) or _tight(s):
         found.append(
             "Give the MPC more time: fewer mpc.horizon_steps, or advanced.realtime.* "
             "(docs/performance.md)."
@@ -250,9 +250,14 @@ def _saturates(s: Summary) -> bool:
     return (s["rate_saturation_fraction"] or 0.0) > _SATURATED
 
 
+def _late(s: Summary) -> bool:
+    """Whether commands came too late; in lockstep the simulation waits for them."""
+    return bool(s["deadline_misses"] and not s["margins"]["lockstep"])
+
+
 def _tight(s: Summary) -> bool:
     step, period = s["step_time_us"]["p99"] or 0.0, s["margins"]["control_period_ms"]
-    return bool(1e-3 * step > _TIGHT_DEADLINE * period)
+    return bool(1e-3 * step > _TIGHT_DEADLINE * period and not s["margins"]["lockstep"])
 
 
 def _spread(estimate: Mapping[str, float], unit: str = "") -> str:

@@ -302,6 +302,7 @@ def test_missing_data_is_null(make_flight: FlightMaker, build: SimpleNamespace) 
         **dict.fromkeys(("crashed", "crash", "crash_time_s")),
         "commanding": {"ticks": {}, "first_without_mpc": None},
         "margins": {
+            "lockstep": False,
             "control_period_ms": 20.0,
             "odom_timeout_ms": 100.0,
             **dict.fromkeys(("odom_age_ms", "reference_age_ms"), dict.fromkeys(P50_P99_MAX)),

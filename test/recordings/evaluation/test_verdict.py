@@ -105,3 +105,8 @@ def test_what_to_do_goes_by_the_reason_of_the_failsafe(
     assert verdict.shares == ["mpc 75.0%, hover 25.0% of 100 ticks."]
     assert f"First at 1.00 s: {reason}." in verdict.line
     assert any(advice in each for each in verdict.advice)
+
+
+def test_in_lockstep_nothing_is_late(good: Summary) -> None:
+    waited = {"deadline_misses": 3, "margins": {**good["margins"], "lockstep": True}}
+    assert verdict_on(good | waited).wrong == []
