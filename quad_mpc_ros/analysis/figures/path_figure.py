@@ -44,6 +44,7 @@ def write_path(flight: Flight, path: Path) -> Path:
         spacing=max(_SPACING * side, float(way[-1]) / _MOST_VEHICLES),
         side=side,
         zorder=_VEHICLES,
+        apart=True,
     )
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(

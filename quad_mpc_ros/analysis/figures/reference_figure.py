@@ -15,6 +15,7 @@ from quad_mpc_ros.references.feasibility import Verdict
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 
 _WIDTH, _HEIGHT = 10.0, 4.6  # inch
+_ZOOM = 0.85
 _DRAWN = 14  # vehicles along the way
 _TURN = 0.12  # of the longest side: the way that a turn by a radian counts for
 _SHORTEST = 1e-3  # m, between two vehicles
@@ -41,7 +42,7 @@ def _draw_path(figure: Any, place: Any, samples: TrajectorySamples) -> None:
     thinned = slice(None, None, max(len(samples.p_WB) // _MOST_POINTS, 1))
     p_WB, q_WB_xyzw = samples.p_WB[thinned], samples.q_WB_xyzw[thinned]
     lower, upper = space.room(p_WB)
-    axes = space.draw_room(figure, lower, upper, place=place)
+    axes = space.draw_room(figure, lower, upper, place=place, zoom=_ZOOM)
     speed = np.linalg.norm(samples.v_WB_W[thinned], axis=1)
     if speed.max() > 0.0:
         space.draw_coloured_by_speed(figure, axes, p_WB, speed, zorder=_PATH)

@@ -34,11 +34,11 @@ def room(points: Array) -> tuple[Array, Array]:
 
 
 def draw_room(
-    figure: Any, lower: Array, upper: Array, *, place: Any = 111, around: float = _AROUND
+    figure: Any, lower: Array, upper: Array, *, place: Any = 111, zoom: float | None = None
 ) -> Any:
     """Return axes of that extent, in a place of the figure; Any, for mplot3d has no types.
 
-    The room fills them up to a share of their width that is left ``around`` it.
+    The room fills them, whatever its shape, unless a ``zoom`` is given.
     """
     from matplotlib import rc_context
     from matplotlib.ticker import MaxNLocator
@@ -48,7 +48,10 @@ def draw_room(
         axes = figure.add_subplot(place, projection="3d", computed_zorder=False)
     axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), zlim=(lower[2], upper[2]))
     axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
-    _fill(axes, lower, upper, around=around)
+    if zoom is None:
+        _fill(axes, lower, upper)
+    else:
+        axes.set_box_aspect(upper - lower, zoom=zoom)
     names = {"x, east": axes.xaxis, "y, north": axes.yaxis, "z, up": axes.zaxis}
     for name, axis in names.items():
         axis.set_pane_color((0.98, 0.98, 0.98, 1.0))
@@ -59,7 +62,7 @@ def draw_room(
     return axes
 
 
-def _fill(axes: Any, lower: Array, upper: Array, *, around: float) -> None:
+def _fill(axes: Any, lower: Array, upper: Array) -> None:
     """Zoom so that all corners of the room are inside of the axes, whatever its shape."""
     from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped]
 
@@ -69,7 +72,7 @@ def _fill(axes: Any, lower: Array, upper: Array, *, around: float) -> None:
         axes.set_box_aspect(upper - lower, zoom=zoom)
         x, y, _ = proj3d.proj_transform(*corners, axes.get_proj())
         places = axes.transLimits.transform(np.column_stack((x, y)))
-        zoom *= (0.5 - around) / float(np.abs(places - 0.5).max())
+        zoom *= (0.5 - _AROUND) / float(np.abs(places - 0.5).max())
         zoom = min(zoom, _MOST_ZOOM)
     axes.set_box_aspect(upper - lower, zoom=zoom)
 
@@ -115,17 +118,18 @@ def draw_vehicles(
     spacing: float,
     side: float,
     zorder: int,
+    apart: bool = False,
 ) -> None:
     """Draw the vehicle, four rotors on a cross, at positions (n, 3) [m] as it is tilted there.
 
     One is drawn every ``spacing`` of the ``way`` (n,), larger than it is where the longest
-    ``side`` [m] of the room is large, and none on another.
+    ``side`` [m] of the room is large; none on another if they are to be ``apart``.
     """
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
     arm = max(ARM, _SMALLEST_ARM * side)
     due = np.flatnonzero(np.diff(np.floor(way / spacing), prepend=0.0))
-    drawn = _apart(p_WB, due, distance=_APART * arm)
+    drawn = _apart(p_WB, due, distance=_APART * arm) if apart else due
     if len(drawn) == 0:
         return
     places = p_WB[drawn]

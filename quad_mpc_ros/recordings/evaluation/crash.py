@@ -17,12 +17,13 @@ _HARD = 1.0  # m/s downwards: touching the ground faster is no landing
 _DESCENT_TIME = 0.1  # s over which a descent is measured: noise of a single position is not one
 _FARTHEST = 5.0  # m from the box of the reference and the start
 _TURNED_OVER = math.pi / 2
-_TURNED_TIME = 0.3  # s; a hard turn to the other side swings beyond for less
+_SWING, _JUST = 0.25, 1.0  # s: towards a reference that has just jumped it swings for less
+_JUMP_SPEED = 25.0  # m/s: a reference that moves faster jumps
 _MORE_THAN_ASKED = math.radians(60.0)  # of tilt; a flip lags behind its reference
 
 _WORDS = {
     "ground": "it touched the ground, where the reference did not ask for it or too fast",
-    "upside_down": "it turned over, beyond 90° and by 60° more than the reference, and stayed so",
+    "upside_down": "it turned over, beyond 90° and by 60° more than the reference",
     "away": f"it was more than {_FARTHEST:g} m away from the reference and the start",
 }
 
@@ -86,19 +87,30 @@ class Motion:
         return np.asarray((self.p_WB[before, 2] - self.p_WB[:, 2]) / duration)
 
     def _turned_over(self) -> NDArray[np.bool_]:
-        """Return where it begins to be upside down unasked, for long or to the end.
+        """Return where it is upside down unasked; one that starts so may turn up first.
 
-        One that starts so may turn up first.
+        Towards a reference that has just jumped it may swing beyond the vertical and back.
         """
         upright = np.logical_or.accumulate(self.tilt <= _TURNED_OVER)
         beyond = self.tilt > self.tilt_reference + _MORE_THAN_ASKED
         turned = upright & (self.tilt > _TURNED_OVER) & beyond
-        changes = np.flatnonzero(np.diff(turned.astype(np.int8), prepend=0, append=0))
-        begins, lasts = changes[::2], changes[1::2] - 1
-        stays = self.time[lasts] - self.time[begins] >= _TURNED_TIME
-        when = np.zeros(len(turned), dtype=np.bool_)
-        when[begins[stays | (lasts == len(turned) - 1)]] = True
-        return when
+        to_the_end = np.logical_and.accumulate(turned[::-1])[::-1]
+        swings = self._just_jumped() & (self._time_ahead(turned) < _SWING - 1e-6) & ~to_the_end
+        return np.asarray(turned & ~swings)
+
+    def _just_jumped(self) -> NDArray[np.bool_]:
+        """Return where the reference jumped, or the flight began, shortly before."""
+        steps = np.linalg.norm(np.diff(self.p_WB_reference, axis=0), axis=1)
+        jumps = np.append(True, steps > _JUMP_SPEED * np.diff(self.time))
+        last = np.maximum.accumulate(np.where(jumps, self.time, -np.inf))
+        return np.asarray(self.time - last <= _JUST)
+
+    def _time_ahead(self, when: NDArray[np.bool_]) -> Array:
+        """Return how much (n,) [s] of what lies shortly ahead something lasts."""
+        until = np.append(self.time[1:], self.time[-1])
+        spent = np.concatenate(([0.0], np.cumsum(np.where(when, until - self.time, 0.0))))
+        ahead = np.searchsorted(self.time, self.time + _JUST)
+        return np.asarray(spent[ahead] - spent[:-1])
 
     def _away(self) -> NDArray[np.bool_]:
         box = np.vstack((self.p_WB_reference, self.p_WB[:1]))

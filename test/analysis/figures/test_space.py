@@ -54,6 +54,7 @@ def test_vehicles_on_a_place_that_is_passed_again_are_drawn_once(
         spacing=0.5,
         side=2.4,
         zorder=1,
+        apart=True,
     )
     starts = np.array([beam[0] for beam in beams])[::2]
     between = np.linalg.norm(starts[:, None] - starts, axis=2)

@@ -82,11 +82,20 @@ def test_upside_down_is_a_crash():
     assert crash_of(flown([HOVER] * 5, tilts=tilts)) == ("upside_down", 0.3)
 
 
-def test_a_swing_beyond_the_vertical_is_no_crash_and_staying_there_is():
-    swing = np.radians([0, 60, 95, 105, 95, 60, 0, 0, 0, 0])
-    assert crash_of(flown([HOVER] * 10, tilts=swing)) is None
-    stays = np.radians([0, 60, 95, 105, 120, 130, 95, 60, 0, 0])
-    assert crash_of(flown([HOVER] * 10, tilts=stays)) == ("upside_down", 0.2)
+def test_a_swing_towards_a_reference_that_has_jumped_is_no_crash():
+    count = 40
+    swing = np.zeros(count)
+    swing[[2, 3]] = np.radians([95, 105])
+    assert crash_of(flown([HOVER] * count, tilts=swing)) is None  # at the start
+    later = np.roll(swing, 20)
+    assert crash_of(flown([HOVER] * count, tilts=later)) == ("upside_down", 2.2)
+    jumping = np.tile(HOVER, (count, 1))
+    jumping[20:, 0] = 3.0
+    assert crash_of(flown([HOVER] * count, tilts=later, reference=jumping)) is None
+    longer = later.copy()
+    longer[24:26] = np.radians(95)
+    truth = flown([HOVER] * count, tilts=longer, reference=jumping)
+    assert crash_of(truth) == ("upside_down", 2.2)
 
 
 def test_upside_down_like_the_reference_is_no_crash():
