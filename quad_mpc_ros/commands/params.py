@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from quad_mpc_ros.configuration import Configuration, ParameterSpec, UserError
+from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.configuration.text_tables import labelled, markdown_table, text_table
 
 _WIDTH = 99
@@ -78,22 +78,19 @@ def _found(
 ) -> tuple[str, Sequence[ParameterSpec]]:
     node, _, inner = name.strip("/").partition(".")
     if node not in nodes:
-        raise UserError(f"there is no node {node!r}{_suggestion(node, nodes)}: {', '.join(nodes)}")
+        raise UserError(
+            f"there is no node {node!r}{did_you_mean(node, nodes)}: {', '.join(nodes)}"
+        )
     specs = nodes[node].specs()
     if not inner:
         return node, specs
     found = [spec for spec in specs if spec.name == inner or spec.name.startswith(f"{inner}.")]
     if not found:
-        suggestion = _suggestion(inner, [spec.name for spec in specs])
+        suggestion = did_you_mean(inner, [spec.name for spec in specs])
         raise UserError(
             f"{node} has no parameter {inner!r}{suggestion}: see quad_mpc params {node}"
         )
     return node, found
-
-
-def _suggestion(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, list(known), n=1)
-    return f", did you mean {close[0]!r}?" if close else ""
 
 
 def _kind(spec: ParameterSpec) -> str:

@@ -9,7 +9,6 @@ integer given for a real number is the only conversion made.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import functools
 import operator
 import sys
@@ -19,6 +18,7 @@ from typing import Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 from quad_mpc_ros.configuration.errors import ConfigurationError
 from quad_mpc_ros.configuration.renamed import refuse_former_name
+from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.configuration.vehicle import VEHICLE
 
 _METADATA_KEY = "quad_mpc_ros.parameter"
@@ -314,5 +314,4 @@ def _group_of(cls: type[Configuration], field: dataclasses.Field[Any]) -> type[C
 
 
 def _suggestion(name: str, known: set[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1)
-    return f" (did you mean {close[0]}?)" if close else f" (one of {', '.join(sorted(known))})"
+    return did_you_mean(name, known) or f" (one of {', '.join(sorted(known))})"

@@ -7,25 +7,30 @@ file serves ``ros2 run … --params-file`` and the command line of this package.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from quad_mpc_ros.configuration import ros_yaml
 from quad_mpc_ros.configuration.errors import ConfigurationError, UserError
 from quad_mpc_ros.configuration.fields import Configuration
 from quad_mpc_ros.configuration.renamed import refuse_former_name
-from quad_mpc_ros.configuration.vehicle import describes_vehicle
+from quad_mpc_ros.configuration.spelling import did_you_mean, nearest
+from quad_mpc_ros.configuration.vehicle import VEHICLE, describes_vehicle
 
 Schema = Mapping[str, type[Configuration]]
 """The nodes that a file may speak of, and what each of them knows."""
 
 _EVERY_NODE = "/**"
+_PARAMETERS = "ros__parameters"
 # Set by ROS or by whoever starts the nodes, and no business of the configuration.
 _FOREIGN = ("use_sim_time",)
 # Nodes of a vehicle that a schema may leave out: one file for all of them may speak of these.
-_BESIDE, _BRIDGE = ("player", "visualisation"), "_bridge"
+_BESIDE, _BRIDGE = ("player", "visualisation", "teleop"), "_bridge"
 
 
 def load(
@@ -88,13 +93,13 @@ def dump(node: str, values: Mapping[str, Any]) -> str:
         for name, value in values.items()
         if value not in ((), [])
     }
-    return yaml.safe_dump({node: {"ros__parameters": listed}}, default_flow_style=None)
+    return ros_yaml.written({node: {_PARAMETERS: listed}}, default_flow_style=None)
 
 
 def value_text(value: Any) -> str:
     """Return a value as YAML reads it back exactly, which it does not with every ``repr``."""
     listed = list(value) if isinstance(value, tuple) else value
-    return yaml.safe_dump([listed], default_flow_style=True, width=math.inf).strip()[1:-1]
+    return ros_yaml.written([listed], default_flow_style=True, width=math.inf).strip()[1:-1]
 
 
 def presets() -> dict[str, Path]:
@@ -122,6 +127,36 @@ def _config_directory() -> Path:
     raise UserError("the presets of quad_mpc_ros are not installed: install the package again")
 
 
+def parameter_file(option: str, given: str) -> Path:
+    """Return the path of a parameter file; raise :class:`UserError` unless it can be read.
+
+    ``option`` is how it was given. The nearest name of what is there is suggested.
+    """
+    path = Path(given)
+    if path.is_file():
+        sections(path)
+        return path
+    raise UserError(
+        f"{option}: given {given!r}, {_nothing_there(path)}expected the path of a ROS parameter "
+        f"file{_nearest_file(path)}"
+    )
+
+
+def _nothing_there(path: Path) -> str:
+    return "which is a folder, " if path.is_dir() else "which does not exist, "
+
+
+def _nearest_file(path: Path) -> str:
+    """Return which file may be meant: one of the same folder, or a preset."""
+    try:
+        beside = {file.name: file for file in path.parent.glob("*.y*ml") if file.is_file()}
+    except OSError:
+        beside = {}
+    there = {**presets(), **beside}
+    near = nearest(path.name, there)
+    return f" (did you mean {there[near]}?)" if near else ""
+
+
 def _located(source: str) -> Path:
     path = Path(source)
     if path.is_file():
@@ -130,34 +165,73 @@ def _located(source: str) -> Path:
     if source in shipped:
         return shipped[source]
     raise UserError(
-        f"--config: given {source!r}, expected a parameter file or a preset ({', '.join(shipped)})"
+        f"--config: given {source!r}, expected a parameter file or a preset "
+        f"({', '.join(shipped)}){_nearest_file(path)}"
     )
 
 
-def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise UserError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """What a parameter file states under one key, by dotted names."""
+
+    key: str
+    values: Mapping[str, Any]
+
+    @property
+    def node(self) -> str:
+        """The name of a node, without its namespace; ``*`` or ``**`` for any."""
+        return self.key.rsplit("/", 1)[-1]
+
+    @property
+    def of_any_node(self) -> bool:
+        """Whether it is for nodes of any name, as ``/**``."""
+        return self.node in ("*", "**")
+
+    def is_read_by(self, full_name: str) -> bool:
+        """Whether ROS reads it for a node of this name with its namespace: ``/uav1/mpc``."""
+        words = {"**": r"(/\w+)*", "*": r"/\w+"}
+        parts = (words.get(word, f"/{re.escape(word)}") for word in self.key.split("/") if word)
+        return re.fullmatch("".join(parts), full_name) is not None
+
+
+def sections(path: Path) -> list[Section]:
+    """Return what a parameter file states; raise :class:`UserError` for one that ROS cannot read.
+
+    Namespaces may be nested or joined by ``/``.
+    """
+    content = ros_yaml.read_file(path)
     if content is None:
-        return {}
+        return []
     if not isinstance(content, dict):
         raise UserError(f"{path}: expected 'node: ros__parameters: …', given {content!r:.60}")
+    return list(_sections(content, "", path))
+
+
+def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[Section]:
+    for name, inner in content.items():
+        key = f"{within}/{name}" if within else str(name)
+        if name == _PARAMETERS and within:
+            if not isinstance(inner, dict):
+                raise UserError(f"{path}: {within}: expected parameters below '{_PARAMETERS}:'")
+            values = dict(flattened(inner))
+            for parameter, value in values.items():
+                if value is None:
+                    raise UserError(f"{path}: {within}: {parameter}: given no value")
+            yield Section(key=within, values=values)
+        elif isinstance(inner, dict) and inner:
+            yield from _sections(inner, key, path)
+        else:
+            raise UserError(f"{path}: {key}: expected '{_PARAMETERS}:' below it")
+
+
+def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
-    for key, section in content.items():
-        if not isinstance(section, dict) or not isinstance(section.get("ros__parameters"), dict):
-            raise UserError(f"{path}: {key}: expected 'ros__parameters:' below it")
-        values = {
-            name: value
-            for name, value in flattened(section["ros__parameters"])
-            if name not in _FOREIGN
-        }
-        if key == _EVERY_NODE:
+    for section in sections(path):
+        values = {name: value for name, value in section.values.items() if name not in _FOREIGN}
+        if section.key == _EVERY_NODE:
             _refuse_unknown(values, schema, path)
             found.setdefault(_EVERY_NODE, {}).update(values)
-        elif node := _node_meant(str(key), schema, path):
+        elif node := _node_meant(section, schema, path):
             found.setdefault(node, {}).update(values)
     return found
 
@@ -171,18 +245,23 @@ def _refuse_unknown(values: Mapping[str, Any], schema: Schema, path: Path) -> No
         for kind in schema.values():
             refuse_former_name(kind.owner, name)
         raise ConfigurationError(
-            f"{path}: {_EVERY_NODE}: {name}", value, "a parameter of some node"
+            f"{path}: {_EVERY_NODE}: {name}",
+            value,
+            f"a parameter of some node{did_you_mean(name, {*known, *VEHICLE})}",
         )
 
 
-def _node_meant(key: str, schema: Schema, path: Path) -> str:
-    """Return the node that a key of the file is for; empty for one that is beside the schema."""
-    node = key.rsplit("/", 1)[-1]
+def _node_meant(section: Section, schema: Schema, path: Path) -> str:
+    """Return the node that a section is for; empty for one that is beside the schema."""
+    node = section.node
     if node in schema:
         return node
     if node in _BESIDE or node.endswith(_BRIDGE):
         return ""
-    raise UserError(f"{path}: given node {key!r}, expected one of {', '.join(schema)}")
+    raise UserError(
+        f"{path}: given node {section.key!r}, expected one of {', '.join(schema)}"
+        f"{did_you_mean(node, schema)}"
+    )
 
 
 def flattened(parameters: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, Any]]:
@@ -202,8 +281,11 @@ def _parsed(assignment: str, schema: Schema) -> tuple[str, str, Any]:
     if not equals or not dot or not name:
         raise UserError(f"--set: given {assignment!r}, expected node.parameter=value")
     if node not in schema:
-        raise UserError(f"--set: given node {node!r}, expected one of {', '.join(schema)}")
+        raise UserError(
+            f"--set: given node {node!r}, expected one of {', '.join(schema)}"
+            f"{did_you_mean(node, schema)}"
+        )
     try:
-        return node, name, yaml.safe_load(text)
+        return node, name, ros_yaml.read(text)
     except yaml.YAMLError as error:
         raise UserError(f"--set: {target}: given {text!r}, expected a YAML value") from error

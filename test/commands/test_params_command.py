@@ -65,8 +65,8 @@ def test_the_yaml_is_a_parameter_file_of_the_defaults(
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("mcp", "there is no node 'mcp', did you mean 'mpc'?"),
-        ("mpc.omega", "mpc has no parameter 'omega', did you mean 'omega_max'?"),
+        ("mcp", "there is no node 'mcp' (did you mean mpc?)"),
+        ("mpc.omega", "mpc has no parameter 'omega' (did you mean omega_max?)"),
     ],
 )
 def test_an_unknown_name_is_bad_input(

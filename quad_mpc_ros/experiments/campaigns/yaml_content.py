@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.configuration import ConfigurationError, UserError, ros_yaml
+from quad_mpc_ros.configuration.spelling import did_you_mean
 
 
 def read_content(path: Path, what: str) -> dict[Any, Any]:
     """Return the keys of a file; ``what`` it describes. Raises :class:`UserError`."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise UserError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+    content = ros_yaml.read_file(path)
     if not isinstance(content, dict):
         raise UserError(f"{path}: expected the keys of a {what}, given {content!r:.60}")
     return content
@@ -29,7 +22,7 @@ def read_content(path: Path, what: str) -> dict[Any, Any]:
 
 def content_text(content: Mapping[str, Any]) -> str:
     """Return the text of a file with these keys, numbers exactly."""
-    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=math.inf)
+    return ros_yaml.written(content, sort_keys=False, default_flow_style=None, width=math.inf)
 
 
 @contextlib.contextmanager
@@ -47,9 +40,8 @@ def check_keys(content: Mapping[Any, Any], known: Sequence[str]) -> None:
     """Raise :class:`UserError` for an unknown key."""
     for key in content:
         if key not in known:
-            close = difflib.get_close_matches(str(key), known, n=1)
-            hint = f"did you mean {close[0]}?" if close else ", ".join(known)
-            raise UserError(f"unknown key {key!r} ({hint})")
+            hint = did_you_mean(str(key), known) or f" ({', '.join(known)})"
+            raise UserError(f"unknown key {key!r}{hint}")
 
 
 def integer(name: str, given: Any, *, least: int, most: int) -> int:

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from quad_mpc_ros.configuration import ConfigurationError, UserError
+from quad_mpc_ros.configuration import ConfigurationError, UserError, ros_yaml
 from quad_mpc_ros.experiments.campaigns.campaign import Campaign, target_of, value_in
 from quad_mpc_ros.experiments.campaigns.campaign_file import (
     Overrides,
@@ -92,7 +90,7 @@ def _content(tuning: Tuning) -> dict[str, Any]:
         "give_up": tuning.give_up,
         "search": {name: each.described() for name, each in tuning.search.items()},
         "campaigns": {
-            name: yaml.safe_load(campaign_text(campaign))
+            name: ros_yaml.read(campaign_text(campaign))
             for name, campaign in tuning.campaigns.items()
         },
         "objectives": [objective.described() for objective in tuning.objectives],
