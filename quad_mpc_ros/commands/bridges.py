@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration.extension import BRIDGES
 from quad_mpc_ros.configuration.text_tables import text_table
-from quad_mpc_ros.ros.bridges.registry import GROUP, RegisteredBridge, registered_bridges
+from quad_mpc_ros.ros.bridges.registry import RegisteredBridge, registered_bridges
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +23,7 @@ def run(_: argparse.Namespace) -> int:
     found = registered_bridges()
     if not found:
         raise UserError(
-            f"no package has registered a bridge in the entry points {GROUP}: install "
+            f"no package has registered a bridge in the entry points {BRIDGES}: install "
             "quad_mpc_ros with pip or colcon"
         )
     rows = [(bridge.name, _state(bridge)) for bridge in found]

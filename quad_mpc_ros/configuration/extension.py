@@ -14,6 +14,16 @@ from typing import Any, ClassVar, Self, cast
 from quad_mpc_ros.configuration.errors import ConfigurationError, UserError
 from quad_mpc_ros.configuration.fields import Configuration, parameter
 
+BRIDGES = "quad_mpc_ros.bridges"
+"""The group of the entry points of bridges to flight stacks."""
+
+
+def registered_names(group: str) -> set[str]:
+    """Return the names that installed packages have registered in a group. Nothing is loaded."""
+    from importlib.metadata import entry_points
+
+    return set(entry_points(group=group).names)
+
 
 @functools.cache
 def registered(group: str, name: str) -> Any:
@@ -52,11 +62,15 @@ class ExtensibleConfiguration(Configuration):
 
         Raises :class:`ConfigurationError` for an unknown name or an unusable value.
         """
+        kind = cls.chosen_by(values)
+        return super().build(values) if kind is cls else kind.build(values)
+
+    @classmethod
+    def chosen_by(cls, values: Mapping[str, object]) -> type[Self]:
+        """Return the parameter set with the parameters of what ``values`` choose."""
         chosen = values.get(cls.choice)
         kind: Any = _extended(cast(Any, cls), chosen) if isinstance(chosen, str) else cls
-        if kind is cls:
-            return super().build(values)
-        extended: Self = kind.build(values)
+        extended: type[Self] = kind
         return extended
 
 

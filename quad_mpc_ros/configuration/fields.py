@@ -191,6 +191,11 @@ class Configuration:
         return cls._built({paths[name]: value for name, value in values.items()})
 
     @classmethod
+    def chosen_by(cls, values: Mapping[str, object]) -> type[Self]:
+        """Return the class that :meth:`build` makes of these values."""
+        return cls
+
+    @classmethod
     def _built(cls, values: Mapping[str, object]) -> Self:
         """Return the parameter set with values by the path of their field."""
         arguments: dict[str, Any] = {}

@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from quad_mpc_ros.configuration import ros_yaml
-from quad_mpc_ros.configuration.errors import ConfigurationError, UserError
+from quad_mpc_ros.configuration.errors import ConfigurationError, UserError, shown
 from quad_mpc_ros.configuration.fields import Configuration
 from quad_mpc_ros.configuration.renamed import refuse_former_name
 from quad_mpc_ros.configuration.spelling import did_you_mean, nearest
@@ -28,7 +28,8 @@ Schema = Mapping[str, type[Configuration]]
 _EVERY_NODE = "/**"
 _PARAMETERS = "ros__parameters"
 # Set by ROS or by whoever starts the nodes, and no business of the configuration.
-_FOREIGN = ("use_sim_time",)
+_OF_ROS = ("use_sim_time", "start_type_description_service")
+_GROUP_OF_ROS = "qos_overrides."
 # Nodes of a vehicle that a schema may leave out: one file for all of them may speak of these.
 _BESIDE, _BRIDGE = ("player", "visualisation", "teleop"), "_bridge"
 
@@ -96,6 +97,11 @@ def dump(node: str, values: Mapping[str, Any]) -> str:
     return ros_yaml.written({node: {_PARAMETERS: listed}}, default_flow_style=None)
 
 
+def is_of_ros(name: str) -> bool:
+    """Return whether a parameter is one that ROS gives every node."""
+    return name in _OF_ROS or name.startswith(_GROUP_OF_ROS)
+
+
 def value_text(value: Any) -> str:
     """Return a value as YAML reads it back exactly, which it does not with every ``repr``."""
     listed = list(value) if isinstance(value, tuple) else value
@@ -134,7 +140,7 @@ def parameter_file(option: str, given: str) -> Path:
     """
     path = Path(given)
     if path.is_file():
-        sections(path)
+        sections(path, for_ros=True)
         return path
     raise UserError(
         f"{option}: given {given!r}, {_nothing_there(path)}expected the path of a ROS parameter "
@@ -194,17 +200,37 @@ class Section:
         return re.fullmatch("".join(parts), full_name) is not None
 
 
-def sections(path: Path) -> list[Section]:
-    """Return what a parameter file states; raise :class:`UserError` for one that ROS cannot read.
+def sections(path: Path, *, for_ros: bool = False) -> list[Section]:
+    """Return what a parameter file states; raise :class:`UserError` for one that states nothing.
 
-    Namespaces may be nested or joined by ``/``.
+    Namespaces may be nested or joined by ``/``. With ``for_ros`` values are refused that ROS does
+    not take, or takes for something else.
     """
     content = ros_yaml.read_file(path)
     if content is None:
         return []
     if not isinstance(content, dict):
         raise UserError(f"{path}: expected 'node: ros__parameters: …', given {content!r:.60}")
-    return list(_sections(content, "", path))
+    found = list(_sections(content, "", path))
+    for section in found if for_ros else ():
+        for name, value in section.values.items():
+            refuse_what_ros_misreads(f"{path}: {section.key}: {name}", value)
+    return found
+
+
+def refuse_what_ros_misreads(where: str, value: Any) -> None:
+    """Raise :class:`UserError` for a list of lists, and for one of values of different types."""
+    if not isinstance(value, list):
+        return
+    kinds = {type(element) for element in value}
+    if kinds & {list, dict}:
+        raise UserError(f"{where}: given {shown(value)}, expected one value or a plain list")
+    if len(kinds) > 1:
+        numbers = kinds == {int, float}
+        hint = f": {shown([float(element) for element in value])}" if numbers else ""
+        raise UserError(
+            f"{where}: given {shown(value)}, expected elements of one type, for ROS{hint}"
+        )
 
 
 def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[Section]:
@@ -227,7 +253,7 @@ def _sections(content: Mapping[Any, Any], within: str, path: Path) -> Iterator[S
 def _read(path: Path, schema: Schema) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
     for section in sections(path):
-        values = {name: value for name, value in section.values.items() if name not in _FOREIGN}
+        values = {name: value for name, value in section.values.items() if not is_of_ros(name)}
         if section.key == _EVERY_NODE:
             _refuse_unknown(values, schema, path)
             found.setdefault(_EVERY_NODE, {}).update(values)

@@ -82,12 +82,11 @@ class _Loader(yaml.SafeLoader):
         given: set[str] = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
-                raise yaml.MarkedYAMLError(None, None, "expected a name", key.start_mark)
+                raise yaml.MarkedYAMLError(problem="expected a name", problem_mark=key.start_mark)
             key.tag = _TEXT
             if key.value in given:
-                raise yaml.MarkedYAMLError(
-                    None, None, f"{key.value!r} is given twice", key.start_mark
-                )
+                problem = f"{key.value!r} is given twice"
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
             given.add(key.value)
         return super().construct_mapping(node, deep)
 
@@ -131,7 +130,17 @@ def read_file(path: Path) -> Any:
             f"{path}: not UTF-8 at byte {error.start}: expected a text file in UTF-8"
         ) from error
     except yaml.YAMLError as error:
-        raise UserError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+        raise UserError(f"{path}: not YAML: {_reason(error)}") from error
+
+
+def _reason(error: yaml.YAMLError) -> str:
+    """Return in one line what is wrong, and where."""
+    if not isinstance(error, yaml.MarkedYAMLError) or error.problem is None:
+        return " ".join(str(error).split())
+    mark = error.problem_mark
+    where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark is not None else ""
+    hint = "; indent with spaces, not with tabs" if r"'\t'" in error.problem else ""
+    return f"{where}{' '.join(error.problem.split())}{hint}"
 
 
 def written(content: Any, **options: Any) -> str:

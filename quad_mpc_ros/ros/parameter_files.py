@@ -1,47 +1,232 @@
-"""Parameter files that ROS would silently ignore."""
+"""What a process was given on its command line for ROS: parameter files and ``-p``, by section.
+
+rclpy merges the sections that are for a node and says nothing of the others, so that a misspelt
+one would be ignored. Here the arguments are read again, by the rules of ``--config``, before and
+beside rclpy: the values are rclpy's, what is refused is said here.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 
 import yaml
 
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, files, ros_yaml
+from quad_mpc_ros.configuration.extension import BRIDGES, registered_names
+from quad_mpc_ros.configuration.files import Section
+from quad_mpc_ros.configuration.spelling import meant_instead_of
 
-_OPTION = "--params-file"
+_BEGIN, _END = "--ros-args", "--"
+_FILE = "--params-file"
+_OVERRIDES = ("-p", "--param")
+_RENAMED_NODE = re.compile(r"(?:^|:)__node:=(\w+)$")
+_RULE = re.compile(r"(?:(\w+):)?([\w./]+):=(.*)", re.DOTALL)
+_OWN_NODES = ("mpc", "simulator", "reference", "recorder", "player", "visualisation")
 
 
-def refuse_unread_files(name: str, namespace: str, arguments: Sequence[str]) -> None:
-    """Raise :class:`UserError` for a file with a node's bare name, given in a namespace.
+@dataclass(frozen=True, kw_only=True)
+class Given:
+    """One section of a file, or one ``-p``; ``origin`` is the path, or the option."""
 
-    ROS reads ``mpc:`` for the node /mpc only; in a namespace such a file would be ignored and the
-    defaults flown.
-    """
-    if namespace == "/":
-        return
-    for option, path in itertools.pairwise(arguments):
-        if option == _OPTION and _is_ignored(Path(path), name, namespace):
+    origin: str
+    section: Section
+    in_file: bool = True
+
+
+class GivenParameters:
+    """The parameters given to the nodes of a process."""
+
+    def __init__(self, given: Sequence[Given], *, several: bool) -> None:
+        """Hold what was read; ``several`` is whether the process has more than one node."""
+        self._given = given
+        self._several = several
+        self._read: set[int] = set()
+        self._unclaimed = {
+            name: each.origin for each in given if not each.in_file for name in each.section.values
+        }
+        self._names: list[str] = []
+
+    def of(self, name: str, namespace: str) -> dict[str, str]:
+        """Return where each parameter was given that a node was given by its own name.
+
+        Raises :class:`UserError` for a file with the node's bare name, given in a namespace: ROS
+        reads ``mpc:`` for the node /mpc only, and would ignore it.
+        """
+        full = f"{namespace.rstrip('/')}/{name}"
+        self._names.append(full)
+        self._refuse_unread(name, full)
+        found: dict[str, str] = {}
+        for number, each in enumerate(self._given):
+            if each.section.is_read_by(full):
+                self._read.add(number)
+                alone = not each.in_file and not self._several
+                if alone or not each.section.of_any_node:
+                    found |= dict.fromkeys(each.section.values, each.origin)
+        return found
+
+    def origin(self, name: str) -> str | None:
+        """Return where a parameter was given last, by whatever section."""
+        origins = (each.origin for each in reversed(self._given) if name in each.section.values)
+        return next(origins, None)
+
+    def claim(self, names: Iterable[str]) -> None:
+        """Note the parameters that a node knows."""
+        for name in names:
+            self._unclaimed.pop(name, None)
+
+    def refuse_overrides_of_nobody(self) -> None:
+        """Raise :class:`UserError` for a ``-p`` that is for no node of the process.
+
+        To be called when all nodes have been made.
+        """
+        for number, each in enumerate(self._given):
+            if not each.in_file and number not in self._read:
+                ((name, _),) = each.section.values.items()
+                raise UserError(
+                    f"-p {each.section.key}:{name}: ROS reads it for /{each.section.key}, "
+                    f"expected {' or '.join(self._names)}; write -p {name}:=VALUE"
+                )
+        for name, origin in self._unclaimed.items():
             raise UserError(
-                f"{path}: '{name}:' is for the node /{name}, and ROS does not read it for "
-                f"{namespace}/{name}: write '/**/{name}:', which is read in every namespace"
+                f"{origin}: given {name}, expected a parameter of {' or '.join(self._names)}"
             )
 
+    def unread_files(self) -> list[str]:
+        """Return the files with nothing for any node of the process, each with its sections."""
+        sections: dict[str, list[int]] = {}
+        for number, each in enumerate(self._given):
+            if each.in_file:
+                sections.setdefault(each.origin, []).append(number)
+        return [
+            f"{origin} has nothing for {' or '.join(self._names)}, only for "
+            f"{', '.join(self._given[number].section.key for number in numbers)}"
+            for origin, numbers in sections.items()
+            if not self._read.intersection(numbers)
+        ]
 
-def _is_ignored(path: Path, name: str, namespace: str) -> bool:
-    """Whether a file has parameters for a node of this name, but none for that namespace."""
+    def _refuse_unread(self, name: str, full: str) -> None:
+        for origin in dict.fromkeys(each.origin for each in self._given if each.in_file):
+            there = [each.section for each in self._given if each.origin == origin]
+            bare = any(section.key.strip("/") == name for section in there)
+            read = [s for s in there if s.is_read_by(full) and s.key.strip("/") not in ("**", "*")]
+            if bare and not read:
+                raise UserError(
+                    f"{origin}: '{name}:' is for the node /{name}, and ROS does not read it for "
+                    f"{full}: write '/**/{name}:', which is read in every namespace"
+                )
+
+
+_in_force: ContextVar[GivenParameters | None] = ContextVar("given_parameters", default=None)
+
+
+def given_parameters() -> GivenParameters | None:
+    """Return what the process was given, None where a node is not made by ``run``."""
+    return _in_force.get()
+
+
+@contextmanager
+def in_force(given: GivenParameters) -> Iterator[None]:
+    """Let the nodes that are made meanwhile know what they were given."""
+    token = _in_force.set(given)
     try:
-        content: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
-        return False  # ROS reports it
-    if not isinstance(content, dict):
-        return False
-    keys = {str(key).strip("/") for key, section in content.items() if _has_parameters(section)}
-    read = {f"**/{name}", f"{namespace.strip('/')}/{name}", f"{namespace.strip('/')}/*"}
-    return name in keys and not keys & read
+        yield
+    finally:
+        _in_force.reset(token)
 
 
-def _has_parameters(section: Any) -> bool:
-    return isinstance(section, dict) and bool(section.get("ros__parameters"))
+def own_arguments(arguments: Sequence[str]) -> list[str]:
+    """Return the arguments that are not for ROS."""
+    return [word for word, for_ros in _marked(arguments) if not for_ros]
+
+
+def refuse_own_arguments(arguments: Sequence[str]) -> None:
+    """Raise :class:`UserError` for arguments that are not for ROS, to a node that takes none."""
+    unknown = own_arguments(arguments)
+    if unknown:
+        raise UserError(f"given {' '.join(unknown)}, expected arguments for ROS, after {_BEGIN}")
+
+
+def read_arguments(arguments: Sequence[str], *, several: bool) -> GivenParameters:
+    """Return the parameters in the arguments of a process.
+
+    Raises :class:`UserError` for a file that cannot be read, a value that is none, and a node's
+    name that surely is misspelt.
+    """
+    words = [word for word, for_ros in _marked(arguments) if for_ros]
+    names = {found[1] for word in words if (found := _RENAMED_NODE.search(word))}
+    given: list[Given] = []
+    for option, word in itertools.pairwise(words):
+        if option == _FILE:
+            path = files.parameter_file(_FILE, word)
+            there = files.sections(path, for_ros=True)
+            _refuse_misspelt_nodes(str(path), there, names)
+            given += [Given(origin=str(path), section=section) for section in there]
+        elif option in _OVERRIDES:
+            section = _override(option, word)
+            _refuse_misspelt_nodes(f"{option} {word}", [section], names)
+            given.append(Given(origin=option, section=section, in_file=False))
+    return GivenParameters(given, several=several)
+
+
+def _marked(arguments: Sequence[str]) -> Iterator[tuple[str, bool]]:
+    """Yield each argument with whether it is for ROS; those that begin and end these are left."""
+    for_ros = False
+    for word in arguments:
+        if word == _BEGIN:
+            for_ros = True
+        elif word == _END and for_ros:
+            for_ros = False
+        else:
+            yield word, for_ros
+
+
+def _override(option: str, word: str) -> Section:
+    """Return a ``-p`` as a section of a file."""
+    rule = _RULE.fullmatch(word)
+    if rule is None:
+        raise UserError(f"{option}: given {word!r}, expected name:=value or node:name:=value")
+    node, name, text = rule.groups()
+    try:
+        value = ros_yaml.read(text)
+    except yaml.YAMLError:
+        raise UserError(f"{option} {name}: given {text!r}, expected a YAML value") from None
+    if isinstance(value, dict):
+        raise UserError(f"{option} {name}: given {text!r}, expected one value or a list")
+    files.refuse_what_ros_misreads(f"{option} {name}", value)
+    return Section(key=node or "/**", values={name: value})
+
+
+def _refuse_misspelt_nodes(origin: str, there: Sequence[Section], names: set[str]) -> None:
+    """Refuse a name that surely is a misspelling of one of our nodes, which is not there.
+
+    Sections of other nodes are nobody's business here. ``names`` are those that nodes of this
+    process were given.
+    """
+    given = {section.node for section in there}
+    others = given - {*_OWN_NODES, *names, "*", "**"}
+    if not others:
+        return
+    known = {*_OWN_NODES, *registered_names(BRIDGES)}
+    for other in sorted(others - known):
+        meant = meant_instead_of(other, sorted(known - given))
+        if meant is not None:
+            (key, *_) = (section.key for section in there if section.node == other)
+            raise UserError(f"{origin}: given node {key!r}, did you mean {meant}?")
+
+
+def refuse_misspelt(name: str, known: Iterable[str], *, owner: str, origin: str) -> None:
+    """Refuse a parameter for nodes of any name that surely is a misspelling of one of a node's.
+
+    Others may be of other packages' nodes, and are left to them.
+    """
+    meant = meant_instead_of(name, sorted(known))
+    if meant is not None:
+        raise UserError(
+            f"{origin}: given {name}, expected a parameter of {owner} or of another node "
+            f"(did you mean {meant}?)"
+        )

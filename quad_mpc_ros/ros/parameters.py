@@ -19,15 +19,19 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from quad_mpc_ros.configuration import Configuration, ConfigurationError, ParameterSpec
+from quad_mpc_ros.configuration import (
+    Configuration,
+    ConfigurationError,
+    ParameterSpec,
+    UserError,
+    files,
+)
 from quad_mpc_ros.configuration.errors import shown
+from quad_mpc_ros.configuration.renamed import refuse_former_name
 from quad_mpc_ros.configuration.vehicle import describes_vehicle
+from quad_mpc_ros.ros.parameter_files import given_parameters, refuse_misspelt
 
 C = TypeVar("C", bound=Configuration)
-
-# Of rclpy itself; a parameter file may set them as well.
-_FOREIGN_NAMES = ("use_sim_time", "start_type_description_service")
-_FOREIGN_PREFIXES = ("qos_overrides.",)
 
 
 class ParameterNode(Node):
@@ -58,23 +62,16 @@ def declare(node: ParameterNode, configuration: type[C], *, managed: bool = Fals
     rclpy would ignore unknown names, and refuse an integer for a double and an empty list, so
     values are checked here. All but live parameters are read-only, unless they are ``managed``:
     then :class:`ManagedParameters` decides when they may change. Raises
-    :class:`ConfigurationError`.
+    :class:`ConfigurationError`, or :class:`UserError` with the file that gave a value.
     """
-    names = [
-        name
-        for name in node.get_parameters_by_prefix("")
-        if name not in _FOREIGN_NAMES and not name.startswith(_FOREIGN_PREFIXES)
-    ]
+    names = [name for name in node.get_parameters_by_prefix("") if not files.is_of_ros(name)]
     given = {
         parameter.name: [] if parameter.value is None else _plain(parameter.value)
         for parameter in node.get_parameters(names)
     }
     for name in names:
         node.undeclare_parameter(name)
-    # A vehicle file is for every node, whatever each of them reads of it.
-    common = {name: value for name, value in given.items() if describes_vehicle(name)}
-    own = {name: value for name, value in given.items() if name not in common}
-    config = configuration.build({**configuration.share(common, own), **own})
+    config = _configured(configuration, given, node)
     values = config.flattened()
     for spec in config.specs():
         node.declare_parameter(
@@ -87,6 +84,44 @@ def declare(node: ParameterNode, configuration: type[C], *, managed: bool = Fals
             ignore_override=True,
         )
     return config
+
+
+def _configured(configuration: type[C], given: Mapping[str, Any], node: Node) -> C:
+    """Return the configuration of what rclpy received, with what was given to every node.
+
+    A vehicle file is for every node, whatever each of them reads of it. Who gave what is known
+    only of a process's own arguments; otherwise all but a vehicle's is taken as given by name.
+    """
+    arguments = given_parameters()
+    if arguments is None:
+        own = {name: value for name, value in given.items() if not describes_vehicle(name)}
+        return _built(configuration, given, own)
+    by_name = arguments.of(node.get_name(), node.get_namespace())
+    known = {spec.name for spec in configuration.chosen_by(given).specs()}
+    arguments.claim(name for name in given if name in known or describes_vehicle(name))
+    arguments.claim(name for name in by_name if files.is_of_ros(name))
+    for name in given.keys() - known - by_name.keys():
+        origin = arguments.origin(name)
+        if not describes_vehicle(name) and origin is not None:
+            refuse_former_name(configuration.owner, name)
+            refuse_misspelt(name, known - given.keys(), owner=configuration.owner, origin=origin)
+    own = {
+        name: value
+        for name, value in given.items()
+        if name in by_name or (name in known and not describes_vehicle(name))
+    }
+    try:
+        return _built(configuration, given, own)
+    except ConfigurationError as error:
+        origin = arguments.origin(error.name.partition(".")[2])
+        raise UserError(f"{origin}: {error}") if origin else error from error
+
+
+def _built(configuration: type[C], given: Mapping[str, Any], own: Mapping[str, Any]) -> C:
+    common = {
+        name: value for name, value in given.items() if name not in own and describes_vehicle(name)
+    }
+    return configuration.build({**configuration.share(common, own), **own})
 
 
 class ManagedParameters(Generic[C]):

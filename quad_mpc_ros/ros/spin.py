@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import threading
@@ -21,7 +22,11 @@ from rclpy.signals import (
 from rclpy.task import Future
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.ros.parameter_files import refuse_unread_files
+from quad_mpc_ros.ros.parameter_files import (
+    in_force,
+    read_arguments,
+    refuse_own_arguments,
+)
 from quad_mpc_ros.ros.realtime import settle_memory
 
 EXIT_BAD_INPUT = 2
@@ -42,10 +47,10 @@ def run(
         message_info: Whether a callback of the node takes the message's info as well.
 
     Returns:
-        The exit code: 2 for a wrong parameter, which is one line on stderr.
+        The exit code: 2 for a wrong parameter, file or argument, which is one line on stderr.
     """
     with _heard_once(process_ends=args is None) as finishing:
-        return _run([create], args, finishing, message_info=message_info)
+        return _run([create], args, finishing, message_info=message_info, only_ros=True)
 
 
 def run_together(creates: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
@@ -65,23 +70,28 @@ def _run(
     finishing: Callable[[], None],
     *,
     message_info: bool = False,
+    only_ros: bool = False,
 ) -> int:
     nodes: list[Node] = []
     threads: list[threading.Thread] = []
     executors: list[Any] = []
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        arguments = sys.argv[1:] if args is None else args
+        if only_ros:
+            refuse_own_arguments(arguments)
+        given = read_arguments(arguments, several=len(creates) > 1)
+        _begin(args)
         # rclpy's signal thread reads the list of executors without a lock: one that is added or
         # freed meanwhile is a segmentation fault. So they exist before and after that thread.
         # Never the multi-threaded executor: a single thread owns the controller.
         executors += [fastest_executor(message_info=message_info) for _ in creates]
         install_signal_handlers(SignalHandlerOptions.ALL)
-        for create in creates:
-            nodes.append(create())
-        for node in nodes:
-            refuse_unread_files(
-                node.get_name(), node.get_namespace(), sys.argv if args is None else args
-            )
+        with in_force(given):
+            for create in creates:
+                nodes.append(create())
+        given.refuse_overrides_of_nobody()
+        for unread in given.unread_files():
+            nodes[0].get_logger().warning(unread)
         settle_memory()
         threads += map(_spinning, nodes[1:], executors[1:])
         _spin(nodes[0], executors[0])
@@ -106,6 +116,15 @@ def _run(
             node.destroy_node()
         rclpy.try_shutdown()
     return max((int(getattr(node, "exit_code", 0)) for node in nodes), default=0)
+
+
+def _begin(args: list[str] | None) -> None:
+    """Start ROS; raise :class:`UserError` for arguments that it does not take."""
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # of rclpy, which gives its own no public name
+        reason = re.sub(r", at \S+:\d+", "", " ".join(str(error).split()))
+        raise UserError(f"ROS refuses the arguments: {reason}") from error
 
 
 @contextmanager

@@ -17,13 +17,14 @@ import sys
 from collections.abc import Callable
 
 from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
 
+from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.ros.bridges.node import BridgeNode
 from quad_mpc_ros.ros.bridges.registry import load_bridge
 from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
-from quad_mpc_ros.ros.spin import run_together
+from quad_mpc_ros.ros.parameter_files import own_arguments
+from quad_mpc_ros.ros.spin import EXIT_BAD_INPUT, run_together
 
 _NONE = "none"
 
@@ -32,15 +33,19 @@ class Stack:
     """Makes the nodes of a vehicle."""
 
     def __init__(self, bridge: str, *, with_reference: bool) -> None:
-        """``bridge`` is the name of one, or ``none``."""
-        self._bridge, self._with_reference = bridge, with_reference
+        """``bridge`` is the name of one, or ``none``.
+
+        Raises :class:`UserError` for one that nobody has registered.
+        """
+        self._bridge = load_bridge(bridge) if bridge != _NONE else None
+        self._with_reference = with_reference
 
     def nodes(self) -> list[Callable[[], Node]]:
         """Return what makes the nodes, in order."""
         nodes = [self.mpc]
         if self._with_reference:
             nodes.append(self.reference)
-        if self._bridge != _NONE:
+        if self._bridge is not None:
             nodes.append(self.bridge)
         return nodes
 
@@ -54,8 +59,9 @@ class Stack:
         return ReferenceNode(hand_over=self._mpc.take_reference)
 
     def bridge(self) -> Node:
-        """Return the bridge. Raises :class:`UserError` for one that nobody has registered."""
-        return BridgeNode(load_bridge(self._bridge))
+        """Return the bridge."""
+        assert self._bridge is not None
+        return BridgeNode(self._bridge)
 
 
 def main(args: list[str] | None = None) -> int:
@@ -67,8 +73,12 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument(
         "--reference", default="true", choices=["true", "false"], help="run the reference as well"
     )
-    options = parser.parse_args(remove_ros_args(sys.argv if args is None else args)[1:])
-    stack = Stack(options.bridge, with_reference=options.reference == "true")
+    options = parser.parse_args(own_arguments(sys.argv if args is None else args)[1:])
+    try:
+        stack = Stack(options.bridge, with_reference=options.reference == "true")
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
     return run_together(stack.nodes(), args)
 
 

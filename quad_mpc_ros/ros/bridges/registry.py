@@ -13,8 +13,8 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from quad_mpc_ros.configuration import Configuration, UserError
-
-GROUP = "quad_mpc_ros.bridges"
+from quad_mpc_ros.configuration.extension import BRIDGES
+from quad_mpc_ros.configuration.spelling import did_you_mean
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,12 +59,15 @@ def load_bridge(name: str) -> Any:
     entries = {entry.name: entry for entry in _entries()}
     entry = entries.get(name) or entries.get(f"{name}_bridge")
     if entry is None:
-        raise UserError(f"--bridge: given {name!r}, expected one of {', '.join(entries)}")
+        raise UserError(
+            f"--bridge: given {name!r}, expected one of {', '.join(entries)}"
+            f"{did_you_mean(name, [*entries, *(e.removesuffix('_bridge') for e in entries)])}"
+        )
     return entry.load()
 
 
 def _entries() -> list[EntryPoint]:
-    return sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
+    return sorted(entry_points(group=BRIDGES), key=lambda entry: entry.name)
 
 
 def _looked_at(entry: EntryPoint) -> RegisteredBridge:

@@ -15,14 +15,15 @@ from fixtures.setup_py import declared, write_metadata
 from fixtures.stack_messages import sound_message
 
 from quad_mpc_ros.cli import main
+from quad_mpc_ros.configuration.extension import BRIDGES
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.ros.bridges.bridge import Bridge, OutgoingMessage
-from quad_mpc_ros.ros.bridges.registry import GROUP, bridge_packages, registered_bridges
+from quad_mpc_ros.ros.bridges.registry import bridge_packages, registered_bridges
 
 ROOT = Path(__file__).resolve().parents[3]
 
 
-@pytest.mark.parametrize(("name", "target"), declared(GROUP).items())
+@pytest.mark.parametrize(("name", "target"), declared(BRIDGES).items())
 def test_every_entry_is_a_bridge_with_an_executable_of_its_name(name: str, target: str) -> None:
     module, kind = target.split(":")
     bridge = getattr(importlib.import_module(module), kind)
@@ -35,7 +36,7 @@ def test_other_packages_add_theirs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     theirs = ["kite_bridge = a_kite:KiteBridge", "ghost_bridge = not_there:GhostBridge"]
-    write_metadata(tmp_path, "some-body", {GROUP: theirs})
+    write_metadata(tmp_path, "some-body", {BRIDGES: theirs})
     (tmp_path / "a_kite.py").write_text(
         "class KiteBridge:\n"
         "    name, speaks = 'kite_bridge', 'Kites: pulls on two lines'\n"
@@ -84,7 +85,7 @@ def test_bridges_import_no_ros() -> None:
     # Whoever tests or simulates with a codec needs none of it.
     script = (
         "import sys\n"
-        + "".join(f"import {target.split(':')[0]}\n" for target in declared(GROUP).values())
+        + "".join(f"import {target.split(':')[0]}\n" for target in declared(BRIDGES).values())
         + "sys.exit(any(name.split('.')[0] in ('rclpy', 'geometry_msgs', 'std_srvs') "
         "for name in sys.modules))"
     )
