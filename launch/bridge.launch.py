@@ -17,6 +17,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
 from quad_mpc_ros.ros.bridges.registry import bridge_packages
+from quad_mpc_ros.ros.parameter_files import read_parameter_file
 
 PACKAGE = "quad_mpc_ros"
 SUFFIX = "_bridge"  # of executable and node
@@ -68,6 +69,8 @@ def _nodes(context) -> list:
     def given(name: str) -> str:
         return LaunchConfiguration(name).perform(context)
 
+    # One that is not there launch would only warn of, and fly the default vehicle.
+    read_parameter_file("config", given("config"))
     bridge, mode, with_reference = given("bridge"), given("mode"), given("with_reference")
     common = {
         "namespace": given("namespace"),
@@ -82,8 +85,8 @@ def _nodes(context) -> list:
                 package=PACKAGE,
                 executable="stack_node",
                 arguments=["--bridge", bridge, "--reference", with_reference],
-                # The nodes have their own names, and this parameter is of one of them.
-                ros_arguments=["-p", f"reference:mode:={mode}"],
+                # Of one of them, in whatever namespace; ROS reads reference:mode in none.
+                ros_arguments=["-p", f"mode:={mode}"] if with_reference == "true" else [],
                 remappings=[("mpc:command", "mpc/command")] if moved else [],
                 **common,
             )

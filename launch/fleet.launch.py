@@ -23,6 +23,8 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.ros.parameter_files import read_parameter_file
 
 PACKAGE = "quad_mpc_ros"
 
@@ -59,9 +61,11 @@ def generate_launch_description() -> LaunchDescription:
 
 def _vehicles(context) -> list:
     """Return the nodes of as many vehicles as are asked for."""
-    count = int(LaunchConfiguration("vehicles").perform(context))
-    if count < 1:
-        raise ValueError(f"vehicles: given {count}, expected 1 or more")
+    read_parameter_file("config", LaunchConfiguration("config").perform(context))
+    given = LaunchConfiguration("vehicles").perform(context)
+    if not given.isdecimal() or int(given) < 1:
+        raise UserError(f"vehicles: given {given!r}, expected a whole number >= 1")
+    count = int(given)
     together = LaunchConfiguration("one_process").perform(context) == "true"
     duration = ParameterValue(LaunchConfiguration("duration"), value_type=float)
     actions = []

@@ -6,12 +6,13 @@ ros2 launch quad_mpc_ros mpc.launch.py config:=my_vehicle.yaml odom:=/uav1/odome
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
+from quad_mpc_ros.ros.parameter_files import read_parameter_file
 
 PACKAGE = "quad_mpc_ros"
 TOPICS = ("odom", "reference", "command")
@@ -47,6 +48,7 @@ def generate_launch_description() -> LaunchDescription:
                 )
                 for topic in TOPICS
             ),
+            OpaqueFunction(function=_refuse_wrong_file),
             Node(executable="mpc_node", name="mpc", **common),
             Node(
                 executable="reference_node",
@@ -56,3 +58,9 @@ def generate_launch_description() -> LaunchDescription:
             ),
         ]
     )
+
+
+def _refuse_wrong_file(context) -> list:
+    """Refuse a parameter file that is not there, which launch would only warn of."""
+    read_parameter_file("config", LaunchConfiguration("config").perform(context))
+    return []

@@ -9,7 +9,12 @@ ros2 launch quad_mpc_ros square.launch.py visualise:=true
 from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, EmitEvent, RegisterEventHandler
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
 from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
@@ -18,6 +23,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription
+from quad_mpc_ros.ros.parameter_files import read_parameter_file
 
 PACKAGE = "quad_mpc_ros"
 
@@ -53,6 +59,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "visualise", default_value="false", description="publish markers for viewers"
             ),
+            OpaqueFunction(function=_refuse_wrong_file),
             _node("visualisation", {"use_sim_time": lockstep}, condition="visualise"),
             _node("recorder", {"use_sim_time": lockstep}, condition="record"),
             _node("mpc", {"lockstep": lockstep, "use_sim_time": lockstep}),
@@ -66,6 +73,12 @@ def generate_launch_description() -> LaunchDescription:
             ),
         ]
     )
+
+
+def _refuse_wrong_file(context) -> list:
+    """Refuse a parameter file that is not there, which launch would only warn of."""
+    read_parameter_file("config", LaunchConfiguration("config").perform(context))
+    return []
 
 
 def _node(name: str, parameters: dict, condition: str | None = None) -> Node:

@@ -134,13 +134,12 @@ def _config_directory() -> Path:
 
 
 def parameter_file(option: str, given: str) -> Path:
-    """Return the path of a parameter file; raise :class:`UserError` unless it can be read.
+    """Return the path of a parameter file; raise :class:`UserError` unless it exists.
 
     ``option`` is how it was given. The nearest name of what is there is suggested.
     """
     path = Path(given)
     if path.is_file():
-        sections(path, for_ros=True)
         return path
     raise UserError(
         f"{option}: given {given!r}, {_nothing_there(path)}expected the path of a ROS parameter "

@@ -162,15 +162,24 @@ def read_arguments(arguments: Sequence[str], *, several: bool) -> GivenParameter
     given: list[Given] = []
     for option, word in itertools.pairwise(words):
         if option == _FILE:
-            path = files.parameter_file(_FILE, word)
-            there = files.sections(path, for_ros=True)
-            _refuse_misspelt_nodes(str(path), there, names)
-            given += [Given(origin=str(path), section=section) for section in there]
+            there = read_parameter_file(_FILE, word, names)
+            given += [Given(origin=word, section=section) for section in there]
         elif option in _OVERRIDES:
             section = _override(option, word)
             _refuse_misspelt_nodes(f"{option} {word}", [section], names)
             given.append(Given(origin=option, section=section, in_file=False))
     return GivenParameters(given, several=several)
+
+
+def read_parameter_file(option: str, given: str, names: Iterable[str] = ()) -> list[Section]:
+    """Return what a parameter file states that was given by an option.
+
+    Raises :class:`UserError` for one that is not there or that ROS cannot read, and for a node's
+    name that surely is misspelt; ``names`` are further ones.
+    """
+    there = files.sections(files.parameter_file(option, given), for_ros=True)
+    _refuse_misspelt_nodes(given, there, names)
+    return there
 
 
 def _marked(arguments: Sequence[str]) -> Iterator[tuple[str, bool]]:
@@ -201,7 +210,7 @@ def _override(option: str, word: str) -> Section:
     return Section(key=node or "/**", values={name: value})
 
 
-def _refuse_misspelt_nodes(origin: str, there: Sequence[Section], names: set[str]) -> None:
+def _refuse_misspelt_nodes(origin: str, there: Sequence[Section], names: Iterable[str]) -> None:
     """Refuse a name that surely is a misspelling of one of our nodes, which is not there.
 
     Sections of other nodes are nobody's business here. ``names`` are those that nodes of this

@@ -23,7 +23,7 @@ import yaml
 from fixtures.setup_py import declared, write_metadata
 
 from quad_mpc_ros.commands.run_configuration import SCHEMA
-from quad_mpc_ros.configuration import Configuration, files
+from quad_mpc_ros.configuration import Configuration, UserError, files
 from quad_mpc_ros.messages.markers import VisualisationConfig
 from quad_mpc_ros.ros.bridges.registry import bridge_configurations
 from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
@@ -342,7 +342,8 @@ def test_every_node_exists_and_takes_its_parameters(
                     given.get("with_reference", "true"),
                 )
                 assert node.words[:4] == ("--bridge", bridge, "--reference", reference)
-                assert node.words[4:] == ("-p", "reference:mode:=on_request")
+                mode = ("-p", "mode:=on_request") if reference == "true" else ()
+                assert node.words[4:] == mode
             continue
         # Parameter files speak of nodes by their names, and those are told apart by them.
         assert node.executable in (f"{node.name}_node", node.name)
@@ -403,8 +404,9 @@ def test_each_vehicle_of_a_fleet_has_its_nodes_in_a_namespace_of_its_own(launch:
         assert sorted((node.namespace, node.executable) for node in nodes) == [
             (f"uav{number}", executable) for number in (1, 2, 3) for executable in expected
         ]
-    with pytest.raises(ValueError, match="expected 1 or more"):
-        launch("fleet.launch.py", vehicles="0")
+    for wrong in ("0", "-1", "two", ""):
+        with pytest.raises(UserError, match=f"vehicles: given '{wrong}', expected a whole number"):
+            launch("fleet.launch.py", vehicles=wrong)
 
 
 def test_what_is_wrong_is_refused(launch: Launch) -> None:
@@ -414,6 +416,30 @@ def test_what_is_wrong_is_refused(launch: Launch) -> None:
         launch("bridge.launch.py", bridge="kite")
     with pytest.raises(LaunchError, match="not of type float"):
         launch("square.launch.py", duration="long")
+
+
+FILE_TAKERS = [
+    (file, {"bridge": "px4"} if file == "bridge.launch.py" else {}) for file in LAUNCH_FILES
+]
+
+
+@pytest.mark.parametrize(("file", "given"), FILE_TAKERS, ids=LAUNCH_FILES)
+def test_a_parameter_file_that_is_not_there_is_refused_with_the_nearest_name(
+    file: str, given: dict[str, str], launch: Launch, tmp_path: Path
+) -> None:
+    there = tmp_path / "my_vehicle.yaml"
+    there.write_text("/**: {ros__parameters: {mass: 0.5}}\n")
+    wrong = str(tmp_path / "my_vehcle.yaml")
+    refused = f"config: given '{wrong}', which does not exist, expected .*did you mean {there}"
+    with pytest.raises(UserError, match=refused):
+        launch(file, config=wrong, **given)
+    with pytest.raises(UserError, match="which is a folder"):
+        launch(file, config=str(tmp_path), **given)
+    with pytest.raises(UserError, match=r"did you mean .*/config/agile\.yaml"):
+        launch(file, config="agile", **given)
+    there.write_text("/**/mcp: {ros__parameters: {mass: 0.5}}\n")
+    with pytest.raises(UserError, match=r"given node '/\*\*/mcp', did you mean mpc"):
+        launch(file, config=str(there), **given)
 
 
 def test_bridges_of_other_packages_are_launched_from_there(

@@ -1,21 +1,27 @@
-"""Parameter files as ROS reads them: in a namespace, dumped and loaded again, with empty lists."""
+"""What a node is given on its command line: read as ROS reads it, and what is wrong refused."""
 
 from __future__ import annotations
 
+import functools
 import gc
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 import rclpy
 import yaml
+from rclpy.node import Node
 
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.ros.bridges.node import BridgeNode
+from quad_mpc_ros.ros.bridges.rates import RatesBridge
 from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
 from quad_mpc_ros.ros.nodes.reference_node import ReferenceNode
-from quad_mpc_ros.ros.parameter_files import refuse_unread_files
-from quad_mpc_ros.ros.spin import run
+from quad_mpc_ros.ros.nodes.visualisation_node import VisualisationNode
+from quad_mpc_ros.ros.parameter_files import in_force, read_arguments
+from quad_mpc_ros.ros.spin import run, run_together
+from quad_mpc_ros.ros.stack_node import main as stack_main
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -24,6 +30,11 @@ def written(path: Path, **sections: object) -> str:
     content = {key: {"ros__parameters": section} for key, section in sections.items()}
     path.write_text(yaml.safe_dump(content))
     return str(path)
+
+
+def read(name: str, namespace: str, arguments: list[str]) -> dict[str, str]:
+    """Return where a node was given parameters by its own name."""
+    return read_arguments(arguments, several=False).of(name, namespace)
 
 
 def ignored_signals() -> set[signal.Signals]:
@@ -44,33 +55,55 @@ def test_refuses_file_that_ros_ignores_in_namespace(
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     assert not ignored_signals() & {signal.SIGINT, signal.SIGTERM}  # or children never hear them
-    refuse_unread_files("reference", "/", arguments)
+    assert read("reference", "/", arguments) == {"mass": copied}
 
 
 @pytest.mark.parametrize("key", ["/**/mpc", "/uav1/mpc", "/uav1/*"])
 def test_accepts_file_that_ros_reads_in_namespace(tmp_path: Path, key: str) -> None:
     path = written(tmp_path / "vehicle.yaml", **{key: {"mass": 0.9}, "mpc": {"mass": 0.8}})
-    refuse_unread_files("mpc", "/uav1", ["--ros-args", "--params-file", path])
+    read("mpc", "/uav1", ["--ros-args", "--params-file", path])
     other = written(tmp_path / "other.yaml", **{"/**": {"mass": 0.9}, "mpc": {"mass": 0.8}})
     with pytest.raises(UserError, match="ROS does not read it"):
-        refuse_unread_files("mpc", "/uav1", ["--ros-args", "--params-file", other])
+        read("mpc", "/uav1", ["--ros-args", "--params-file", other])
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "config").glob("**/*.yaml")), ids=lambda p: p.stem)
 def test_shipped_files_are_read_in_every_namespace(path: Path) -> None:
     for name in yaml.safe_load(path.read_text()):
         node = name.removeprefix("/**/")
-        refuse_unread_files(node, "/uav1", ["--params-file", str(path)])
+        read(node, "/uav1", ["--ros-args", "--params-file", str(path)])
 
 
-@pytest.fixture
+KEYS = (
+    *("/**", "/*", "/**/*", "/*/*", "mpc", "/mpc", "/**/mpc", "/*/mpc", "/uav1/mpc", "uav1/mpc"),
+    *("/uav1/*", "uav1/*", "/uav1/**", "/uav1/**/mpc", "/uav2/mpc", "/uav1/reference", "mpc2"),
+)
+
+
+def test_a_section_is_for_the_nodes_that_ros_reads_it_for(tmp_path: Path) -> None:
+    for key in KEYS:
+        path = written(tmp_path / "file.yaml", **{key: {"a": 1}})
+        (section,) = files.sections(Path(path))
+        for namespace in ("/", "/uav1", "/uav1/deep"):
+            arguments = ["--ros-args", "-r", f"__ns:={namespace}", "--params-file", path]
+            rclpy.init(args=arguments)
+            try:
+                node = Node("mpc", automatically_declare_parameters_from_overrides=True)
+                read_by_ros = node.has_parameter("a")
+                full = node.get_fully_qualified_name()
+                node.destroy_node()
+            finally:
+                rclpy.shutdown()
+            assert section.is_read_by(full) is read_by_ros, f"{key} for {full}"
+
+
+@pytest.fixture(autouse=True, scope="module")
 def no_node_is_left() -> Iterator[None]:
     """Services of a lifecycle live until their node is collected, and others would ask them."""
     yield
     gc.collect()
 
 
-@pytest.mark.usefixtures("no_node_is_left")
 @pytest.mark.parametrize("namespace", ["/", "/ns_dump"])
 def test_loads_given_and_dumped_parameters(tmp_path: Path, namespace: str) -> None:
     given = {
@@ -102,3 +135,264 @@ def test_loads_given_and_dumped_parameters(tmp_path: Path, namespace: str) -> No
         node.destroy_node()
     finally:
         rclpy.shutdown()
+
+
+class _UnspunError(Exception):
+    """Instead of spinning."""
+
+
+@pytest.fixture
+def refusal(capfd: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Run a node with arguments for ROS that it refuses; return the line that says why."""
+
+    def refused(create: Callable[[], Node], *arguments: str) -> str:
+        assert run(create, ["--ros-args", *arguments]) == 2
+        printed = capfd.readouterr().err
+        assert "Traceback" not in printed
+        lines = [line for line in printed.splitlines() if "[rcl]" not in line]  # says it as well
+        assert len(lines) == 1, lines
+        return lines[0].removeprefix("error: ")
+
+    return refused
+
+
+MISTAKES = {
+    "misspelt node": ({"/**/mcp": {"mass": 0.5}}, "given node '/**/mcp', did you mean mpc?"),
+    "misspelt node, nested": ({"uav1": {"mcp": {"mass": 0.5}}}, "given node 'uav1/mcp', did you"),
+    "misspelt other node": ({"referance": {"side": 3.0}}, "did you mean reference?"),
+    "misspelt bridge": ({"/**/px4_brige": {"mass": 1.0}}, "did you mean px4_bridge?"),
+    "misspelt parameter": (
+        {"mpc": {"horizn_steps": 5}},
+        "given 5, expected a known",
+    ),
+    "misspelt in a group": (
+        {"mpc": {"limits": {"tiltmax": 0.5}}},
+        "did you mean limits.tilt_max?",
+    ),
+    "misspelt for all": ({"/**": {"mas": 0.5}}, "given mas, expected a parameter of mpc or of"),
+    "of another node": ({"mpc": {"side": 3.0}}, "mpc.side: given 3.0, expected a known parameter"),
+    "wrong type": (
+        {"/**/mpc": {"mass": "heavy"}},
+        "mpc.mass: given 'heavy', expected",
+    ),
+    "out of range": ({"/**": {"mass": -1.0}}, "mpc.mass: given -1.0, expected a number > 0"),
+    "mixed list": ({"mpc": {"omega_max": [1e7, 1, 2]}}, "expected elements of one type, for ROS"),
+    "former name": ({"mpc": {"deadline": 0.5}}, "mpc.deadline was renamed mpc.advanced.deadline"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_in_a_file_is_refused_with_the_name_of_the_file(
+    mistake: str, tmp_path: Path, refusal: Callable[..., str]
+) -> None:
+    sections, reason = MISTAKES[mistake]
+    nested = mistake.endswith("nested")
+    content = sections if nested else {k: {"ros__parameters": v} for k, v in sections.items()}
+    if nested:
+        content = {"uav1": {"mcp": {"ros__parameters": {"mass": 0.5}}}}
+    file = tmp_path / "vehicle.yaml"
+    file.write_text(yaml.safe_dump(content))
+    line = refusal(MpcNode, "--params-file", str(file))
+    assert line.startswith(f"{file}: ")
+    assert reason in line
+
+
+OVERRIDES = {
+    "misspelt:=1": "-p: mpc.misspelt: given 1, expected a known parameter",
+    "horizn_steps:=5": "did you mean horizon_steps?",
+    "Q:=[1,2": "-p Q: given '[1,2', expected a YAML value",
+    "Q:={a: 1}": "-p Q: given '{a: 1}', expected one value or a list",
+    "Q:=[1, 2]": "mpc.Q: given [1, 2], expected 9 numbers >= 0",
+    "mass": "-p: given 'mass', expected name:=value",
+    "mass=1": "-p: given 'mass=1', expected name:=value",
+    "mass:=": "ROS refuses the arguments",
+    "mcp:mass:=1": "given node 'mcp', did you mean mpc?",
+    "solver.tolerance:=1e-3": "was renamed mpc.advanced.solver.tolerance",
+}
+
+
+@pytest.mark.parametrize("override", OVERRIDES)
+def test_a_mistake_in_an_override_is_refused(override: str, refusal: Callable[..., str]) -> None:
+    assert OVERRIDES[override] in refusal(MpcNode, "-p", override)
+
+
+def test_an_override_for_a_node_of_another_process_is_refused(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    arguments = ["--ros-args", "-p", "mpc:mass:=1", "-r", "__ns:=/uav1"]
+    assert run(VisualisationNode, arguments) == 2
+    line = capfd.readouterr().err.splitlines()[-1]
+    assert line == (
+        "error: -p mpc:mass: ROS reads it for /mpc, expected /uav1/visualisation; "
+        "write -p mass:=VALUE"
+    )
+
+
+UNREADABLE = {
+    "tabs": (b"mpc:\n\tros__parameters: {mass: 1.0}\n", "indent with spaces, not with tabs"),
+    "malformed": (
+        b"mpc: {ros__parameters: {Q: [1, 2}}\n",
+        "not YAML: line 1, column 33: ",
+    ),
+    "not UTF-8": ("mpc: {ros__parameters: {mass: 1.0}} # \xe9".encode("latin-1"), "not UTF-8"),
+    "UTF-16": ("mpc: {ros__parameters: {mass: 1.0}}".encode("utf-16"), "not UTF-8"),
+    "no parameters": (b"mpc: {mass: 1.0}\n", "mpc/mass: expected 'ros__parameters:' below it"),
+    "a list": (b"- mpc\n", "expected 'node: ros__parameters: "),
+    "no value": (b"mpc:\n  ros__parameters:\n    mass:\n", "mpc: mass: given no value"),
+    "given twice": (b"mpc: {ros__parameters: {mass: 1.0, mass: 2.0}}\n", "'mass' is given twice"),
+    "alias": (b"a: {ros__parameters: &p {b: 1}}\nc: {ros__parameters: *p}\n", "aliasing"),
+}
+
+
+@pytest.mark.parametrize("kind", UNREADABLE)
+def test_a_file_that_cannot_be_read_is_refused(
+    kind: str, tmp_path: Path, refusal: Callable[..., str]
+) -> None:
+    content, reason = UNREADABLE[kind]
+    file = tmp_path / "vehicle.yaml"
+    file.write_bytes(content)
+    line = refusal(VisualisationNode, "--params-file", str(file))
+    assert str(file) in line
+    assert reason in line
+
+
+def test_a_file_that_is_not_there_is_refused_by_every_node(
+    tmp_path: Path, refusal: Callable[..., str], capfd: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path / "my_vehicle.yaml", **{"/**": {"mass": 0.5}})
+    wrong = ("--params-file", str(tmp_path / "my_vehcle.yaml"))
+    expected = f"did you mean {tmp_path / 'my_vehicle.yaml'}?"
+    for create in (MpcNode, ReferenceNode, functools.partial(BridgeNode, RatesBridge)):
+        assert expected in refusal(create, *wrong)
+    assert stack_main(["stack_node", "--ros-args", *wrong]) == 2
+    assert expected in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--params-file", "vehicle.yaml"], ["vehicle.yaml"], ["--ros-args", "--", "-p", "mass:=1"]],
+)
+def test_what_is_not_for_ros_is_refused(
+    arguments: list[str], capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run(VisualisationNode, arguments) == 2
+    assert "expected arguments for ROS, after --ros-args" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["-r", "__ns:=/a-b"], ["-r", "x"], ["--log-level", "loud"], ["--nonsense"], ["-p"]],
+)
+def test_what_ros_refuses_is_one_line(arguments: list[str], refusal: Callable[..., str]) -> None:
+    assert refusal(VisualisationNode, *arguments).startswith("ROS refuses the arguments: ")
+
+
+FOREIGN: dict[str, dict[str, object]] = {
+    "sections of other nodes": {
+        "planner": {"mass": "unknown", "horizn_steps": 3},
+        "/uav2/mpc2": {"anything": 1},
+        "controller_server": {"FollowPath.max_speed": 0.5},
+        "map_server": {"yaml_filename": "a.yaml"},
+    },
+    "of all nodes": {"/**": {"robot_radius": 0.3, "model": "iris", "weight": 2.0, "size": 3}},
+    "near a name that is there": {"mpc": {"mass": 0.5}, "mpcc": {"mass": 0.5, "lag_weight": 1.0}},
+    "near a parameter that is there": {"/**": {"mass": 0.5, "masss": 0.5}},
+    "other nodes of ours": {"reference": {"height": 3.0}, "/**": {"trajectory": "circle"}},
+    "parameters of ROS": {"/**": {"use_sim_time": False}, "mpc": {"use_sim_time": False}},
+}
+
+
+@pytest.mark.parametrize("shared", FOREIGN)
+def test_what_is_for_nodes_of_other_packages_is_left_to_them(shared: str, tmp_path: Path) -> None:
+    path = written(tmp_path / "stack.yaml", **FOREIGN[shared])
+    arguments = ["--ros-args", "--params-file", path, "-p", "autostart:=false"]
+    rclpy.init(args=arguments)
+    try:
+        with in_force(read_arguments(arguments, several=False)):
+            node = MpcNode()
+        assert node.get_parameter("horizon_steps").value == 12
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+def test_a_file_for_others_alone_is_told(tmp_path: Path) -> None:
+    path = written(tmp_path / "stack.yaml", **{"/uav2/mpc": {"mass": 0.5}, "planner": {"a": 1}})
+    given = read_arguments(["--ros-args", "--params-file", path], several=False)
+    given.of("mpc", "/uav1")
+    assert given.unread_files() == [
+        f"{path} has nothing for /uav1/mpc, only for /uav2/mpc, planner"
+    ]
+    given.of("planner", "/")
+    assert given.unread_files() == []
+
+
+FORMER = {
+    "omega_max:=[1.0,1.0,1.0]": "renamed reference.advanced.trajectory_omega_max",
+    "throttle_min:=0.1": "renamed reference.advanced.trajectory_throttle_min",
+    "throttle_max:=0.9": "renamed reference.advanced.trajectory_throttle_max",
+}
+
+
+@pytest.mark.parametrize("override", FORMER)
+def test_a_former_name_that_is_a_vehicles_is_refused_where_it_is_for_the_node(
+    override: str, tmp_path: Path, refusal: Callable[..., str]
+) -> None:
+    name, _, text = override.partition(":=")
+    assert FORMER[override] in refusal(ReferenceNode, "-p", override)
+    path = written(tmp_path / "own.yaml", **{"/**/reference": {name: yaml.safe_load(text)}})
+    line = refusal(ReferenceNode, "--params-file", path)
+    assert line.startswith(f"{path}: reference.{name} was")
+    assert FORMER[override] in line
+
+
+@pytest.mark.parametrize("name", ["drag", "rotor_drag", "translational_lift"])
+def test_a_bridge_refuses_what_it_no_longer_reads(
+    name: str, tmp_path: Path, refusal: Callable[..., str]
+) -> None:
+    bridge = functools.partial(BridgeNode, RatesBridge)
+    removed = f"rates_bridge.{name} was removed: nothing read it; leave it out"
+    assert removed in refusal(bridge, "-p", f"{name}:=0.3")
+    path = written(tmp_path / "own.yaml", **{"/**/rates_bridge": {name: 0.3}})
+    assert refusal(bridge, "--params-file", path) == f"{path}: {removed}"
+
+
+def test_a_vehicle_file_is_still_for_every_node(tmp_path: Path) -> None:
+    vehicle = {"mass": 0.5, "omega_max": [8.0, 8.0, 4.0], "throttle_max": 0.9, "drag": 0.3}
+    path = written(
+        tmp_path / "vehicle.yaml", **{"/**": {**vehicle, "thrust_map": {"kind": "model"}}}
+    )
+    arguments = ["--ros-args", "--params-file", path]
+    rclpy.init(args=arguments)
+    try:
+        with in_force(read_arguments(arguments, several=False)):
+            reference = ReferenceNode()
+            bridge = BridgeNode(RatesBridge)
+        assert reference.get_parameter("mass").value == 0.5
+        assert not reference.has_parameter("omega_max")
+        assert bridge.get_parameter("mass").value == 0.5
+        bridge.destroy_node()
+        reference.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+def test_in_one_process_an_override_is_for_whom_it_concerns(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    modes: list[str] = []
+
+    def reference() -> Node:
+        node = ReferenceNode()
+        modes.append(node.get_parameter("mode").value)
+        raise _UnspunError
+
+    arguments = ["--ros-args", "-r", "__ns:=/uav1", "-p", "mode:=on_request"]
+    with pytest.raises(_UnspunError):
+        run_together([VisualisationNode, reference], arguments)
+    assert modes == ["on_request"]
+    assert run_together([VisualisationNode, ReferenceNode], [*arguments, "-p", "colour:=red"]) == 2
+    line = capfd.readouterr().err.splitlines()[-1]
+    assert line == (
+        "error: -p: given colour, expected a parameter of /uav1/visualisation or /uav1/reference"
+    )
