@@ -20,6 +20,18 @@ BRIDGES = {
     "rates_bridge": "quad_mpc_ros.ros.bridges.rates:RatesBridge",
 }
 
+EXECUTABLES = [
+    "quad_mpc",
+    "simulator_node",
+    "reference_node",
+    "mpc_node",
+    "stack_node",
+    "recorder_node",
+    "teleop_node",
+    "visualisation_node",
+    "player_node",
+]
+
 # Elsewhere the package runs with an installed ROS 2 Jazzy.
 ROS_WHEELS_EXIST = "sys_platform == 'linux' and platform_machine == 'x86_64'"
 ACADOS_WHEELS_EXIST = ROS_WHEELS_EXIST
@@ -151,16 +163,7 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            "simulator_node = quad_mpc_ros.ros.nodes.simulator_node:main",
-            "reference_node = quad_mpc_ros.ros.nodes.reference_node:main",
-            "mpc_node = quad_mpc_ros.ros.nodes.mpc_node:main",
-            "stack_node = quad_mpc_ros.ros.stack_node:main",
-            "recorder_node = quad_mpc_ros.ros.nodes.recorder_node:main",
-            "teleop_node = quad_mpc_ros.ros.nodes.teleop_node:main",
-            "visualisation_node = quad_mpc_ros.ros.nodes.visualisation_node:main",
-            "player_node = quad_mpc_ros.ros.nodes.player_node:main",
-            *(f"{name} = {bridge}.main" for name, bridge in BRIDGES.items()),
-            "quad_mpc = quad_mpc_ros.cli:main",
+            *(f"{name} = quad_mpc_ros.entry:{name}" for name in [*EXECUTABLES, *BRIDGES]),
         ],
         # Other packages add theirs in the same group.
         "quad_mpc_ros.bridges": [f"{name} = {bridge}" for name, bridge in BRIDGES.items()],

@@ -26,10 +26,11 @@ Example:
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
-
+# As of typing, which takes long to import: executables begin here, deaf until they go on.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from quad_mpc_ros.analysis.identification.fit import identify
     from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.control.controller import Controller
@@ -88,6 +89,8 @@ def __getattr__(name: str) -> Any:
     module = _MODULES.get(name)
     if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
     value = getattr(importlib.import_module(f"{__name__}.{module}"), name)
     globals()[name] = value
     return value

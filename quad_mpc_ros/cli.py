@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from quad_mpc_ros import __version__
 from quad_mpc_ros.commands import EXIT_BAD_INPUT, EXIT_BROKEN_PIPE, EXIT_INTERRUPTED
@@ -55,13 +57,27 @@ def _run(arguments: Sequence[str] | None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
     options = _parser(given).parse_args(given)
     try:
-        return int(options.run(options))
+        with _interruptible():
+            return int(options.run(options))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print("\ninterrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Let SIGINT raise ``KeyboardInterrupt`` where it would end the process, as at its start."""
+    ends_process = signal.getsignal(signal.SIGINT) is signal.SIG_DFL
+    try:
+        if ends_process:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        yield
+    finally:
+        if ends_process:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _parser(given: Sequence[str]) -> argparse.ArgumentParser:

@@ -73,7 +73,7 @@ class NodeProcess:
         # Appended: a node may be started more than once in a run.
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(
-                _command_line(module or f"ros.nodes.{node}_node", parameters, names),
+                _command_line(_module(module) if module else _executable(node), parameters, names),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -124,7 +124,7 @@ def run_in_foreground(node: str, ros_arguments: Sequence[str]) -> int:
     Raises ``KeyboardInterrupt`` on Ctrl-C, which the node gets as well, after it has ended.
     """
     process = subprocess.Popen(
-        (*_module(f"ros.nodes.{node}_node"), "--ros-args", *ros_arguments),
+        (*_executable(node), "--ros-args", *ros_arguments),
         stdin=subprocess.DEVNULL,
         env=_environment(),
         preexec_fn=_die_with_parent,
@@ -175,9 +175,15 @@ def stop_all(processes: dict[str, NodeProcess]) -> None:
         processes[node].stop()
 
 
-def _command_line(module: str, parameters: Path, remaps: Mapping[str, str]) -> Sequence[str]:
+def _command_line(
+    program: Sequence[str], parameters: Path, remaps: Mapping[str, str]
+) -> Sequence[str]:
     remapped = [word for name, to in remaps.items() for word in ("-r", f"{name}:={to}")]
-    return (*_module(module), "--ros-args", "--params-file", str(parameters), *remapped)
+    return (*program, "--ros-args", "--params-file", str(parameters), *remapped)
+
+
+def _executable(node: str) -> Sequence[str]:
+    return (*_module("entry"), f"{node}_node")
 
 
 def _module(module: str) -> Sequence[str]:

@@ -30,6 +30,7 @@ from quad_mpc_ros.ros.parameter_files import (
 from quad_mpc_ros.ros.realtime import settle_memory
 
 EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
 # A signal that comes just before the executor waits does not wake it; then it ends this late.
 _SPIN_TIMEOUT = 1.0
 _SWITCH_INTERVAL = 0.0005  # s; Python's own are 5 ms, a quarter of a control period
@@ -47,7 +48,8 @@ def run(
         message_info: Whether a callback of the node takes the message's info as well.
 
     Returns:
-        The exit code: 2 for a wrong parameter, file or argument, which is one line on stderr.
+        The exit code: 2 for a wrong parameter, file or argument, which is one line on stderr, and
+        130 when it was asked to end while it was still starting.
     """
     with _heard_once(process_ends=args is None) as finishing:
         return _run([create], args, finishing, message_info=message_info, only_ros=True)
@@ -75,6 +77,7 @@ def _run(
     nodes: list[Node] = []
     threads: list[threading.Thread] = []
     executors: list[Any] = []
+    starting = True
     try:
         arguments = sys.argv[1:] if args is None else args
         if only_ros:
@@ -93,17 +96,21 @@ def _run(
         for unread in given.unread_files():
             nodes[0].get_logger().warning(unread)
         settle_memory()
+        starting = False
         threads += map(_spinning, nodes[1:], executors[1:])
         _spin(nodes[0], executors[0])
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        if starting:
+            return EXIT_INTERRUPTED
     except Exception:
         if rclpy.ok():
             raise
-        # else asked to end while still starting: rclpy then fails at whatever comes next
+        # else asked to end meanwhile: rclpy then fails at whatever comes next
+        if starting:
+            return EXIT_INTERRUPTED
     finally:
         finishing()
         uninstall_signal_handlers()  # returns when the signal thread has ended

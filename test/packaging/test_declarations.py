@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import operator
 import re
 import sys
 from collections.abc import Iterator
@@ -15,6 +14,8 @@ from catkin_pkg.package import Package, parse_package
 from fixtures.setup_py import declared, setup_arguments
 
 import quad_mpc_ros
+from quad_mpc_ros import entry
+from quad_mpc_ros.ros.bridges.registry import load_bridge
 
 ROOT = Path(__file__).parents[2]
 
@@ -88,14 +89,12 @@ def test_changelog_has_the_version_or_its_draft(package_xml: Package) -> None:
 
 @pytest.mark.parametrize(("name", "target"), declared("console_scripts").items())
 def test_every_executable_has_its_main_function(name: str, target: str) -> None:
-    module, attribute = target.split(":")
-    room, stem = ("bridges", name.removesuffix("_bridge"))
-    if stem == name:
-        room, stem = "nodes", name
-    elsewhere = {"quad_mpc": "cli", "stack_node": "ros.stack_node"}
-    expected = elsewhere.get(name, f"ros.{room}.{stem}")
-    assert module == f"quad_mpc_ros.{expected}"
-    assert callable(operator.attrgetter(attribute)(importlib.import_module(module)))
+    assert target == f"quad_mpc_ros.entry:{name}"
+    assert callable(getattr(entry, name))
+    if name in declared("quad_mpc_ros.bridges"):
+        assert callable(load_bridge(name).main)
+    else:
+        assert callable(importlib.import_module(entry.module_of(name)).main)
 
 
 def test_every_import_of_the_package_is_declared(package_xml: Package) -> None:

@@ -29,7 +29,7 @@ def test_every_entry_is_a_bridge_with_an_executable_of_its_name(name: str, targe
     bridge = getattr(importlib.import_module(module), kind)
     assert issubclass(bridge, Bridge)
     assert bridge.name == name == bridge.Config.owner
-    assert declared("console_scripts")[name] == f"{target}.main"
+    assert declared("console_scripts")[name] == f"quad_mpc_ros.entry:{name}"
 
 
 def test_other_packages_add_theirs(

@@ -1,0 +1,42 @@
+"""What the executables call: Ctrl-C ends them at once while they import what they are made of.
+
+Python turns SIGINT into an exception, which in the middle of an import is a page of traceback. So
+the signal has its default effect, to end the process, until what was imported hears it itself.
+"""
+
+from __future__ import annotations
+
+import importlib
+import signal
+import sys
+from collections.abc import Callable
+
+_NODES = "quad_mpc_ros.ros.nodes"
+_OTHERS = {"quad_mpc": "quad_mpc_ros.cli", "stack_node": "quad_mpc_ros.ros.stack_node"}
+_BRIDGE = "_bridge"
+
+
+def run(name: str) -> int:
+    """Run an executable by its name; return its exit code."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if name.endswith(_BRIDGE):
+        registry = importlib.import_module("quad_mpc_ros.ros.bridges.registry")
+        return int(registry.load_bridge(name).main())
+    return int(importlib.import_module(module_of(name)).main())
+
+
+def module_of(name: str) -> str:
+    """Return the module with the main function of an executable that is no bridge."""
+    return _OTHERS.get(name, f"{_NODES}.{name}")
+
+
+def __getattr__(name: str) -> Callable[[], int]:
+    """Return the function of an executable (PEP 562): each is the same but for its name."""
+    if name == "quad_mpc" or name.endswith(("_node", _BRIDGE)):
+        return lambda: run(name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+if __name__ == "__main__":
+    sys.exit(run(sys.argv.pop(1)))

@@ -1,0 +1,68 @@
+"""Ctrl-C while a program still starts: it ends, by the signal or with 130, and says little."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from fixtures.setup_py import executable
+
+PROGRAMS = {
+    "quad_mpc --help": [*executable("quad_mpc"), "--help"],
+    "quad_mpc simulate": [*executable("quad_mpc"), "simulate", "--duration", "30"],
+    "mpc_node": executable("mpc_node"),
+    "reference_node": [*executable("reference_node"), "--ros-args", "-p", "trajectory:=square"],
+}
+INSTANTS = (0.0, 0.02, 0.1, 0.3, 0.6, 1.2)  # s: within imports, making the node, flying
+
+
+def catches_interrupts(pid: int) -> bool:
+    """Whether a process has a handler of its own for SIGINT, as Python sets one when it starts."""
+    mask = re.search(r"^SigCgt:\s*(\w+)", Path(f"/proc/{pid}/status").read_text(), re.MULTILINE)
+    return mask is None or bool(int(mask[1], 16) >> (signal.SIGINT - 1) & 1)
+
+
+def interrupted(command: list[str], after: float, folder: Path) -> tuple[int, str]:
+    """Return exit code and errors of a program, interrupted so long after its first own line.
+
+    Before that, Python itself starts, and is nobody's to keep quiet.
+    """
+    python, option, program, *arguments = command
+    begins = "import sys; sys.stderr.write('begun\\n'); sys.stderr.flush(); "
+    process = subprocess.Popen(
+        [python, "-P", option, begins + program, *arguments],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    assert process.stderr.readline() == "begun\n"
+    while process.poll() is None and catches_interrupts(process.pid):
+        time.sleep(0.0005)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(after)
+    process.send_signal(signal.SIGINT)
+    try:
+        _, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    return process.returncode, errors
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_an_interrupted_start_ends_without_a_traceback(program: str, tmp_path: Path) -> None:
+    for instant in INSTANTS:
+        code, errors = interrupted(PROGRAMS[program], instant, tmp_path)
+        lines = [line for line in errors.splitlines() if line and "[INFO]" not in line]
+        assert lines in ([], ["interrupted"]) or "machine code" in errors, (instant, errors)
+        # 0: what it was asked for was done, or the node had started and was ended.
+        assert code in (-signal.SIGINT, 130, 0), (instant, errors)
+        assert "Traceback" not in errors, instant
