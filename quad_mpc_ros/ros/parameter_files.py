@@ -47,7 +47,10 @@ class GivenParameters:
         self._several = several
         self._read: set[int] = set()
         self._unclaimed = {
-            name: each.origin for each in given if not each.in_file for name in each.section.values
+            name: each.origin
+            for each in given
+            for name in each.section.values
+            if not each.in_file and not files.is_of_ros(name)
         }
         self._names: list[str] = []
 
@@ -69,10 +72,11 @@ class GivenParameters:
                     found |= dict.fromkeys(each.section.values, each.origin)
         return found
 
-    def origin(self, name: str) -> str | None:
-        """Return where a parameter was given last, by whatever section."""
-        origins = (each.origin for each in reversed(self._given) if name in each.section.values)
-        return next(origins, None)
+    def file_of(self, name: str) -> str | None:
+        """Return the file that gave a parameter last, None for one that a ``-p`` did."""
+        last = (each for each in reversed(self._given) if name in each.section.values)
+        each = next(last, None)
+        return each.origin if each is not None and each.in_file else None
 
     def claim(self, names: Iterable[str]) -> None:
         """Note the parameters that a node knows."""

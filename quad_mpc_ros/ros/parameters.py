@@ -99,11 +99,10 @@ def _configured(configuration: type[C], given: Mapping[str, Any], node: Node) ->
     by_name = arguments.of(node.get_name(), node.get_namespace())
     known = {spec.name for spec in configuration.chosen_by(given).specs()}
     arguments.claim(name for name in given if name in known or describes_vehicle(name))
-    arguments.claim(name for name in by_name if files.is_of_ros(name))
     for name in given.keys() - known - by_name.keys():
-        origin = arguments.origin(name)
-        if not describes_vehicle(name) and origin is not None:
+        if not describes_vehicle(name):
             refuse_former_name(configuration.owner, name)
+            origin = arguments.file_of(name) or "-p"
             refuse_misspelt(name, known - given.keys(), owner=configuration.owner, origin=origin)
     own = {
         name: value
@@ -113,8 +112,8 @@ def _configured(configuration: type[C], given: Mapping[str, Any], node: Node) ->
     try:
         return _built(configuration, given, own)
     except ConfigurationError as error:
-        origin = arguments.origin(error.name.partition(".")[2])
-        raise UserError(f"{origin}: {error}") if origin else error from error
+        file = arguments.file_of(error.name.partition(".")[2])
+        raise UserError(f"{file}: {error}") if file is not None else error from error
 
 
 def _built(configuration: type[C], given: Mapping[str, Any], own: Mapping[str, Any]) -> C:

@@ -198,7 +198,7 @@ def test_a_mistake_in_a_file_is_refused_with_the_name_of_the_file(
 
 
 OVERRIDES = {
-    "misspelt:=1": "-p: mpc.misspelt: given 1, expected a known parameter",
+    "misspelt:=1": "mpc.misspelt: given 1, expected a known parameter",
     "horizn_steps:=5": "did you mean horizon_steps?",
     "Q:=[1,2": "-p Q: given '[1,2', expected a YAML value",
     "Q:={a: 1}": "-p Q: given '{a: 1}', expected one value or a list",
@@ -388,6 +388,7 @@ def test_in_one_process_an_override_is_for_whom_it_concerns(
         raise _UnspunError
 
     arguments = ["--ros-args", "-r", "__ns:=/uav1", "-p", "mode:=on_request"]
+    arguments += ["-p", "use_sim_time:=false", "-p", "mass:=0.5"]
     with pytest.raises(_UnspunError):
         run_together([VisualisationNode, reference], arguments)
     assert modes == ["on_request"]
