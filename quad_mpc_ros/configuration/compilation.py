@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.metadata
+import logging
 import os
 import tempfile
 from collections.abc import Callable, Iterator
@@ -19,6 +20,8 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
+
+from quad_mpc_ros.configuration.trust import distrust
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -60,20 +63,53 @@ def compiled_here() -> int:
 def cache_folder(room: Path) -> Path | None:
     """Return where machine code of a room's sources is kept, None where nothing can be written.
 
-    That is beside the package, else in the user's cache; ``NUMBA_CACHE_DIR`` names another place.
+    That is beside the package, else in the user's cache; ``NUMBA_CACHE_DIR`` names another place
+    before these. Machine code is loaded without a further look, so places are passed over where
+    others could have put some.
     """
     given = os.environ.get("NUMBA_CACHE_DIR")
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    places = [Path(given)] if given else [PACKAGE / "__pycache__", user / "quad_mpc_ros"]
-    for place in places:
-        folder = place / f"compiled-{digest_of_sources(room)}"
+    installed = PACKAGE / "__pycache__"
+    faults = []
+    found = None
+    for place in [*([Path(given)] if given else []), installed, user / "quad_mpc_ros"]:
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=folder):
-                return folder
+            fault, folder = _kept_in(place, room, mode=0o755 if place == installed else 0o700)
         except OSError:
             continue
-    return None
+        if not fault:
+            found = folder
+            break
+        faults.append((place, fault))
+    for place, fault in faults:
+        _tell(place, fault, found.parent if found is not None else None)
+    return found
+
+
+def _kept_in(place: Path, room: Path, *, mode: int) -> tuple[str, Path]:
+    """Return a room's folder in a place, and why it may not be used, or nothing.
+
+    Raises :class:`OSError` where nothing can be written.
+    """
+    folder = place / f"compiled-{digest_of_sources(room)}"
+    place.mkdir(mode=mode, parents=True, exist_ok=True)
+    fault = distrust(place, deep=False)
+    if not fault:
+        folder.mkdir(mode=mode, exist_ok=True)
+        fault = distrust(folder)
+    if not fault:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    return fault, folder
+
+
+@functools.cache
+def _tell(place: Path, fault: str, instead: Path | None) -> None:
+    """Log, once for a place, that it is passed over."""
+    then = f"that in {instead}" if instead is not None else "all is compiled at each start"
+    logging.getLogger(__name__).warning(
+        "machine code kept in %s is not used, for %s; instead %s", place, fault, then
+    )
 
 
 @functools.cache

@@ -13,6 +13,7 @@ import tempfile
 from pathlib import Path
 
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration.trust import distrust
 
 _SHIM = Path(__file__).with_name("shim.c")
 _OPTIONS = ("-O2", "-shared", "-fPIC", "-lpthread", "-ldl")
@@ -51,12 +52,18 @@ def shim_path() -> Path:
                 "on Ubuntu install it with: apt install gcc"
             )
         _compile(compiler, shim)
+    fault = distrust(shim.parent, deep=False) or distrust(shim)
+    if fault:
+        raise UserError(
+            f"simulator.plant: {fault}, and would be loaded: expected what only you can write; "
+            f"remove {shim.parent}, it is made again"
+        )
     return shim
 
 
 def _compile(compiler: list[str], shim: Path) -> None:
     """Compile beside the place and move there, for others may do the same."""
-    shim.parent.mkdir(parents=True, exist_ok=True)
+    shim.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=shim.parent) as folder:
         draft = Path(folder) / shim.name
         command = [*compiler, "-o", str(draft), str(_SHIM), *_OPTIONS]

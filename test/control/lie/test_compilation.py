@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import ast
 import os
+import pwd
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+import pytest
 
 import quad_mpc_ros
 from quad_mpc_ros.configuration import compilation
@@ -58,7 +61,7 @@ def _copied_compiler(folder: Path) -> Path:
     (package / "configuration").mkdir()
     (package / "__init__.py").touch()
     (package / "configuration/__init__.py").touch()
-    for name in compilation.SHARED:
+    for name in (*compilation.SHARED, "configuration/trust.py"):
         if name.endswith(".py"):
             shutil.copy(PACKAGE / name, package / name)
     return package
@@ -152,6 +155,96 @@ def test_a_process_counts_what_it_compiles(tmp_path: Path) -> None:
     environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     counts = [_run(module, **environment).split()[-1] for _ in range(2)]
     assert counts == ["2", "0"]
+
+
+@pytest.fixture
+def kept_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[[Path], Path | None]]:
+    """Return where code of a room is kept when a cache is named, as a process asks for it."""
+    made: set[Path] = set()
+
+    def asked(cache: Path) -> Path | None:
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
+        compilation.cache_folder.cache_clear()
+        folder = compilation.cache_folder(tmp_path / "room")
+        made.update([folder] if folder is not None else [])
+        return folder
+
+    yield asked
+    compilation.cache_folder.cache_clear()
+    for folder in made:
+        shutil.rmtree(folder)
+
+
+UNTRUSTED = {
+    "a folder that all may write": ("place", 0o777, "is writable by others"),
+    "a folder as /tmp": ("place", 0o1777, "is writable by others"),
+    "another's folder": ("place", None, "belongs to nobody"),
+    "code that all may write": ("code", 0o666, "is writable by others"),
+    "another's code": ("code", None, "belongs to nobody"),
+}
+
+
+@pytest.mark.parametrize("kind", UNTRUSTED)
+def test_code_that_others_could_have_put_there_is_not_used(
+    kind: str,
+    tmp_path: Path,
+    kept_in: Callable[[Path], Path | None],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    which, mode, reason = UNTRUSTED[kind]
+    if mode is None and os.geteuid() != 0:
+        pytest.skip("only root gives files away")
+    cache = tmp_path / "cache"
+    folder = kept_in(cache)
+    assert folder is not None
+    assert folder.parent == cache
+    folder.chmod(0o755)  # as of an installation for all
+    code = folder / "motion.step-12.py311.nbi"
+    code.touch(0o644)
+    assert kept_in(cache) == folder
+    target = cache if which == "place" else code
+    if mode is None:
+        os.chown(target, pwd.getpwnam("nobody").pw_uid, -1)
+    else:
+        target.chmod(mode)
+
+    kept = kept_in(cache)
+
+    assert kept == PACKAGE / "__pycache__" / folder.name
+    assert caplog.messages == [
+        f"machine code kept in {cache} is not used, for {target} {reason}; "
+        f"instead that in {kept.parent}"
+    ]
+
+
+def test_what_nobody_else_can_enter_nobody_else_has_written(
+    tmp_path: Path, kept_in: Callable[[Path], Path | None]
+) -> None:
+    """Whatever the umask makes of the files."""
+    folder = kept_in(tmp_path / "cache")
+    assert folder is not None
+    assert folder.stat().st_mode & 0o777 == 0o700
+    (folder / "motion.step-12.py311.nbi").touch()
+    (folder / "motion.step-12.py311.nbi").chmod(0o666)
+    assert kept_in(tmp_path / "cache") == folder
+
+
+def test_code_of_an_untrusted_folder_is_compiled_anew(tmp_path: Path) -> None:
+    (tmp_path / "called.py").write_text(_CALLED.format("3.0"))
+    module = tmp_path / "caller.py"
+    module.write_text(f"{_CALLER}\nfrom quad_mpc_ros.configuration import compilation\n{_COUNTED}")
+    environment = {
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "XDG_CACHE_HOME": str(tmp_path / "user"),
+        "PYTHONPATH": f"{tmp_path / 'copy'}{os.pathsep}{tmp_path}",
+    }
+    package = _copied_compiler(tmp_path / "copy")
+    (package / "__pycache__").touch()  # not there either
+    assert _run(module, package=package, **environment).split()[-1] == "2"
+    (tmp_path / "cache").chmod(0o777)
+    assert _run(module, package=package, **environment).split()[-1] == "2"
 
 
 _COUNTED = "print(compilation.compiled_here())"
