@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from quad_mpc_ros import __version__
 from quad_mpc_ros.commands import EXIT_BAD_INPUT, EXIT_BROKEN_PIPE, EXIT_INTERRUPTED
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration.argument_parser import ArgumentParser
 
 COMMANDS = {
     "fly": "fly over DDS: simulator, reference, mpc and recorder as separate processes",
@@ -85,7 +86,7 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
 
     Those of the others would take time: they name trajectories and plants.
     """
-    parser = argparse.ArgumentParser(
+    parser = ArgumentParser(
         prog="quad_mpc",
         description="Model predictive control of a quadrotor on SO(3).",
         epilog="Every command explains itself: quad_mpc COMMAND --help.",

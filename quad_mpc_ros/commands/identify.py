@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from quad_mpc_ros.commands import recording
 from quad_mpc_ros.commands.output import check_writable, write_new
 from quad_mpc_ros.commands.save_vehicle import add_vehicle_file_options
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import ConfigurationError, UserError
 
 if TYPE_CHECKING:
     from quad_mpc_ros.analysis.identification.measurements import VoltageMap
@@ -131,11 +131,19 @@ def _voltage_map(options: argparse.Namespace, run: RecordedRun) -> VoltageMap:
 
     if options.battery_voltage is None:
         if options.battery_exponent is not None:
-            raise UserError("--battery-exponent: expected --battery-voltage as well")
+            raise UserError(
+                f"--battery-exponent: given {options.battery_exponent}, expected "
+                "--battery-voltage as well"
+            )
         return recorded_voltage_map(run.parameters)
-    given = ThrustParameters(
-        battery_voltage=options.battery_voltage, battery_exponent=options.battery_exponent or 0.0
-    )
+    try:
+        given = ThrustParameters(
+            battery_voltage=options.battery_voltage,
+            battery_exponent=options.battery_exponent or 0.0,
+        )
+    except ConfigurationError as error:
+        name = error.name.rpartition(".")[2].replace("_", "-")
+        raise error.of_option(f"--{name}") from error
     return VoltageMap(
         battery_voltage=given.battery_voltage, battery_exponent=given.battery_exponent
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import json
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,9 @@ def check_writable(option: str, path: Path | None, *, overwrite: bool) -> None:
         raise UserError(
             f"{option}: {path} exists and is not overwritten; give another name or --overwrite"
         )
+    above = next(folder for folder in path.absolute().parents if os.path.lexists(folder))
+    if not (above.is_dir() and os.access(above, os.W_OK | os.X_OK)):
+        raise UserError(f"{option}: {path} cannot be written: {above} is no folder to write into")
 
 
 def write_new(option: str, path: Path, text: str, *, overwrite: bool) -> None:
@@ -43,13 +47,18 @@ def default_out(label: str) -> Path:
     return Path("runs") / f"{now}_{label}"
 
 
-def prepared_out(out: Path, *, holds: Sequence[str] = ("bag", "summary.json", "figures")) -> Path:
-    """Make the folder of a run and return it; refuse one that has what it is to hold."""
+def check_free(out: Path, *, holds: Sequence[str]) -> None:
+    """Refuse a folder that has what it is to hold. Raises :class:`UserError`."""
     for name in holds:
         if (out / name).exists():
             raise UserError(
                 f"--out: {out / name} exists and is not overwritten; give a new folder"
             )
+
+
+def prepared_out(out: Path, *, holds: Sequence[str] = ("bag", "summary.json", "figures")) -> Path:
+    """Make the folder of a run and return it; refuse one that has what it is to hold."""
+    check_free(out, holds=holds)
     try:
         out.mkdir(parents=True, exist_ok=True)
         probe = out / ".writable"

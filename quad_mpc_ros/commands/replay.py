@@ -7,10 +7,13 @@ import tempfile
 from pathlib import Path
 
 from quad_mpc_ros.commands.processes import require_ros, run_in_foreground
-from quad_mpc_ros.configuration import UserError, files
+from quad_mpc_ros.configuration import ConfigurationError, UserError, files
 from quad_mpc_ros.recordings.config import PlayerConfig
 
 _CLOCK_RATE = 40.0  # as ros2 bag play
+
+# By the name of the player's parameter, where the option has another.
+_OPTIONS = {"bag": "BAG", "clock_rate": "--clock", "topics_regex": "--regex"}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -70,7 +73,11 @@ def run(options: argparse.Namespace) -> int:
         for spec in PlayerConfig.specs()
         if (value := getattr(options, spec.name, None)) is not None
     }
-    PlayerConfig.build(given)
+    try:
+        PlayerConfig.build(given)
+    except ConfigurationError as error:
+        name = error.name.removeprefix("player.")
+        raise error.of_option(_OPTIONS.get(name, f"--{name}")) from error
     require_ros("replay")
     values = {**given, "progress": True}
     with tempfile.TemporaryDirectory() as folder:

@@ -19,6 +19,19 @@ class ConfigurationError(UserError, ValueError):
         self.given = given
         self.expected = expected
 
+    def located(self, where: str) -> ConfigurationError:
+        """Return the same error, its message beginning with where the value is from."""
+        return self._saying(f"{where}: {self}")
+
+    def of_option(self, option: str) -> ConfigurationError:
+        """Return the same error, by the name of the option that gave the value."""
+        return self._saying(str(self).replace(self.name, option, 1))
+
+    def _saying(self, message: str) -> ConfigurationError:
+        other = ConfigurationError(self.name, self.given, self.expected)
+        other.args = (message,)
+        return other
+
 
 class BagError(UserError):
     """A bag, a schema or a message that cannot be written or read.

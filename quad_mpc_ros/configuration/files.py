@@ -48,8 +48,15 @@ def load(
     :class:`UserError` for a file that cannot be read and :class:`ConfigurationError` for what it
     says.
     """
-    values = collected(sources, assignments, schema=schema, base=base)
-    return {node: kind.build(values[node]) for node, kind in schema.items()}
+    values, origins = _collected(sources, assignments, schema=schema, base=base)
+    built = {}
+    for node, kind in schema.items():
+        try:
+            built[node] = kind.build(values[node])
+        except ConfigurationError as error:
+            origin = origins[node].get(error.name.partition(".")[2])
+            raise error if origin is None else error.located(origin) from error
+    return built
 
 
 def collected(
@@ -63,14 +70,29 @@ def collected(
 
     The arguments are those of :func:`load`. Of what is stated for every node (``/**``) each gets
     its share; what is stated for a node by name wins over it, whichever comes last. Raises
-    :class:`UserError` for a file that cannot be read.
+    :class:`UserError` for a file that cannot be read, or with a parameter that nobody knows.
     """
+    return _collected(sources, assignments, schema=schema, base=base)[0]
+
+
+def _collected(
+    sources: Sequence[str],
+    assignments: Sequence[str],
+    *,
+    schema: Schema,
+    base: Mapping[str, Mapping[str, Any]] | None,
+) -> tuple[dict[str, dict[str, Any]], dict[str, dict[str, str]]]:
+    """Return parameters by node, and the file that each is from, if it is from one."""
     common: dict[str, Any] = {}
     values: dict[str, dict[str, Any]] = {node: {} for node in schema}
+    origins: dict[str, dict[str, str]] = {node: {} for node in schema}
     for source in sources:
         found = _read(_located(source), schema)
         of_all = found.pop(_EVERY_NODE, {})
         common.update(of_all)
+        for node in schema:
+            given = (*of_all, *found.get(node, {}))
+            origins[node].update(dict.fromkeys(given, str(_located(source))))
         for node, parameters in found.items():
             if schema[node].pins in parameters:
                 values[node].update(schema[node].share(of_all, parameters))
@@ -78,10 +100,20 @@ def collected(
     for assignment in assignments:
         node, name, value = _parsed(assignment, schema)
         values[node][name] = value
-    return {
+        origins[node].pop(name, None)
+    merged = {
         node: {**(base or {}).get(node, {}), **kind.share(common, values[node]), **values[node]}
         for node, kind in schema.items()
     }
+    for node, kind in schema.items():
+        known = {spec.name for spec in kind.chosen_by(merged[node]).specs()}
+        unknown = {name: merged[node][name] for name in merged[node].keys() - known}
+        for name in sorted(unknown.keys() & origins[node].keys()):
+            try:
+                kind.build({name: unknown[name]})
+            except ConfigurationError as error:
+                raise error.located(origins[node][name]) from error
+    return merged, origins
 
 
 def dump(node: str, values: Mapping[str, Any]) -> str:
@@ -268,7 +300,10 @@ def _refuse_unknown(values: Mapping[str, Any], schema: Schema, path: Path) -> No
         if name in known or describes_vehicle(name):
             continue
         for kind in schema.values():
-            refuse_former_name(kind.owner, name)
+            try:
+                refuse_former_name(kind.owner, name)
+            except ConfigurationError as error:
+                raise error.located(str(path)) from error
         raise ConfigurationError(
             f"{path}: {_EVERY_NODE}: {name}",
             value,

@@ -12,13 +12,13 @@ end.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable
 
 from rclpy.node import Node
 
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration.argument_parser import ArgumentParser
 from quad_mpc_ros.ros.bridges.node import BridgeNode
 from quad_mpc_ros.ros.bridges.registry import load_bridge
 from quad_mpc_ros.ros.nodes.mpc_node import MpcNode
@@ -66,7 +66,7 @@ class Stack:
 
 def main(args: list[str] | None = None) -> int:
     """Run the nodes until one of them ends; return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = ArgumentParser(prog="stack_node", description=__doc__.partition("\n")[0])
     parser.add_argument(
         "--bridge", default=_NONE, metavar="NAME", help="to a flight stack, as px4"
     )

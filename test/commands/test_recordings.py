@@ -376,7 +376,7 @@ def test_a_battery_is_simulated_recorded_and_identified(
         (["--battery-topic", "/odom"], "expected sensor_msgs/msg/BatteryState or"),
         (["--battery-topic", "/none"], "topic /none is not in it"),
         (["--battery-exponent", "2"], "expected --battery-voltage as well"),
-        (["--battery-voltage", "-1"], "thrust_map.battery_voltage: given -1.0, expected"),
+        (["--battery-voltage", "-1"], "--battery-voltage: given -1.0, expected"),
     ],
 )
 def test_a_battery_that_cannot_be_used_is_refused(

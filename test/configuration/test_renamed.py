@@ -38,7 +38,7 @@ def test_former_names_are_refused_in_files_and_assignments(tmp_path: Path) -> No
     file = tmp_path / "old.yaml"
     for key in ("/**/mpc", "/**"):
         file.write_text(f"{key}: {{ros__parameters: {{swinging: {{tilt: 0.3}}}}}}\n")
-        with pytest.raises(ConfigurationError, match=told):
+        with pytest.raises(ConfigurationError, match=f"^{file}: {told.removeprefix('^')}"):
             files.load([str(file)], [], schema=SCHEMA)
     with pytest.raises(ConfigurationError, match=told):
         files.load([], ["mpc.swinging.tilt=0.3"], schema=SCHEMA)

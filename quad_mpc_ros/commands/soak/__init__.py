@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from quad_mpc_ros.commands import EXIT_FAILED
-from quad_mpc_ros.commands.output import default_out, prepared_out
+from quad_mpc_ros.commands.output import check_free, default_out
 from quad_mpc_ros.commands.processes import require_ros
 from quad_mpc_ros.commands.run_options import add_configuration_options, add_out, check_duration
 from quad_mpc_ros.configuration import ConfigurationError, UserError
@@ -164,7 +164,8 @@ def _configuration(options: argparse.Namespace) -> SoakConfig:
         f"reference.height={_HEIGHT}",
         *options.assignments,
     ]
-    options.out = prepared_out(options.out or default_out("soak"), holds=(RESULT, PICTURE, "log"))
+    options.out = options.out or default_out("soak")
+    check_free(options.out, holds=(RESULT, PICTURE, "log"))
     options.start = options.plant = None
     options.duration = duration
     run = run_configuration(options, lockstep=False)

@@ -207,8 +207,10 @@ class _Reader:
     def _flights(self, vary: Mapping[str, Variation], *, grid: bool) -> int:
         given = self._content.get("flights")
         if not grid:
-            wanted = self._overrides.flights if self._overrides.flights is not None else given
-            return integer("flights", wanted, least=1, most=_MOST_FLIGHTS)
+            wanted, name = self._overrides.flights, "--flights"
+            if wanted is None:
+                wanted, name = given, "flights"
+            return integer(name, wanted, least=1, most=_MOST_FLIGHTS)
         if given is not None or self._overrides.flights is not None:
             raise UserError("flights: a grid has as many as there are combinations: leave one out")
         counts = [len(each.listed()) for each in vary.values() if each.listed()]
@@ -217,9 +219,10 @@ class _Reader:
         return integer("grid: flights", math.prod(counts), least=1, most=_MOST_FLIGHTS)
 
     def _seed(self) -> int:
-        given = self._content.get("seed", 0)
-        wanted = given if self._overrides.seed is None else self._overrides.seed
-        return integer("seed", wanted, least=0, most=2**63 - 1)
+        wanted, name = self._overrides.seed, "--seed"
+        if wanted is None:
+            wanted, name = self._content.get("seed", 0), "seed"
+        return integer(name, wanted, least=0, most=2**63 - 1)
 
     def _settle_time(self, duration: float) -> float:
         given = self._content.get("settle_time", 0.5 * duration)

@@ -31,7 +31,7 @@ def errors_of(where: str) -> Iterator[None]:
     try:
         yield
     except ConfigurationError as error:
-        raise ConfigurationError(f"{where}: {error.name}", error.given, error.expected) from error
+        raise error.located(where) from error
     except UserError as error:
         raise UserError(f"{where}: {error}") from error
 

@@ -48,7 +48,7 @@ def played_topics(reader: BagReader, config: PlayerConfig) -> PlayedTopics:
     refused = {topic: why for topic, info in wanted.items() if (why := _obstacle(topic, info))}
     playable = {topic: info for topic, info in wanted.items() if topic not in refused}
     if not any(info.message_count for info in playable.values()):
-        raise BagError(f"{config.bag}: {_nothing_to_play(reader, wanted, refused)}")
+        raise BagError(f"{config.bag}: {_nothing_to_play(reader, wanted, refused, config)}")
     return PlayedTopics(playable=playable, refused=refused)
 
 
@@ -67,12 +67,15 @@ def _obstacle(topic: str, info: TopicInfo) -> str:
 
 
 def _nothing_to_play(
-    reader: BagReader, wanted: Mapping[str, TopicInfo], refused: Mapping[str, str]
+    reader: BagReader,
+    wanted: Mapping[str, TopicInfo],
+    refused: Mapping[str, str],
+    config: PlayerConfig,
 ) -> str:
     if not any(info.message_count for info in reader.topics.values()):
         return "there is no message in it"
     if not wanted:
-        return f"no topic matches: {_listed(reader.topics)}"
+        return f"no topic matches {config.topics_regex!r}: {_listed(reader.topics)}"
     if refused:
         topic, why = next(iter(refused.items()))
         return f"no topic can be played; {topic}: {why}"

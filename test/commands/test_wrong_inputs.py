@@ -1,0 +1,106 @@
+"""Whatever is wrong with what a command or node is given: one line, exit code 2, nothing touched.
+
+The cases are generated from what commands, nodes and parameters declare, new ones included.
+"""
+
+from __future__ import annotations
+
+import collections
+import gc
+import importlib
+import os
+import re
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+
+import pytest
+from fixtures.wrong_inputs import Case, cases, make_workspace, tree
+
+from quad_mpc_ros import cli, entry
+from quad_mpc_ros.ros.bridges.registry import load_bridge
+
+CASES = cases()
+COUNTS = collections.Counter(case.kind for case in CASES)
+_PATIENCE = 20  # s: what is not refused would begin to fly
+
+
+@pytest.fixture(scope="module")
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    folder = tmp_path_factory.mktemp("wrong")
+    run = tmp_path_factory.mktemp("flown") / "run"
+    flight = ["simulate", "--duration", "0.2", "--out", str(run)]
+    assert cli.main(flight) in (0, 1)
+    make_workspace(folder, run / "bag")
+    yield folder
+    gc.collect()  # nodes that could not be made
+
+
+@pytest.fixture
+def impatient() -> Iterator[None]:
+    def give_up(_number: int, _frame: FrameType | None) -> None:
+        raise TimeoutError("it was not refused")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(_PATIENCE)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def exit_code(case: Case) -> int:
+    """Return how a command or node ends, in this process."""
+    try:
+        if case.program in cli.COMMANDS:
+            return cli.main([case.program, *case.arguments])
+        if case.program.endswith("_bridge"):
+            return int(load_bridge(case.program).main(list(case.arguments)))
+        main = importlib.import_module(entry.module_of(case.program)).main
+        first = [case.program] if case.program == "stack_node" else []
+        return int(main([*first, *case.arguments]))
+    except SystemExit as end:
+        return int(end.code or 0)
+
+
+def numbered() -> Iterator[tuple[str, Case]]:
+    counts: collections.Counter[str] = collections.Counter()
+    for case in CASES:
+        counts[case.kind] += 1
+        yield f"{case.kind} {counts[case.kind]} of {COUNTS[case.kind]}: {case.name}", case
+
+
+NUMBERED = dict(numbered())
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize("name", NUMBERED)
+def test_it_is_refused_in_one_line(
+    name: str, workspace: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    case = NUMBERED[name]
+    if case.as_user and os.geteuid() == 0:
+        pytest.skip("root may read everything")
+    monkeypatch.chdir(workspace)
+    before = tree(workspace)
+
+    code = exit_code(case)
+
+    printed = capfd.readouterr()
+    assert code == 2, printed
+    assert printed.out == ""
+    missing = re.search(r"needs (Optuna|Dask)|message package .* is not installed", printed.err)
+    if missing:
+        pytest.skip(missing[0])
+    # Nodes of the same process may have said that they are there.
+    lines = [line for line in printed.err.splitlines() if not line.startswith("[INFO]")]
+    assert lines[0].startswith("error: "), printed.err
+    assert [line for line in lines[1:] if not line.startswith("see ")] == []
+    for word in case.given:
+        assert word in lines[0]
+    assert tree(workspace) == before
+
+
+def test_there_are_enough_of_them() -> None:
+    assert len(CASES) >= 200, COUNTS
+    assert {case.program for case in CASES} >= cli.COMMANDS.keys()
