@@ -17,6 +17,7 @@ import yaml
 
 from quad_mpc_ros.configuration import ros_yaml
 from quad_mpc_ros.configuration.errors import ConfigurationError, UserError, shown
+from quad_mpc_ros.configuration.extension import ExtensibleConfiguration
 from quad_mpc_ros.configuration.fields import Configuration
 from quad_mpc_ros.configuration.renamed import refuse_former_name
 from quad_mpc_ros.configuration.spelling import did_you_mean, nearest
@@ -87,12 +88,13 @@ def _collected(
     values: dict[str, dict[str, Any]] = {node: {} for node in schema}
     origins: dict[str, dict[str, str]] = {node: {} for node in schema}
     for source in sources:
-        found = _read(_located(source), schema)
+        path = _located(source)
+        found = _read(path, schema)
         of_all = found.pop(_EVERY_NODE, {})
         common.update(of_all)
         for node in schema:
             given = (*of_all, *found.get(node, {}))
-            origins[node].update(dict.fromkeys(given, str(_located(source))))
+            origins[node].update(dict.fromkeys(given, str(path)))
         for node, parameters in found.items():
             if schema[node].pins in parameters:
                 values[node].update(schema[node].share(of_all, parameters))
@@ -106,14 +108,21 @@ def _collected(
         for node, kind in schema.items()
     }
     for node, kind in schema.items():
-        known = {spec.name for spec in kind.chosen_by(merged[node]).specs()}
-        unknown = {name: merged[node][name] for name in merged[node].keys() - known}
-        for name in sorted(unknown.keys() & origins[node].keys()):
-            try:
-                kind.build({name: unknown[name]})
-            except ConfigurationError as error:
-                raise error.located(origins[node][name]) from error
+        if not issubclass(kind, ExtensibleConfiguration):  # of which the choice may still come
+            _refuse_unknown_of(kind, merged[node], origins[node])
     return merged, origins
+
+
+def _refuse_unknown_of(
+    kind: type[Configuration], values: Mapping[str, Any], origins: Mapping[str, str]
+) -> None:
+    """Refuse what a file says of a node that the node does not know, with the file's name."""
+    known = {spec.name for spec in kind.specs()}
+    for name in origins.keys() & values.keys() - known:
+        try:
+            kind.build({name: values[name]})
+        except ConfigurationError as error:
+            raise error.located(origins[name]) from error
 
 
 def dump(node: str, values: Mapping[str, Any]) -> str:
