@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.substitutions import LaunchConfiguration
 
 from launch import LaunchDescription
 
@@ -21,6 +22,9 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "bridge", default_value="none", description="the flight stack, or none"
             ),
-            IncludeLaunchDescription(str(launch)),
+            # Given on: launch does not see that this one has a default.
+            IncludeLaunchDescription(
+                str(launch), launch_arguments=[("bridge", LaunchConfiguration("bridge"))]
+            ),
         ]
     )

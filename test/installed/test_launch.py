@@ -163,3 +163,15 @@ def test_controller_and_bridges_start_in_namespaces_and_end(
         for run in launched.values():
             run.ends()
             assert_all_ended_whole(run)
+
+
+@pytest.mark.parametrize("file", ["square", "fleet", "mpc", "stack", "bridge"])
+def test_a_parameter_file_that_is_not_there_starts_nothing(file: str, tmp_path: Path) -> None:
+    (tmp_path / "my_vehicle.yaml").write_text("/**: {ros__parameters: {mass: 0.5}}\n")
+    bridge = ("bridge:=rates",) if file == "bridge" else ()
+    arguments = (f"{file}.launch.py", "config:=my_vehcle.yaml", *bridge)
+    with running("launch", "quad_mpc_ros", *arguments, folder=tmp_path) as run:
+        assert run.ends() == 1
+        assert not run.pids
+        told = "config: given 'my_vehcle.yaml', which does not exist, expected the path of a ROS "
+        assert f"{told}parameter file (did you mean my_vehicle.yaml?)" in run.text

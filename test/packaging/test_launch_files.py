@@ -179,6 +179,7 @@ class OpaqueFunction:
 @dataclass
 class IncludeLaunchDescription:
     launch_description_source: str
+    launch_arguments: list[tuple[str, Any]] = field(default_factory=list)
 
 
 @dataclass
@@ -274,7 +275,15 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Launch:
                 case OpaqueFunction():
                     entities = [*entity.function(context), *entities]
                 case IncludeLaunchDescription():
-                    entities = [*entities_of(entity.launch_description_source), *entities]
+                    included = entities_of(entity.launch_description_source)
+                    passed = {name: context.text(v) for name, v in entity.launch_arguments}
+                    for declared_argument in included:
+                        # As launch has it, which looks at nothing else that is given.
+                        match declared_argument:
+                            case DeclareLaunchArgument(name=name, default=None):
+                                assert name in passed, f"required argument {name} is not passed"
+                    context.values.update(passed)
+                    entities = [*included, *entities]
                 case DeclareLaunchArgument():
                     entity.execute(context)
                 case Node():
