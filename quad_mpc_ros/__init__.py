@@ -29,8 +29,6 @@ from __future__ import annotations
 # As of typing, which takes long to import: executables begin here, deaf until they go on.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from typing import Any
-
     from quad_mpc_ros.analysis.identification.fit import identify
     from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.control.controller import Controller
@@ -84,14 +82,14 @@ _MODULES = {
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Import a name of the library when it is first used (PEP 562)."""
     module = _MODULES.get(name)
     if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     import importlib
 
-    value = getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    value: object = getattr(importlib.import_module(f"{__name__}.{module}"), name)
     globals()[name] = value
     return value
 
