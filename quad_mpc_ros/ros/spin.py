@@ -92,11 +92,11 @@ def _run(
         with in_force(given):
             for create in creates:
                 nodes.append(create())
+        starting = False
         given.refuse_overrides_of_nobody()
         for unread in given.unread_files():
             nodes[0].get_logger().warning(unread)
         settle_memory()
-        starting = False
         threads += map(_spinning, nodes[1:], executors[1:])
         _spin(nodes[0], executors[0])
     except UserError as error:

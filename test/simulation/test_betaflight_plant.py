@@ -244,6 +244,29 @@ def test_without_a_compiler_one_line_says_so(
         installation.shim_path.cache_clear()
 
 
+def test_a_shim_that_others_could_have_put_there_is_not_loaded(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("CC", "true")  # which makes nothing, of which nothing would be loaded
+    cache = tmp_path / "quad_mpc_ros"
+    cache.mkdir(mode=0o755)
+    installation.shim_path.cache_clear()
+    try:
+        monkeypatch.setattr(installation, "_compile", lambda _, shim: shim.touch())
+        shim = installation.shim_path()
+        shim.chmod(0o666)
+        installation.shim_path.cache_clear()
+        with pytest.raises(UserError, match=rf"{shim} is writable by others, .* remove {cache}"):
+            installation.shim_path()
+        shim.chmod(0o644)
+        cache.chmod(0o777)
+        with pytest.raises(UserError, match=rf"{cache} is writable by others"):
+            installation.shim_path()
+    finally:
+        installation.shim_path.cache_clear()
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -287,14 +287,14 @@ def test_a_bad_bag_is_one_line_and_exit_code_2(
 
 MISTAKES = {
     "no bag": (["nowhere"], "nowhere: does not exist"),
-    "rate": (["{bag}", "--rate", "0"], "player.rate: given 0.0, expected a number > 0"),
+    "rate": (["{bag}", "--rate", "0"], "--rate: given 0.0, expected a number > 0"),
     "start": (
         ["{bag}", "--start", "60"],
         "player.start: given 60.0, expected at most the 0.980 s",
     ),
     "topic": (["{bag}", "--topics", "/none"], "topic /none is not in it: /fast, /latched, /slow"),
-    "regex": (["{bag}", "--regex", "none"], "no topic matches: /fast, /latched, /slow"),
-    "no regex": (["{bag}", "--regex", "("], "player.topics_regex: given '('"),
+    "regex": (["{bag}", "--regex", "none"], "no topic matches 'none': /fast, /latched, /slow"),
+    "no regex": (["{bag}", "--regex", "("], "--regex: given '('"),
     "remap": (["{bag}", "--remap", "/fast"], "--remap: given '/fast', expected FROM:=TO"),
     "nothing left": (
         ["{bag}", "--start", "0.5", "--topics", "/latched"],
