@@ -1,0 +1,99 @@
+"""What the pages tell a user to type exists: options, executables, launch files, presets, names.
+
+``tools/type_pages.py`` types all of it; here it is only read, which takes no time.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from fixtures.scripts import ROOT, script_module
+from fixtures.setup_py import declared
+
+from quad_mpc_ros.cli import COMMANDS, parser_for
+from quad_mpc_ros.commands.run_configuration import SCHEMA
+from quad_mpc_ros.configuration.files import presets, shipped_campaigns
+
+pages = script_module("tools/type_pages.py")
+TYPED = [
+    typed
+    for page in pages.PAGES + pages.STACKS
+    for block in pages.blocks(page)
+    for typed in block.commands
+]
+PLACEHOLDER = "EFFECT"
+
+
+def words(command: str) -> list[str]:
+    return shlex.split(command.replace("\\\n", " "), comments=True)
+
+
+def places(typed: list[object]) -> list[str]:
+    return [each.place for each in typed]  # type: ignore[attr-defined]
+
+
+OF_QUAD_MPC = [
+    each
+    for each in TYPED
+    if re.match(r"(\.venv/bin/)?quad_mpc ", each.command) and PLACEHOLDER not in each.command
+]
+OF_ROS2 = [each for each in TYPED if each.command.startswith("ros2 ")]
+
+
+@pytest.mark.parametrize("typed", OF_QUAD_MPC, ids=places(OF_QUAD_MPC))
+def test_a_command_line_takes_its_options(typed) -> None:
+    command, *given = words(typed.command)[1:]
+    assert command in COMMANDS
+    options = parser_for([command]).parse_args([command, *given])
+    for assignment in getattr(options, "set", None) or ():
+        node, _, name = assignment.partition("=")[0].partition(".")
+        assert name in {spec.name for spec in SCHEMA[node].specs()}, assignment
+
+
+@pytest.mark.parametrize("typed", OF_ROS2, ids=places(OF_ROS2))
+def test_ros2_finds_what_it_starts(typed) -> None:
+    _, verb, *rest = words(typed.command)
+    if verb == "run" and rest[0] == "quad_mpc_ros":
+        assert rest[1] in declared("console_scripts")
+    if verb == "launch":
+        assert (ROOT / "launch" / rest[1]).is_file()
+
+
+@pytest.mark.parametrize("typed", OF_QUAD_MPC, ids=places(OF_QUAD_MPC))
+def test_files_come_with_the_package_or_with_the_page(typed) -> None:
+    given = words(typed.command)
+    made = {
+        word
+        for each in TYPED
+        if each.page == typed.page
+        for option, word in itertools.pairwise(words(each.command))
+        if option == "--out"
+    }
+    written = {block.file for block in pages.blocks(typed.page) if block.file}
+    known = {*presets(), *shipped_campaigns(), *written, *made, *pages.THE_READERS_OWN}
+    named = [
+        word
+        for option, word in itertools.pairwise(given)
+        if re.search(r"\.(yaml|py|csv)$", word)
+        or (option in ("--config", "campaign", "tune") and not word.startswith("-"))
+    ]
+    for word in named:
+        inside = any(word.startswith(f"{folder}/") for folder in made)
+        of_the_sources = (ROOT / word).is_file() and pages.OF_THE_CHECKOUT.match(typed.command)
+        assert word in known or inside or of_the_sources or "many.yaml" in word, word
+
+
+def test_blocks_of_commands_are_marked() -> None:
+    """Else nobody types them before a user does."""
+    for page in pages.PAGES + pages.STACKS:
+        for text in re.findall(r"^```text\n(.*?)^```", Path(page).read_text(), re.S | re.M):
+            assert not re.match(r"(\.venv/bin/)?(quad_mpc|ros2|pip) ", text), (page, text)
+
+
+def test_a_command_that_goes_on_over_lines_is_one() -> None:
+    text = "a --b \\\n  c\n# said\nd '{x:\n  y}'   # why\n"
+    assert list(pages.commands(text)) == [(0, "a --b \\\n  c"), (3, "d '{x:\n  y}'   # why")]
