@@ -3,7 +3,12 @@
 Imports nothing else of the package.
 """
 
-from quad_mpc_ros.configuration.errors import BagError, ConfigurationError, UserError
+from quad_mpc_ros.configuration.errors import (
+    ArgumentError,
+    BagError,
+    ConfigurationError,
+    UserError,
+)
 from quad_mpc_ros.configuration.extension import ExtensibleConfiguration, registered
 from quad_mpc_ros.configuration.fields import (
     Configuration,
@@ -15,6 +20,7 @@ from quad_mpc_ros.configuration.fields import (
 )
 
 __all__ = [
+    "ArgumentError",
     "BagError",
     "Configuration",
     "ConfigurationError",

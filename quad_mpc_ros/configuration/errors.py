@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+_LONGEST = 300  # characters that are shown of a value
+
 
 class UserError(Exception):
     """Something the user gave cannot be used; commands end with exit code 2 on it.
@@ -10,8 +12,8 @@ class UserError(Exception):
     """
 
 
-class ConfigurationError(UserError, ValueError):
-    """A parameter that cannot be used, with its name, the value given and what is allowed."""
+class ArgumentError(UserError, ValueError):
+    """An argument that cannot be used, with its name, what was given and what was expected."""
 
     def __init__(self, name: str, given: object, expected: str) -> None:
         super().__init__(f"{name}: given {shown(given)}, expected {expected}")
@@ -33,6 +35,10 @@ class ConfigurationError(UserError, ValueError):
         return other
 
 
+class ConfigurationError(ArgumentError):
+    """A parameter that cannot be used, with its name, the value given and what is allowed."""
+
+
 class BagError(UserError):
     """A bag, a schema or a message that cannot be written or read.
 
@@ -47,7 +53,16 @@ def os_reason(error: OSError) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a value as a person would write it."""
+    """Return a value as a person would write it, in one line; of an array type and shape."""
     if isinstance(value, list | tuple):
-        return f"[{', '.join(shown(element) for element in value)}]"
-    return repr(value)
+        return _shortened(f"[{', '.join(shown(element) for element in value[:_LONGEST])}]")
+    if hasattr(value, "shape") and hasattr(value, "dtype"):
+        return f"an array {value.shape} of {value.dtype}" if value.shape else str(value)
+    try:
+        return _shortened(" ".join(repr(value).split()))
+    except Exception:  # an object's own doing, or an integer too long for Python to write
+        return f"a {type(value).__name__}"
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."

@@ -57,7 +57,7 @@ class TickStats:
     dual_residual: float  # of the scaled problem
     solve_time_us: float  # OSQP's own run time [us]
     step_time_us: float  # state in to plan out [us]
-    contact: str = "unknown"  # with the ground: flying, standing, unknown
+    contact: str = "unknown"  # with the ground: flying, standing, crashed, unknown
     disturbance_x: float = 0.0  # estimated acceleration of the disturbance, world [m/s^2]
     disturbance_y: float = 0.0  # the same
     disturbance_z: float = 0.0  # the same

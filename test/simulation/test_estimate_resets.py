@@ -22,7 +22,7 @@ from quad_mpc_ros.simulation.closed_loop import fly
 SECOND = 1_000_000_000
 HEIGHT, STEP_W = 2.0, np.array([1.2, -1.6, 0.4])
 REFERENCE = {"mode": "on_request", "takeoff_height": HEIGHT}
-GROUND = {"duration": 14.0, "wind": (3.0, 1.0, 0.0), "drag": 0.3}
+GROUND = {"duration": 17.0, "wind": (3.0, 1.0, 0.0), "drag": 0.3}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

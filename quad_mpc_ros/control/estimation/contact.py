@@ -12,6 +12,8 @@ a T^2 / 8, at the top of a throw, which is the least. Half of that is the most t
 may cover. Heights are compared and not speeds, whose noise would look like motion: where speeds
 are noisy, positions are smooth.
 
+One that has crashed (:mod:`.crash`) neither stands nor flies.
+
 ``references/touchdown.py`` asks something else, whether a landing has come to its end, and knows
 no commands but how far below the vehicle the reference is. The ground of ``simulation/`` is part
 of the plant: it cannot hide a mistake made here.
@@ -24,6 +26,7 @@ import math
 from typing import NamedTuple
 
 from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.estimation.crash import Crash
 from quad_mpc_ros.control.estimation.filtered_motion import GRAVITY, FilteredMotion
 from quad_mpc_ros.control.estimation.ground import CLIMBING, LEFT_GROUND, NO_LIFT, asks_to_sink
 from quad_mpc_ros.control.lie import Array, kernels
@@ -55,11 +58,12 @@ _REFERENCE_SPEED = 1.5  # m/s: no reference of a vehicle that stands moves so fa
 
 
 class Contact(enum.Enum):
-    """What is known: flying teaches, standing idles, and unknown does neither."""
+    """What is known: flying teaches, standing and crashed idle, and unknown does neither."""
 
     UNKNOWN = "unknown"
     FLYING = "flying"
     STANDING = "standing"
+    CRASHED = "crashed"
 
 
 class _Course(NamedTuple):
@@ -107,6 +111,7 @@ class GroundContact:
         self._lifting_since_ns: int | None = None
         self._motion.forget_thrust()
         self._still: _Stillness | None = None
+        self._crash = Crash()
 
     def tell_landed(self, landed: bool | None) -> None:
         """Take what the flight stack says; None where it says nothing.
@@ -121,6 +126,7 @@ class GroundContact:
         if self._stood_at is not None:
             self._stood_at += float(reset.step_W[2])
         self._still = None
+        self._crash.begin_anew()
         if self._stamp_ns is not None:
             self._motion.reset_estimate(reset)
 
@@ -128,6 +134,11 @@ class GroundContact:
     def standing(self) -> bool:
         """Whether it is certain that it stands."""
         return self.contact is Contact.STANDING
+
+    @property
+    def crashed(self) -> bool:
+        """Whether it is certain that it lies where it cannot fly from."""
+        return self.contact is Contact.CRASHED
 
     @property
     def flies(self) -> bool:
@@ -156,6 +167,11 @@ class GroundContact:
             return self.contact
         self._follow(odometry, thrust)
         self._weigh(odometry.stamp_ns, thrust=thrust)
+        if self._crash.update(odometry, self._motion.now, height=self._motion.height):
+            self.contact, self.touching, self._lands = Contact.CRASHED, False, False
+            return self.contact
+        if self.crashed:
+            self.contact = Contact.FLYING  # it falls
         height, course = float(odometry.p_WB[2]), self._course_of(window)
         self.asks_for_height = course is not None and _asks_for_height(course, height)
         rests = course is None or (not self.asks_for_height and course.speed < _REFERENCE_SPEED)
@@ -199,6 +215,7 @@ class GroundContact:
         anew = not 0 < duration_ns <= _LONGEST_GAP_NS
         if anew:
             self._little_since_ns = self._lifting_since_ns = self._still = None
+            self._crash.begin_anew()
         self._motion.follow(
             odometry, thrust=thrust, duration=1e-9 * duration_ns, anew=anew, flies=self.flies
         )

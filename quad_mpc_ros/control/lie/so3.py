@@ -5,6 +5,9 @@ Leading batch dimensions are accepted where shapes say so: (..., 3) and (..., 3,
 follow Solà, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), with
 right (body-frame) Jacobians.
 
+What is no array of numbers of the shape, or has no rotation, is an :class:`ArgumentError`, a
+``ValueError``.
+
 A single rotation goes through plain numbers (:mod:`.formulas`), batches through NumPy, which takes
 ten times as long for three numbers.
 """
@@ -16,13 +19,15 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from quad_mpc_ros.configuration.arguments import array
+from quad_mpc_ros.configuration.errors import ArgumentError
 from quad_mpc_ros.control.lie import Array, formulas
-from quad_mpc_ros.control.lie.formulas import SMALL_ANGLE, Matrix, Vector
+from quad_mpc_ros.control.lie.formulas import SMALL_ANGLE, Matrix, Quaternion, Vector
 
 
 def hat(phi: ArrayLike) -> Array:
     """Return the skew matrix [phi] with ``hat(a) @ b == cross(a, b)``; (..., 3) → (..., 3, 3)."""
-    phi = np.asarray(phi, dtype=np.float64)
+    phi = array(phi, "phi", ..., 3)
     skew = np.zeros((*phi.shape, 3))
     skew[..., 2, 1] = phi[..., 0]
     skew[..., 0, 2] = phi[..., 1]
@@ -35,22 +40,25 @@ def hat(phi: ArrayLike) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """Return a x b of two vectors (3,), twenty times as fast as NumPy's, which does any shape."""
-    return np.array(formulas.cross(_vector(a), _vector(b)))
+    return np.array(formulas.cross(_vector(a, "a"), _vector(b, "b")))
 
 
 def vee(skew: Array) -> Array:
     """Return the vector of a skew matrix, the inverse of :func:`hat`; (..., 3, 3) → (..., 3)."""
+    skew = array(skew, "skew", ..., 3, 3)
     return np.stack((skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]), axis=-1)
 
 
 def exp(phi: ArrayLike) -> Array:
     """Return the rotation by the rotation vector ``phi`` (Rodrigues); (..., 3) → (..., 3, 3)."""
-    phi = np.asarray(phi, dtype=np.float64)
+    phi = array(phi, "phi", ..., 3)
     if phi.ndim == 1:
-        vector = _vector(phi)
+        vector = _vector(phi, "phi")
         sine, versine, _ = formulas.turn_ratios(_square(vector))
         return _array(formulas.polynomial(vector, sine, versine))
     angle = _norm(phi)
+    if not np.isfinite(angle).all():
+        raise ArgumentError("phi", phi, _ROTATION_VECTOR)
     skew = hat(phi)
     return _EYE + _sinc(angle) * skew + _versine(angle) * (skew @ skew)
 
@@ -61,8 +69,9 @@ def log(rotation: Array) -> Array:
     It goes through the unit quaternion, whose vector part is well conditioned near pi, where the
     trace formula divides by zero. At exactly pi either of the two axes is right; one is returned.
     """
+    rotation = array(rotation, "rotation", ..., 3, 3)
     if rotation.ndim == 2:
-        return np.array(formulas.rotation_vector(formulas.quaternion(_numbers(rotation))))
+        return np.array(formulas.rotation_vector(_quaternion(rotation)))
     q = quaternion_xyzw_from_rotation(rotation)
     vector, w = q[..., :3], q[..., 3:]  # w >= 0: the shorter way round
     sine = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
@@ -78,14 +87,14 @@ def log(rotation: Array) -> Array:
 
 def right_jacobian(phi: ArrayLike) -> Array:
     """Return J_r with ``exp(phi + d) ≈ exp(phi) @ exp(J_r @ d)``; (3,) → (3, 3)."""
-    vector = _vector(phi)
+    vector = _vector(phi, "phi")
     _, versine, deficit = formulas.turn_ratios(_square(vector))
     return _array(formulas.polynomial(vector, -versine, deficit))
 
 
 def right_jacobian_inverse(phi: ArrayLike) -> Array:
     """Return the inverse of :func:`right_jacobian`, finite up to and at pi; (3,) → (3, 3)."""
-    vector = _vector(phi)
+    vector = _vector(phi, "phi")
     return _array(formulas.polynomial(vector, 0.5, formulas.inverse_deficit(_square(vector))))
 
 
@@ -94,6 +103,9 @@ def shortest_rotation(start: Array, end: Array) -> Array:
 
     There is none between opposite ones.
     """
+    start, end = array(start, "start", ..., 3), array(end, "end", ..., 3)
+    if start.ndim != 2 or start.shape != end.shape:
+        raise ArgumentError("end", end, f"unit vectors (n, 3), as many as start: {start.shape}")
     cosine = np.sum(start * end, axis=-1)
     skew = hat(np.cross(start, end))
     # Rodrigues' formula without an angle: (1 - cos) / sin^2 = 1 / (1 + cos).
@@ -105,7 +117,11 @@ def shortest_turn_of_z(direction: Array) -> Array:
 
     It has no component along e_3. Opposite to e_3 every horizontal axis is as short: e_1.
     """
-    x, y, z = direction / np.linalg.norm(direction)
+    direction = array(direction, "direction", 3)
+    length = np.linalg.norm(direction)
+    if not 0.0 < length < math.inf:
+        raise ArgumentError("direction", direction.tolist(), "3 finite numbers, not all 0")
+    x, y, z = direction / length
     axis = np.array([-y, x, 0.0])  # e_3 cross direction
     sine = math.hypot(axis[0], axis[1])
     if sine < 1e-9:
@@ -116,17 +132,17 @@ def shortest_turn_of_z(direction: Array) -> Array:
 def rotation_from_quaternion_xyzw(q_xyzw: ArrayLike) -> Array:
     """Return the rotation of a quaternion (x, y, z, w), normalised first; (..., 4) → (..., 3, 3).
 
-    Raises ``ValueError`` when a quaternion is zero or not finite.
+    Raises :class:`ArgumentError` when a quaternion is zero or not finite.
     """
-    q = np.asarray(q_xyzw, dtype=np.float64)
+    q = array(q_xyzw, "q_xyzw", ..., 4)
     if q.ndim == 1:
         x, y, z, w = q.tolist()
         if not 0.0 < x * x + y * y + z * z + w * w < math.inf:
-            raise ValueError(f"no rotation in the quaternion {q.tolist()}")
+            raise ArgumentError("q_xyzw", q.tolist(), _QUATERNION)
         return _array(formulas.rotation((x, y, z, w)))
     norm = np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
     if not np.all(np.isfinite(norm) & (norm > 0.0)):
-        raise ValueError(f"no rotation in the quaternion {q.tolist()}")
+        raise ArgumentError("q_xyzw", q.tolist(), _QUATERNION)
     x, y, z, w = np.moveaxis(q / norm, -1, 0)
     rotation = np.empty((*q.shape[:-1], 3, 3))
     rotation[..., 0, 0] = 1.0 - 2.0 * (y * y + z * z)
@@ -147,9 +163,11 @@ def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
     Each of the four products ``4 q_i q`` is linear in the matrix; the one with the largest norm
     is the best conditioned everywhere, pi included (Shepperd 1978).
     """
-    r = np.asarray(rotation, dtype=np.float64)
+    r = array(rotation, "rotation", ..., 3, 3)
     if r.ndim == 2:
-        return np.array(formulas.quaternion(_numbers(r)))
+        return np.array(_quaternion(r))
+    if not np.isfinite(r).all():
+        raise ArgumentError("rotation", r, _ROTATION)
     xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
     products = np.empty((*r.shape[:-2], 4, 4))
     products[..., 0, 0] = 1.0 + xx - yy - zz
@@ -169,12 +187,23 @@ def quaternion_xyzw_from_rotation(rotation: Array) -> Array:
 
 
 _EYE = np.eye(3)
+_ROTATION_VECTOR = "finite numbers with finite squares"
+_QUATERNION = "a quaternion that is finite and not zero"
+_ROTATION = "a rotation: finite, orthogonal"
 
 
-def _vector(phi: ArrayLike) -> Vector:
+def _vector(given: ArrayLike, name: str) -> Vector:
     """Return (3,) as plain numbers."""
-    x, y, z = np.asarray(phi, dtype=np.float64).tolist()
+    x, y, z = array(given, name, 3).tolist()
     return x, y, z
+
+
+def _quaternion(rotation: Array) -> Quaternion:
+    """Return the unit quaternion of a rotation (3, 3), both as plain numbers."""
+    try:
+        return formulas.quaternion(_numbers(rotation))
+    except (ArithmeticError, ValueError):
+        raise ArgumentError("rotation", rotation.tolist(), _ROTATION) from None
 
 
 def _numbers(rotation: Array) -> Matrix:
@@ -190,7 +219,10 @@ def _array(matrix: Matrix) -> Array:
 
 def _square(v: Vector) -> float:
     """Return v' v."""
-    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    if not square < math.inf:  # NaN compares with nothing
+        raise ArgumentError("phi", list(v), _ROTATION_VECTOR)
+    return square
 
 
 def _norm(phi: Array) -> Array:

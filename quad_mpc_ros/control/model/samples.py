@@ -11,11 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from quad_mpc_ros.configuration.arguments import array, instance, number, stamp, stamps
+from quad_mpc_ros.configuration.errors import ArgumentError
 from quad_mpc_ros.control.lie import Array
+
+_LONGEST = 1e9  # s, of a window
 
 _LARGEST_VARIANCE = 25.0  # m^2/s^2 of a velocity; larger values mean unknown
 
@@ -34,6 +39,10 @@ class OdometrySample:
         child_frame_id: The body frame.
         v_variance: Variance of the velocity along each axis [m^2/s^2], 0 where it is unknown.
 
+    Raises:
+        ArgumentError: One of them is of another type or shape. Any number is taken; those that
+            are not finite the controller refuses as it refuses those of a message.
+
     Example:
         >>> OdometrySample.at_rest([0.0, 0.0, 1.5], yaw=0.5).speed
         0.0
@@ -48,6 +57,19 @@ class OdometrySample:
     child_frame_id: str = "base_link"
     v_variance: float = 0.0
 
+    def __post_init__(self) -> None:
+        _settle(
+            self,
+            stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
+            p_WB=array(self.p_WB, "p_WB", 3),
+            q_WB_xyzw=array(self.q_WB_xyzw, "q_WB_xyzw", 4),
+            v_WB_B=array(self.v_WB_B, "v_WB_B", 3),
+            w_WB_B=array(self.w_WB_B, "w_WB_B", 3),
+            frame_id=instance(self.frame_id, "frame_id", str),
+            child_frame_id=instance(self.child_frame_id, "child_frame_id", str),
+            v_variance=number(self.v_variance, "v_variance"),
+        )
+
     @classmethod
     def at_rest(
         cls, p_WB: ArrayLike, *, yaw: float = 0.0, stamp_ns: int = 0, frame_id: str = "odom"
@@ -59,10 +81,13 @@ class OdometrySample:
             yaw: Where the nose points, from east to north [rad].
             stamp_ns: When it was measured [ns].
             frame_id: The world frame.
+
+        Raises:
+            ArgumentError: An argument is of another type or shape.
         """
         return cls(
             stamp_ns=stamp_ns,
-            p_WB=np.array(p_WB, dtype=np.float64),
+            p_WB=array(p_WB, "p_WB", 3).copy(),
             q_WB_xyzw=_level(yaw),
             v_WB_B=np.zeros(3),
             w_WB_B=np.zeros(3),
@@ -99,12 +124,24 @@ class CommandSample:
         throttle: Collective throttle in [0, 1].
         w_WB_B: Body rates in body axes (3,) [rad/s].
         frame_id: The body frame.
+
+    Raises:
+        ArgumentError: One of them is of another type or shape.
     """
 
     stamp_ns: int
     throttle: float
     w_WB_B: Array
     frame_id: str = "base_link"
+
+    def __post_init__(self) -> None:
+        _settle(
+            self,
+            stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
+            throttle=number(self.throttle, "throttle", finite=False),
+            w_WB_B=array(self.w_WB_B, "w_WB_B", 3),
+            frame_id=instance(self.frame_id, "frame_id", str),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,6 +160,10 @@ class ReferenceWindow:
         a_WB_W: Accelerations (n, 3) [m/s^2].
         w_WB_W: Angular velocities (n, 3) [rad/s].
         frame_id: The world frame.
+
+    Raises:
+        ArgumentError: One of them is of another type or shape. Any number, and any order of the
+            offsets, is taken; what cannot be flown the controller refuses as it does of a message.
     """
 
     stamp_ns: int
@@ -133,6 +174,21 @@ class ReferenceWindow:
     a_WB_W: Array
     w_WB_W: Array
     frame_id: str = "odom"
+
+    def __post_init__(self) -> None:
+        offset_ns = stamps(self.offset_ns, "offset_ns")
+        count = len(offset_ns)
+        _settle(
+            self,
+            stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
+            offset_ns=offset_ns,
+            p_WB=array(self.p_WB, "p_WB", count, 3),
+            q_WB_xyzw=array(self.q_WB_xyzw, "q_WB_xyzw", count, 4),
+            v_WB_W=array(self.v_WB_W, "v_WB_W", count, 3),
+            a_WB_W=array(self.a_WB_W, "a_WB_W", count, 3),
+            w_WB_W=array(self.w_WB_W, "w_WB_W", count, 3),
+            frame_id=instance(self.frame_id, "frame_id", str),
+        )
 
     @classmethod
     def hover(
@@ -153,16 +209,19 @@ class ReferenceWindow:
             duration: For how long [s]; at least the horizon of the MPC.
             frame_id: The world frame.
 
+        Raises:
+            ArgumentError: An argument is of another type or shape, or out of range.
+
         Example:
             >>> ReferenceWindow.hover([0.0, 0.0, 2.0]).p_WB
             array([[0., 0., 2.],
                    [0., 0., 2.]])
         """
-        rest = np.zeros((2, 3))
+        rest, seconds = np.zeros((2, 3)), number(duration, "duration", above=0.0, below=_LONGEST)
         return cls(
             stamp_ns=stamp_ns,
-            offset_ns=np.array([0, round(duration * 1e9)]),
-            p_WB=np.tile(np.array(p_WB, dtype=np.float64), (2, 1)),
+            offset_ns=np.array([0, round(seconds * 1e9)]),
+            p_WB=np.tile(array(p_WB, "p_WB", 3), (2, 1)),
             q_WB_xyzw=np.tile(_level(yaw), (2, 1)),
             v_WB_W=rest,
             a_WB_W=rest,
@@ -196,30 +255,32 @@ class ReferenceWindow:
             frame_id: The world frame.
 
         Raises:
-            ValueError: The shapes do not match, there are fewer than three samples, or the times
-                do not increase.
+            ArgumentError: The shapes do not match, there are fewer than three samples, the times
+                do not increase, or a position needs no thrust or thrust downwards, which leaves
+                its attitude undefined.
         """
         from quad_mpc_ros.control.lie import (
             so3,  # which needs Numba, and most who use samples do not
         )
 
-        t, p = np.array(seconds, dtype=np.float64), np.array(p_WB, dtype=np.float64)
-        if t.ndim != 1 or len(t) < 3 or p.shape != (len(t), 3) or not np.all(np.diff(t) > 0.0):
-            raise ValueError(
-                f"given times {t.shape} and positions {p.shape}, expected increasing times (n,) "
-                "and positions (n, 3) of 3 or more samples"
-            )
-        v = np.gradient(p, t, axis=0, edge_order=2)
-        a = np.gradient(v, t, axis=0, edge_order=2)
-        force = a + np.array([0.0, 0.0, gravity])
-        R_WB = so3.shortest_rotation(
-            np.tile([0.0, 0.0, 1.0], (len(t), 1)),
-            force / np.linalg.norm(force, axis=1, keepdims=True),
-        ) @ so3.exp([0.0, 0.0, yaw])
+        t, heading = array(seconds, "seconds", ..., finite=True), number(yaw, "yaw")
+        if t.ndim != 1 or len(t) < 3 or not np.all(np.diff(t) > 0.0) or abs(t).max() > _LONGEST:
+            raise ArgumentError("seconds", seconds, "3 or more increasing times (n,), below 1e9 s")
+        p = array(p_WB, "p_WB", len(t), 3, finite=True)
+        with np.errstate(all="ignore"):  # what comes of it is looked at
+            v = np.gradient(p, t, axis=0, edge_order=2)
+            a = np.gradient(v, t, axis=0, edge_order=2)
+            force = a + np.array([0.0, 0.0, number(gravity, "gravity", above=0.0)])
+            R_WB = so3.shortest_rotation(
+                np.tile([0.0, 0.0, 1.0], (len(t), 1)),
+                force / np.linalg.norm(force, axis=1, keepdims=True),
+            ) @ so3.exp([0.0, 0.0, heading])
+        if not np.isfinite(R_WB).all():
+            raise ArgumentError("p_WB", p_WB, "positions with accelerations that lift the vehicle")
         return cls(
             stamp_ns=stamp_ns,
             offset_ns=np.rint(t * 1e9).astype(np.int64),
-            p_WB=p,
+            p_WB=p.copy(),
             q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
             v_WB_W=v,
             a_WB_W=a,
@@ -233,8 +294,10 @@ class ReferenceWindow:
         The position is on the line between two samples, the attitude that of the one before. What
         the MPC follows is sampled better (``control/model/reference_window.py``).
         """
-        after_ns = stamp_ns - self.stamp_ns
+        after_ns = stamp(stamp_ns, "stamp_ns") - self.stamp_ns
         offsets_ns = self.offset_ns
+        if len(offsets_ns) == 0:
+            raise ArgumentError("offset_ns", offsets_ns, "a window with samples")
         if after_ns == int(offsets_ns[0]) != int(offsets_ns[min(1, len(offsets_ns) - 1)]):
             return self.p_WB[0], self.q_WB_xyzw[0]  # as in lockstep
         before = max(int(offsets_ns.searchsorted(after_ns, side="right")) - 1, 0)
@@ -246,8 +309,17 @@ class ReferenceWindow:
         return p + fraction * (self.p_WB[before + 1] - p), q
 
 
+def _settle(sample: Any, **values: object) -> None:
+    """Set the fields of a frozen sample that were given in another type."""
+    fields = vars(sample)
+    for name, value in values.items():
+        if fields[name] is not value:
+            object.__setattr__(sample, name, value)
+
+
 def _level(yaw: float) -> Array:
     """Return the quaternion (4,) of a level attitude."""
+    yaw = number(yaw, "yaw")
     return np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
 
 

@@ -9,6 +9,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.ladder import timeouts_of
 from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
+from quad_mpc_ros.control.safety.position_jumps import PositionJumps
 from quad_mpc_ros.control.safety.validation import coverage_fault
 from quad_mpc_ros.control.safety.window_validation import reference_fault
 
@@ -16,13 +17,15 @@ from quad_mpc_ros.control.safety.window_validation import reference_fault
 class InputMonitor:
     """Takes what is fit to be used; of what is not it says why, and keeps the last good one.
 
-    ``odometry`` has its twist in the body frame, in whichever it came. ``odometry_ns`` and
+    ``odometry`` has its twist in the body frame, in whichever it came, and where its position has
+    jumped the one that its velocity leads to; ``jumps`` says so. ``odometry_ns`` and
     ``reference_ns`` are the times of arrival.
     """
 
     def __init__(self, config: MpcConfig) -> None:
         self._parameters = config.odometry
         self.gate = OdometryGate(config)
+        self.jumps = PositionJumps()
         self._horizon_ns = round(config.horizon_steps * config.horizon_step * 1e9)
         self._twist_check = TwistFrameCheck(twist_frame=config.odometry.twist_frame)
         self.odometry: OdometrySample | None = None
@@ -44,7 +47,7 @@ class InputMonitor:
         self._twist_check.note(odometry)
         if self._parameters.twist_frame == "world":
             odometry = with_body_twist(odometry)
-        self.odometry, self.odometry_ns = odometry, self.gate.changed_ns
+        self.odometry, self.odometry_ns = self.jumps.checked(odometry), self.gate.changed_ns
         return None
 
     def take_reference(self, window: ReferenceWindow, *, now_ns: int) -> str | None:
@@ -55,7 +58,8 @@ class InputMonitor:
         return fault
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Let the reference move with the estimate until another comes."""
+        """Let the reference move with the estimate until another comes, and where it is."""
+        self.jumps.reset_estimate(reset)
         if self.reference is not None:
             self.reference = reset.window(self.reference)
 

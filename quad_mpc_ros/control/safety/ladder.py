@@ -65,7 +65,8 @@ class Inputs(NamedTuple):
     ``odometry_ns`` and ``reference_ns`` are when the last usable ones arrived. ``plan_fault`` is
     empty when a new plan is at hand, otherwise why there is none. ``foreseen`` says that the plan
     begins where the vehicle should be by now, and not where it was seen. ``standing`` says that
-    the vehicle stands on the ground.
+    the vehicle stands on the ground, or lies there. ``jumped`` says why the position of the
+    odometry was replaced, empty if it was not.
     """
 
     now_ns: int
@@ -75,6 +76,7 @@ class Inputs(NamedTuple):
     breach: Breach | None = None
     standing: bool = False
     foreseen: bool = False
+    jumped: str = ""
 
 
 class LadderState(NamedTuple):
@@ -133,7 +135,7 @@ def _rung(
     if breach is not None and breach.action is Action.HOVER:
         return Decision(Source.IDLE if inputs.standing else Source.HOVER, breach.reason)
     if not fault:
-        unseen = _FORESEEN if inputs.foreseen else ""
+        unseen = _FORESEEN if inputs.foreseen else inputs.jumped
         return Decision(Source.MPC, breach.reason if breach is not None else unseen)
     if holding and not inputs.standing:  # a plan may take off later
         return Decision(Source.PLAN, fault)

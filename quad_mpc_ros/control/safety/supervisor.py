@@ -34,6 +34,11 @@ from quad_mpc_ros.control.safety.input_monitor import InputMonitor
 from quad_mpc_ros.control.safety.ladder import Action, Breach, Decision, LadderState, Source
 from quad_mpc_ros.control.safety.oscillation import OscillationMonitor
 
+_CRASHED = (
+    "crashed: it lies upside down, or does not rise with thrust; put it upright, then deactivate "
+    "and activate the MPC, or disengage and engage"
+)
+
 
 class Counts(NamedTuple):
     """What has been counted so far; ``TickStats`` says of each what it is."""
@@ -103,7 +108,8 @@ class Supervisor:
         self._hover.reset_estimate(reset)
 
     def engage(self, engaged: bool) -> None:
-        """Set whether commands act; while they do not, oscillation is not watched."""
+        """Set whether commands act; meanwhile neither oscillation nor jumps are looked for."""
+        self.inputs.jumps.engage(engaged)
         self._oscillation.engage(engaged)
 
     def take_warnings(self) -> list[str]:
@@ -117,10 +123,14 @@ class Supervisor:
     def accept_odometry(self, odometry: OdometrySample, *, now_ns: int) -> OdometrySample | None:
         """Take an odometry and return it, the twist in the body frame; None if it is unfit."""
         fault = self.inputs.take_odometry(odometry, now_ns=now_ns)
-        if fault is None:
-            return self.inputs.odometry
-        self._reject(fault)
-        return None
+        if fault is not None:
+            self._reject(fault)
+            return None
+        jumps = self.inputs.jumps
+        if jumps.fault:
+            self._reject(jumps.fault)
+        self._warnings.extend(jumps.take_notes())
+        return self.inputs.odometry
 
     def accept_reference(self, window: ReferenceWindow, *, now_ns: int) -> bool:
         """Take a reference window if it is fit to be used."""
@@ -199,7 +209,7 @@ class Supervisor:
         seen_ns = self.inputs.odometry_ns or 0
         return (
             self._source is Source.MPC
-            and not self._ground.standing
+            and not (self._ground.standing or self._ground.crashed)
             and 0 <= now_ns - seen_ns <= self._timeouts.gap
         )
 
@@ -252,15 +262,17 @@ class Supervisor:
         breach: Breach | None = None,
         foreseen: bool = False,
     ) -> Decision:
+        crashed = self._ground.crashed
         decision, self._ladder = ladder.decide(
             ladder.Inputs(
                 now_ns=now_ns,
                 odometry_ns=self.inputs.odometry_ns,
                 reference_ns=self.inputs.reference_seen_ns(now_ns),
-                plan_fault=plan_fault,
+                plan_fault=_CRASHED if crashed else plan_fault,
                 breach=breach,
-                standing=self._ground.standing,
+                standing=self._ground.standing or crashed,
                 foreseen=foreseen,
+                jumped=self.inputs.jumps.fault,
             ),
             self._ladder,
             self._timeouts,

@@ -55,17 +55,18 @@ def test_through_a_circle_has_its_motion_and_leans_into_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seconds", "positions"),
+    ("seconds", "positions", "expected"),
     [
-        ([0.0, 1.0], [[0.0] * 3] * 2),
-        ([0.0, 1.0, 1.0], [[0.0] * 3] * 3),
-        ([0, 1, 2], [[0.0] * 2] * 3),
+        ([0.0, 1.0], [[0.0] * 3] * 2, "seconds: .*expected 3 or more increasing times"),
+        ([0.0, 1.0, 1.0], [[0.0] * 3] * 3, "seconds: .*expected 3 or more increasing times"),
+        ([0, 1, 2], [[0.0] * 2] * 3, r"p_WB: .*expected numbers of shape \(3, 3\)"),
+        ([0, 1, 2], [[0.0, 0.0, -4.905 * t * t] for t in range(3)], "p_WB: .*lift the vehicle"),
     ],
 )
 def test_through_refuses_what_has_no_motion(
-    seconds: list[float], positions: list[list[float]]
+    seconds: list[float], positions: list[list[float]], expected: str
 ) -> None:
-    with pytest.raises(ValueError, match="expected increasing times"):
+    with pytest.raises(ValueError, match=expected):
         ReferenceWindow.through(seconds, positions)
 
 

@@ -1,0 +1,134 @@
+"""What a caller of the library gives, looked at where it comes in.
+
+Each function returns what was given in the type that the library computes with, or raises
+:class:`ArgumentError` with the argument's name, what was given and what was expected. What has
+that type already is returned itself, so that a check costs a fraction of a microsecond.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from numbers import Real
+from types import EllipsisType
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.configuration.errors import ArgumentError
+
+T = TypeVar("T")
+
+LONGEST_NS = 2**62
+"""Stamps and times [ns] are smaller, 146 years: differences of two fit into 64 bits."""
+
+_FLOAT, _STAMP = np.dtype(np.float64), np.dtype(np.int64)
+_REAL, _WHOLE = "fiu", "iu"  # kinds of NumPy's types
+
+
+def array(
+    given: object, name: str, *shape: int | EllipsisType, finite: bool = False
+) -> NDArray[np.float64]:
+    """Return numbers as an array of floats of a shape; a leading ``...`` stands for any axes.
+
+    The array can be written and is contiguous, as compiled code takes it. A list of numbers is
+    converted; text, complex numbers and objects are refused.
+    """
+    if (
+        type(given) is not np.ndarray
+        or given.dtype != _FLOAT
+        or given.shape != shape
+        or not given.flags.carray
+    ):
+        given = _converted(given, name, shape)
+    if finite and not np.isfinite(given).all():
+        raise ArgumentError(name, given, f"finite {_described(shape)}")
+    return given
+
+
+def stamps(given: object, name: str) -> NDArray[np.int64]:
+    """Return whole numbers (n,) of nanoseconds as an array."""
+    found = _as_array(given)
+    whole = found is not None and (found.dtype.kind in _WHOLE or found.size == 0)
+    if found is None or not whole or found.ndim != 1:
+        raise ArgumentError(name, given, "whole numbers (n,) of nanoseconds")
+    if found.size and not -LONGEST_NS < int(found.min()) <= int(found.max()) < LONGEST_NS:
+        raise ArgumentError(name, given, "nanoseconds between -2^62 and 2^62")
+    if found.dtype == _STAMP and found.flags.carray:
+        return found
+    return np.array(found, dtype=_STAMP, order="C")
+
+
+def stamp(given: object, name: str) -> int:
+    """Return a whole number of nanoseconds."""
+    if type(given) is not int:
+        try:
+            given = None if isinstance(given, bool) else operator.index(given)  # type: ignore[arg-type]
+        except TypeError:
+            raise ArgumentError(name, given, "a whole number of nanoseconds") from None
+    if given is None or not -LONGEST_NS < given < LONGEST_NS:
+        raise ArgumentError(name, given, "a whole number of nanoseconds between -2^62 and 2^62")
+    return given
+
+
+def number(
+    given: object,
+    name: str,
+    *,
+    above: float = -math.inf,
+    below: float = math.inf,
+    finite: bool = True,
+) -> float:
+    """Return a real number between two bounds, neither of which it may be."""
+    if type(given) is not float:
+        if not isinstance(given, Real) or isinstance(given, bool):
+            raise ArgumentError(name, given, "a number")
+        try:
+            given = float(given)
+        except OverflowError:
+            raise ArgumentError(name, given, "a finite number") from None
+    if finite and not above < given < below:  # NaN compares with nothing
+        bounds = [f" above {above:g}"] if above > -math.inf else []
+        bounds += [f" below {below:g}"] if below < math.inf else []
+        raise ArgumentError(name, given, f"a finite number{' and'.join(bounds)}")
+    return given
+
+
+def instance(given: object, name: str, *kinds: type[T]) -> T:
+    """Return what is of one of the kinds."""
+    if isinstance(given, kinds):
+        return given
+    words = " or ".join("None" if kind is type(None) else kind.__name__ for kind in kinds)
+    raise ArgumentError(name, given, words)
+
+
+def _converted(
+    given: object, name: str, shape: tuple[int | EllipsisType, ...]
+) -> NDArray[np.float64]:
+    found = _as_array(given)
+    if found is None or not (found.dtype.kind in _REAL or found.size == 0):
+        raise ArgumentError(name, given, _described(shape))
+    last = shape[1:] if shape and shape[0] is ... else shape
+    fits = len(last) <= found.ndim and found.shape[found.ndim - len(last) :] == last
+    if not fits or (last == shape and found.ndim != len(last)):
+        raise ArgumentError(name, given, _described(shape))
+    if found.dtype == _FLOAT and found.flags.carray:
+        return found
+    return np.array(found, dtype=_FLOAT, order="C")
+
+
+def _as_array(given: object) -> NDArray[Any] | None:
+    """Return what NumPy makes of it, None where it makes nothing."""
+    try:
+        return np.asarray(given)
+    except Exception:  # whatever the object's own conversion raises
+        return None
+
+
+def _described(shape: tuple[int | EllipsisType, ...]) -> str:
+    """Return a shape in words."""
+    if len(shape) == 1 and shape[0] is not ...:
+        return f"{shape[0]} numbers"
+    sizes = ", ".join("..." if size is ... else str(size) for size in shape)
+    return f"numbers of shape ({sizes})"
