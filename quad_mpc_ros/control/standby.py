@@ -37,15 +37,20 @@ class Standby:
         """Take a reference window."""
         self._reference = _Received(window, now_ns)
 
+    @property
+    def missing(self) -> str | None:
+        """Which has never come: odometry, reference, or None."""
+        if self._odometry is None:
+            return "odometry"
+        return "reference" if self._reference is None else None
+
     def obstacle(self, config: MpcConfig, *, now_ns: int) -> str | None:
         """Return why a controller cannot begin with what has come, or None.
 
         In lockstep nothing grows old, but the reference must be that of the odometry.
         """
-        if self._odometry is None:
-            return "no odometry yet"
-        if self._reference is None:
-            return "no reference yet"
+        if self._odometry is None or self._reference is None:
+            return f"no {self.missing} yet"
         (odometry, odometry_ns), (window, window_ns) = self._odometry, self._reference
         frame_id = config.odometry.frame_id
         fault = odometry_fault(odometry, frame_id=frame_id)

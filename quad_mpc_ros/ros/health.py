@@ -14,7 +14,9 @@ from typing import Any, Generic, TypeVar
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from quad_mpc_ros.configuration import Configuration
 from quad_mpc_ros.messages import cdr
@@ -126,6 +128,20 @@ class HealthReporter:
         ]
         return f"{', '.join(rivals)}, expected one" if rivals else ""
 
+    def publishers_of(self, topic: Topic) -> str:
+        """Return in words what publishes on a subscribed topic, and why it is not heard."""
+        endpoint = self._endpoints[topic.name]
+        assert isinstance(endpoint, Subscription)
+        found = self._node.get_publishers_info_by_topic(endpoint.topic_name)
+        name = str(endpoint.topic_name)
+        if not found:
+            return f"no publisher on {name}"
+        misfits = [why for each in found if (why := _misfit(each, topic))]
+        count = f"{len(found)} publisher{'s' if len(found) > 1 else ''} on {name}"
+        if misfits:
+            return f"{count}, not heard: {'; '.join(misfits)}"
+        return f"{count}, nothing received"
+
     def _with_faults(self, health: Health) -> Health:
         """Return the health with a warning of rival publishers and of different vehicles."""
         vehicles = self.watch.fault() if self.watch is not None else ""
@@ -199,6 +215,17 @@ class ReportingNode(ParameterNode, Generic[C]):
     def report(self) -> Health:
         """Return the health of the node."""
         raise NotImplementedError
+
+
+def _misfit(publisher: TopicEndpointInfo, topic: Topic) -> str:
+    """Return why a publisher cannot be heard, empty if it can."""
+    node = f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+    if publisher.topic_type != topic.type_name:
+        return f"{node} publishes {publisher.topic_type}, expected {topic.type_name}"
+    fits, why = qos_check_compatible(publisher.qos_profile, qos_of(topic))
+    if fits is QoSCompatibility.ERROR:
+        return f"quality of service of {node}: {why.strip().rstrip(';').lower()}"
+    return ""
 
 
 def _peer_count(endpoint: Publisher | Subscription) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import time
 import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -26,6 +27,7 @@ from quad_mpc_ros.ros.health import Health, HealthReporter
 from quad_mpc_ros.ros.parameters import ManagedParameters, ParameterNode
 from quad_mpc_ros.ros.preflight.own import own_findings
 from quad_mpc_ros.ros.realtime import settle_memory
+from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
 from quad_mpc_ros.ros.spin import stop
 
 C = TypeVar("C", bound=ManagedConfiguration)
@@ -45,6 +47,8 @@ _TRANSITIONS = {
         Transition.TRANSITION_ACTIVE_SHUTDOWN: "shutdown",
     },
 }
+# s: what is awaited is in the log after so long without it.
+_PATIENCE, _REMINDER_PERIOD = 3.0, 0.5
 _SHUTDOWN_DELAY = 0.1  # s: the response to the request for the shutdown goes out first
 
 
@@ -76,6 +80,9 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self._made = ExitStack()
         self._managed_parameters = ManagedParameters(self, configuration, apply=self.reconfigure)
         self.health = HealthReporter(self, self._probe)
+        self.warnings = RepeatedWarnings(self)
+        self._awaiting_since = 0.0
+        create_steady_timer(self, _REMINDER_PERIOD, self._remind)
         # rclpy answers an impossible transition with an exception, which ends the node.
         (service,) = (each for each in self.services if each.srv_type is ChangeState)
         service.callback = functools.partial(self._on_change_state, service.callback)
@@ -91,6 +98,15 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         """Return why the node cannot be activated now, or None."""
         return None
 
+    @property
+    def autostarting(self) -> bool:
+        """Whether the node is to be activated by itself."""
+        return self._autostarting
+
+    def awaits(self) -> bool:
+        """Whether the obstacle is only that something has not come yet."""
+        return False
+
     def activate(self) -> None:
         """Begin, or continue."""
 
@@ -102,6 +118,10 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
 
     def reconfigure(self, config: C) -> None:
         """Apply changed live parameters."""
+
+    def values(self) -> list[tuple[str, str]]:
+        """Return what the health has in every state."""
+        return []
 
     def report(self) -> Health:
         """Return the health of the node while it is active."""
@@ -129,10 +149,35 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
 
         Call it whenever that may have changed.
         """
-        if self._autostarting and self.obstacle() is None:
-            self.trigger_activate()
-            self._autostarting = False
-            self._report("activate")
+        if not self._autostarting:
+            return
+        if self.obstacle() is not None:
+            self._remind()
+            return
+        self.trigger_activate()
+        self._autostarting = False
+        self._report("activate")
+
+    def stay_inactive(self, reason: str) -> None:
+        """Stop, or do not start, by itself: from now on only a request activates the node."""
+        self._autostarting = False
+        self.get_logger().error(reason)
+        if self.active:
+            self._by_itself(self.trigger_deactivate)
+            self.health.report()
+
+    def _remind(self) -> None:
+        """Log what prevents an activation: at once, and again as long as it lasts.
+
+        What is only awaited is given a while first.
+        """
+        if not (self._autostarting and self._configured) or self.active:
+            return
+        obstacle = self.obstacle()
+        if obstacle is None:
+            return
+        if not self.awaits() or time.monotonic() - self._awaiting_since > _PATIENCE:
+            self.warnings.warn(f"inactive: {obstacle}")
 
     def managed_timer(
         self, period: float, callback: Callable[[], None], *, steady: bool = False
@@ -243,7 +288,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         except Exception:
             self._destroy_made()
             raise
-        self._configured = True
+        self._configured, self._awaiting_since = True, time.monotonic()
         if not self._frozen:
             self._frozen = True
             settle_memory()
@@ -330,13 +375,13 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
         self.health.report()
 
     def _probe(self) -> Health:
-        state = ("state", self.state)
+        values = [("state", self.state), *self.values()]
         if self.active:
             health = self.report()
-            return dataclasses.replace(health, values=[state, *health.values])
+            return dataclasses.replace(health, values=[*values, *health.values])
         why = self.obstacle() if self._configured else None
         if why is None and not isinstance(self._fault, _ObstacleError | None):
             why = str(self._fault)
         return Health(
-            level=WARN, text=self.state if why is None else f"{self.state}: {why}", values=[state]
+            level=WARN, text=self.state if why is None else f"{self.state}: {why}", values=values
         )

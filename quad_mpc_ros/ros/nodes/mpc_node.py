@@ -18,6 +18,7 @@ from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
 from quad_mpc_ros.ros import realtime
 from quad_mpc_ros.ros.clocks import SteadyTime
+from quad_mpc_ros.ros.commanders import Commanders
 from quad_mpc_ros.ros.compiling import reported
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
@@ -27,7 +28,6 @@ from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
-_WARNING_PERIOD = 5.0
 _ESTIMATE_FAILS = {"at bounds": "is at its bounds", "reset": "was reset"}
 # Between published plans: in lockstep every one at 50 Hz; in real time, where publishing a plan
 # takes as long as solving, as many as an eye can follow.
@@ -54,6 +54,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._handed: deque[tuple[ReferenceWindow, int]] = deque(maxlen=1)
         self._tick: Tick | None = None
         self._time = SteadyTime(self.get_clock())
+        self._commanders = Commanders(self)
+        self._rivals = ""
         self.start()
 
     def configure(self, config: MpcConfig) -> None:
@@ -71,6 +73,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._engaged: bool | None = None  # unless a bridge publishes it, commands act
         self._landed: bool | None = None
         self._command = self.health.publisher(topics.COMMAND)
+        self._commanders.watch(self._command)
         self._stats = self.health.publisher(topics.STATS)
         self._predicted_path = self.health.publisher(topics.PREDICTED_PATH)
         self._path_period_ns = _LOCKSTEP_PERIOD_NS if config.lockstep else _SHOWN_PERIOD_NS
@@ -80,8 +83,10 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
         if self._hears_reference:
             self.managed_subscription(topics.REFERENCE, self._on_reference, raw=True)
-        self.health.watch = watch = VehicleWatch(self, config.vehicle_values())
-        self.managed_subscription(topics.DIAGNOSTICS, watch.receive, raw=True, expected=False)
+        self.health.watch = VehicleWatch(self, config.vehicle_values())
+        self.managed_subscription(
+            topics.DIAGNOSTICS, self._on_diagnostics, raw=True, expected=False
+        )
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
@@ -89,15 +94,32 @@ class MpcNode(ManagedNode[MpcConfig]):
             self.managed_alarm(1.0 / config.control_rate, self._on_watch)
 
     def obstacle(self) -> str | None:
-        """Return which of odometry and reference is missing."""
-        return self._standby.obstacle(self._controller.config, now_ns=self._time.now_ns())
+        """Return which of odometry and reference is missing, or who commands already."""
+        config, now_ns = self._controller.config, self._time.now_ns()
+        obstacle = self._standby.obstacle(config, now_ns=now_ns)
+        if obstacle is None:
+            return self._commanders.obstacle()
+        missing = self._standby.missing
+        if missing is None:
+            return obstacle
+        if missing == "reference" and not self._hears_reference:
+            return f"{obstacle}: from the reference node of this process"
+        topic = topics.ODOMETRY if missing == "odometry" else topics.REFERENCE
+        return f"{obstacle}: {self.health.publishers_of(topic)}"
+
+    def awaits(self) -> bool:
+        """Whether odometry or its reference has not come yet, or who is there is not known yet."""
+        missing = self._standby.missing is not None or self._in_lockstep
+        return missing or self._commanders.discovers
 
     def activate(self) -> None:
         """Answer the newest odometry."""
+        self._commanders.begin()
         self._finish(self._standby.begin(self._controller))
 
     def deactivate(self) -> None:
         """Forget the flight: somebody else commands until the next activation."""
+        self._commanders.end()
         self._controller, self._tick = self._controller.renewed(), None
         if self._engaged is not None:
             self._controller.engage(self._engaged)
@@ -105,6 +127,7 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def cleanup(self) -> None:
         """Release the controller."""
+        self._commanders.watch(None)
         del self._controller, self._standby
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -169,6 +192,16 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._landed = bool(message.data)
         self._controller.landed(self._landed)
 
+    def _on_diagnostics(self, data: bytes) -> None:
+        """Compare vehicles, and give way to who commands already."""
+        if self.health.watch is not None:
+            self.health.watch.receive(data)
+        reason = self._commanders.receive(data)
+        if reason and self.active:
+            self.stay_inactive(reason)
+        elif not self.active and self.autostarting and self._commanders.is_taken():
+            self.stay_inactive(f"inactive: {self._commanders.obstacle()}, then activate this node")
+
     def _on_odometry_reset(self, message: Any) -> None:
         try:
             self._controller.reset_estimate(conversions.reset_from_message(message))
@@ -228,6 +261,21 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def report(self) -> Health:
         """Return who commands."""
+        health, rivals = self._health_of_flight(), self._commanders.fault()
+        if rivals and rivals != self._rivals:
+            self.get_logger().warning(f"{rivals}; this node flies on")
+        self._rivals = rivals
+        if not rivals:
+            return health
+        return Health(
+            level=max(health.level, WARN), text=f"{rivals}; {health.text}", values=health.values
+        )
+
+    def values(self) -> list[tuple[str, str]]:
+        """Return since when it commands, for others that could."""
+        return self._commanders.values()
+
+    def _health_of_flight(self) -> Health:
         tick = self._tick
         if tick is None:
             return Health(level=WARN, text="waiting for the first plan")
@@ -249,7 +297,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         )
 
     def _warn(self, text: str) -> None:
-        self.get_logger().warning(text, throttle_duration_sec=_WARNING_PERIOD)
+        self.warnings.warn(text)
 
 
 main = functools.partial(run, MpcNode)

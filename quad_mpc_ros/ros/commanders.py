@@ -1,0 +1,154 @@
+"""Who else commands the vehicle: there must be one source of commands in a namespace.
+
+Each MPC reports on ``/diagnostics`` on which topic it commands, and since when. One that is to be
+activated is refused while another is active there, or while somebody else publishes commands.
+Two that begin at the same moment do not know of each other yet: as soon as they do, the one that
+began later stops, of two that began in the same nanosecond the one whose name sorts later.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import time
+from typing import NamedTuple
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from quad_mpc_ros.messages.topics import DIAGNOSTICS
+from quad_mpc_ros.ros.messages import decoded
+
+_TOPIC, _INSTANCE, _SINCE = "commands.topic", "commands.instance", "commands.since_ns"
+_MARK = _TOPIC.encode() + b"\0"
+_STALE = 3.0  # s without a report: it has ended
+_DISCOVERY = 1.0  # s from the start of a node until it has found the others
+
+
+class _Commander(NamedTuple):
+    """Another MPC of the topic: its node, since when it is active [ns], if it is, when heard."""
+
+    node: str
+    since_ns: int | None
+    heard: float
+
+
+class Commanders:
+    """Knows the other sources of commands of a node."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._instance = f"{socket.gethostname()}:{os.getpid()}:{secrets.token_hex(4)}"
+        self._since_ns: int | None = None
+        self._others: dict[str, _Commander] = {}
+        self._command: Publisher | None = None
+        self._settled = time.monotonic() + _DISCOVERY
+
+    def watch(self, command: Publisher | None) -> None:
+        """Take the publisher of the node's own commands, or that there is none any more."""
+        self._command, self._since_ns = command, None
+
+    def begin(self) -> None:
+        """Take note that the node is active from now on."""
+        self._since_ns = time.time_ns()
+
+    def end(self) -> None:
+        """Take note that it is not active any more."""
+        self._since_ns = None
+
+    def values(self) -> list[tuple[str, str]]:
+        """Return what the others are to know, for the node's health."""
+        if self._command is None:
+            return []
+        since = "" if self._since_ns is None else str(self._since_ns)
+        return [
+            (_TOPIC, self._command.topic_name),
+            (_INSTANCE, self._instance),
+            (_SINCE, since),
+        ]
+
+    def receive(self, data: bytes) -> str:
+        """Take a raw message of ``/diagnostics``.
+
+        Returns:
+            Why this node has to stop, empty if it does not.
+        """
+        if _MARK not in data or self._command is None:
+            return ""
+        for status in decoded(DIAGNOSTICS, data).status:
+            values = {entry.key: entry.value for entry in status.values}
+            instance, since = values.get(_INSTANCE, self._instance), values.get(_SINCE, "")
+            if values.get(_TOPIC) != self._command.topic_name or instance == self._instance:
+                continue
+            since_ns = int(since) if since.isdecimal() else None
+            other = _Commander(f"{status.name} ({instance})", since_ns, time.monotonic())
+            self._others[instance] = other
+            if since_ns is not None and self._is_later_than(since_ns, instance):
+                return f"{other.node} has commanded for longer: this node stops"
+        return ""
+
+    def _is_later_than(self, since_ns: int, instance: str) -> bool:
+        """Whether this node is active, and began later than another one."""
+        return self._since_ns is not None and (since_ns, instance) < (
+            self._since_ns,
+            self._instance,
+        )
+
+    def obstacle(self) -> str | None:
+        """Return why this node must not begin to command, or None."""
+        if (active := self._active()) is not None:
+            return f"{active} commands already: end or deactivate it first"
+        if self.discovers:
+            return "other nodes are still being discovered"
+        publishers = self._publishers()
+        if len(publishers) > len(self._known()):
+            return (
+                f"{', '.join(publishers)} can publish {self._topic} as well: end it first; one "
+                "that was killed is forgotten after some 20 s"
+            )
+        return None
+
+    @property
+    def discovers(self) -> bool:
+        """Whether the node has not run for long enough to know who else is there."""
+        return time.monotonic() < self._settled
+
+    def is_taken(self) -> bool:
+        """Whether another one is known to command."""
+        return self._active() is not None
+
+    def fault(self) -> str:
+        """Return who else could command beside this node, empty if nobody."""
+        publishers = self._publishers()
+        if not publishers:
+            return ""
+        return (
+            f"{1 + len(publishers)} publishers on {self._topic}, expected one: "
+            f"also {', '.join(publishers)}"
+        )
+
+    @property
+    def _topic(self) -> str:
+        return "" if self._command is None else str(self._command.topic_name)
+
+    def _known(self) -> list[_Commander]:
+        """Return the other MPCs that have reported lately."""
+        now = time.monotonic()
+        return [other for other in self._others.values() if now - other.heard < _STALE]
+
+    def _active(self) -> str | None:
+        return next((other.node for other in self._known() if other.since_ns is not None), None)
+
+    def _publishers(self) -> list[str]:
+        """Return the nodes of the other publishers of commands."""
+        if self._command is None or self._node.count_publishers(self._topic) <= 1:
+            return []
+        names = [
+            f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            for info in self._node.get_publishers_info_by_topic(self._topic)
+        ]
+        own = self._node.get_fully_qualified_name()
+        if own in names:  # another one may have the same name
+            names.remove(own)
+        return sorted(names)
