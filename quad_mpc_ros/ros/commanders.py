@@ -2,8 +2,10 @@
 
 Each MPC reports on ``/diagnostics`` on which topic it commands, and since when. One that is to be
 activated is refused while another is active there, or while somebody else publishes commands.
-Two that begin at the same moment do not know of each other yet: as soon as they do, the one that
-began later stops, of two that began in the same nanosecond the one whose name sorts later.
+For that it waits a second after the first message that it hears: nodes find each other one by one.
+Two that begin at the same moment, or that need longer, do not know of each other yet: as soon as
+they do, the one that began later stops, of two that began in the same nanosecond the one whose
+name sorts later.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from quad_mpc_ros.ros.messages import decoded
 _TOPIC, _INSTANCE, _SINCE = "commands.topic", "commands.instance", "commands.since_ns"
 _MARK = _TOPIC.encode() + b"\0"
 _STALE = 3.0  # s without a report: it has ended
-_DISCOVERY = 1.0  # s from the start of a node until it has found the others
+_DISCOVERY = 1.0  # s from the first message heard until all others are found as well
 
 
 class _Commander(NamedTuple):
@@ -43,11 +45,20 @@ class Commanders:
         self._since_ns: int | None = None
         self._others: dict[str, _Commander] = {}
         self._command: Publisher | None = None
-        self._settled = time.monotonic() + _DISCOVERY
+        self._waits = True
+        self._settled: float | None = None
 
-    def watch(self, command: Publisher | None) -> None:
-        """Take the publisher of the node's own commands, or that there is none any more."""
-        self._command, self._since_ns = command, None
+    def hear(self) -> None:
+        """Take note that a message has come from another node: discovery works."""
+        if self._settled is None:
+            self._settled = time.monotonic() + _DISCOVERY
+
+    def watch(self, command: Publisher | None, *, waits: bool = True) -> None:
+        """Take the publisher of the node's own commands, or that there is none any more.
+
+        In lockstep, in simulation, it need not wait for others to be discovered.
+        """
+        self._command, self._since_ns, self._waits = command, None, waits
 
     def begin(self) -> None:
         """Take note that the node is active from now on."""
@@ -99,7 +110,7 @@ class Commanders:
         """Return why this node must not begin to command, or None."""
         if (active := self._active()) is not None:
             return f"{active} commands already: end or deactivate it first"
-        if self.discovers:
+        if self._waits and self.discovers:
             return "other nodes are still being discovered"
         publishers = self._publishers()
         if len(publishers) > len(self._known()):
@@ -111,8 +122,8 @@ class Commanders:
 
     @property
     def discovers(self) -> bool:
-        """Whether the node has not run for long enough to know who else is there."""
-        return time.monotonic() < self._settled
+        """Whether the node has not heard others for long enough to know who is there."""
+        return self._settled is None or time.monotonic() < self._settled
 
     def is_taken(self) -> bool:
         """Whether another one is known to command."""

@@ -73,7 +73,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._engaged: bool | None = None  # unless a bridge publishes it, commands act
         self._landed: bool | None = None
         self._command = self.health.publisher(topics.COMMAND)
-        self._commanders.watch(self._command)
+        self._commanders.watch(self._command, waits=not config.lockstep)
         self._stats = self.health.publisher(topics.STATS)
         self._predicted_path = self.health.publisher(topics.PREDICTED_PATH)
         self._path_period_ns = _LOCKSTEP_PERIOD_NS if config.lockstep else _SHOWN_PERIOD_NS
@@ -158,6 +158,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._warn(str(error))
             return
         self._standby.receive_odometry(odometry, now_ns=now_ns)
+        self._commanders.hear()
         if self.active:
             self._finish(self._controller.receive_odometry(odometry, now_ns=now_ns))
         else:

@@ -1,0 +1,147 @@
+"""A second MPC in a namespace does not command as well, whoever of the two began first."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import TwistStamped
+from rclpy.qos import qos_profile_sensor_data
+
+from quad_mpc_ros.messages import cdr
+from quad_mpc_ros.messages.diagnostics import OK
+from quad_mpc_ros.ros.commanders import Commanders
+
+Start = Callable[..., Any]
+
+
+class Commands:
+    """How many commands answer each odometry."""
+
+    def __init__(self, peer: Any) -> None:
+        self._peer = peer
+        self._answers: Counter[tuple[int, int]] = Counter()
+        peer.node.create_subscription(
+            TwistStamped, "command", self._receive, qos_profile_sensor_data
+        )
+
+    def _receive(self, command: TwistStamped) -> None:
+        self._answers[command.header.stamp.sec, command.header.stamp.nanosec] += 1
+
+    def most(self, seconds: float) -> int:
+        """Return the most commands for one odometry within a time; 0 if none comes."""
+        self._answers.clear()
+        self._peer.spin(seconds)
+        return max(self._answers.values(), default=0)
+
+
+@pytest.mark.parametrize("in_a_row", [True, False], ids=["one after another", "at once"])
+def test_of_two_mpcs_one_commands(
+    in_a_row: bool, start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
+) -> None:
+    names, commands = ("first", "second"), Commands(peer)
+    nodes = {name: managed(name) for name in names}
+    processes, logs = {}, {name: tmp_path / f"{name}.log" for name in names}
+    feed.odometry = in_a_row
+    for name in names:
+        processes[name] = start("mpc", "-r", f"__node:={name}")
+        (tmp_path / "mpc.log").rename(logs[name])
+        if in_a_row and name == "first":
+            assert nodes[name].tells("active")
+    if not in_a_row:
+        assert all(nodes[name].tells("inactive", "no odometry yet") for name in names)
+        peer.spin(1.0)  # now all know each other
+        feed.odometry = True
+
+    def told(name: str) -> bool:
+        """Whether a node has said that the other one commands."""
+        text = logs[name].read_text()
+        return "commands already" in text or "has commanded for longer" in text
+
+    assert peer.wait(lambda: any(map(told, names)))
+    waits, flies = sorted(names, key=told, reverse=True)
+    assert flies == "first" or not in_a_row
+    assert not told(flies)
+    assert nodes[waits].tells("inactive") and nodes[flies].tells("active")
+    assert commands.most(0.5) == 1
+    warning = f"2 publishers on /command, expected one: also /{waits}"
+    assert nodes[flies].tells("active", warning)
+    assert warning in logs[flies].read_text()
+    assert not nodes[waits].to("activate")
+    assert commands.most(0.3) == 1
+
+    processes[flies].send_signal(signal.SIGINT)
+    assert processes[flies].wait(20) == 0
+    assert peer.wait(lambda: nodes[waits].health["text"] == "inactive")
+    assert commands.most(0.3) == 0, "takes over by itself"
+    assert nodes[waits].to("activate")
+    assert commands.most(0.5) == 1
+
+
+def health_of(name: str, values: list[tuple[str, str]]) -> bytes:
+    return cdr.written_diagnostics(stamp_ns=0, level=OK, name=name, text="", values=values)
+
+
+def discovered(peer: Any, name: str) -> Commanders:
+    """Return what knows who commands beside a new node, after it has had time to find them."""
+    node = peer.node
+    commanders = Commanders(node)
+    commanders.watch(node.create_publisher(TwistStamped, name, qos_profile_sensor_data))
+    assert commanders.discovers
+    commanders.hear()
+    assert peer.wait(lambda: not commanders.discovers)
+    return commanders
+
+
+def test_any_other_publisher_of_commands_is_named(peer: Any) -> None:
+    commanders = discovered(peer, "vehicle/command")
+    assert commanders.obstacle() is None
+    other = peer.node.create_publisher(TwistStamped, "vehicle/command", qos_profile_sensor_data)
+    assert peer.wait(lambda: commanders.obstacle() is not None)
+    assert "/test_peer can publish /vehicle/command as well" in str(commanders.obstacle())
+    assert "2 publishers on /vehicle/command, expected one: also /test_peer" in commanders.fault()
+    peer.node.destroy_publisher(other)
+    assert peer.wait(lambda: commanders.obstacle() is None)
+    assert commanders.fault() == ""
+
+
+def test_another_vehicle_is_nobody_elses_business(peer: Any) -> None:
+    ours, theirs = discovered(peer, "a/command"), discovered(peer, "b/command")
+    theirs.begin()
+    ours.receive(health_of("/b/mpc", theirs.values()))
+    assert ours.obstacle() is None
+    assert ours.fault() == ""
+
+
+def test_an_inactive_one_may_wait_beside(peer: Any) -> None:
+    ours, theirs = discovered(peer, "command"), discovered(peer, "command")
+    assert peer.wait(lambda: ours.obstacle() is not None)
+    ours.receive(health_of("/standby", theirs.values()))
+    assert ours.obstacle() is None
+    theirs.begin()
+    ours.receive(health_of("/standby", theirs.values()))
+    assert "/standby" in str(ours.obstacle()) and "commands already" in str(ours.obstacle())
+    theirs.end()
+    ours.receive(health_of("/standby", theirs.values()))
+    assert ours.obstacle() is None
+
+
+def test_of_two_that_began_exactly_one_stops(peer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also in the same nanosecond."""
+    one, two = discovered(peer, "command"), discovered(peer, "command")
+    for moments in ((1, 2), (2, 1), (1, 1)):
+        for each, moment in zip((one, two), moments, strict=True):
+            monkeypatch.setattr(time, "time_ns", lambda moment=moment: moment)
+            each.begin()
+        told = one.values(), two.values()
+        stops = (
+            bool(one.receive(health_of("/b", told[1]))),
+            bool(two.receive(health_of("/a", told[0]))),
+        )
+        assert sorted(stops) == [False, True]
+        assert moments == (1, 1) or stops == (moments[0] > moments[1], moments[1] > moments[0])
