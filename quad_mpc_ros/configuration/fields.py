@@ -164,6 +164,11 @@ class Configuration:
             if spec is not None:
                 value = spec.validated(getattr(self, field.name), owner=self.owner)
                 object.__setattr__(self, field.name, value)
+                continue
+            group, value = _group_of(type(self), field), getattr(self, field.name)
+            if not isinstance(value, group):
+                name = f"{self.owner}.{field.name}"
+                raise ConfigurationError(name, value, f"parameters of {group.__name__}")
         self.check()
 
     def check(self) -> None:
@@ -180,6 +185,8 @@ class Configuration:
 
         Raises :class:`ConfigurationError` for an unknown name or an unusable value.
         """
+        if not isinstance(values, Mapping) or not all(isinstance(name, str) for name in values):
+            raise ConfigurationError(cls.owner, values, "values by the names of parameters")
         paths = {spec.name: spec.path for spec in cls.specs()}
         for name, value in values.items():
             if name not in paths:
@@ -232,6 +239,8 @@ class Configuration:
 
     def updated(self, changes: Mapping[str, object]) -> Self:
         """Return a copy with ``changes`` (dotted names) applied, validated as a whole."""
+        if not isinstance(changes, Mapping):
+            raise ConfigurationError(self.owner, changes, "values by the names of parameters")
         return self.build({**self.flattened(), **changes})
 
 

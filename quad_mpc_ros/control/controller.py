@@ -11,6 +11,10 @@ import functools
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from quad_mpc_ros.configuration import ArgumentError
+from quad_mpc_ros.configuration.arguments import instance, number, stamp
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.contact import GroundContact
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -59,6 +63,10 @@ class Controller:
         config: What to fly and how. Live parameters may change by :meth:`reconfigure`.
         deadline: How long the MPC may take for a plan that is flown [s].
 
+    Every method raises :class:`.ArgumentError`, a ``ValueError``, for an argument of another type,
+    and is then as if it had not been called. What odometry and reference hold is not an error: of
+    what cannot be flown :meth:`take_warnings` says why, and the last good one is kept.
+
     Example:
         >>> controller = Controller(MpcConfig())
         >>> odometry = OdometrySample.at_rest([0.0, 0.0, 1.0])
@@ -68,7 +76,9 @@ class Controller:
     """
 
     def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
-        self._config = config
+        self._config = instance(config, "config", MpcConfig)
+        if deadline != math.inf:
+            deadline = number(deadline, "deadline", above=0.0)
         self._deadline = deadline
         self._ground = GroundContact()
         self._mpc = Mpc(config, ground=self._ground, deadline=deadline)
@@ -92,19 +102,20 @@ class Controller:
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed live parameters between two ticks; the warm start stays."""
-        self._config = config
+        self._config = instance(config, "config", MpcConfig)
         self._mpc.reconfigure(config)
         self._supervisor.reconfigure(config)
 
     def engage(self, engaged: bool) -> None:
         """Set whether commands act on the vehicle: armed, and in the mode that takes them."""
+        instance(engaged, "engaged", bool)
         self._mpc.engage(engaged)
         self._ground.engage(engaged)
         self._supervisor.engage(engaged)
 
     def landed(self, landed: bool | None) -> None:
         """Set whether the flight stack reports the vehicle landed; None where it does not say."""
-        self._ground.tell_landed(landed)
+        self._ground.tell_landed(instance(landed, "landed", bool, type(None)))
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Take an announced step of the estimate: the vehicle stays, its coordinates change.
@@ -112,7 +123,7 @@ class Controller:
         What is held and the reference move along at once, the reference for as long as no other
         comes. Call it before the first odometry in the new coordinates.
         """
-        self._ground.reset_estimate(reset)
+        self._ground.reset_estimate(instance(reset, "reset", EstimateReset))
         self._mpc.reset_estimate(reset)
         self._supervisor.reset_estimate(reset)
 
@@ -135,13 +146,14 @@ class Controller:
             Without a tick, None: the odometry is unfit (:meth:`take_warnings` says why), or came
             before it was due at ``control_rate``.
         """
-        now_ns = odometry.stamp_ns
+        instance(reference, "reference", ReferenceWindow)
+        now_ns = instance(odometry, "odometry", OdometrySample).stamp_ns
         answered = self.receive_reference(reference, now_ns=now_ns)
         return self.receive_odometry(odometry, now_ns=now_ns) or answered
 
     def check_stamps(self, wanted: bool) -> None:
         """Compare stamps with arrivals, or not, as of a recorded odometry known to be accepted."""
-        self._supervisor.inputs.gate.checks_stamps = wanted
+        self._supervisor.inputs.gate.checks_stamps = instance(wanted, "wanted", bool)
 
     def receive_odometry(self, odometry: OdometrySample, *, now_ns: int) -> Tick | None:
         """Take an odometry, which may trigger a tick.
@@ -153,8 +165,8 @@ class Controller:
         Returns:
             The tick, with the command to send; None if the odometry is refused or none is due.
         """
-        if self._config.lockstep:
-            now_ns = odometry.stamp_ns
+        instance(odometry, "odometry", OdometrySample)
+        now_ns = odometry.stamp_ns if self._config.lockstep else stamp(now_ns, "now_ns")
         accepted = self._supervisor.accept_odometry(odometry, now_ns=now_ns)
         if accepted is None:
             return None
@@ -174,8 +186,8 @@ class Controller:
         Returns:
             In lockstep the tick of the odometry that waited for this window, otherwise None.
         """
-        if self._config.lockstep:
-            now_ns = window.stamp_ns
+        instance(window, "window", ReferenceWindow)
+        now_ns = window.stamp_ns if self._config.lockstep else stamp(now_ns, "now_ns")
         if not self._supervisor.accept_reference(window, now_ns=now_ns):
             return None
         if self._config.lockstep and not self._is_answered():
@@ -193,6 +205,7 @@ class Controller:
         Returns:
             A tick when the odometry is older than its timeout, otherwise None.
         """
+        now_ns = stamp(now_ns, "now_ns")
         if self._config.lockstep or not self._supervisor.is_unseen(now_ns=now_ns):
             return None
         # By the clock of the odometries' stamps.
@@ -214,10 +227,15 @@ class Controller:
 
     def seconds_until_unseen(self, *, now_ns: int) -> float:
         """Return how long :meth:`watch` will have nothing to do, whatever comes; 0 if it acts."""
-        return self._supervisor.seconds_until_unseen(now_ns=now_ns)
+        return self._supervisor.seconds_until_unseen(now_ns=stamp(now_ns, "now_ns"))
 
     def replace_last_command(self, command: CommandSample, *, now_ns: int) -> None:
         """Take note that this command was sent in place of that of the last tick."""
+        instance(command, "command", CommandSample)
+        now_ns = stamp(now_ns, "now_ns")
+        finite = math.isfinite(command.throttle) and np.isfinite(command.w_WB_B).all()
+        if not finite:
+            raise ArgumentError("command", command, "a command of finite numbers")
         u = Input(throttle=command.throttle, w_WB_B=command.w_WB_B)
         self._supervisor.note_sent(u, now_ns=now_ns)
         tick = self._last_tick

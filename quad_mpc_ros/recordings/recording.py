@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from quad_mpc_ros.configuration import BagError, Configuration
+from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
@@ -75,7 +76,7 @@ class Recording:
 
     def __init__(self, path: Path | str) -> None:
         """Open a bag directory, one ``.mcap`` file, or the folder of a run with ``bag/`` in it."""
-        self.path = bag_of(Path(path))
+        self.path = bag_of(Path(instance(path, "path", str, Path)))
         self.bag = BagReader(self.path)
 
     @property

@@ -223,7 +223,7 @@ def _misfit(publisher: TopicEndpointInfo, topic: Topic) -> str:
     if publisher.topic_type != topic.type_name:
         return f"{node} publishes {publisher.topic_type}, expected {topic.type_name}"
     fits, why = qos_check_compatible(publisher.qos_profile, qos_of(topic))
-    if fits is QoSCompatibility.ERROR:
+    if fits == QoSCompatibility.ERROR:
         return f"quality of service of {node}: {why.strip().rstrip(';').lower()}"
     return ""
 

@@ -42,6 +42,7 @@ from quad_mpc_ros.analysis.identification.result import (
     ThrustOverVoltage,
 )
 from quad_mpc_ros.configuration import BagError, per_axis
+from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.recordings.recording import Recording
@@ -183,7 +184,9 @@ def identify(recording: Recording) -> Identification:
 
     Raises:
         BagError: The recording has too little flight under commands.
+        ArgumentError: It is no recording.
     """
+    instance(recording, "recording", Recording)
     given = MpcConfig.build(recording.parameters_of(MpcConfig))
     run = recording.run(topics=RECORDED)
     measured = measurements_of(

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from quad_mpc_ros.configuration.arguments import array, instance, number, stamp
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 
@@ -28,6 +29,12 @@ class EstimateReset:
     turn: float
     step_W: Array
     frame_id: str = "odom"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stamp_ns", stamp(self.stamp_ns, "stamp_ns"))
+        object.__setattr__(self, "turn", number(self.turn, "turn"))
+        object.__setattr__(self, "step_W", array(self.step_W, "step_W", 3, finite=True))
+        instance(self.frame_id, "frame_id", str)
 
     @classmethod
     def between(cls, before: OdometrySample, after: OdometrySample) -> EstimateReset:

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.configuration import (
+    ArgumentError,
     Configuration,
     ConfigurationError,
     parameter,
     per_axis,
 )
+from quad_mpc_ros.configuration.arguments import array, number
 from quad_mpc_ros.control.lie import Array
 
 ARM = 0.11
@@ -64,6 +66,7 @@ class LiftParameters(Configuration):
     def thrust(self, throttle: float) -> float:
         """Return the total thrust [N] at a throttle (Eq. 2 times the number of motors)."""
         a, b, c = self.thrust_curve
+        throttle = number(throttle, "throttle")
         return self.motor_count * ((a * throttle + b) * throttle + c)
 
     def vehicle(self) -> Vehicle:
@@ -114,6 +117,11 @@ class Vehicle(VehicleParameters):
         z, where D grows with the root of that thrust. Shapes: ``a_WB_W`` and ``v_WB_W`` (n, 3),
         ``R_WB`` (n, 3, 3).
         """
+        R_WB = array(R_WB, "R_WB", ..., 3, 3)
+        if R_WB.ndim != 3:
+            raise ArgumentError("R_WB", R_WB, "numbers of shape (n, 3, 3)")
+        a_WB_W = array(a_WB_W, "a_WB_W", len(R_WB), 3)
+        v_WB_W = array(v_WB_W, "v_WB_W", len(R_WB), 3)
         along = np.einsum("ni,ni->n", R_WB[:, :, 2], a_WB_W) + self.gravity * R_WB[:, 2, 2]
         v_WB_B = np.einsum("nji,nj->ni", R_WB, v_WB_W)
         lift = self.translational_lift * np.sum(v_WB_B[:, :2] ** 2, axis=1)
@@ -127,24 +135,28 @@ class Vehicle(VehicleParameters):
     def thrust_slope(self, throttle: float) -> float:
         """Return d thrust / d throttle [N]."""
         a, b, _ = self.thrust_curve
+        throttle = number(throttle, "throttle")
         return self.motor_count * (2.0 * a * throttle + b)
 
     def throttle_for(self, thrust: float) -> float:
         """Return the throttle that gives a total thrust [N] (paper, section 2.1).
 
-        Raises ``ValueError`` when no throttle in [0, 1] does.
+        Raises :class:`.ArgumentError` when no throttle in [0, 1] does.
         """
         lowest, highest = self.thrust(0.0), self.thrust(1.0)
+        thrust = number(thrust, "thrust")
         if not lowest <= thrust <= highest:
-            raise ValueError(
-                f"thrust {thrust:.6g} N needs a throttle outside [0, 1], "
-                f"which gives {lowest:.6g} N to {highest:.6g} N"
+            raise ArgumentError(
+                "thrust",
+                thrust,
+                f"what a throttle in [0, 1] gives, {lowest:.6g} N to {highest:.6g} N",
             )
         a, b, c = self.thrust_curve
         return inverse_throttle_curve(a, b, c, thrust / self.motor_count)
 
     def nearest_throttle(self, thrust: float) -> float:
         """Return the throttle in [0, 1] whose total thrust is nearest to one wanted [N]."""
+        thrust = number(thrust, "thrust")
         return self.throttle_for(min(max(thrust, self.thrust(0.0)), self.thrust(1.0)))
 
     @property

@@ -118,7 +118,18 @@ _TABLE = (
     Fault(
         "odometry_jumps",
         "position 2.4 m aside, and back",
+        counter="rejected_inputs",
         odometry=distortions.changed(p_WB=distortions.moved(2.0, -1.0, 1.0)),
+    ),
+    Fault(
+        "odometry_jumps_to_and_fro",
+        "position 30 m aside for 2 s, back for 2 s, and so on",
+        duration=6.0,
+        home=0.0,
+        counter="rejected_inputs",
+        odometry=distortions.now_and_then(
+            2.0, distortions.changed(p_WB=distortions.moved(30.0, 0.0, 0.0))
+        ),
     ),
     _unusable_odometry(
         "odometry_nan",

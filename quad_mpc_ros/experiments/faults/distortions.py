@@ -88,6 +88,18 @@ def changed(**fields: Change) -> Distortion[M]:
     return lambda message, before, elapsed_ns: (Delivery(_with_changed(message, fields)),)
 
 
+def now_and_then(seconds: float, distortion: Distortion[M]) -> Distortion[M]:
+    """Distort for so many seconds, then not for as long, and so on."""
+    period_ns = round(seconds * _SECOND)
+
+    def alternating(message: M, before: M, elapsed_ns: int) -> Sequence[Delivery[M]]:
+        if elapsed_ns // period_ns % 2:
+            return (Delivery(message),)
+        return distortion(message, before, elapsed_ns)
+
+    return alternating
+
+
 def doubled(**fields: Change) -> Distortion[M]:
     """Let a second publisher send every message again, with changed fields."""
     return lambda message, before, elapsed_ns: (

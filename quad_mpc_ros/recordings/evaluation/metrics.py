@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.recordings.evaluation.commanding import (
     FALLBACKS,
@@ -40,6 +41,9 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         flight: A recorded or simulated flight.
         wall_seconds: How long it took by the clock on the wall [s], where that is known.
 
+    Raises:
+        ArgumentError: An argument is of another type.
+
     Returns:
         Every value can be written as strict JSON: what there is no data for is None, never NaN.
 
@@ -47,6 +51,9 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         >>> summarise(simulate(duration=1.0))["fallbacks"]
         0
     """
+    instance(flight, "flight", Flight)
+    if wall_seconds is not None:
+        wall_seconds = number(wall_seconds, "wall_seconds")
     position_error = position_errors(flight)
     ran = flight.stats["solver_status"] != "not run"
     latency_ms = _latencies_ms(flight)

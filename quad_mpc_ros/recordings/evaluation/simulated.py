@@ -6,7 +6,8 @@ import dataclasses
 from collections.abc import Sequence
 from typing import NamedTuple, cast
 
-from quad_mpc_ros.configuration import files
+from quad_mpc_ros.configuration import ArgumentError, files
+from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import ReferenceWindow
@@ -25,6 +26,13 @@ from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import ControlLaw, LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plant import Plant
+
+_LONGEST = 1e6  # s, of a flight
+_METHODS = {
+    "plant": ("apply", "advance_to", "odometry"),
+    "trajectory": ("at",),
+    "controller": ("__call__",),
+}
 
 
 class FlightConfig(NamedTuple):
@@ -48,12 +56,18 @@ def load_config(*sources: str, assignments: Sequence[str] = ()) -> FlightConfig:
 
     Raises:
         UserError: A file cannot be read.
+        ArgumentError: A source or an assignment is no text.
         ConfigurationError: A value is not allowed; the error names it and what is.
 
     Example:
         >>> load_config("paper").mpc.formulation
         'paper'
     """
+    if isinstance(assignments, str) or not isinstance(assignments, Sequence):
+        raise ArgumentError("assignments", assignments, 'a list like ["mpc.horizon_steps=20"]')
+    for name, texts in (("sources", sources), ("assignments", assignments)):
+        for text in texts:
+            instance(text, name, str)
     schema: files.Schema = {
         kind.owner: kind for kind in (MpcConfig, SimulatorConfig, ReferenceConfig, RecorderConfig)
     }
@@ -97,6 +111,7 @@ def simulate(
 
     Raises:
         UserError: The vehicle cannot fly the reference, or what the plant needs is not there.
+        ArgumentError: An argument is of another type, or the duration is not positive.
         ValueError: With ``on_reference``, the vehicle has no throttle to begin with.
 
     Example:
@@ -104,11 +119,19 @@ def simulate(
         >>> flight.p_WB.shape
         (25, 3)
     """
-    mpc = dataclasses.replace(mpc or MpcConfig(), lockstep=True)
-    simulator = simulator or SimulatorConfig()
+    mpc = MpcConfig() if mpc is None else instance(mpc, "mpc", MpcConfig)
+    if simulator is None:
+        simulator = SimulatorConfig()
+    if reference is None:
+        reference = ReferenceConfig()
+    instance(simulator, "simulator", SimulatorConfig)
+    instance(reference, "reference", ReferenceConfig)
+    instance(on_reference, "on_reference", bool)
+    duration = number(duration, "duration", above=0.0, below=_LONGEST)
+    _check_parts(plant=plant, trajectory=trajectory, controller=controller)
+    mpc = dataclasses.replace(mpc, lockstep=True)
     if simulator.duration == 0.0:
         simulator = dataclasses.replace(simulator, duration=duration)
-    reference = reference or ReferenceConfig()
     log = FlightLog(mpc)
     for step in fly(
         mpc=mpc,
@@ -121,6 +144,19 @@ def simulate(
     ):
         log.take(step)
     return log.flight(FlightConfig(mpc, simulator, reference))
+
+
+def _check_parts(**given: object) -> None:
+    """Refuse parts of a flight that lack what is used of them."""
+    for name, part in given.items():
+        if part is None or (name == "controller" and (callable(part) or hasattr(part, "step"))):
+            continue
+        lacking = [
+            method for method in _METHODS[name] if not callable(getattr(part, method, None))
+        ]
+        if isinstance(part, type) or lacking:
+            methods = ", ".join(_METHODS[name])
+            raise ArgumentError(name, part, f"an object with {methods}")
 
 
 class FlightLog:

@@ -323,9 +323,9 @@ def test_both_quaternions_of_a_rotation_give_it(seed: int) -> None:
     "q", [[0.0, 0.0, 0.0, 0.0], [math.nan, 0.0, 0.0, 1.0], [0.0, math.inf, 0.0, 1.0]]
 )
 def test_a_quaternion_without_a_rotation_is_refused(q: list[float]) -> None:
-    with pytest.raises(ValueError, match="q_xyzw: .*expected a quaternion that is finite and not zero"):
+    with pytest.raises(ValueError, match="expected a quaternion that is finite and not zero"):
         so3.rotation_from_quaternion_xyzw(q)
-    with pytest.raises(ValueError, match="q_xyzw: .*expected a quaternion that is finite and not zero"):
+    with pytest.raises(ValueError, match="expected a quaternion that is finite and not zero"):
         so3.rotation_from_quaternion_xyzw([[0.0, 0.0, 0.0, 1.0], q])
 
 

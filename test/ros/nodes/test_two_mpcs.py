@@ -139,9 +139,7 @@ def test_of_two_that_began_exactly_one_stops(peer: Any, monkeypatch: pytest.Monk
             monkeypatch.setattr(time, "time_ns", lambda moment=moment: moment)
             each.begin()
         told = one.values(), two.values()
-        stops = (
-            bool(one.receive(health_of("/b", told[1]))),
-            bool(two.receive(health_of("/a", told[0]))),
-        )
+        answers = one.receive(health_of("/b", told[1])), two.receive(health_of("/a", told[0]))
+        stops = bool(answers[0]), bool(answers[1])
         assert sorted(stops) == [False, True]
         assert moments == (1, 1) or stops == (moments[0] > moments[1], moments[1] > moments[0])

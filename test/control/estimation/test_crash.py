@@ -1,0 +1,195 @@
+"""A crashed vehicle is found, and none that flies is taken for one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from fixtures.presets import agile
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.estimation.contact import Contact, GroundContact
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.tick import Tick
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.simulation.closed_loop import fly
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+PERIOD_NS, SECOND = 20_000_000, 1_000_000_000
+ABOVE = ReferenceWindow.hover([0.0, 0.0, 3.0], duration=60.0)
+UPSIDE_DOWN = math.radians(166.0)
+
+
+def lying(
+    seconds: float, *, tilt: float, height: Callable[[float], float] = lambda _: 0.0
+) -> OdometrySample:
+    """Return odometry at a time of a vehicle that does not move but upwards and downwards."""
+    step = 1e-4
+    climb = (height(seconds + step) - height(seconds - step)) / (2.0 * step)
+    R_WB = so3.exp([tilt, 0.0, 0.0])
+    return OdometrySample(
+        stamp_ns=round(seconds * SECOND),
+        p_WB=np.array([0.0, 0.0, height(seconds)]),
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+        v_WB_B=R_WB.T @ np.array([0.0, 0.0, climb]),
+        w_WB_B=np.zeros(3),
+    )
+
+
+def said(
+    ground: GroundContact, odometries: list[OdometrySample], *, thrust: float
+) -> list[Contact]:
+    return [ground.update(each, thrust=thrust, window=ABOVE) for each in odometries]
+
+
+def times(begin: float, end: float) -> Array:
+    return np.arange(begin, end, 0.02)
+
+
+@pytest.mark.parametrize("thrust", [0.0, 1.0, 4.0])
+@pytest.mark.parametrize("tilt", [100.0, 166.0, 180.0])
+def test_one_that_lies_upside_down_has_crashed(tilt: float, thrust: float) -> None:
+    ground = GroundContact()
+    found = said(
+        ground, [lying(t, tilt=math.radians(tilt)) for t in times(0.0, 3.0)], thrust=thrust
+    )
+    since = found.index(Contact.CRASHED) * 0.02
+    assert 0.3 < since < 0.6
+    assert set(found[found.index(Contact.CRASHED) :]) == {Contact.CRASHED}
+    assert not ground.flies and not ground.standing
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.02])
+def test_noise_does_not_hide_it(noise: float) -> None:
+    random = np.random.default_rng(3)
+    heights = {round(t, 2): random.normal(scale=noise) for t in times(0.0, 3.0)}
+    ground = GroundContact()
+    for t in times(0.0, 3.0):
+        given = lying(t, tilt=UPSIDE_DOWN)
+        given.p_WB[2] = heights[round(t, 2)]
+        ground.update(given, thrust=1.0, window=ABOVE)
+    assert ground.crashed
+
+
+@pytest.mark.parametrize("gust", [0.0, 2.0])
+@pytest.mark.parametrize("climb", [0.0, 1.0, 3.0, 6.0])
+def test_one_that_is_thrown_upside_down_has_not(climb: float, gust: float) -> None:
+    """Falling from rest, and over the top of a throw, with air that pushes it up."""
+    fall = 9.81 - gust
+    odometries = [
+        lying(t, tilt=math.pi, height=lambda s: climb * s - 0.5 * fall * s * s)
+        for t in times(0.0, 3.0)
+    ]
+    assert Contact.CRASHED not in said(GroundContact(), odometries, thrust=0.0)
+
+
+def test_one_that_was_held_and_is_let_go_flies() -> None:
+    ground = GroundContact()
+    said(ground, [lying(t, tilt=math.pi) for t in times(0.0, 1.0)], thrust=1.0)
+    assert ground.crashed
+    falls = [
+        lying(t, tilt=math.pi, height=lambda s: -0.5 * 9.81 * max(s - 1.0, 0.0) ** 2)
+        for t in times(1.0, 2.0)
+    ]
+    found = said(ground, falls, thrust=0.0)
+    assert found.index(Contact.FLYING) * 0.02 < 0.5
+    assert found[-1] is Contact.FLYING
+
+
+def test_putting_it_upright_is_not_enough_but_disengaging_is() -> None:
+    ground = GroundContact()
+    said(ground, [lying(t, tilt=math.pi) for t in times(0.0, 1.0)], thrust=1.0)
+    said(ground, [lying(t, tilt=0.0) for t in times(1.0, 2.0)], thrust=0.0)
+    assert ground.crashed
+    ground.engage(False)
+    ground.engage(True)
+    said(ground, [lying(t, tilt=0.0) for t in times(2.0, 2.1)], thrust=0.0)
+    assert not ground.crashed
+
+
+def collided(ground: GroundContact, *, thrust: float, rises: float = 0.0) -> list[Contact]:
+    """Fall at 6 m/s for half a second, stop at once, and rise from there."""
+
+    def height(seconds: float) -> float:
+        return -6.0 * min(seconds - 0.51, 0.0) + 0.5 * rises * max(seconds - 0.51, 0.0) ** 2
+
+    return said(
+        ground, [lying(t, tilt=0.0, height=height) for t in times(0.0, 4.0)], thrust=thrust
+    )
+
+
+def test_one_that_does_not_rise_with_thrust_after_a_collision_has_crashed() -> None:
+    assert collided(GroundContact(), thrust=4.0)[-1] is Contact.CRASHED
+
+
+@pytest.mark.parametrize("thrust", [1.0, 2.0])
+def test_one_that_half_the_modelled_thrust_may_just_carry_has_not(thrust: float) -> None:
+    assert Contact.CRASHED not in collided(GroundContact(), thrust=thrust)
+
+
+def test_one_that_rises_after_a_collision_has_not() -> None:
+    assert Contact.CRASHED not in collided(GroundContact(), thrust=4.0, rises=2.0)
+
+
+def test_without_a_collision_standing_still_under_thrust_is_no_crash() -> None:
+    """Motors may not be armed yet."""
+    found = said(GroundContact(), [lying(t, tilt=0.0) for t in times(0.0, 6.0)], thrust=4.0)
+    assert Contact.CRASHED not in found
+
+
+def ticks_of(odometries: list[OdometrySample]) -> list[Tick]:
+    controller, ticks = Controller(MpcConfig()), []
+    for odometry in odometries:
+        tick = controller.step(odometry, ABOVE)
+        assert tick is not None
+        ticks.append(tick)
+    return ticks
+
+
+def test_the_ladder_idles_counts_and_says_why() -> None:
+    ticks = ticks_of([lying(t, tilt=UPSIDE_DOWN) for t in times(1.0, 3.0)])
+    last = ticks[-1]
+    assert last.command is not None
+    assert last.command.throttle == MpcConfig().throttle_min
+    assert np.all(last.command.w_WB_B == 0.0)
+    assert last.stats.source == "idle" and last.stats.contact == "crashed"
+    assert last.stats.reason.startswith("crashed: it lies upside down")
+    assert last.stats.fallbacks > 60
+
+
+@pytest.mark.parametrize("name", ["flip", "split_s", "vertical_loop"])
+def test_inverted_flight_is_flown_by_the_mpc(name: str) -> None:
+    simulator = SimulatorConfig(duration=8.0, rate_time_constant=0.03, thrust_time_constant=0.03)
+    reference = ReferenceConfig(trajectory=name)
+    mpc = MpcConfig(rate_time_constant=0.03, thrust_time_constant=0.03)
+    inverted = False
+    for step in fly(mpc=mpc, simulator=simulator, reference=reference, on_reference=True):
+        assert step.tick is not None
+        assert step.tick.stats.contact != "crashed"
+        assert step.tick.stats.source == "mpc"
+        inverted |= step.truth.up < -0.9
+    assert inverted
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_recovers_from_any_attitude_in_free_fall(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    q_xyzw = random.normal(size=4)
+    if seed < 4:  # upside down, at rest and thrown
+        q_xyzw = np.array([1.0, 0.05 * seed, 0.0, 0.02])
+    simulator = SimulatorConfig(
+        duration=4.0,
+        initial_position=(0.0, 0.0, 30.0),
+        initial_attitude=tuple((q_xyzw / np.linalg.norm(q_xyzw)).tolist()),
+        initial_velocity=(0.0, 0.0, float(seed % 4) * 2.0),
+    )
+    reference = ReferenceConfig(trajectory="hover", height=30.0)
+    mpc = agile() if seed % 2 else MpcConfig()
+    for step in fly(mpc=mpc, simulator=simulator, reference=reference):
+        assert step.tick is not None
+        assert step.tick.stats.contact != "crashed"
+    assert step.truth.up > 0.9
