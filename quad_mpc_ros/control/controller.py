@@ -77,12 +77,11 @@ class Controller:
 
     def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
         self._config = instance(config, "config", MpcConfig)
-        if deadline != math.inf:
-            deadline = number(deadline, "deadline", above=0.0)
-        self._deadline = deadline
+        endless = isinstance(deadline, float) and deadline == math.inf
+        self._deadline = math.inf if endless else number(deadline, "deadline", above=0.0)
         self._ground = GroundContact()
-        self._mpc = Mpc(config, ground=self._ground, deadline=deadline)
-        self._supervisor = Supervisor(config, ground=self._ground, deadline=deadline)
+        self._mpc = Mpc(config, ground=self._ground, deadline=self._deadline)
+        self._supervisor = Supervisor(config, ground=self._ground, deadline=self._deadline)
         self._period_ns = round(_SECOND / config.control_rate)
         self._decimation = Decimation(self._period_ns)
         self._last_tick: Tick | None = None

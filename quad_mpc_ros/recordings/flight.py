@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from quad_mpc_ros.configuration import ArgumentError
+from quad_mpc_ros.configuration.arguments import array, instance, stamps
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.reference_window import (
@@ -76,6 +78,9 @@ class Flight:
     by their name in :class:`TickStats`. ``parameters`` are those recorded, by node; ``mpc`` are
     those of the controller, defaults where they were not recorded. ``plans`` are some of the
     controller's, as many as were asked for.
+
+    Raises:
+        ArgumentError: An array has another shape, or something is of another type.
     """
 
     stamp_ns: Stamps
@@ -90,6 +95,22 @@ class Flight:
     parameters: Mapping[str, Mapping[str, Any]]
     mpc: MpcConfig
     plans: Sequence[RecordedPlan] = ()
+
+    def __post_init__(self) -> None:
+        count = len(stamps(self.stamp_ns, "stamp_ns"))
+        if count == 0:
+            raise ArgumentError("stamp_ns", self.stamp_ns, "a flight of one odometry or more")
+        if len(stamps(self.publish_time_ns, "publish_time_ns")) != count:
+            raise ArgumentError("publish_time_ns", self.publish_time_ns, f"{count} stamps")
+        for name in ("p_WB", "v_WB_B", "w_WB_B"):
+            array(getattr(self, name), name, count, 3)
+        array(self.q_WB_xyzw, "q_WB_xyzw", count, 4)
+        instance(self.reference, "reference", ReferenceTrack, type(None))
+        instance(self.commands, "commands", CommandTrack)
+        instance(self.mpc, "mpc", MpcConfig)
+        for name in ("stats", "parameters"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise ArgumentError(name, getattr(self, name), "values by name")
 
     @property
     def time(self) -> Array:

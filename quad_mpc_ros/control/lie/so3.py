@@ -71,7 +71,10 @@ def log(rotation: Array) -> Array:
     """
     rotation = array(rotation, "rotation", ..., 3, 3)
     if rotation.ndim == 2:
-        return np.array(formulas.rotation_vector(_quaternion(rotation)))
+        try:
+            return np.array(formulas.rotation_vector(_quaternion(rotation)))
+        except ArithmeticError:
+            raise ArgumentError("rotation", rotation.tolist(), _ROTATION) from None
     q = quaternion_xyzw_from_rotation(rotation)
     vector, w = q[..., :3], q[..., 3:]  # w >= 0: the shorter way round
     sine = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))

@@ -149,14 +149,12 @@ def simulate(
 def _check_parts(**given: object) -> None:
     """Refuse parts of a flight that lack what is used of them."""
     for name, part in given.items():
-        if part is None or (name == "controller" and (callable(part) or hasattr(part, "step"))):
+        if part is None or isinstance(part, Controller):
             continue
-        lacking = [
-            method for method in _METHODS[name] if not callable(getattr(part, method, None))
-        ]
-        if isinstance(part, type) or lacking:
-            methods = ", ".join(_METHODS[name])
-            raise ArgumentError(name, part, f"an object with {methods}")
+        methods = _METHODS[name]
+        has_all = all(callable(getattr(part, method, None)) for method in methods)
+        if isinstance(part, type) or not has_all:
+            raise ArgumentError(name, part, f"an object with {', '.join(methods)}")
 
 
 class FlightLog:

@@ -1,0 +1,118 @@
+"""Wrong calls of the library end in one kind of error that names the argument, and in no crash."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros import (
+    CommandSample,
+    Controller,
+    MpcConfig,
+    OdometrySample,
+    ReferenceWindow,
+    simulate,
+    so3,
+    summarise,
+)
+from quad_mpc_ros.configuration.errors import ArgumentError
+
+PROGRAM = Path(__file__).with_name("wrong_calls.py")
+GOOD = {
+    "p_WB": np.zeros(3),
+    "q_WB_xyzw": np.array([0.0, 0.0, 0.0, 1.0]),
+    "v_WB_B": np.zeros(3),
+    "w_WB_B": np.zeros(3),
+}
+
+
+@pytest.mark.parametrize(
+    ("count", "seed"), [(1500, 1), pytest.param(10_000, 2, marks=pytest.mark.slow)]
+)
+def test_generated_calls(count: int, seed: int) -> None:
+    """In a process of its own, whose crash is seen."""
+    ended = subprocess.run(
+        [sys.executable, "-P", PROGRAM, str(count), str(seed)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+
+
+@pytest.mark.parametrize("name", sorted(GOOD))
+@pytest.mark.parametrize("size", [0, 2, 6])
+def test_an_odometry_of_another_shape_is_refused(name: str, size: int) -> None:
+    expected = len(GOOD[name])
+    with pytest.raises(ArgumentError, match=f"^{name}: given .*, expected {expected} numbers$"):
+        OdometrySample(stamp_ns=1, **{**GOOD, name: np.zeros(size)})
+
+
+def test_numbers_that_are_not_finite_are_left_to_the_ladder() -> None:
+    odometry = OdometrySample(stamp_ns=1, **{**GOOD, "v_WB_B": np.full(3, np.nan)})
+    controller = Controller(MpcConfig())
+    assert controller.step(odometry, ReferenceWindow.hover([0.0, 0.0, 1.0])) is None
+    (warning,) = controller.take_warnings()
+    assert "not finite" in warning
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        np.zeros((3, 2))[:, 0],
+        np.broadcast_to(0.0, 3),
+        np.zeros(3, dtype=np.float32),
+        np.zeros(3, dtype=">f8"),
+        [0, 0, 0],
+        (0.0, 0.0, 0.0),
+    ],
+    ids=["strided", "read-only", "single precision", "big-endian", "list", "tuple"],
+)
+def test_what_can_be_converted_flies_as_what_need_not_be(given: object) -> None:
+    commands = []
+    for rates in (GOOD["w_WB_B"], given):
+        controller = Controller(MpcConfig())
+        odometry = OdometrySample(stamp_ns=1, **{**GOOD, "w_WB_B": rates})
+        tick = controller.step(odometry, ReferenceWindow.hover([1.0, 0.0, 1.0]))
+        assert tick is not None and tick.command is not None
+        commands.append((tick.command.throttle, tick.command.w_WB_B.tobytes()))
+    assert commands[0] == commands[1]
+
+
+def test_what_has_the_right_type_is_not_copied() -> None:
+    odometry = OdometrySample(stamp_ns=1, **GOOD)
+    assert all(getattr(odometry, name) is given for name, given in GOOD.items())
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Controller(MpcConfig()).step(None, None), "reference: given None, expected Ref"),
+        (lambda: Controller("default"), "config: given 'default', expected MpcConfig"),
+        (lambda: MpcConfig(fence="box"), "mpc.fence: given 'box', expected parameters of Fence"),
+        (lambda: simulate("paper"), "mpc: given 'paper', expected MpcConfig"),
+        (
+            lambda: simulate(duration=-1.0),
+            "duration: given -1.0, expected a finite number above 0",
+        ),
+        (lambda: simulate(plant=3), "plant: given 3, expected an object with apply, advance_to"),
+        (lambda: summarise({}), "flight: given {}, expected Flight"),
+        (lambda: so3.exp([1.0, 2.0]), "phi: given .*, expected numbers of shape"),
+        (lambda: so3.exp([np.inf, 0.0, 0.0]), "phi: given .*, expected finite numbers"),
+        (
+            lambda: CommandSample(stamp_ns=1.5, throttle=0.1, w_WB_B=np.zeros(3)),
+            "stamp_ns: given 1.5, expected a whole number of nanoseconds",
+        ),
+        (
+            lambda: ReferenceWindow.hover([0.0, 0.0, 1.0], duration=0.0),
+            "duration: given 0.0, expected a finite number above 0",
+        ),
+    ],
+)
+def test_says_what_was_given_and_what_was_expected(call: object, message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        call()  # type: ignore[operator]
