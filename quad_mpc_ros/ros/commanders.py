@@ -5,7 +5,7 @@ activated is refused while another is active there, or while somebody else publi
 For that it waits a second after the first message that it hears: nodes find each other one by one.
 Two that begin at the same moment, or that need longer, do not know of each other yet: as soon as
 they do, the one that began later stops, of two that began in the same nanosecond the one whose
-name sorts later.
+name sorts later. After ten seconds none stops any more.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from quad_mpc_ros.ros.messages import decoded
 
 _TOPIC, _INSTANCE, _SINCE = "commands.topic", "commands.instance", "commands.since_ns"
 _MARK = _TOPIC.encode() + b"\0"
+# s: whoever has commanded for longer stops for nobody, whatever others say of themselves.
+_SETTLED = 10.0
 _STALE = 3.0  # s without a report: it has ended
 _DISCOVERY = 1.0  # s from the first message heard until all others are found as well
 
@@ -42,7 +44,8 @@ class Commanders:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._instance = f"{socket.gethostname()}:{os.getpid()}:{secrets.token_hex(4)}"
-        self._since_ns: int | None = None
+        self._since_ns: int | None = None  # by the system's clock, for others
+        self._began = 0.0
         self._others: dict[str, _Commander] = {}
         self._command: Publisher | None = None
         self._waits = True
@@ -62,7 +65,7 @@ class Commanders:
 
     def begin(self) -> None:
         """Take note that the node is active from now on."""
-        self._since_ns = time.time_ns()
+        self._since_ns, self._began = time.time_ns(), time.monotonic()
 
     def end(self) -> None:
         """Take note that it is not active any more."""
@@ -100,11 +103,10 @@ class Commanders:
         return ""
 
     def _is_later_than(self, since_ns: int, instance: str) -> bool:
-        """Whether this node is active, and began later than another one."""
-        return self._since_ns is not None and (since_ns, instance) < (
-            self._since_ns,
-            self._instance,
-        )
+        """Whether this node has been active for a short time, and began later than another one."""
+        if self._since_ns is None or time.monotonic() - self._began > _SETTLED:
+            return False
+        return (since_ns, instance) < (self._since_ns, self._instance)
 
     def obstacle(self) -> str | None:
         """Return why this node must not begin to command, or None."""

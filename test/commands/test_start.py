@@ -120,7 +120,7 @@ MISTAKES = {
     # It can hover, but not hold itself against the drag of 11 m/s as well.
     "no throttle for it": (
         ["--set", "reference.angular_frequency=2.6", "--set", "simulator.mass_scale=4.737"],
-        ["--start reference", "throttle outside [0, 1]", "--start ground"],
+        ["--start reference", "a throttle in [0, 1] gives", "--start ground"],
     ),
     "no vehicle can fly it": (
         ["--set", "reference.angular_frequency=3"],

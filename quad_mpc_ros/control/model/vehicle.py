@@ -144,7 +144,7 @@ class Vehicle(VehicleParameters):
         Raises :class:`.ArgumentError` when no throttle in [0, 1] does.
         """
         lowest, highest = self.thrust(0.0), self.thrust(1.0)
-        thrust = number(thrust, "thrust")
+        thrust = number(thrust, "thrust", finite=False)
         if not lowest <= thrust <= highest:
             raise ArgumentError(
                 "thrust",
@@ -156,7 +156,7 @@ class Vehicle(VehicleParameters):
 
     def nearest_throttle(self, thrust: float) -> float:
         """Return the throttle in [0, 1] whose total thrust is nearest to one wanted [N]."""
-        thrust = number(thrust, "thrust")
+        thrust = number(thrust, "thrust", finite=False)
         return self.throttle_for(min(max(thrust, self.thrust(0.0)), self.thrust(1.0)))
 
     @property

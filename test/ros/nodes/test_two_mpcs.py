@@ -143,3 +143,14 @@ def test_of_two_that_began_exactly_one_stops(peer: Any, monkeypatch: pytest.Monk
         stops = bool(answers[0]), bool(answers[1])
         assert sorted(stops) == [False, True]
         assert moments == (1, 1) or stops == (moments[0] > moments[1], moments[1] > moments[0])
+
+
+def test_one_that_has_commanded_for_long_stops_for_nobody(
+    peer: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours, theirs = discovered(peer, "command"), discovered(peer, "command")
+    theirs.begin()
+    ours.begin()
+    later = time.monotonic() + 11.0
+    monkeypatch.setattr(time, "monotonic", lambda: later)
+    assert ours.receive(health_of("/other", theirs.values())) == ""
