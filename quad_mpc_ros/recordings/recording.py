@@ -76,7 +76,8 @@ class Recording:
 
     def __init__(self, path: Path | str) -> None:
         """Open a bag directory, one ``.mcap`` file, or the folder of a run with ``bag/`` in it."""
-        self.path = bag_of(Path(instance(path, "path", str, Path)))
+        instance(path, "path", str, Path)
+        self.path = bag_of(Path(path))
         self.bag = BagReader(self.path)
 
     @property

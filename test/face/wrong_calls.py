@@ -222,9 +222,10 @@ def run(count: int, seed: int) -> tuple[list[str], Counter[str]]:
     wrong, faults, outcomes = Wrong(seed), list[str](), Counter[str]()
     flight = simulate(duration=0.04)
     abused, calm = Controller(MpcConfig()), Controller(MpcConfig())
-    stamp_ns = 0
+    victim, stamp_ns = Controller(MpcConfig()), 0
     for k in range(count):
-        victim = Controller(MpcConfig()) if k % 100 == 0 else victim  # noqa: F821
+        if k % 100 == 0:
+            victim = Controller(MpcConfig())
         call = wrong.random.choice(good_calls(victim, flight))
         names = [name for name in call.arguments if wrong.random.random() < 0.4]
         names = names or [wrong.random.choice(list(call.arguments))]
@@ -275,27 +276,25 @@ def inner_names(function: Callable[..., Any]) -> list[str]:
     return [*([f"{owner}"] if owner else []), *inside.get(function, []), *parameters]
 
 
-def abuse(controller: Controller, wrong: Wrong) -> None:
+def abuse(controller: Any, wrong: Wrong) -> None:
     """Call a controller wrongly: each call is refused with an error and must change nothing."""
-    bad = wrong.random.choice([None, "x", 3, [], np.zeros(3), object()])
-    method = wrong.random.choice(
-        [
-            lambda: controller.step(bad, bad),
-            lambda: controller.step(OdometrySample.at_rest([0.0, 0.0, 1.0]), bad),
-            lambda: controller.step(bad, ReferenceWindow.hover([0.0, 0.0, 9.0])),
-            lambda: controller.engage(bad if bad is not None else 1),
-            lambda: controller.landed(bad if bad is not None else 1),
-            lambda: controller.reconfigure(bad),
-            lambda: controller.reset_estimate(bad),
-            lambda: controller.check_stamps(bad),
-            lambda: controller.replace_last_command(bad, now_ns=0),
-            lambda: controller.receive_odometry(bad, now_ns=0),
-            lambda: controller.receive_reference(bad, now_ns=0),
-            lambda: controller.watch(now_ns="now"),  # type: ignore[arg-type]
-        ]
-    )
+    bad: Any = wrong.random.choice([None, "x", 3, [], np.zeros(3), object()])
+    methods: list[Callable[[], Any]] = [
+        lambda: controller.step(bad, bad),
+        lambda: controller.step(OdometrySample.at_rest([0.0, 0.0, 1.0]), bad),
+        lambda: controller.step(bad, ReferenceWindow.hover([0.0, 0.0, 9.0])),
+        lambda: controller.engage(bad if bad is not None else 1),
+        lambda: controller.landed(bad if bad is not None else 1),
+        lambda: controller.reconfigure(bad),
+        lambda: controller.reset_estimate(bad),
+        lambda: controller.check_stamps(bad),
+        lambda: controller.replace_last_command(bad, now_ns=0),
+        lambda: controller.receive_odometry(bad, now_ns=0),
+        lambda: controller.receive_reference(bad, now_ns=0),
+        lambda: controller.watch(now_ns="now"),
+    ]
     try:
-        method()
+        wrong.random.choice(methods)()
     except UserError:
         return
     raise AssertionError(f"accepted: {bad!r}")

@@ -66,7 +66,7 @@ def logged(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[RepeatedWarnings, 
             return Logger()
 
     monkeypatch.setattr(time, "monotonic", lambda: clock.now)
-    yield RepeatedWarnings(Node()), texts, clock  # type: ignore[arg-type]
+    yield RepeatedWarnings(Node()), texts, clock
 
 
 def test_warns_of_each_kind_at_once_and_every_five_seconds(
