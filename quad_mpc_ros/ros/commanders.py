@@ -2,7 +2,8 @@
 
 Each MPC reports on ``/diagnostics`` on which topic it commands, and since when. One that is to be
 activated is refused while another is active there, or while somebody else publishes commands.
-For that it waits a second after the first message that it hears: nodes find each other one by one.
+For that it waits for a second after the first message of another node, at most three after its
+start: nodes find each other one by one.
 Two that begin at the same moment, or that need longer, do not know of each other yet: as soon as
 they do, the one that began later stops, of two that began in the same nanosecond the one whose
 name sorts later. After ten seconds none stops any more.
@@ -27,7 +28,8 @@ _MARK = _TOPIC.encode() + b"\0"
 # s: whoever has commanded for longer stops for nobody, whatever others say of themselves.
 _SETTLED = 10.0
 _STALE = 3.0  # s without a report: it has ended
-_DISCOVERY = 1.0  # s from the first message heard until all others are found as well
+# s: from the start of a node until it has found all others, or from the first message of another.
+_DISCOVERY, _AFTER_FIRST = 3.0, 1.0
 
 
 class _Commander(NamedTuple):
@@ -49,12 +51,14 @@ class Commanders:
         self._others: dict[str, _Commander] = {}
         self._command: Publisher | None = None
         self._waits = True
-        self._settled: float | None = None
+        self._settled = time.monotonic() + _DISCOVERY
+        self._heard = False
 
     def hear(self) -> None:
         """Take note that a message has come from another node: discovery works."""
-        if self._settled is None:
-            self._settled = time.monotonic() + _DISCOVERY
+        if not self._heard:
+            self._heard = True
+            self._settled = min(self._settled, time.monotonic() + _AFTER_FIRST)
 
     def watch(self, command: Publisher | None, *, waits: bool = True) -> None:
         """Take the publisher of the node's own commands, or that there is none any more.
@@ -88,6 +92,8 @@ class Commanders:
         Returns:
             Why this node has to stop, empty if it does not.
         """
+        if not self._heard and self._node.get_fully_qualified_name().encode() not in data:
+            self.hear()
         if _MARK not in data or self._command is None:
             return ""
         for status in decoded(DIAGNOSTICS, data).status:
@@ -124,8 +130,8 @@ class Commanders:
 
     @property
     def discovers(self) -> bool:
-        """Whether the node has not heard others for long enough to know who is there."""
-        return self._settled is None or time.monotonic() < self._settled
+        """Whether the node has not been there for long enough to know who else is."""
+        return time.monotonic() < self._settled
 
     def is_taken(self) -> bool:
         """Whether another one is known to command."""
