@@ -11,7 +11,7 @@ import math
 import operator
 from numbers import Real
 from types import EllipsisType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,16 +35,15 @@ def array(
     The array can be written and is contiguous, as compiled code takes it. A list of numbers is
     converted; text, complex numbers and objects are refused.
     """
-    if (
-        type(given) is not np.ndarray
-        or given.dtype != _FLOAT
-        or given.shape != shape
-        or not given.flags.carray
+    found: Any = given
+    ready = type(found) is np.ndarray and found.dtype == _FLOAT and found.flags.carray
+    if not ready or not (
+        found.shape == shape or (shape[0] is ... and found.shape[1 - len(shape) :] == shape[1:])
     ):
-        given = _converted(given, name, shape)
-    if finite and not np.isfinite(given).all():
+        found = _converted(given, name, shape)
+    if finite and not np.isfinite(found).all():
         raise ArgumentError(name, given, f"finite {_described(shape)}")
-    return given
+    return cast(NDArray[np.float64], found)
 
 
 def stamps(given: object, name: str) -> NDArray[np.int64]:

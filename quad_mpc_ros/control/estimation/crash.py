@@ -9,7 +9,7 @@ height although in the air it could not, with an acceleration a that is
 
 Over a time T its height then covers at least a T^2 / 8, at the turning point of a throw, which is
 the least. Half of that is the most that one that lies may cover. The reference is not asked. A
-collision is a velocity that changes faster than any vehicle in the air can change it.
+collision is a speed that falls faster than any vehicle in the air can brake.
 
 It is over when the vehicle falls, as one that was held or hung and is let go; and when commands
 do not act any more, so that somebody may put it upright.
@@ -17,20 +17,16 @@ do not act any more, so that somebody may put it upright.
 
 from __future__ import annotations
 
-import math
-
 from quad_mpc_ros.control.estimation.filtered_motion import GRAVITY, Motion
-from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.control.model.state import state_from_odometry
 
 _GUST = 2.0  # m/s^2 that air may push by
 _WEAKEST = 0.5  # true thrust over the modelled
 _SLOW = 1.0  # m/s, filtered: faster it does not lie
 _FALLING = 3.0  # m/s downwards, filtered: it does not lie any more
 _INVERTED, _STOPPED = (0.4, 0.8), (1.0, 2.0)  # s, shortest and longest of the time T
-# A collision changes the velocity by so much more than such an acceleration does between two
-# odometries. The vehicle may turn out to have crashed for so long after it.
+# A collision takes so much more of the speed than such an acceleration between two odometries.
+# The vehicle may turn out to have crashed for so long after it.
 _HARDEST, _COLLISION, _AFTERWARDS_NS = 100.0, 2.0, 5_000_000_000  # m/s^2, m/s
 
 
@@ -45,7 +41,7 @@ class Crash:
     def begin_anew(self) -> None:
         """Forget what was before, but not that it has crashed."""
         self._inverted, self._stopped = _Lying(*_INVERTED), _Lying(*_STOPPED)
-        self._before: tuple[int, Array] | None = None  # stamp, and velocity in the world [m/s]
+        self._before = 0, 0.0  # stamp, and speed [m/s]
         self._collided_ns: int | None = None
 
     def update(self, odometry: OdometrySample, motion: Motion, *, height: float) -> bool:
@@ -56,28 +52,24 @@ class Crash:
             if not self.found:
                 self.begin_anew()
             return self.found
-        stamp_ns, slow = odometry.stamp_ns, motion.speed < _SLOW
-        rise = (_WEAKEST * motion.lift - 1.0) * GRAVITY - _GUST
-        fall = GRAVITY - _GUST
-        inverted = self._inverted.lasts(
-            stamp_ns, height, fall if slow and odometry.up < 0.0 else 0.0
-        )
-        stopped = self._stopped.lasts(
-            stamp_ns, height, rise if slow and self._collided_ns is not None else 0.0
-        )
-        self.found = inverted or stopped
+        stamp_ns, fall, rise = odometry.stamp_ns, 0.0, 0.0
+        slow = motion.speed < _SLOW
+        if slow and odometry.up < 0.0:
+            fall = GRAVITY - _GUST
+        if slow and self._collided_ns is not None:
+            rise = (_WEAKEST * motion.lift - 1.0) * GRAVITY - _GUST
+        inverted = self._inverted.lasts(stamp_ns, height, fall)
+        self.found = self._stopped.lasts(stamp_ns, height, rise) or inverted
         return self.found
 
     def _look_for_collision(self, odometry: OdometrySample) -> None:
-        stamp_ns, v_WB_W = odometry.stamp_ns, state_from_odometry(odometry).v_WB_W
-        if self._before is not None:
-            before_ns, before_W = self._before
-            change = math.dist(v_WB_W.tolist(), before_W.tolist())
-            if change > _COLLISION + _HARDEST * 1e-9 * (stamp_ns - before_ns):
-                self._collided_ns = stamp_ns
-        self._before = stamp_ns, v_WB_W
-        if self._collided_ns is not None and stamp_ns - self._collided_ns > _AFTERWARDS_NS:
+        stamp_ns, speed = odometry.stamp_ns, odometry.speed
+        before_ns, before = self._before
+        if before - speed > _COLLISION + _HARDEST * 1e-9 * (stamp_ns - before_ns):
+            self._collided_ns = stamp_ns
+        elif self._collided_ns is not None and stamp_ns - self._collided_ns > _AFTERWARDS_NS:
             self._collided_ns = None
+        self._before = stamp_ns, speed
 
 
 class _Lying:

@@ -121,7 +121,7 @@ class PositionJumps:
     def _is_taken(self, offset_W: Vector, odometry: OdometrySample, duration: float) -> bool:
         """Whether a position so far from the expected one is believed."""
         stamp_ns, distance = odometry.stamp_ns, math.hypot(*offset_W)
-        within = self._within(odometry, duration)
+        within = self._within(stamp_ns, odometry.speed, duration)
         if distance <= within or _seconds(stamp_ns, self._began_ns) < _LEARNING:
             self._learn(distance, duration)
             self._place, self.fault = None, ""
@@ -148,10 +148,10 @@ class PositionJumps:
         self._take(stamp_ns, _Place(stamp_ns, (-x, -y, -z)), note)
         return True
 
-    def _within(self, odometry: OdometrySample, duration: float) -> float:
+    def _within(self, stamp_ns: int, speed: float, duration: float) -> float:
         """Return how far [m] a position that has not jumped may be from the expected one."""
-        refused = 0.0 if self._place is None else _seconds(odometry.stamp_ns, self._refused_ns)
-        motion = (odometry.speed + 0.5 * _ACCELERATION * duration) * duration
+        refused = 0.0 if self._place is None else _seconds(stamp_ns, self._refused_ns)
+        motion = (speed + 0.5 * _ACCELERATION * duration) * duration
         return _SMALL + _NOISES * math.sqrt(self._square) + motion + _DRIFT * refused
 
     def _take(self, stamp_ns: int, former: _Place | None, note: str) -> None:
