@@ -39,8 +39,8 @@ _AGREED, _AGREED_AGAIN, _MEMORY = 3.0, 9.0, 30.0  # s
 _LEARNING, _FORGETTING, _MOST = 1.0, 2.0, 3.0  # s, s, m
 
 
-class _Believed(NamedTuple):
-    """Where the vehicle is believed to be."""
+class _Tracked(NamedTuple):
+    """Where the vehicle is taken to be."""
 
     stamp_ns: int
     p_WB: Vector
@@ -48,7 +48,7 @@ class _Believed(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """Another place than the believed one, since a stamp: how far from it."""
+    """Another place than that, since a stamp: how far from it."""
 
     since_ns: int
     offset_W: Vector
@@ -65,7 +65,7 @@ class PositionJumps:
         self._begin_anew()
 
     def _begin_anew(self) -> None:
-        self._believed: _Believed | None = None
+        self._tracked: _Tracked | None = None
         self._replaced: OdometrySample | None = None
         self._place: _Place | None = None
         self._refused_ns = 0  # since when positions are, while there is a place
@@ -85,20 +85,20 @@ class PositionJumps:
         return notes
 
     def reset_estimate(self, reset: EstimateReset) -> None:
-        """Take an announced step of the estimate: where it is believed to be moves along."""
-        believed, refused = self._believed, self._place is not None
-        if believed is None or not (refused or believed.stamp_ns < reset.stamp_ns):
+        """Take an announced step of the estimate: where it is taken to be moves along."""
+        tracked, refused = self._tracked, self._place is not None
+        if tracked is None or not (refused or tracked.stamp_ns < reset.stamp_ns):
             return  # the odometry in the new coordinates has come already
-        self._believed = _Believed(
-            believed.stamp_ns,
-            _numbers(reset.points(np.array(believed.p_WB))),
-            _numbers(reset.vectors(np.array(believed.v_WB_W))),
+        self._tracked = _Tracked(
+            tracked.stamp_ns,
+            _numbers(reset.points(np.array(tracked.p_WB))),
+            _numbers(reset.vectors(np.array(tracked.v_WB_W))),
         )
         self._place = self._former = None
 
     def checked(self, odometry: OdometrySample) -> OdometrySample:
         """Return an odometry, its position replaced if it has jumped; ``fault`` says so."""
-        before = self._believed
+        before = self._tracked
         if before is not None and before.stamp_ns == odometry.stamp_ns:
             return self._replaced or odometry  # sent again
         p_WB, v_WB_W = _numbers(odometry.p_WB), _velocity(odometry)
@@ -106,20 +106,20 @@ class PositionJumps:
         if before is None or odometry.stamp_ns < before.stamp_ns or not self._engaged:
             self._begin_anew()
             self._began_ns = odometry.stamp_ns
-            self._believed = _Believed(odometry.stamp_ns, p_WB, v_WB_W)
+            self._tracked = _Tracked(odometry.stamp_ns, p_WB, v_WB_W)
             return odometry
         duration = _seconds(odometry.stamp_ns, before.stamp_ns)
         expected = _led(before, v_WB_W, duration)
         offset_W = _difference(p_WB, expected)
         if self._is_taken(offset_W, odometry, duration):
-            self._believed = _Believed(odometry.stamp_ns, p_WB, v_WB_W)
+            self._tracked = _Tracked(odometry.stamp_ns, p_WB, v_WB_W)
             return odometry
-        self._believed = _Believed(odometry.stamp_ns, expected, v_WB_W)
+        self._tracked = _Tracked(odometry.stamp_ns, expected, v_WB_W)
         self._replaced = dataclasses.replace(odometry, p_WB=np.array(expected))
         return self._replaced
 
     def _is_taken(self, offset_W: Vector, odometry: OdometrySample, duration: float) -> bool:
-        """Whether a position so far from the expected one is believed."""
+        """Whether a position so far from the expected one is taken."""
         stamp_ns, distance = odometry.stamp_ns, math.hypot(*offset_W)
         within = self._within(stamp_ns, odometry.speed, duration)
         if distance <= within or _seconds(stamp_ns, self._began_ns) < _LEARNING:
@@ -166,7 +166,7 @@ class PositionJumps:
         self._square += share * (min(distance, _MOST) ** 2 - self._square)
 
 
-def _led(before: _Believed, v_WB_W: Vector, duration: float) -> Vector:
+def _led(before: _Tracked, v_WB_W: Vector, duration: float) -> Vector:
     """Return where the mean of both velocities leads."""
     (x, y, z), (u, v, w), (u1, v1, w1), half = before.p_WB, before.v_WB_W, v_WB_W, 0.5 * duration
     return x + half * (u + u1), y + half * (v + v1), z + half * (w + w1)
