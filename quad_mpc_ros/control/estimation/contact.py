@@ -12,7 +12,7 @@ a T^2 / 8, at the top of a throw, which is the least. Half of that is the most t
 may cover. Heights are compared and not speeds, whose noise would look like motion: where speeds
 are noisy, positions are smooth.
 
-One that has crashed (:mod:`.crash`) neither stands nor flies.
+One that has crashed (``control/estimation/crash.py``) neither stands nor flies.
 
 ``references/touchdown.py`` asks something else, whether a landing has come to its end, and knows
 no commands but how far below the vehicle the reference is. The ground of ``simulation/`` is part
