@@ -37,7 +37,11 @@ def run(options: argparse.Namespace) -> int:
     """Rehearse, show and draw; return the exit code."""
     from quad_mpc_ros.commands.progress import StudyProgress
     from quad_mpc_ros.experiments.rehearsal.figure import write_rehearsal
-    from quad_mpc_ros.experiments.rehearsal.rehearsal import VEHICLES, rehearse
+    from quad_mpc_ros.experiments.rehearsal.rehearsal import (
+        VEHICLES,
+        disturbed_campaign,
+        rehearse,
+    )
     from quad_mpc_ros.experiments.rehearsal.verdict import (
         READY,
         rehearsal_figures,
@@ -46,6 +50,7 @@ def run(options: argparse.Namespace) -> int:
     )
 
     config, progress = options.config or ["default"], StudyProgress()
+    disturbed_campaign(config, options.assignments)  # what is wrong in it is said before all else
     with engine_of(options) as engine:
         out = prepared_out(options.out or default_out("rehearsal"), holds=(RESULT, PICTURE, LOST))
         print(f"rehearsing with {VEHICLES} disturbed vehicles into {out}", file=sys.stderr)

@@ -24,7 +24,9 @@ from quad_mpc_ros.ros.bridges.config import BridgeConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "first_flight.md").read_text()
-VEHICLE_FILE = re.findall(r"^```yaml\n(/\*\*:.*?)^```", PAGE, re.DOTALL | re.MULTILINE)[0]
+VEHICLE_FILE = re.findall(
+    r"^```yaml vehicle.yaml\n(/\*\*:.*?)^```", PAGE, re.DOTALL | re.MULTILINE
+)[0]
 STATED: dict[str, Any] = dict(
     files.flattened(yaml.safe_load(VEHICLE_FILE)["/**"]["ros__parameters"])
 )
@@ -140,7 +142,7 @@ def test_the_check_of_the_page_finds_its_reference_feasible(
 
 
 def test_a_campaign_flies_the_vehicle(vehicle_file: Path) -> None:
-    file = ROOT / "bench" / "campaigns" / "hover.yaml"
+    file = ROOT / "config" / "campaigns" / "hover.yaml"
     campaign = read_campaign(file, Overrides(config=[str(vehicle_file)], flights=1))
     for config in campaign.configured(campaign.drawn(0)):
         varied = {name.partition(".")[2] for name in campaign.vary}

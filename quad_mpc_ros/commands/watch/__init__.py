@@ -52,12 +52,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Watch until the end of the bag or Ctrl-C."""
-    rate = 1.0 if options.rate is None else options.rate
-    if options.rate is not None and options.bag is None:
-        raise UserError("--rate is of a bag: given without --bag")
-    for name, value in (("--rate", rate), ("--interval", options.interval)):
+    for name, value in (("--rate", options.rate), ("--interval", options.interval)):
         if value is not None and not 0.01 <= value <= 1000.0:
             raise UserError(f"{name}: given {value:g}, expected a number from 0.01 to 1000")
+    if options.rate is not None and options.bag is None:
+        raise UserError("--rate is of a bag: given without --bag")
+    rate = 1.0 if options.rate is None else options.rate
     try:
         importlib.import_module("rich")
     except ImportError as error:

@@ -124,11 +124,11 @@ def rehearse(
     """
 
     def fly(*changes: str) -> list[Flown]:
-        campaign = _campaign(config, [*assignments, *changes])
+        campaign = disturbed_campaign(config, [*assignments, *changes])
         return _flown(campaign, engine)
 
     observe("as guessed")
-    simulator = _campaign(config, assignments).base["simulator"]
+    simulator = disturbed_campaign(config, assignments).base["simulator"]
     assert isinstance(simulator, SimulatorConfig)
     guess = Point(by=0.0, flown=fly())
     limits: list[Limit] = []
@@ -163,7 +163,7 @@ def limit_of(direction: Direction, guess: Point, fly: Callable[[float], Point]) 
     )
 
 
-def _campaign(config: Sequence[str], assignments: Sequence[str]) -> Campaign:
+def disturbed_campaign(config: Sequence[str], assignments: Sequence[str]) -> Campaign:
     """Return the disturbed vehicles as a campaign. Raises :class:`UserError`."""
     overrides = Overrides(config=config, assignments=[*_ASSIGNED, *assignments])
     return campaign_from(DISTURBED, overrides, where="rehearse")
