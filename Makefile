@@ -13,6 +13,7 @@ run:  ## install what is missing into .venv and fly the square: make run ARGS='-
 	$(IN_VENV) ros quad_mpc fly $(ARGS)
 
 test:  ## run the tests in the same way: make test ARGS='-k so3'; the slow ones: ARGS='-m slow -n 0'
+	$(IN_VENV) ros,test quad_mpc compile
 	$(IN_VENV) ros,test python -P -m pytest -n 2 --dist loadfile $(ARGS)
 
 bench:  ## measure beside acados and cvxpy, renew docs/performance.md: make bench ARGS='--repeats 5'
