@@ -120,3 +120,14 @@ def test_every_import_of_the_launch_files_is_declared(package_xml: Package) -> N
 
 def test_every_python_dependency_is_used() -> None:
     assert python_dependencies() <= imports_of(ROOT / "quad_mpc_ros").keys()
+
+
+@pytest.mark.parametrize("page", ["README.md", "Dockerfile", "package.xml"])
+def test_what_ubuntu_does_not_have_is_installed_by_one_line(
+    page: str, package_xml: Package
+) -> None:
+    line = re.search(r"pip install (?:--no-cache-dir )?(osqp [a-z ]+)", (ROOT / page).read_text())
+    assert line
+    listed = {import_name(name) for name in line[1].split()}
+    with_others = {"zstandard"}  # rosbags needs it itself
+    assert listed | with_others == python_dependencies() - ros_dependencies(package_xml)
