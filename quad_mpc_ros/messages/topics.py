@@ -13,7 +13,8 @@ class Topic:
     """A topic and how it is offered. ``latched`` keeps the last message for late joiners.
 
     Where it is not ``reliable``, the newest value counts and a lost one is not worth waiting for.
-    Two publishers of a topic with a ``single_source`` contradict each other.
+    Two publishers of a topic with a ``single_source`` contradict each other. One that is
+    ``optional`` may have none for a whole flight.
     """
 
     name: str
@@ -22,23 +23,29 @@ class Topic:
     depth: int = 1
     latched: bool = False
     single_source: bool = False
+    optional: bool = False
 
 
 ODOMETRY = Topic(name="odom", type_name="nav_msgs/msg/Odometry", single_source=True)
 COMMAND = Topic(name="command", type_name="geometry_msgs/msg/TwistStamped", single_source=True)
 # Whether the vehicle acts on commands; it does where this is not published.
-ENGAGED = Topic(name="engaged", type_name="std_msgs/msg/Bool", reliable=True, latched=True)
+ENGAGED = Topic(
+    name="engaged", type_name="std_msgs/msg/Bool", reliable=True, latched=True, optional=True
+)
 # Whether it stands on the ground; estimated where this is not published.
-LANDED = Topic(name="landed", type_name=ENGAGED.type_name, reliable=True, latched=True)
+LANDED = Topic(
+    name="landed", type_name=ENGAGED.type_name, reliable=True, latched=True, optional=True
+)
 # A step of the estimator: where its former frame lies in the new one.
 ODOMETRY_RESET = Topic(
     name="odom_reset",
     type_name="geometry_msgs/msg/TransformStamped",
     reliable=True,
     depth=10,
+    optional=True,
 )
 
-BATTERY = Topic(name="battery", type_name="sensor_msgs/msg/BatteryState")
+BATTERY = Topic(name="battery", type_name="sensor_msgs/msg/BatteryState", optional=True)
 
 REFERENCE = Topic(
     name="reference",
@@ -53,14 +60,14 @@ REFERENCE_PATH = Topic(
 GOAL_POSE = Topic(name="goal_pose", type_name="geometry_msgs/msg/PoseStamped", reliable=True)
 TRAJECTORY = Topic(name="trajectory", type_name=REFERENCE.type_name, reliable=True)
 # A velocity to fly, as joysticks and navigation send it.
-VELOCITY = Topic(name="cmd_vel", type_name="geometry_msgs/msg/TwistStamped")
+VELOCITY = Topic(name="cmd_vel", type_name="geometry_msgs/msg/TwistStamped", optional=True)
 JOYSTICK = Topic(name="joy", type_name="sensor_msgs/msg/Joy")
 PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path")
 STATS = Topic(
     name="mpc/stats", type_name="diagnostic_msgs/msg/DiagnosticArray", reliable=True, depth=10
 )
 DIAGNOSTICS = Topic(name="/diagnostics", type_name=STATS.type_name, reliable=True, depth=10)
-CLOCK = Topic(name="/clock", type_name="rosgraph_msgs/msg/Clock")
+CLOCK = Topic(name="/clock", type_name="rosgraph_msgs/msg/Clock", optional=True)
 # Of every node of ROS: which of its parameters were set, and to what.
 PARAMETER_EVENTS = Topic(
     name="/parameter_events", type_name="rcl_interfaces/msg/ParameterEvent", reliable=True
@@ -92,3 +99,5 @@ RECORDED = (
     PARAMETER_EVENTS,
 )
 """What a recorder records by default."""
+OPTIONAL = tuple(topic for topic in RECORDED if topic.optional)
+"""Those of them that may have no publisher for a whole flight."""

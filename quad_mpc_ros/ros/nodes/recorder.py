@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from quad_mpc_ros.configuration import BagError
+from quad_mpc_ros.messages.topics import OPTIONAL
 from quad_mpc_ros.recordings.config import RecorderConfig, TopicSelection
 from quad_mpc_ros.recordings.parameters import write_parameters
 from quad_mpc_ros.recordings.writer import BagExistsError, BagWriter, Split
@@ -59,8 +60,13 @@ class Recorder:
 
     @property
     def missing(self) -> list[str]:
-        """The topics given by name that have no publisher yet."""
-        return [topic for topic in self._selection.names if topic not in self._recorded]
+        """The topics given by name that have no publisher yet, but for those that need none."""
+        optional = {self._node.resolve_topic_name(each.name) for each in OPTIONAL}
+        return [
+            topic
+            for topic in self._selection.names
+            if topic not in self._recorded and topic not in optional
+        ]
 
     @property
     def unanswered(self) -> list[str]:

@@ -26,7 +26,7 @@ from std_msgs.msg import Header, Int32, String
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.recordings.repair import repair
-from quad_mpc_ros.ros.nodes.recorder import new_bag
+from quad_mpc_ros.ros.nodes.recorder import Recorder, new_bag
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
@@ -376,3 +376,11 @@ def test_recorders_started_in_the_same_second_use_separate_bags(
         directories = [future.result() for future in [threads.submit(record) for _ in range(4)]]
     assert len(set(directories)) == 4
     assert all((directory / "metadata.yaml").is_file() for directory in directories)
+
+
+def test_topics_that_a_flight_may_do_without_are_not_missed(peer: Any, tmp_path: Path) -> None:
+    config = RecorderConfig.build({"directory": str(tmp_path / "bag")})
+    missed = Recorder(peer.node, config, on_fault=lambda _: None).missing
+    assert "/odom" in missed
+    assert "/reference" in missed
+    assert not {"/odom_reset", "/cmd_vel", "/engaged", "/landed", "/battery", "/clock"} & {*missed}
