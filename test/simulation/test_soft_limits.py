@@ -34,6 +34,7 @@ NOISE = {
 }
 AGILE = agile()
 HEIGHT, JUMP_NS = 10.0, 1_000_000_000
+REFUSED_FOR = 3.0  # s: for so long a jump of the estimate is refused
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +61,7 @@ def jumped(
     simulator = ideal(
         {
             **LAGS,
-            "duration": 5.0 + max(map(abs, jump)) / 2.0,
+            "duration": 5.0 + (REFUSED_FOR if of == "estimate" else 0.0) + max(map(abs, jump)) / 2.0,
             "initial_position": (0.0, 0.0, HEIGHT),
             "initial_throttle": 0.2923,
         }

@@ -240,6 +240,7 @@ def test_nan_odometry_never_reaches_the_solver(field: str, start: Start, peer: A
     stack.await_node()
     for _ in range(10):
         stack.tick()
+    assert peer.wait(lambda: len(stack.stats) > 0)
     solved = int(stack.stats[-1]["commands"])
     size = 4 if field == "q_WB_xyzw" else 3
     for _ in range(30):
