@@ -11,6 +11,7 @@ import functools
 import gc
 import runpy
 import sys
+import time
 import types
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
+import rclpy.node
 import yaml
 from fixtures.setup_py import declared, write_metadata
 
@@ -462,6 +463,26 @@ def test_bridges_of_other_packages_are_launched_from_there(
     assert (kite.package, kite.executable) == ("kite_pilot", "kite_bridge")
 
 
+def topics_of(node: rclpy.node.Node) -> set[str]:
+    name, namespace = node.get_name(), node.get_namespace()
+    ends = (
+        *node.get_publisher_names_and_types_by_node(name, namespace),
+        *node.get_subscriber_names_and_types_by_node(name, namespace),
+    )
+    return {topic for topic, _ in ends}
+
+
+def settled(read: Callable[[], set[str]]) -> set[str]:
+    """Return what is read until it has stayed the same for a while: discovery takes time."""
+    before, since = read(), time.monotonic()
+    while time.monotonic() - since < 0.5:
+        time.sleep(0.02)
+        now = read()
+        if now != before:
+            before, since = now, time.monotonic()
+    return before
+
+
 def test_remapped_topics_are_those_of_the_nodes(launch: Launch) -> None:
     """Each remapping moves a topic of a node that it is given to, in the node itself."""
     topics = {name: f"/elsewhere/{name}" for name in ("odom", "reference", "command")}
@@ -474,12 +495,7 @@ def test_remapped_topics_are_those_of_the_nodes(launch: Launch) -> None:
         made = {"mpc": MpcNode, "reference": ReferenceNode}[node.name]()
         try:
             assert made.get_fully_qualified_name() == f"/uav1/{node.name}"
-            name, namespace = made.get_name(), made.get_namespace()
-            ends = (
-                *made.get_publisher_names_and_types_by_node(name, namespace),
-                *made.get_subscriber_names_and_types_by_node(name, namespace),
-            )
-            found = {topic for topic, _ in ends}
+            found = settled(lambda node=made: topics_of(node))
         finally:
             made.destroy_node()
             rclpy.shutdown()

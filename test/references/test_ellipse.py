@@ -45,7 +45,7 @@ def noses(heading: str, **changes: object) -> tuple[Array, Array, Array]:
     trajectory = configured_trajectory(config(ellipse_heading=heading, **changes))
     samples = trajectory.at([*range(0, trajectory.period_ns, trajectory.period_ns // 50)])
     R_WB = so3.rotation_from_quaternion_xyzw(samples.q_WB_xyzw)
-    tilt = so3.shortest_rotation(np.array([0.0, 0.0, 1.0]), R_WB[:, :, 2])
+    tilt = so3.shortest_rotation(np.tile([0.0, 0.0, 1.0], (len(R_WB), 1)), R_WB[:, :, 2])
     level = np.swapaxes(tilt, -1, -2) @ R_WB  # what is left of the attitude without its tilt
     return (samples.p_WB - [1.0, -2.0, 3.0])[:, :2], samples.v_WB_W[:, :2], level[:, :2, 0]
 

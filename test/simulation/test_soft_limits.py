@@ -61,7 +61,9 @@ def jumped(
     simulator = ideal(
         {
             **LAGS,
-            "duration": 5.0 + (REFUSED_FOR if of == "estimate" else 0.0) + max(map(abs, jump)) / 2.0,
+            "duration": 5.0
+            + (REFUSED_FOR if of == "estimate" else 0.0)
+            + max(map(abs, jump)) / 2.0,
             "initial_position": (0.0, 0.0, HEIGHT),
             "initial_throttle": 0.2923,
         }

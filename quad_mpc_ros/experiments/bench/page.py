@@ -31,7 +31,7 @@ def page(result: Mapping[str, Any], *, picture: str) -> str:
             "What a control step costs, beside other ways to solve the same problem. Everything "
             "here was measured in one process and one run by"
         ),
-        f"```\n{result['command']}\n```",
+        f"```sh\n{result['command']}\n```",
         _paragraph(_how(result)),
         as_markdown(peer_rows(result)),
         *map(_paragraph, comparison_lines(result)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import time
@@ -169,7 +170,8 @@ def test_refuses_handover_with_two_command_sources(peer: Peer, tmp_path: Path) -
         asked = peer.engage.call_async(SetBool.Request(data=True))
         assert peer.fly(asked.done)
         assert not asked.result().success
-        assert "2 publishers on command, expected one" in asked.result().message
+        # Of nodes that were killed the discovery tells for a while yet.
+        assert re.search("[2-9] publishers on command, expected one", asked.result().message)
         peer.node.destroy_publisher(rival)
         assert peer.fly(lambda: peer.asked_to_engage())
     finally:
