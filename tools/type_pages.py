@@ -41,7 +41,8 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 STACKS = tuple(sorted((ROOT / "docs" / "stacks").glob("*.md")))
 FENCE = re.compile(r"^```(\w+)(?: +(\S+))?\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 OF_THE_CHECKOUT = re.compile(r"make |\.venv/|python (bench|examples)/|quad_mpc bench --peers")
-RUNS_ON = re.compile(r"ros2 (run|launch) |quad_mpc (watch|fly .*on_request)|teleop_node")
+STARTS_NODES = re.compile(r"ros2 (run|launch) |quad_mpc fly .*on_request|teleop_node")
+RUNS_ON = re.compile(rf"{STARTS_NODES.pattern}|quad_mpc watch")
 ASKS_NODES = re.compile(r"ros2 (param|service|lifecycle|topic|bag) |save-vehicle|preflight")
 FLYING = "quad_mpc fly --set reference.mode=on_request --duration 900"
 LEARNING = "quad_mpc fly --reference lemniscate --set simulator.mass_scale=1.2 --duration 900"
@@ -177,10 +178,13 @@ class Reader:
     def fly_beside(self, typed: tuple[Typed, ...]) -> None:
         """Start a flight for commands that ask nodes and start none."""
         asks = [each for each in typed if ASKS_NODES.search(each.command)]
-        starts = any(RUNS_ON.search(each.command) for each in typed)
+        starts = any(STARTS_NODES.search(each.command) for each in typed)
         if asks and not starts and not any(self.not_here(each.command) for each in asks):
             learns = any("save-vehicle" in each.command for each in asks)
-            self.type(Typed(asks[0].page, asks[0].line, LEARNING if learns else FLYING))
+            flight = LEARNING if learns else FLYING
+            if any("--config vehicle.yaml" in each.command for each in asks):
+                flight += " --config vehicle.yaml"
+            self.type(Typed(asks[0].page, asks[0].line, flight))
 
     def type(self, typed: Typed, reason: str = "") -> str:
         """Type a command, unless there is a reason why it cannot be typed here; return that."""
@@ -189,7 +193,7 @@ class Reader:
             self._tell("not typed", typed, reason)
             return reason
         self.provide(typed)
-        if RUNS_ON.search(typed.command) or typed.command == LEARNING:
+        if RUNS_ON.search(typed.command) or typed.command.startswith(LEARNING):
             process, log = self.start(typed.command)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(SETTLES)
