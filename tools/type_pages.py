@@ -159,6 +159,8 @@ class Reader:
         self.checkout = options.checkout
         self.patience = options.patience
         self.environment = _environment(options.environment, home=folder)
+        # What a terminal is to a user; nobody types into it while a command runs.
+        self.keyboard, self.terminal = os.openpty()
         self.running: list[tuple[Typed, subprocess.Popen[bytes], Path]] = []
         self.outcomes: list[tuple[str, Typed, str]] = []
         folder.mkdir(parents=True, exist_ok=True)
@@ -240,6 +242,11 @@ class Reader:
             self._tell("failed" if problem else "ran on", typed, problem)
         self.running.clear()
 
+    def hang_up(self) -> None:
+        """Close the terminal."""
+        os.close(self.terminal)
+        os.close(self.keyboard)
+
     def start(self, command: str, *, like: str = "") -> tuple[subprocess.Popen[bytes], Path]:
         """Start a command in a group of its own, with a log; what it exports is kept."""
         log = self.folder / f".typed-{time.monotonic_ns()}"
@@ -251,7 +258,7 @@ class Reader:
                 ["bash", "-c", script],
                 cwd=self._folder(like or command),
                 env={**self.environment, "KEPT": str(kept)},
-                stdin=subprocess.DEVNULL,
+                stdin=self.terminal,
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
@@ -375,6 +382,7 @@ def type_pages(pages: tuple[Path, ...], options: argparse.Namespace) -> Mapping[
             reader.read()
         finally:
             reader.stop_what_runs_on()
+            reader.hang_up()
         outcomes.update(outcome for outcome, _, _ in reader.outcomes)
     return outcomes
 
