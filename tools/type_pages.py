@@ -73,7 +73,7 @@ ELSEWHERE = {
     r"^pip install|^python3 -m venv": "the package is installed already",
     r"ros2 security|--enclave|^export ROS_SECURITY|^policies=": "needs sros2",
     r"flight\.mcap": "needs a recording of a flight stack",
-    r"/px4_bridge/|bridge:=": NEEDS_THE_STACK,
+    r"/px4_bridge/|bridge:=|--bridge px4": NEEDS_THE_STACK,
     r"/dev/tty": "needs a serial port",
     r"EFFECT": "a placeholder, for what the table below it lists",
 }
