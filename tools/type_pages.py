@@ -75,6 +75,7 @@ ELSEWHERE = {
     r"flight\.mcap": "needs a recording of a flight stack",
     r"/px4_bridge/|bridge:=|--bridge px4": NEEDS_THE_STACK,
     r"/dev/tty": "needs a serial port",
+    r"ros2 run joy ": "needs the package joy",
     r"EFFECT": "a placeholder, for what the table below it lists",
 }
 
