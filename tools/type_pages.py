@@ -43,7 +43,9 @@ FENCE = re.compile(r"^```(\w+)(?: +(\S+))?\n(.*?)^```$", re.DOTALL | re.MULTILIN
 OF_THE_CHECKOUT = re.compile(r"make |\.venv/|python (bench|examples)/|quad_mpc bench --peers")
 STARTS_NODES = re.compile(r"ros2 (run|launch) |quad_mpc fly .*on_request|teleop_node")
 RUNS_ON = re.compile(rf"{STARTS_NODES.pattern}|quad_mpc watch")
-ASKS_NODES = re.compile(r"ros2 (param|service|lifecycle|topic|bag) |save-vehicle|preflight")
+ASKS_NODES = re.compile(
+    r"ros2 (param|service|lifecycle|topic|bag) |save-vehicle|preflight|watch --once"
+)
 FLYING = "quad_mpc fly --set reference.mode=on_request --duration 900"
 LEARNING = "quad_mpc fly --reference lemniscate --set simulator.mass_scale=1.2 --duration 900"
 SETTLES = 12.0  # s: until a node that was started answers
@@ -55,7 +57,15 @@ CAMPAIGN = "quad_mpc campaign hover --flights 4 --out {path}"
 # What the reader has already, by name, and how it comes about here.
 THE_READERS_OWN = {
     name: RECORDED.format(path=name)
-    for name in ("runs/my_flight", "runs/A", "runs/B", "runs/before", "runs/after", "gentle")
+    for name in (
+        "runs/my_flight",
+        "runs/square",
+        "runs/A",
+        "runs/B",
+        "runs/before",
+        "runs/after",
+        "gentle",
+    )
 } | {
     "vehicle.yaml": "cp {vehicle} vehicle.yaml",
     "guess.yaml": "cp {vehicle} guess.yaml",
@@ -75,7 +85,7 @@ ELSEWHERE = {
     r"flight\.mcap": "needs a recording of a flight stack",
     r"/px4_bridge/|bridge:=|--bridge px4": NEEDS_THE_STACK,
     r"/dev/tty": "needs a serial port",
-    r"ros2 run joy ": "needs the package joy",
+    r"ros2 run (joy|rqt_\w+) ": "needs a package of ROS beside ours",
     r"EFFECT": "a placeholder, for what the table below it lists",
 }
 
@@ -162,6 +172,8 @@ class Reader:
         self.environment = _environment(options.environment, home=folder)
         # What a terminal is to a user; nobody types into it while a command runs.
         self.keyboard, self.terminal = os.openpty()
+        self.unfinished: list[str] = []
+        """What commands would have made that took too long here."""
         self.running: list[tuple[Typed, subprocess.Popen[bytes], Path]] = []
         self.outcomes: list[tuple[str, Typed, str]] = []
         folder.mkdir(parents=True, exist_ok=True)
@@ -206,6 +218,8 @@ class Reader:
         interrupted = self._ends_late(process)
         said = log.read_text(errors="replace")
         problem = _problem(typed, process.returncode, said, interrupted=interrupted)
+        if interrupted:
+            self.unfinished += re.findall(r"--out (\S+)", typed.command)
         result = "failed" if problem else "interrupted" if interrupted else "ok"
         self._tell(result, typed, problem)
         return ""
@@ -215,6 +229,9 @@ class Reader:
         for pattern, reason in ELSEWHERE.items():
             if re.search(pattern, command):
                 return reason
+        for made in self.unfinished:
+            if made in command:
+                return f"needs {made}, which takes longer than is waited for here"
         program = command.split()[0]
         if "/" not in program and not shutil.which(program, path=self.environment["PATH"]):
             return f"{program} is not installed"
@@ -335,7 +352,7 @@ def _problem(typed: Typed, code: int, said: str, *, interrupted: bool) -> str:
     if "Traceback (most recent call last)" in said and not script:
         return f"a traceback{end}"
     if interrupted:
-        allowed = (0, 1, 130, -signal.SIGINT)
+        allowed = (0, 1, 130, -signal.SIGINT, *((2,) if typed.command.startswith("ros2 ") else ()))
         return "" if code in allowed else f"exit code {code} after an interrupt{end}"
     if typed.answer:
         same = _words(typed.answer) in _words(said)
