@@ -31,7 +31,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,7 +68,6 @@ THE_READERS_OWN = {
     )
 } | {
     "vehicle.yaml": "cp {vehicle} vehicle.yaml",
-    "guess.yaml": "cp {vehicle} guess.yaml",
     "my_vehicle.yaml": "cp {vehicle} my_vehicle.yaml",
     "my_bag": RECORDED.format(path="unfinished") + " && cp -r unfinished/bag my_bag",
     "campaigns/baseline": CAMPAIGN.format(path="campaigns/baseline"),
@@ -390,7 +389,7 @@ def _copy_of_the_checkout(folder: Path, environment: Path) -> Path:
     return folder
 
 
-def type_pages(pages: tuple[Path, ...], options: argparse.Namespace) -> Mapping[str, int]:
+def type_pages(pages: tuple[Path, ...], options: argparse.Namespace) -> Counter[str]:
     """Type the pages and return how many commands ended in which way."""
     outcomes: Counter[str] = Counter()
     for page in pages:
