@@ -25,6 +25,7 @@ from quad_mpc_ros.messages.topics import (
     REFERENCE_PATH,
     STATS,
 )
+from quad_mpc_ros.ros.commanders import DISCOVERING
 from quad_mpc_ros.ros.health import PEERS_KEY
 from quad_mpc_ros.ros.messages import decoded
 
@@ -149,6 +150,9 @@ class FlightMonitor(Observer):
                 if int(health.get(f"{PEERS_KEY}{topic}", 0)) < peers
             ]
         for prefix in self._prefixes:
+            # Or it would fly for a while uncommanded.
+            if self._health.get(f"{prefix}mpc", {}).get(DISCOVERING) != "false":
+                missing.append(f"{prefix}mpc: who else commands")
             if self._health.get(f"{prefix}recorder", {}).get("parameters_missing", "all"):
                 missing.append(f"{prefix}recorder: parameters")
         return missing

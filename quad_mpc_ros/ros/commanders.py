@@ -24,6 +24,8 @@ from quad_mpc_ros.messages.topics import DIAGNOSTICS
 from quad_mpc_ros.ros.messages import decoded
 
 _TOPIC, _INSTANCE, _SINCE = "commands.topic", "commands.instance", "commands.since_ns"
+DISCOVERING = "commands.discovering"
+"""Whether the node waits to know who else commands, of its values on ``/diagnostics``."""
 _MARK = _TOPIC.encode() + b"\0"
 # s: whoever has commanded for longer stops for nobody, whatever others say of themselves.
 _SETTLED = 10.0
@@ -84,6 +86,7 @@ class Commanders:
             (_TOPIC, self._command.topic_name),
             (_INSTANCE, self._instance),
             (_SINCE, since),
+            (DISCOVERING, str(self._waits and self.discovers).lower()),
         ]
 
     def receive(self, data: bytes) -> str:

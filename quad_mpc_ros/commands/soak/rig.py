@@ -14,15 +14,16 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from quad_mpc_ros.commands.observer import Observer
+from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.commands.processes import NodeProcess
 from quad_mpc_ros.commands.run_configuration import RunConfig
 from quad_mpc_ros.commands.soak.relay import PREFIX, odometry_relay, reference_relay
 from quad_mpc_ros.commands.soak.watch import Watch, resident_memory
 from quad_mpc_ros.experiments.faults.parameter_changes import Change
 from quad_mpc_ros.experiments.faults.verdict import is_home
-from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE
+from quad_mpc_ros.messages.topics import DIAGNOSTICS, ODOMETRY, REFERENCE
 from quad_mpc_ros.recordings.evaluation.crash import MotionLog
+from quad_mpc_ros.ros.commanders import DISCOVERING
 
 NODES = ("simulator", "reference", "mpc")
 # The first start after an installation compiles, on a small computer for minutes.
@@ -58,12 +59,14 @@ class Rig(Observer):
         self._began = time.monotonic()
         self._position_error: float | None = None
         self._position_due = 0.0
+        self._discovering = True  # the MPC: who else commands
 
     def __enter__(self) -> Self:
         super().__enter__()
         self.odometry = odometry_relay(self.node)
         self.reference = reference_relay(self.node)
         self.watch = Watch(self.node, self._run.mpc)
+        subscribe(self.node, DIAGNOSTICS, self._on_diagnostics)
         self._parameters = self.node.create_client(
             SetParametersAtomically, "mpc/set_parameters_atomically"
         )
@@ -98,6 +101,7 @@ class Rig(Observer):
         for node in NODES:
             self.start(node)
         self.wait(self._connected, "the nodes to connect", timeout=_READY_TIMEOUT)
+        self.wait(lambda: not self._discovering, "the MPC to know who else commands")
         self.motion.clear()
         self._began = time.monotonic()
         self.call(self._simulator, Trigger.Request())
@@ -195,6 +199,12 @@ class Rig(Observer):
             self._position_error = float(np.linalg.norm(p - odometry.p_WB))
             elapsed = time.monotonic() - self._began
             self.motion.add(elapsed, (odometry.p_WB, odometry.q_WB_xyzw), (p, q))
+
+    def _on_diagnostics(self, message: Any) -> None:
+        for status in message.status:
+            for pair in status.values:
+                if pair.key == DISCOVERING:
+                    self._discovering = pair.value == "true"
 
     def _sample_memory(self) -> None:
         """Sample the memory now and then."""

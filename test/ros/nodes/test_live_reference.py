@@ -141,7 +141,7 @@ def assert_nothing_jumps(windows: list[ReferenceWindow]) -> None:
     for one, other in itertools.pairwise(windows):
         dt = 1e-9 * (other.stamp_ns - one.stamp_ns)
         assert dt >= 0.0
-        if dt > 0.3:
+        if dt > 0.15:
             continue
         judged += 1
         R_one, R_other = (so3.rotation_from_quaternion_xyzw(w.q_WB_xyzw[0]) for w in (one, other))

@@ -231,9 +231,9 @@ def test_mpc_climbs_towards_a_reference_above(start: Start, peer: Any) -> None:
     stack = Stack(peer)
     start("mpc")
     stack.await_node()
+    stack.fly()
     for _ in range(20):
         stack.tick()
-    assert peer.wait(lambda: len(stack.commands) >= 10)
     last = stack.commands[-1].twist
     assert last.linear.z > 0.6
     assert max(abs(last.angular.x), abs(last.angular.y), abs(last.angular.z)) < 0.1
@@ -281,8 +281,7 @@ def test_weights_change_in_flight_and_structure_does_not(start: Start, peer: Any
     stack = Stack(peer)
     start("mpc")
     stack.await_node()
-    for _ in range(10):
-        stack.tick()
+    stack.fly()
     client = peer.node.create_client(SetParameters, "mpc/set_parameters")
 
     def set_parameter(name: str, value: Any) -> Any:
