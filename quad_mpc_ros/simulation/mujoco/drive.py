@@ -1,0 +1,98 @@
+"""What rotors and air do to the body over a step, as a force and a torque for MuJoCo, compiled.
+
+MuJoCo knows weight, inertia and what touches. So it is given what is left: the mean force and
+torque by which a step of the plant ``rotors`` in free flight, of Runge-Kutta's method of order 4,
+would change velocity and body rates. In the air both plants therefore accelerate alike.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.simulation.rotors import rate_loop
+from quad_mpc_ros.simulation.rotors.craft import Craft, Rotor
+from quad_mpc_ros.simulation.rotors.mixer import Share
+from quad_mpc_ros.simulation.rotors.motion import Inputs, runge_kutta
+from quad_mpc_ros.simulation.rotors.state import BodyState
+
+_BODY = BodyState.dtype
+_UP = 2
+
+
+class Drive(Record):
+    """What acts on the body beside its weight, held over a step."""
+
+    force_W: Vector3  # at the centre of mass [N]
+    torque_B: Vector3  # about the centre of mass [N m]
+
+
+@compiled
+def command(
+    memory: RecordArray[rate_loop.Memory],
+    body: RecordArray[BodyState],
+    inputs: RecordArray[Inputs],
+    stands: bool,
+    loop: RecordArray[rate_loop.Loop],
+    mix: RecordArray[Share],
+    wanted: Array,
+) -> None:
+    """Run the rate loop once: write the wanted speeds of the rotors (n,) [rad/s]."""
+    rate_loop.run(
+        memory[()],
+        w_WB_B=body[()].w_WB_B,
+        throttle=inputs[()].throttle,
+        rates=inputs[()].w_WB_B,
+        stands=stands,
+        loop=loop[()],
+        mix=mix,
+        out=wanted,
+    )
+
+
+@compiled
+def drive(
+    body: RecordArray[BodyState],
+    speeds: Array,
+    wanted: Array,
+    inputs: RecordArray[Inputs],
+    craft: RecordArray[Craft],
+    rotors: RecordArray[Rotor],
+    ground: float,
+    duration: float,
+    out: RecordArray[Drive],
+) -> None:
+    """Move speeds (n,) and battery over a step [s]; write what acts on the body over it.
+
+    ``ground`` is where the origin of a vehicle that stands on what is below would be [m]: ground
+    effect counts heights from there.
+    """
+    before = np.empty((), _BODY)
+    before[()] = body[()]
+    x, numbers, acts = body[()], craft[()], out[()]
+    v, w = kernels.vector(x.v_WC_W), kernels.vector(x.w_WB_B)
+    x.p_WC[_UP] -= ground
+    outside = kernels.vector(inputs[()].wind_W), kernels.vector(inputs[()].push_W)
+    runge_kutta(body, speeds, wanted, outside, craft=craft, rotors=rotors, duration=duration)
+    a = _mean_rate(v, kernels.vector(x.v_WC_W), duration)
+    alpha = _mean_rate(w, kernels.vector(x.w_WB_B), duration)
+    used = x.charge_used
+    body[()] = before[()]
+    x.charge_used = used
+    lifted = (a[0], a[1], a[_UP] + numbers.gravity)
+    kernels.store_vector(kernels.scaled(numbers.mass, lifted), acts.force_W)
+    # MuJoCo adds -w x J w itself, along the step: its mean is that in the middle.
+    w = kernels.plus(w, kernels.scaled(0.5 * duration, alpha))
+    inertia = kernels.matrix(numbers.inertia)
+    torque = kernels.plus(
+        kernels.apply(inertia, alpha), kernels.cross(w, kernels.apply(inertia, w))
+    )
+    kernels.store_vector(torque, acts.torque_B)
+
+
+@compiled
+def _mean_rate(before: kernels.Vector, after: kernels.Vector, duration: float) -> kernels.Vector:
+    change = kernels.plus(after, kernels.scaled(-1.0, before))
+    return kernels.scaled(1.0 / duration, change)
