@@ -29,7 +29,8 @@ DECK_INERTIA = 1e4
 
 _DECK_THICKNESS = 0.05  # m
 _ROTOR_THICKNESS = 0.01  # m
-_HULL_SIZE, _HULL_HEIGHT = 0.5, 0.6  # of the rotors' distances, and of the clearance
+# Of the rotors' distances, and of the clearance: a box below the origin of the body.
+_HULL_SIZE, _HULL_HEIGHT = 0.5, 0.4
 # How a force that keeps apart grows with depth, in MuJoCo's terms (solimp): what stands sinks by
 # (1 - d) / d g T^2 for the time constant T, a hundredth of a millimetre.
 _IMPEDANCE = (0.95, 0.99, 0.001)
@@ -130,8 +131,9 @@ def _vehicle(world: ET.Element, config: MujocoParameters, *, mass: float) -> Non
         ends = (*place, *(np.array([0.5 * x, 0.5 * y, 0.0]) - center))
         _geom(body, f"leg{number}", "capsule", size=(0.003,), fromto=ends, rgba=".3 .3 .3 1")
     span = np.array([max(np.ptp(rotors.x), 0.01), max(np.ptp(rotors.y), 0.01)])
-    size = (*(0.5 * _HULL_SIZE * span), 0.5 * _HULL_HEIGHT * clearance)
-    middle = np.array([np.mean(rotors.x), np.mean(rotors.y), 0.0]) - center
+    height = min(_HULL_HEIGHT * clearance, _HULL_SIZE * float(span.min()))
+    size = (*(0.5 * _HULL_SIZE * span), 0.5 * height)
+    middle = np.array([np.mean(rotors.x), np.mean(rotors.y), -0.5 * height]) - center
     _geom(body, HULL, "box", size=size, pos=middle, rgba=".2 .35 .7 1")
     places = zip(rotors.x, rotors.y, rotors.z, rotors.tilt_x, rotors.tilt_y, strict=True)
     for number, (x, y, z, tilt_x, tilt_y) in enumerate(places):

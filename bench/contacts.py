@@ -1,0 +1,284 @@
+"""Fly from the ground and back to it where MuJoCo says what the ground does.
+
+MUJOCO_GL=egl python bench/contacts.py --out runs/contacts
+
+Each case takes off, hovers, and lands on request; one flies a lemniscate in between, one comes down
+at 1.5 m/s. The MPC knows nothing of slopes, decks and loads. A row says what became of it: whether
+it crashed, that is, whether hull or rotors touched anything; the mean position error in the air
+and after it was asked to land; the greatest tilt in the air and the one at the end; the speed with
+which it met the ground; how long after that the motors idled; whether the reference took note of
+the touchdown; and how far it slid or bounced meanwhile. ``--film`` writes a film of each as well.
+docs/contacts.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros import load_config
+from quad_mpc_ros.configuration.text_tables import markdown_table
+from quad_mpc_ros.control.controller import Controller
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.warm_up import warmed_up
+from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
+from quad_mpc_ros.references.configured import joined_trajectory
+from quad_mpc_ros.references.director import GROUND, LANDING, Reply
+from quad_mpc_ros.references.live import LiveReference
+from quad_mpc_ros.simulation.mujoco.film import Film
+from quad_mpc_ros.simulation.mujoco.plant import MujocoPlant
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
+from quad_mpc_ros.simulation.sensors import OdometryStream
+
+Request = Callable[[LiveReference, int], Reply]
+
+COMMON = ("simulator.plant=mujoco", "reference.mode=on_request", "reference.takeoff_height=1.2")
+SLOPE = f"simulator.mujoco.ground.slope={math.radians(10.0)}"
+LOAD = ("simulator.mujoco.payload.mass=0.0793786", "simulator.mujoco.payload.cable_length=0.5")
+# Heaving with 0.3 m/s at most: 0.239 m at 0.2 Hz.
+HEAVE = (
+    "simulator.mujoco.deck.size=[3.0,3.0]",
+    "simulator.mujoco.deck.position=[0.0,0.0,0.3]",
+    "simulator.mujoco.deck.heave_amplitude=0.2387",
+    "simulator.mujoco.deck.heave_frequency=0.2",
+    "simulator.initial_position=[0.0,0.0,1.5]",
+    "simulator.initial_throttle=0.2923008",
+    "reference.mode=at_once",
+    "reference.trajectory=hover",
+    "reference.height=1.5",
+)
+ROCK = (
+    f"simulator.mujoco.deck.roll_amplitude={math.radians(5.0)}",
+    f"simulator.mujoco.deck.pitch_amplitude={math.radians(5.0)}",
+    "simulator.mujoco.deck.rock_frequency=0.25",
+    "simulator.mujoco.deck.pitch_phase=1.0",
+)
+NOISE = (
+    "simulator.position_noise=0.01",
+    "simulator.velocity_noise=0.05",
+    f"simulator.attitude_noise={math.radians(0.5)}",
+    "simulator.rate_noise=0.02",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A flight: what is set, what is asked for when [s], how long it takes [s]."""
+
+    assignments: tuple[str, ...] = ()
+    start: float = math.inf
+    land: float = 6.0
+    duration: float = 14.0
+
+
+def _cases() -> dict[str, Case]:
+    land_fast = ("reference.touchdown_speed=1.5",)
+    return {
+        "flat": Case(),
+        "flat, noise": Case(assignments=NOISE),
+        "lemniscate, flat": Case(start=4.0, land=14.0, duration=22.0),
+        "slope 10 degrees": Case(assignments=(SLOPE,)),
+        "slope 10 degrees, noise": Case(assignments=(SLOPE, *NOISE)),
+        "slope 10 degrees, friction 0.3": Case(
+            assignments=(SLOPE, "simulator.mujoco.contact.friction=0.3")
+        ),
+        "slope 20 degrees": Case(
+            assignments=(f"simulator.mujoco.ground.slope={math.radians(20.0)}",)
+        ),
+        "touchdown 1.5 m/s": Case(assignments=land_fast),
+        "touchdown 1.5 m/s, elastic gear": Case(
+            assignments=(*land_fast, "simulator.mujoco.contact.damping_ratio=0.2")
+        ),
+        "touchdown 1.5 m/s, slope 10 degrees": Case(assignments=(*land_fast, SLOPE)),
+        "deck heaving 0.3 m/s": Case(assignments=HEAVE, land=2.0),
+        "deck rocking 5 degrees": Case(
+            assignments=(*HEAVE, *ROCK, "simulator.mujoco.deck.heave_amplitude=0.0"), land=2.0
+        ),
+        "deck rocking 5 degrees, heaving 0.3 m/s": Case(assignments=(*HEAVE, *ROCK), land=2.0),
+        "deck rocking and heaving, noise": Case(assignments=(*HEAVE, *ROCK, *NOISE), land=2.0),
+        "load of 20 %": Case(assignments=LOAD, duration=18.0),
+        "load of 20 %, lemniscate": Case(assignments=LOAD, start=5.0, land=15.0, duration=26.0),
+        "load of 20 %, noise": Case(assignments=(*LOAD, *NOISE), duration=18.0),
+    }
+
+
+CASES = _cases()
+
+
+@dataclass
+class Outcome:
+    """What became of a flight; lengths in m, angles in degrees, times in s, speeds in m/s."""
+
+    crashed: str = "no"
+    errors: list[float] = field(default_factory=list)
+    errors_landing: list[float] = field(default_factory=list)
+    tilt_in_air: float = 0.0
+    tilt_at_end: float = math.nan
+    met_ground: float = math.nan
+    met_at: float = math.nan
+    idle_after: float = math.nan
+    told_after: float = math.nan
+    bounced: float = 0.0
+    moved: float = math.nan
+    first_contact: np.ndarray | None = None
+
+    def cells(self) -> dict[str, str]:
+        """Return it as a row of a table."""
+        return {
+            "crashed": self.crashed,
+            "mean error [m]": f"{_mean(self.errors):.3f}",
+            "landing [m]": f"{_mean(self.errors_landing):.3f}",
+            "tilt in air [deg]": f"{self.tilt_in_air:.1f}",
+            "at end [deg]": f"{self.tilt_at_end:.1f}",
+            "met at [m/s]": _shown(self.met_ground),
+            "idle after [s]": _shown(self.idle_after),
+            "told after [s]": _shown(self.told_after),
+            "bounced [cm]": f"{100.0 * self.bounced:.1f}",
+            "slid [cm]": _shown(100.0 * self.moved),
+        }
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else math.nan
+
+
+def _shown(value: float) -> str:
+    return "never" if math.isnan(value) else f"{value:.2f}"
+
+
+class Flight:
+    """A case as it is flown, odometry by odometry."""
+
+    def __init__(self, config: FlightConfig, case: Case) -> None:
+        self.case = case
+        self.plant = MujocoPlant(config.simulator)
+        self.controller: Controller = warmed_up(config.mpc)
+        self.stream = OdometryStream(
+            self.plant, config.simulator, start_stamp_ns=SIMULATION_START_NS
+        )
+        self.reference = LiveReference(
+            config.reference,
+            joined_trajectory(config.reference),
+            joined=lambda: joined_trajectory(config.reference),
+        )
+        self.requests: list[tuple[float, Request]] = [(case.land, LiveReference.land)]
+        if config.reference.mode == "on_request":
+            self.requests.append((0.5, LiveReference.take_off))
+        if math.isfinite(case.start):
+            self.requests.append((case.start, LiveReference.start))
+        self.outcome = Outcome()
+
+    def fly(self, seen: Callable[[int], None]) -> Outcome:
+        """Fly to the end."""
+        while (sent := self.stream.step()) is not None:
+            now_ns = sent.odometry.stamp_ns
+            seconds = 1e-9 * (now_ns - SIMULATION_START_NS)
+            self.reference.observe(sent.odometry)
+            for request in [each for each in self.requests if each[0] <= seconds]:
+                self.requests.remove(request)
+                reply = request[1](self.reference, now_ns)
+                if not reply.accepted:
+                    print(f"  refused at {seconds:.1f} s: {reply.text}", file=sys.stderr)
+            window = self.reference.window(now_ns)
+            assert window is not None
+            self.controller.receive_reference(window, now_ns=now_ns)
+            tick = self.controller.receive_odometry(sent.odometry, now_ns=now_ns)
+            throttle = 0.0
+            if tick is not None and tick.command is not None:
+                self.plant.apply(tick.command)
+                throttle = tick.command.throttle
+            mode = self.reference.mode(now_ns)
+            self._judge(seconds, window.p_WB[0], mode=mode, throttle=throttle)
+            seen(now_ns - SIMULATION_START_NS)
+        return self.outcome
+
+    def _judge(self, seconds: float, wanted: np.ndarray, *, mode: str, throttle: float) -> None:
+        """Take note of where the vehicle truly is, and of what it touches."""
+        out, state, touching = self.outcome, self.plant.state, self.plant.touching
+        broken = sorted(part for part in touching if not part.startswith("foot"))
+        if broken and out.crashed == "no":
+            out.crashed = f"{broken[0].rstrip('0123456789')} at {seconds:.1f} s"
+        tilt = math.degrees(math.acos(min(max(state.R_WB[2, 2], -1.0), 1.0)))
+        error = float(np.linalg.norm(wanted - state.p_WB))
+        landing = seconds >= self.case.land
+        out.tilt_at_end = tilt
+        if mode not in (GROUND, LANDING) and seconds > 2.5:
+            out.errors.append(error)
+        if not touching and math.isnan(out.met_at):
+            out.tilt_in_air = max(out.tilt_in_air, tilt) if seconds > 1.0 else 0.0
+            if landing and mode == LANDING:
+                out.errors_landing.append(error)
+                self._speed = float(np.linalg.norm(self.plant.v_WB_W))
+        if landing and touching and math.isnan(out.met_at):
+            out.met_at, out.met_ground = seconds, self._speed
+            out.first_contact = state.p_WB
+        if out.first_contact is not None:
+            self._after_contact(seconds, mode=mode, throttle=throttle)
+
+    def _after_contact(self, seconds: float, *, mode: str, throttle: float) -> None:
+        out, state = self.outcome, self.plant.state
+        assert out.first_contact is not None
+        out.moved = float(np.linalg.norm((state.p_WB - out.first_contact)[:2]))
+        if not self.plant.touching:
+            out.bounced = max(out.bounced, float(state.p_WB[2] - out.first_contact[2]))
+        if throttle < 0.02 and math.isnan(out.idle_after):
+            out.idle_after = seconds - out.met_at
+        if mode == GROUND and math.isnan(out.told_after):
+            out.told_after = seconds - out.met_at
+
+
+def flown(name: str, *, assignments: Sequence[str] = (), film: Path | None = None) -> Outcome:
+    """Fly a case, with further assignments."""
+    case = CASES[name]
+    given = (*COMMON, f"simulator.duration={case.duration}", *case.assignments, *assignments)
+    config = load_config("vehicles/paper", assignments=("mpc.lockstep=true", *given))
+    flight = Flight(config, case)
+    with _filmed(flight.plant, film) as seen:
+        return flight.fly(seen)
+
+
+@contextmanager
+def _filmed(plant: MujocoPlant, path: Path | None) -> Iterator[Callable[[int], None]]:
+    if path is None:
+        yield lambda time_ns: None
+        return
+    with Film(plant.scene, path) as film:
+        yield film.see
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fly the cases and write a table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=Path("runs", "contacts"))
+    parser.add_argument("--only", nargs="*", choices=[*CASES], default=[*CASES])
+    parser.add_argument("--set", nargs="*", default=[], metavar="NODE.PARAM=VALUE", dest="given")
+    parser.add_argument("--film", action="store_true")
+    options = parser.parse_args(arguments)
+    options.out.mkdir(parents=True, exist_ok=True)
+    rows: list[dict[str, Any]] = []
+    for name in options.only:
+        film = options.out / f"{name.replace(' ', '_')}.mp4" if options.film else None
+        outcome = flown(name, assignments=options.given, film=film)
+        rows.append({"flight": name, **outcome.cells()})
+        print(" | ".join(map(str, rows[-1].values())), file=sys.stderr, flush=True)
+    with (options.out / "flights.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=[*rows[0]])
+        writer.writeheader()
+        writer.writerows(rows)
+    print(markdown_table([*rows[0]], [list(row.values()) for row in rows]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
