@@ -2,13 +2,14 @@
 
 MUJOCO_GL=egl python bench/contacts.py --out runs/contacts
 
-Each case takes off, hovers, and lands on request; one flies a lemniscate in between, one comes down
-at 1.5 m/s. The MPC knows nothing of slopes, decks and loads. A row says what became of it: whether
-it crashed, that is, whether hull or rotors touched anything; the mean position error in the air
-and after it was asked to land; the greatest tilt in the air and the one at the end; the speed with
-which it met the ground; how long after that the motors idled; whether the reference took note of
-the touchdown; and how far it slid or bounced meanwhile. ``--film`` writes a film of each as well.
-docs/contacts.md.
+Each case takes off, hovers, and lands on request; one flies a lemniscate in between. As a landing
+is no faster than 1 m/s, a touchdown at 1.5 m/s is a reference that sinks at that speed through the
+ground. The MPC knows nothing of slopes, decks and loads. A row says what became of it: whether it
+crashed, that is, whether hull or rotors touched anything; the mean position error in the air and
+after it was asked to land; the greatest tilt in the air, after contact, and the one at the end;
+the speed with which it met the ground; how long after that the motors idled for good, and how long
+until the reference took the landing for ended; how far it bounced and slid. ``--film`` writes a
+film of each as well. docs/contacts.md.
 """
 
 from __future__ import annotations
@@ -28,12 +29,13 @@ import numpy as np
 from quad_mpc_ros import load_config
 from quad_mpc_ros.configuration.text_tables import markdown_table
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
 from quad_mpc_ros.references.configured import joined_trajectory
 from quad_mpc_ros.references.director import GROUND, LANDING, Reply
+from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
 from quad_mpc_ros.references.live import LiveReference
+from quad_mpc_ros.references.path import Straight
 from quad_mpc_ros.simulation.mujoco.film import Film
 from quad_mpc_ros.simulation.mujoco.plant import MujocoPlant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
@@ -44,6 +46,13 @@ Request = Callable[[LiveReference, int], Reply]
 COMMON = ("simulator.plant=mujoco", "reference.mode=on_request", "reference.takeoff_height=1.2")
 SLOPE = f"simulator.mujoco.ground.slope={math.radians(10.0)}"
 LOAD = ("simulator.mujoco.payload.mass=0.0793786", "simulator.mujoco.payload.cable_length=0.5")
+NARROW = ("simulator.mujoco.gear.length=0.06", "simulator.mujoco.gear.width=0.06")
+HOVER = (
+    "simulator.initial_throttle=0.2923008",
+    "reference.mode=at_once",
+    "reference.trajectory=hover",
+    "reference.height=1.5",
+)
 # Heaving with 0.3 m/s at most: 0.239 m at 0.2 Hz.
 HEAVE = (
     "simulator.mujoco.deck.size=[3.0,3.0]",
@@ -51,10 +60,7 @@ HEAVE = (
     "simulator.mujoco.deck.heave_amplitude=0.2387",
     "simulator.mujoco.deck.heave_frequency=0.2",
     "simulator.initial_position=[0.0,0.0,1.5]",
-    "simulator.initial_throttle=0.2923008",
-    "reference.mode=at_once",
-    "reference.trajectory=hover",
-    "reference.height=1.5",
+    *HOVER,
 )
 ROCK = (
     f"simulator.mujoco.deck.roll_amplitude={math.radians(5.0)}",
@@ -62,6 +68,8 @@ ROCK = (
     "simulator.mujoco.deck.rock_frequency=0.25",
     "simulator.mujoco.deck.pitch_phase=1.0",
 )
+SINKING = 1.5  # m/s
+IDLE, PERIOD = 0.02, 0.02  # a throttle below is that of idle motors; from command to command [s]
 NOISE = (
     "simulator.position_noise=0.01",
     "simulator.velocity_noise=0.05",
@@ -76,12 +84,19 @@ class Case:
 
     assignments: tuple[str, ...] = ()
     start: float = math.inf
+    sinks: bool = False
     land: float = 6.0
     duration: float = 14.0
 
 
 def _cases() -> dict[str, Case]:
-    land_fast = ("reference.touchdown_speed=1.5",)
+    sinking = (
+        "simulator.initial_position=[0.0,0.0,1.5]",
+        f"simulator.initial_velocity=[0.0,0.0,{-SINKING}]",
+        "simulator.initial_throttle=0.2923008",
+        "reference.mode=at_once",
+    )
+    fast = {"sinks": True, "land": 0.0, "duration": 8.0}
     return {
         "flat": Case(),
         "flat, noise": Case(assignments=NOISE),
@@ -94,17 +109,46 @@ def _cases() -> dict[str, Case]:
         "slope 20 degrees": Case(
             assignments=(f"simulator.mujoco.ground.slope={math.radians(20.0)}",)
         ),
-        "touchdown 1.5 m/s": Case(assignments=land_fast),
+        "touchdown 1.5 m/s": Case(assignments=sinking, **fast),
         "touchdown 1.5 m/s, elastic gear": Case(
-            assignments=(*land_fast, "simulator.mujoco.contact.damping_ratio=0.2")
+            assignments=(*sinking, "simulator.mujoco.contact.damping_ratio=0.2"), **fast
         ),
-        "touchdown 1.5 m/s, slope 10 degrees": Case(assignments=(*land_fast, SLOPE)),
+        "touchdown 1.5 m/s, slope 10 degrees": Case(assignments=(*sinking, SLOPE), **fast),
         "deck heaving 0.3 m/s": Case(assignments=HEAVE, land=2.0),
         "deck rocking 5 degrees": Case(
             assignments=(*HEAVE, *ROCK, "simulator.mujoco.deck.heave_amplitude=0.0"), land=2.0
         ),
         "deck rocking 5 degrees, heaving 0.3 m/s": Case(assignments=(*HEAVE, *ROCK), land=2.0),
         "deck rocking and heaving, noise": Case(assignments=(*HEAVE, *ROCK, *NOISE), land=2.0),
+        "deck rocking 10 degrees at 0.5 Hz": Case(
+            assignments=(
+                *HEAVE,
+                *ROCK,
+                "simulator.mujoco.deck.heave_amplitude=0.0",
+                f"simulator.mujoco.deck.roll_amplitude={math.radians(10.0)}",
+                "simulator.mujoco.deck.rock_frequency=0.5",
+            ),
+            land=2.0,
+        ),
+        "deck heaving 0.75 m/s at 0.5 Hz": Case(
+            assignments=(*HEAVE, "simulator.mujoco.deck.heave_frequency=0.5"), land=2.0
+        ),
+        "slope 20 degrees, friction 0.3": Case(
+            assignments=(
+                f"simulator.mujoco.ground.slope={math.radians(20.0)}",
+                "simulator.mujoco.contact.friction=0.3",
+                "simulator.initial_position=[0.0,0.0,1.5]",
+                *HOVER,
+            ),
+            land=2.0,
+        ),
+        "wind 6 m/s": Case(assignments=("simulator.wind=[6.0,0.0,0.0]",)),
+        "wind 6 m/s, gear of 6 cm, noise": Case(
+            assignments=("simulator.wind=[6.0,0.0,0.0]", *NARROW, *NOISE)
+        ),
+        "slope 25 degrees, gear of 6 cm": Case(
+            assignments=(f"simulator.mujoco.ground.slope={math.radians(25.0)}", *NARROW)
+        ),
         "load of 20 %": Case(assignments=LOAD, duration=18.0),
         "load of 20 %, lemniscate": Case(assignments=LOAD, start=5.0, land=15.0, duration=26.0),
         "load of 20 %, noise": Case(assignments=(*LOAD, *NOISE), duration=18.0),
@@ -122,6 +166,7 @@ class Outcome:
     errors: list[float] = field(default_factory=list)
     errors_landing: list[float] = field(default_factory=list)
     tilt_in_air: float = 0.0
+    tilt_on_ground: float = 0.0
     tilt_at_end: float = math.nan
     met_ground: float = math.nan
     met_at: float = math.nan
@@ -129,6 +174,7 @@ class Outcome:
     told_after: float = math.nan
     bounced: float = 0.0
     moved: float = math.nan
+    idles: bool = False
     first_contact: np.ndarray | None = None
 
     def cells(self) -> dict[str, str]:
@@ -137,11 +183,12 @@ class Outcome:
             "crashed": self.crashed,
             "mean error [m]": f"{_mean(self.errors):.3f}",
             "landing [m]": f"{_mean(self.errors_landing):.3f}",
-            "tilt in air [deg]": f"{self.tilt_in_air:.1f}",
-            "at end [deg]": f"{self.tilt_at_end:.1f}",
+            "tilt in air [°]": f"{self.tilt_in_air:.1f}",
+            "after contact": f"{self.tilt_on_ground:.1f}",
+            "at end": f"{self.tilt_at_end:.1f}",
             "met at [m/s]": _shown(self.met_ground),
-            "idle after [s]": _shown(self.idle_after),
-            "told after [s]": _shown(self.told_after),
+            "idle after [s]": _shown(self.idle_after) if self.idles else "never",
+            "noticed after [s]": _shown(self.told_after),
             "bounced [cm]": f"{100.0 * self.bounced:.1f}",
             "slid [cm]": _shown(100.0 * self.moved),
         }
@@ -165,17 +212,22 @@ class Flight:
         self.stream = OdometryStream(
             self.plant, config.simulator, start_stamp_ns=SIMULATION_START_NS
         )
+        trajectory = joined_trajectory(config.reference)
+        if case.sinks:
+            path = Straight(self.plant.state.p_WB, v_WB_W=np.array([0.0, 0.0, -SINKING]))
+            trajectory = FlatTrajectory.of(config.reference, path, yaw=0.0)
         self.reference = LiveReference(
-            config.reference,
-            joined_trajectory(config.reference),
-            joined=lambda: joined_trajectory(config.reference),
+            config.reference, trajectory, joined=lambda: joined_trajectory(config.reference)
         )
-        self.requests: list[tuple[float, Request]] = [(case.land, LiveReference.land)]
+        self.requests: list[tuple[float, Request]] = []
+        if not case.sinks:
+            self.requests.append((case.land, LiveReference.land))
         if config.reference.mode == "on_request":
             self.requests.append((0.5, LiveReference.take_off))
         if math.isfinite(case.start):
             self.requests.append((case.start, LiveReference.start))
         self.outcome = Outcome()
+        self._speed = math.nan
 
     def fly(self, seen: Callable[[int], None]) -> Outcome:
         """Fly to the end."""
@@ -203,7 +255,7 @@ class Flight:
 
     def _judge(self, seconds: float, wanted: np.ndarray, *, mode: str, throttle: float) -> None:
         """Take note of where the vehicle truly is, and of what it touches."""
-        out, state, touching = self.outcome, self.plant.state, self.plant.touching
+        out, state, touching = self.outcome, self.plant.state, self.plant.scene.touched()
         broken = sorted(part for part in touching if not part.startswith("foot"))
         if broken and out.crashed == "no":
             out.crashed = f"{broken[0].rstrip('0123456789')} at {seconds:.1f} s"
@@ -211,27 +263,30 @@ class Flight:
         error = float(np.linalg.norm(wanted - state.p_WB))
         landing = seconds >= self.case.land
         out.tilt_at_end = tilt
-        if mode not in (GROUND, LANDING) and seconds > 2.5:
+        if mode not in (GROUND, LANDING) and seconds > 2.5 and not self.case.sinks:
             out.errors.append(error)
         if not touching and math.isnan(out.met_at):
             out.tilt_in_air = max(out.tilt_in_air, tilt) if seconds > 1.0 else 0.0
-            if landing and mode == LANDING:
+            if landing and (mode == LANDING or self.case.sinks):
                 out.errors_landing.append(error)
                 self._speed = float(np.linalg.norm(self.plant.v_WB_W))
         if landing and touching and math.isnan(out.met_at):
             out.met_at, out.met_ground = seconds, self._speed
-            out.first_contact = state.p_WB
+            out.first_contact, out.idle_after = state.p_WB, 0.0
         if out.first_contact is not None:
             self._after_contact(seconds, mode=mode, throttle=throttle)
+            if not touching:
+                out.bounced = max(out.bounced, float(state.p_WB[2] - out.first_contact[2]))
 
     def _after_contact(self, seconds: float, *, mode: str, throttle: float) -> None:
         out, state = self.outcome, self.plant.state
         assert out.first_contact is not None
         out.moved = float(np.linalg.norm((state.p_WB - out.first_contact)[:2]))
-        if not self.plant.touching:
-            out.bounced = max(out.bounced, float(state.p_WB[2] - out.first_contact[2]))
-        if throttle < 0.02 and math.isnan(out.idle_after):
-            out.idle_after = seconds - out.met_at
+        tilt = math.degrees(math.acos(min(max(state.R_WB[2, 2], -1.0), 1.0)))
+        out.tilt_on_ground = max(out.tilt_on_ground, tilt)
+        out.idles = throttle <= IDLE
+        if not out.idles:
+            out.idle_after = seconds + PERIOD - out.met_at
         if mode == GROUND and math.isnan(out.told_after):
             out.told_after = seconds - out.met_at
 

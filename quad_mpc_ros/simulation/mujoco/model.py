@@ -140,8 +140,8 @@ def _vehicle(world: ET.Element, config: MujocoParameters, *, mass: float) -> Non
         _geom(
             body,
             f"{ROTOR}{number}",
-            "cylinder",
-            size=(rotors.radius, 0.5 * _ROTOR_THICKNESS),
+            "ellipsoid",  # of cylinders parallel to a plane MuJoCo finds some below it
+            size=(rotors.radius, rotors.radius, 0.5 * _ROTOR_THICKNESS),
             pos=np.array([x, y, z]) - center,
             quat=_wxyz(so3.exp(np.array([tilt_x, tilt_y, 0.0]))),
             rgba=".9 .4 .2 .6" if x > 0.0 else ".5 .5 .5 .6",  # those in front are orange

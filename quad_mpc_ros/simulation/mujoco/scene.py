@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.configuration.records import RecordArray
@@ -60,6 +61,7 @@ class Scene:
             [name.startswith((model.FOOT, model.HULL, model.ROTOR)) for name in self._geom_names]
         )
         self._is_foot = np.array([name.startswith(model.FOOT) for name in self._geom_names])
+        self._touched = np.zeros(self.model.ngeom, bool)
         self._sways = self._deck_joints()
 
     def put(self, body: RecordArray[BodyState], *, seconds: float) -> None:
@@ -100,6 +102,7 @@ class Scene:
         self.model.opt.timestep = duration
         self._move_deck(at, duration=duration)
         self._mujoco.mj_step(self.model, self.data)
+        self._touched[self.data.contact.geom] = True
         body["p_WC"], body["v_WC_W"] = self._place, self._velocity
         body["q_WB_xyzw"], body["w_WB_B"] = self._attitude[_XYZW], self._rates
         if not math.isfinite(self._place.sum()):
@@ -118,7 +121,15 @@ class Scene:
 
     def touching(self) -> frozenset[str]:
         """Return which parts of the vehicle touch anything: ``foot0``, ``hull``, ``rotor2``…"""
-        geoms = np.unique(self.data.contact.geom)
+        return self._parts_of(np.unique(self.data.contact.geom))
+
+    def touched(self) -> frozenset[str]:
+        """Return which have since this was asked last; a bounce is over in milliseconds."""
+        geoms = np.flatnonzero(self._touched)
+        self._touched[:] = False
+        return self._parts_of(geoms)
+
+    def _parts_of(self, geoms: NDArray[np.intp]) -> frozenset[str]:
         return frozenset(self._geom_names[geom] for geom in geoms if self._is_part[geom])
 
     def on_feet(self) -> bool:

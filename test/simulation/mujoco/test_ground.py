@@ -11,6 +11,8 @@ from fixtures.touching import WEIGHT, after, places, standing, tilt
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.simulation.mujoco.drive import Drive
+from quad_mpc_ros.simulation.rotors.state import BodyState
 
 pytest.importorskip("mujoco")
 
@@ -182,3 +184,21 @@ def test_stands_leaning_where_the_ground_does() -> None:
     assert_allclose(body.state.p_WB[:2], [2.0, -1.0])
     after(body, 0.5)
     assert body.touching == FEET
+
+
+def test_no_rotor_is_below_the_ground_by_rounding() -> None:
+    """In this state MuJoCo finds a disc 1 mm below a plane that is parallel 5 cm below it.
+
+    Found at random: rates of 1e-13 rad/s make the difference. The rotors therefore are no discs.
+    """
+    body, scene = BodyState.zeros(), standing().scene
+    body["q_WB_xyzw"] = (
+        -1.8583350258156615e-15,
+        -3.6730684736726456e-16,
+        0.3657384277913674,
+        0.9307176813817909,
+    )
+    body["w_WB_B"] = 5.827945580423224e-16, -1.626044366294472e-13, -7.91779109582741e-14
+    scene.put(body, seconds=0.0)
+    scene.step(Drive.zeros(), body, at=0.0, duration=1e-3)
+    assert scene.touching() <= FEET
