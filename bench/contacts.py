@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import csv
 import math
+import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -323,7 +324,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
     for name in options.only:
-        film = options.out / f"{name.replace(' ', '_')}.mp4" if options.film else None
+        film = options.out / f"{re.sub(r'[^a-z0-9]+', '_', name)}.mp4" if options.film else None
         outcome = flown(name, assignments=options.given, film=film)
         rows.append({"flight": name, **outcome.cells()})
         print(" | ".join(map(str, rows[-1].values())), file=sys.stderr, flush=True)
