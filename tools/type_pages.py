@@ -169,8 +169,7 @@ class Reader:
         self.checkout = options.checkout
         self.patience = options.patience
         self.environment = _environment(options.environment, home=folder)
-        # What a terminal is to a user; nobody types into it while a command runs.
-        self.keyboard, self.terminal = os.openpty()
+        self.terminals: list[int] = []
         self.unfinished: list[str] = []
         """What commands would have made that took too long here."""
         self.running: list[tuple[Typed, subprocess.Popen[bytes], Path]] = []
@@ -191,9 +190,13 @@ class Reader:
 
     def fly_beside(self, typed: tuple[Typed, ...]) -> None:
         """Start a flight for commands that ask nodes and start none."""
-        asks = [each for each in typed if ASKS_NODES.search(each.command)]
+        asks = [
+            each
+            for each in typed
+            if ASKS_NODES.search(each.command) and not self.not_here(each.command)
+        ]
         starts = any(STARTS_NODES.search(each.command) for each in typed)
-        if asks and not starts and not any(self.not_here(each.command) for each in asks):
+        if asks and not starts:
             learns = any("save-vehicle" in each.command for each in asks)
             flight = LEARNING if learns else FLYING
             if any("--config vehicle.yaml" in each.command for each in asks):
@@ -260,14 +263,19 @@ class Reader:
         self.running.clear()
 
     def hang_up(self) -> None:
-        """Close the terminal."""
-        os.close(self.terminal)
-        os.close(self.keyboard)
+        """Close the terminals."""
+        for end in self.terminals:
+            os.close(end)
+        self.terminals.clear()
 
     def start(self, command: str, *, like: str = "") -> tuple[subprocess.Popen[bytes], Path]:
         """Start a command in a group of its own, with a log; what it exports is kept."""
         log = self.folder / f".typed-{time.monotonic_ns()}"
-        script = f'set -a\n{command}\ncode=$?\nenv -0 > "$KEPT"\nexit $code\n'
+        # A terminal of its own, as a user has; nobody types into it while the command runs.
+        keyboard, terminal = os.openpty()
+        self.terminals += keyboard, terminal
+        tty = shlex.quote(os.ttyname(terminal))
+        script = f'exec <{tty}\nset -a\n{command}\ncode=$?\nenv -0 > "$KEPT"\nexit $code\n'
         kept = self.folder / ".environment"
         self._take_exports(kept)
         with log.open("wb") as output:
@@ -275,7 +283,7 @@ class Reader:
                 ["bash", "-c", script],
                 cwd=self._folder(like or command),
                 env={**self.environment, "KEPT": str(kept)},
-                stdin=self.terminal,
+                stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
