@@ -55,7 +55,7 @@ def _free_domains(most: int) -> list[int]:
 # was killed others hear for 20 s. What ended so soon made no nodes.
 _domains = itertools.cycle(_free_domains(30))
 os.environ["ROS_DOMAIN_ID"] = str(next(_domains))
-_SOON = 0.05  # s
+_SOON = 0.005  # s
 
 
 @pytest.hookimpl(wrapper=True)

@@ -13,6 +13,7 @@ On the ground the reference rests below it, so that the motors idle
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -50,6 +51,7 @@ _LATER_NS, _LATER_TRIALS = 100_000_000, 6
 _UPSIDE_DOWN = 1e3  # worse than any excess
 _BEFORE_ALL = -(2**62)
 _RESTS = 0.05  # m/s: it need not come to rest
+_FASTEST = 1e3  # m/s; so fast is no vehicle, but an odometry gone wrong
 _STOP_PEAK = 1.9  # a little above the peak of a stop's acceleration over its mean
 _SHORTEST_STOP = 0.5  # s
 
@@ -104,8 +106,9 @@ class Director:
         director = cls(
             config, Phase(start_ns=_BEFORE_ALL, name=HOLD, trajectory=here), ground=ground
         )
-        speed = float(np.linalg.norm(start.end.v_WB_W))
-        if speed > _RESTS:  # closed form, not the quickest: it is planned at every window
+        speed = math.hypot(*start.end.v_WB_W)
+        if _RESTS < speed < _FASTEST:
+            # Closed form, not the quickest: it is planned at every window.
             seconds = max(_STOP_PEAK * speed / config.max_acceleration, _SHORTEST_STOP)
             path = Leg(start.end, End.at_rest(None), duration=seconds)
             leg = FlatTrajectory.of(config, path, yaw=start.yaw)

@@ -17,7 +17,7 @@ from quad_mpc_ros.control.estimation.ground import STAY_DOWN_DEPTH
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.references.director import TOO_LATE, Director, Reply
+from quad_mpc_ros.references.director import HOLD, TOO_LATE, Director, Reply
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.minimum_snap import End
 from quad_mpc_ros.references.timeline import Timeline
@@ -245,3 +245,13 @@ def test_a_transition_joins_two_motions(
     assert yaws[first] == pytest.approx(yaw)
     assert math.remainder(yaws[last] - goal_yaw, math.tau) == pytest.approx(0.0, abs=1e-9)
     assert np.ptp(yaws) < math.pi + 0.5  # the shorter way
+
+
+@pytest.mark.parametrize("speed", [1e4, 1e19, 1e200])
+def test_an_odometry_gone_wrong_is_held_at(speed: float) -> None:
+    """No attitude stops from so fast; the reference has to go on all the same."""
+    rest = FlatState.at_rest(np.array([1.0, 2.0, 3.0]), yaw=0.3)
+    moving = dataclasses.replace(rest.end, v_WB_W=np.array([speed, -0.3 * speed, 0.5 * speed]))
+    start = dataclasses.replace(rest, end=moving)
+    director = Director.stopping(ReferenceConfig(), start, start_ns=10**18, ground=0.0)
+    assert director.mode(2 * 10**18) == HOLD
