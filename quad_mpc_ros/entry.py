@@ -22,7 +22,8 @@ def run(name: str) -> int:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     if name.endswith(_BRIDGE):
         registry = importlib.import_module("quad_mpc_ros.ros.bridges.registry")
-        return int(registry.load_bridge(name).main())
+        node = importlib.import_module("quad_mpc_ros.ros.bridges.node")
+        return int(node.run_bridge(registry.load_bridge(name)))
     return int(importlib.import_module(module_of(name)).main())
 
 

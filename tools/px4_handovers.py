@@ -54,7 +54,7 @@ from quad_mpc_ros.ros.spin import fastest_executor
 NODES = {  # what runs each
     "mpc": "from quad_mpc_ros.ros.nodes.mpc_node import main",
     "reference": "from quad_mpc_ros.ros.nodes.reference_node import main",
-    "px4_bridge": "from quad_mpc_ros.ros.bridges.px4 import Px4Bridge; main = Px4Bridge.main",
+    "px4_bridge": "from quad_mpc_ros.entry import px4_bridge as main",
 }
 SCHEMA = {"mpc": MpcConfig, "reference": ReferenceConfig, "px4_bridge": Px4Bridge.Config}
 MOST_TILT = 20.0  # degrees beyond what the reference asks for

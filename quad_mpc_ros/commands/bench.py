@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import runpy
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from quad_mpc_ros.commands.output import default_out, prepared_out, results_in, 
 from quad_mpc_ros.commands.run_options import add_config, add_out, add_set, check_duration
 from quad_mpc_ros.configuration import ConfigurationError, UserError
 from quad_mpc_ros.experiments.bench import page as pages
-from quad_mpc_ros.experiments.bench.peers import OWN, peer_kinds
+from quad_mpc_ros.experiments.bench.peers import PeerKind
 
 if TYPE_CHECKING:
     from quad_mpc_ros.control.config import MpcConfig
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 RESULT, PAGE, PICTURE = "performance.json", "performance.md", "performance.png"
 _STEPS = (5, 10, 20, 40)
+_OWN = ("controller", "paper")
+_PEER = "PEER"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -36,11 +39,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--peers",
         nargs="+",
-        default=list(OWN),
+        default=list(_OWN),
         metavar="PEER",
-        help=f"what to compare: {', '.join(OWN)}, or the path of a Python file that defines a "
+        help=f"what to compare: {', '.join(_OWN)}, or the path of a Python file that defines a "
         "peer, such as bench/peers/acados.py; what it needs and is not installed is skipped with "
-        f"a note (default: {' '.join(OWN)})",
+        f"a note (default: {' '.join(_OWN)})",
     )
     parser.add_argument(
         "--duration",
@@ -135,16 +138,54 @@ def _configuration(options: argparse.Namespace) -> BenchConfig:
         mpc=config.mpc,
         simulator=config.simulator,
         reference=config.reference,
-        peers=peer_kinds(options.peers),
+        peers=_peer_kinds(options.peers),
         steps=sorted(set(options.steps)),
         repeats=options.repeats,
     )
 
 
+def _peer_kinds(given: Sequence[str]) -> dict[str, PeerKind]:
+    """Return the peers of names and Python files, by name: that of a file is its stem.
+
+    Raises :class:`UserError` for what is neither, and for a file that defines no peer.
+    """
+    from quad_mpc_ros.experiments.bench.controller import CONTROLLERS
+
+    kinds: dict[str, PeerKind] = {}
+    for word in dict.fromkeys(given):
+        own = CONTROLLERS.get(word)
+        name = word if own else Path(word).stem
+        if name in kinds:
+            raise UserError(f"--peers: {name} is given twice, expected peers of different names")
+        kinds[name] = own or _defined(word)
+    return kinds
+
+
+def _defined(word: str) -> PeerKind:
+    path = Path(word)
+    if path.suffix != ".py" or not path.is_file():
+        raise UserError(
+            f"--peers: given {word!r}, expected {', '.join(_OWN)} or a Python file that defines a "
+            "peer: bench/peers/acados.py or bench/peers/cvxpy.py of the sources, or one of yours"
+        )
+    try:
+        found = runpy.run_path(str(path), run_name=f"peer_{path.stem}").get(_PEER)
+    except Exception as error:  # whatever the file raises
+        raise UserError(
+            f"--peers: {path} cannot be loaded: {type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(found, PeerKind):
+        raise UserError(
+            f"--peers: {path} has {_PEER} = {found!r}, expected a PeerKind of "
+            f"{PeerKind.__module__}"
+        )
+    return found
+
+
 def _command_again(options: argparse.Namespace) -> str:
     """Return the command that measures the same again; where results go is left out."""
     words = ["quad_mpc bench"]
-    if options.peers != list(OWN):
+    if options.peers != list(_OWN):
         words += ["--peers", *options.peers]
     words += [f"--duration {options.duration:g}", f"--repeats {options.repeats}"]
     words += ["--steps", *map(str, options.steps)]

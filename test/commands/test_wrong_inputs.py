@@ -19,6 +19,7 @@ import pytest
 from fixtures.wrong_inputs import Case, cases, make_workspace, tree
 
 from quad_mpc_ros import cli, entry
+from quad_mpc_ros.ros.bridges.node import run_bridge
 from quad_mpc_ros.ros.bridges.registry import load_bridge
 
 CASES = cases()
@@ -55,7 +56,7 @@ def exit_code(case: Case) -> int:
         if case.program in cli.COMMANDS:
             return cli.main([case.program, *case.arguments])
         if case.program.endswith("_bridge"):
-            return int(load_bridge(case.program).main(list(case.arguments)))
+            return run_bridge(load_bridge(case.program), list(case.arguments))
         main = importlib.import_module(entry.module_of(case.program)).main
         first = [case.program] if case.program == "stack_node" else []
         return int(main([*first, *case.arguments]))

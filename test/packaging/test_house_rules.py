@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 
 import pytest
@@ -75,6 +75,45 @@ def test_no_tuple_type_has_more_than_five_of_a_kind() -> None:
 def most_alike(kinds: ast.Tuple) -> int:
     names = [ast.unparse(kind) for kind in kinds.elts]
     return max(map(names.count, names), default=0)
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    """Not even inside of functions; what is only for types does not count."""
+    modules = {
+        ".".join(("quad_mpc_ros", *Path(name).with_suffix("").parts)).removesuffix(
+            ".__init__"
+        ): tree
+        for name, tree in TREES.items()
+    }
+    imported = {
+        name: {*imports(tree, modules)} & modules.keys() - {name} for name, tree in modules.items()
+    }
+
+    def reached(module: str) -> set[str]:
+        found: set[str] = set()
+        waiting = [*imported[module]]
+        while waiting:
+            if (name := waiting.pop()) not in found:
+                found.add(name)
+                waiting += imported[name]
+        return found
+
+    assert [name for name in modules if name in reached(name)] == []
+
+
+def imports(tree: ast.AST, modules: Container[str]) -> Iterator[str]:
+    """Yield what a module may import when it runs."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            continue
+        if isinstance(node, ast.ImportFrom):
+            for each in node.names:
+                inside = f"{node.module}.{each.name}"
+                yield inside if inside in modules else str(node.module)
+        elif isinstance(node, ast.Import):
+            yield from (each.name for each in node.names)
+        else:
+            yield from imports(node, modules)
 
 
 @pytest.mark.parametrize("name", TREES)

@@ -116,7 +116,9 @@ def _faults_hold(config: SoakConfig) -> bool:
             "unsound_commands": len(rig.watch.unsound),
             "faults": results.outcome_figures(outcomes),
         }
-        results.write_results(run, found, rig, wrong=wrong, outcomes=outcomes)
+        results.write_results(
+            run, found, rig, files=(RESULT, PICTURE), wrong=wrong, outcomes=outcomes
+        )
     holding = sum(not outcome.complaints for outcome in outcomes)
     print(f"\n{holding} of {len(config.faults)} faults hold, {found['commands']} commands")
     return _holds(wrong) and holding == len(config.faults)
@@ -137,7 +139,7 @@ def _endures(config: SoakConfig) -> bool:
             wrong = endurance.endurance_complaints(found, rig.watch.unsound)
         except SoakError as error:
             wrong = [str(error)]
-        results.write_results(run, found, rig, wrong=wrong)
+        results.write_results(run, found, rig, files=(RESULT, PICTURE), wrong=wrong)
     if found:
         print(results.endurance_table(found))
     return _holds(wrong)

@@ -13,7 +13,6 @@ from quad_mpc_ros.analysis.figures.over_time import draw_panel, label_time
 from quad_mpc_ros.analysis.figures.panels import LEVELS, Curve, Panel
 from quad_mpc_ros.commands.output import results_in, write_json
 from quad_mpc_ros.commands.run_configuration import RunConfig
-from quad_mpc_ros.commands.soak import PICTURE, RESULT
 from quad_mpc_ros.commands.soak.campaign import Outcome
 from quad_mpc_ros.commands.soak.endurance import PERIODS_TO_CATCH_UP
 from quad_mpc_ros.commands.soak.rig import Rig
@@ -31,10 +30,11 @@ def write_results(
     found: dict[str, Any],
     rig: Rig,
     *,
+    files: tuple[str, str],
     wrong: list[str],
     outcomes: Sequence[Outcome] = (),
 ) -> None:
-    """Write what was found and a picture of it into the folder of the run.
+    """Write what was found and a picture of it into two files in the folder of the run.
 
     Raises :class:`UserError` when that fails.
     """
@@ -47,9 +47,9 @@ def write_results(
         },
     }
     with results_in(run.out):
-        write_json(run.out / RESULT, result)
+        write_json(run.out / files[0], result)
         if rig.watch.ticks:
-            _write_picture(rig, run.mpc, outcomes, run.out / PICTURE)
+            _write_picture(rig, run.mpc, outcomes, run.out / files[1])
 
 
 def outcome_lines(outcome: Outcome) -> list[str]:

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import runpy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from quad_mpc_ros.configuration import UserError
-
 if TYPE_CHECKING:  # --help imports this and must be quick
     from quad_mpc_ros.control.config import MpcConfig
     from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
-
-OWN = ("controller", "paper")
-"""The names of this package's own peers."""
-_DEFINITION = "PEER"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,40 +64,3 @@ class PeerKind:
     """Whether its cost against the length of the horizon is measured, too."""
     distributions: tuple[str, ...] = ()
     """The installed packages whose versions the page lists."""
-
-
-def peer_kinds(given: Sequence[str]) -> dict[str, PeerKind]:
-    """Return the peers of names and Python files, by name: that of a file is its stem.
-
-    Raises :class:`UserError` for what is neither, and for a file that defines no peer.
-    """
-    from quad_mpc_ros.experiments.bench.controller import CONTROLLERS
-
-    kinds: dict[str, PeerKind] = {}
-    for word in dict.fromkeys(given):
-        own = CONTROLLERS.get(word)
-        name = word if own else Path(word).stem
-        if name in kinds:
-            raise UserError(f"--peers: {name} is given twice, expected peers of different names")
-        kinds[name] = own or _defined(word)
-    return kinds
-
-
-def _defined(word: str) -> PeerKind:
-    path = Path(word)
-    if path.suffix != ".py" or not path.is_file():
-        raise UserError(
-            f"--peers: given {word!r}, expected {', '.join(OWN)} or a Python file that defines a "
-            "peer: bench/peers/acados.py or bench/peers/cvxpy.py of the sources, or one of yours"
-        )
-    try:
-        found = runpy.run_path(str(path), run_name=f"peer_{path.stem}").get(_DEFINITION)
-    except Exception as error:  # whatever the file raises
-        raise UserError(
-            f"--peers: {path} cannot be loaded: {type(error).__name__}: {error}"
-        ) from error
-    if not isinstance(found, PeerKind):
-        raise UserError(
-            f"--peers: {path} has {_DEFINITION} = {found!r}, expected a PeerKind of {__name__}"
-        )
-    return found

@@ -137,13 +137,6 @@ class Bridge(ABC):
     services: Sequence[tuple[str, str]] = ()
     """The services that the bridge may call: name and type."""
 
-    @classmethod
-    def main(cls, args: list[str] | None = None) -> int:
-        """Run the node around this bridge and return its exit code: what the executable calls."""
-        from quad_mpc_ros.ros.bridges.node import run_bridge  # a bridge itself needs no ROS
-
-        return run_bridge(cls, args)
-
     def __init__(self, config: Any, new: NewMessage, *, namespace: str = "") -> None:
         """Prepare; a derived class also sets ``subscriptions`` and ``publications``.
 

@@ -1,8 +1,9 @@
 """The registered bridges: ours and those of other packages, by entry point.
 
 A package adds one by an entry point ``name = module:Class`` in the group
-``quad_mpc_ros.bridges``, and an executable ``name = module:Class.main``. The command line, the
-launch file and the tool that writes parameter files look here. No message package is imported.
+``quad_mpc_ros.bridges``, and an executable ``name = quad_mpc_ros.entry:name``. The command line,
+the launch file and the tool that writes parameter files look here. No message package is
+imported.
 """
 
 from __future__ import annotations
