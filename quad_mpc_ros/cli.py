@@ -56,7 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     given = sys.argv[1:] if arguments is None else list(arguments)
-    options = parser_for(given).parse_args(given)
+    options, unknown = parser_for(given).parse_known_args(given)
+    if unknown:
+        options.refuse(f"given {' '.join(unknown)}, expected no such argument")
     try:
         with _interruptible():
             return int(options.run(options))
@@ -98,7 +100,7 @@ def parser_for(given: Sequence[str]) -> argparse.ArgumentParser:
         if name in given:
             module = importlib.import_module(f"quad_mpc_ros.commands.{name.replace('-', '_')}")
             module.add_options(subparser)
-            subparser.set_defaults(run=module.run)
+            subparser.set_defaults(run=module.run, refuse=subparser.error)
     return parser
 
 

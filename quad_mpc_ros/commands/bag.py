@@ -6,6 +6,7 @@ import argparse
 import datetime
 from pathlib import Path
 
+from quad_mpc_ros.commands.recording import WHICH_BAG
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.recordings.bag_metadata import TimeSpan
 from quad_mpc_ros.recordings.reader import BagReader
@@ -19,7 +20,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.description = "Look into a bag, or repair one."
     commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="command")
     info = commands.add_parser("info", help="what is in a bag: topics, counts, duration")
-    info.add_argument("bag", type=Path, metavar="BAG", help="bag directory, or one .mcap file")
+    info.add_argument("bag", type=Path, metavar="BAG", help=WHICH_BAG)
     repairing = commands.add_parser(
         "repair",
         help="complete a recording that was cut short",
@@ -27,9 +28,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "power. Damaged files stay beside the repaired ones as <name>.broken. A complete "
         "bag is left alone.",
     )
-    repairing.add_argument(
-        "bag", type=Path, metavar="BAG", help="bag directory, or one .mcap file"
-    )
+    repairing.add_argument("bag", type=Path, metavar="BAG", help=WHICH_BAG)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -63,7 +62,7 @@ def _info(path: Path) -> str:
     count = sum(info.message_count for info in reader.topics.values())
     size = sum(file.stat().st_size for file in reader.files)
     lines = [
-        f"bag       {path}",
+        f"bag       {reader.path}",
         f"files     {', '.join(file.name for file in reader.files)} ({size / _MIB:.1f} MiB)",
         f"duration  {reader.duration_ns * 1e-9:.3f} s{_start(reader.span)}",
         f"messages  {count}",

@@ -14,15 +14,12 @@ if TYPE_CHECKING:
     from quad_mpc_ros.recordings.recording import Recording
     from quad_mpc_ros.recordings.run import RecordedRun, TopicNames
 
+WHICH_BAG = "bag directory, .mcap file, or folder of a run with bag/ in it"
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the bag, how to read it, and the configuration that is put over the recorded one."""
-    parser.add_argument(
-        "bag",
-        type=Path,
-        metavar="BAG",
-        help="bag directory, .mcap file, or folder of a run with bag/ in it",
-    )
+    parser.add_argument("bag", type=Path, metavar="BAG", help=WHICH_BAG)
     add_config(parser, "over the recorded parameters")
     add_set(parser, "set one parameter, for example mpc.mass=0.5")
     for option, meaning in (

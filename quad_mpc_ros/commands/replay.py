@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from quad_mpc_ros.commands.processes import require_ros, run_in_foreground
+from quad_mpc_ros.commands.recording import WHICH_BAG
 from quad_mpc_ros.configuration import ConfigurationError, UserError, files
 from quad_mpc_ros.recordings.config import PlayerConfig
 
@@ -23,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "recorded. Pause and resume by the services /player/pause and /player/resume. Exit "
         "code 2 for a bag that cannot be played."
     )
-    parser.add_argument("bag", metavar="BAG", help="bag directory, or one .mcap file")
+    parser.add_argument("bag", metavar="BAG", help=WHICH_BAG)
     parser.add_argument("--rate", type=float, metavar="X", help="speed (default: 1)")
     parser.add_argument(
         "--start", type=float, metavar="S", help="seconds into the bag to start at"

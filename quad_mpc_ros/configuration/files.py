@@ -195,11 +195,11 @@ def _nothing_there(path: Path) -> str:
 def _nearest_file(path: Path) -> str:
     """Return which file may be meant: one of the same folder, or a preset."""
     try:
-        beside = {file.name: file for file in path.parent.glob("*.y*ml") if file.is_file()}
+        beside = {file.stem: file for file in path.parent.glob("*.y*ml") if file.is_file()}
     except OSError:
         beside = {}
     there = {**presets(), **beside}
-    near = nearest(path.name, there)
+    near = nearest(path.stem, there)  # endings are alike
     return f" (did you mean {there[near]}?)" if near else ""
 
 

@@ -15,7 +15,13 @@ from mcap.records import Metadata
 
 from quad_mpc_ros.configuration.errors import BagError, os_reason
 from quad_mpc_ros.messages.schemas import IDL_ENCODING, MSG_ENCODING, MessageSchema
-from quad_mpc_ros.recordings.bag_metadata import METADATA_FILE, METADATA_ROOT, TimeSpan, united
+from quad_mpc_ros.recordings.bag_metadata import (
+    METADATA_FILE,
+    METADATA_ROOT,
+    TimeSpan,
+    bag_of,
+    united,
+)
 from quad_mpc_ros.recordings.mcap_file import McapFile, McapMessage
 
 if TYPE_CHECKING:
@@ -66,13 +72,13 @@ class BagReader:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open a bag directory, or one ``.mcap`` file.
+        """Open a bag directory, one ``.mcap`` file, or the folder of a run with ``bag/`` in it.
 
         A directory is read by its ``metadata.yaml``; without one, because the recording was cut
         short, it is every ``.mcap`` file in it, by number. What rosbag2 compressed with zstd, by
         file or by message, is unpacked.
         """
-        self._path = path
+        self.path = path = bag_of(path)
         information = _bag_information(path / METADATA_FILE)
         paths = _mcap_files(path) if information is None else _listed_files(path, information)
         self._files = [McapFile(file) for file in paths]
@@ -112,8 +118,8 @@ class BagReader:
         if self.complete:
             return ""
         return (
-            f"{self._path} is unfinished: it is read as far as it is whole; to complete it: "
-            f"quad_mpc bag repair {self._path}"
+            f"{self.path} is unfinished: it is read as far as it is whole; to complete it: "
+            f"quad_mpc bag repair {self.path}"
         )
 
     @property

@@ -32,7 +32,6 @@ from quad_mpc_ros.messages.topics import (
     Topic,
 )
 from quad_mpc_ros.recordings import logs
-from quad_mpc_ros.recordings.bag_metadata import bag_of
 from quad_mpc_ros.recordings.flight import (
     ChosenPlans,
     Flight,
@@ -77,8 +76,8 @@ class Recording:
     def __init__(self, path: Path | str) -> None:
         """Open a bag directory, one ``.mcap`` file, or the folder of a run with ``bag/`` in it."""
         instance(path, "path", str, Path)
-        self.path = bag_of(Path(path))
-        self.bag = BagReader(self.path)
+        self.bag = BagReader(Path(path))
+        self.path = self.bag.path
 
     @property
     def unfinished(self) -> str:

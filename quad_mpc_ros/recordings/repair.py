@@ -61,13 +61,14 @@ def repair(path: Path) -> Repair:
     Raises :class:`BagError` for what is no bag, and when the disk refuses; nothing of the
     recording is ever overwritten.
 
-    A single MCAP file is repaired alike, without ``metadata.yaml``; one of a bag only with it.
+    The folder of a run has its bag in ``bag/``. A single MCAP file is repaired alike, without
+    ``metadata.yaml``; one of a bag only with it.
     """
     if path.is_file():
         return _repaired_alone(path)
     if not path.is_dir():
         raise BagError(f"{path}: is no bag directory and no .mcap file")
-    return _repaired_bag(path)
+    return _repaired_bag(bag_metadata.bag_of(path))
 
 
 def _repaired_alone(path: Path) -> Repair:

@@ -48,6 +48,14 @@ def test_info(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ]
 
 
+def test_the_folder_of_a_run_has_its_bag(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cut(bag)
+    assert main(["bag", "repair", str(bag.parent)]) == 0
+    assert "metadata.yaml written" in capsys.readouterr().out
+    assert main(["bag", "info", str(bag.parent)]) == 0
+    assert f"{bag}\n" in capsys.readouterr().out
+
+
 def test_info_suggests_the_repair(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cut(bag)
     assert main(["bag", "info", str(bag)]) == 0

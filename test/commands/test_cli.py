@@ -39,6 +39,22 @@ def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[
     assert capsys.readouterr().out.startswith(f"usage: quad_mpc {name} ")
 
 
+@pytest.mark.parametrize("name", sorted(COMMANDS.keys() - {"bag", "campaign", "tune"}))
+def test_an_argument_too_many_leads_to_the_help_of_the_command(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    taken = ["some"] if name in ("replay", "resolve", "identify", "report") else []
+    taken += ["--out", "file"] if name in ("identify", "save-vehicle") else []
+    with pytest.raises(SystemExit) as end:
+        main([name, *taken, "--nonsense"])
+    assert end.value.code == 2
+    told = capsys.readouterr().err.splitlines()
+    assert told == [
+        "error: given --nonsense, expected no such argument",
+        f"see quad_mpc {name} --help",
+    ]
+
+
 @pytest.mark.parametrize("arguments", [["params"], ["bridges"]])
 def test_a_closed_pipe_is_a_quiet_end(arguments: list[str]) -> None:
     """As of ``quad_mpc params | head``: whether it ends in the middle or at the last flush."""

@@ -35,6 +35,11 @@ def test_the_end_of_a_bag_is_shown_once(bag: Path, capsys: pytest.CaptureFixture
     assert "●" in shown
 
 
+def test_the_folder_of_a_run_is_shown(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["watch", "--bag", str(bag.parent), "--once"]) == 0
+    assert "commands  mpc" in capsys.readouterr().out
+
+
 def test_a_bag_is_played_at_a_rate(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     began = time.monotonic()
     options = ["--bag", str(bag), "--rate", "10", "--interval", "0.1"]
