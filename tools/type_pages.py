@@ -421,6 +421,8 @@ def main() -> int:
         "--patience", type=float, default=120.0, help="s a command is given (default: 120)"
     )
     options = parser.parse_args()
+    # What is typed hears Ctrl-C, also where this was started in the background, which ignores it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     pages = tuple(page.resolve() for page in options.pages) or PAGES + STACKS
     with tempfile.TemporaryDirectory(prefix="typed-") as folder:
         options.work = Path(folder)

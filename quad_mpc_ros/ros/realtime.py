@@ -94,6 +94,13 @@ def settle_memory() -> None:
     gc.freeze()
 
 
+def free_memory() -> None:
+    """Free what nothing uses any more, what was taken for long-lived included."""
+    gc.unfreeze()
+    while gc.collect():
+        pass  # what was freed may have been the last to hold something else
+
+
 class GarbageCollection:
     """Collects garbage when there is time for it, instead of whenever enough has gathered.
 

@@ -27,7 +27,7 @@ from quad_mpc_ros.ros.parameter_files import (
     read_arguments,
     refuse_own_arguments,
 )
-from quad_mpc_ros.ros.realtime import settle_memory
+from quad_mpc_ros.ros.realtime import free_memory, settle_memory
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -165,6 +165,10 @@ def _heard_once(*, process_ends: bool) -> Iterator[Callable[[], None]]:
     try:
         yield hear_no_more
     finally:
+        if process_ends:
+            # A lifecycle node of rclpy keeps its part of DDS, threads and all, until it is
+            # collected; those that are there when a process ends may abort it.
+            free_memory()
         for number, handler in before.items() if not process_ends else ():
             # None: not of Python, nor can Python set it again.
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
