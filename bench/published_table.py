@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import concurrent.futures
 import csv
+import multiprocessing
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -47,8 +48,10 @@ def all_flown(fly: Callable[[Job], Result], jobs: Sequence[Job], workers: int) -
     """Fly in parallel processes, with a line of progress now and then."""
     done: list[Result] = []
     begun = time.monotonic()
-    with concurrent.futures.ProcessPoolExecutor(workers) as pool:
-        for each in pool.map(fly, jobs, chunksize=2):
+    # Ctrl-C is for this process, which ends the others.
+    ignore = (signal.SIGINT, signal.SIG_IGN)
+    with multiprocessing.Pool(workers, signal.signal, ignore) as pool:
+        for each in pool.imap(fly, jobs, chunksize=2):
             done.append(each)
             if len(done) % 20 == 0 or len(done) == len(jobs):
                 seconds = time.monotonic() - begun
