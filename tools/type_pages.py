@@ -73,6 +73,7 @@ THE_READERS_OWN = {
     "campaigns/baseline": CAMPAIGN.format(path="campaigns/baseline"),
     "campaigns/candidate": CAMPAIGN.format(path="campaigns/candidate") + " --seed 2",
 }
+OF_THE_SHELL = ("export", "cd", "source")
 NEEDS_THE_STACK = "needs the flight stack"
 # What cannot be typed here, and why.
 ELSEWHERE = {
@@ -235,6 +236,8 @@ class Reader:
             if made in command:
                 return f"needs {made}, which takes longer than is waited for here"
         program = command.split()[0]
+        if program in OF_THE_SHELL:
+            return ""
         if "/" not in program and not shutil.which(program, path=self.environment["PATH"]):
             return f"{program} is not installed"
         return ""

@@ -182,14 +182,11 @@ def parameter_file(option: str, given: str) -> Path:
     path = Path(given)
     if path.is_file():
         return path
+    reason = "is a folder" if path.is_dir() else "does not exist"
     raise UserError(
-        f"{option}: given {given!r}, {_nothing_there(path)}expected the path of a ROS parameter "
+        f"{option}: given {given!r}, which {reason}, expected the path of a ROS parameter "
         f"file{_nearest_file(path)}"
     )
-
-
-def _nothing_there(path: Path) -> str:
-    return "which is a folder, " if path.is_dir() else "which does not exist, "
 
 
 def _nearest_file(path: Path) -> str:

@@ -26,7 +26,11 @@ GOOD: dict[str, Any] = {
 
 
 @pytest.mark.parametrize(
-    ("count", "seed"), [(1500, 1), pytest.param(10_000, 2, marks=pytest.mark.slow)]
+    ("count", "seed"),
+    [
+        (1500, 1),
+        pytest.param(10_000, 2, marks=[pytest.mark.slow, pytest.mark.timeout(1200)]),
+    ],
 )
 def test_generated_calls(count: int, seed: int) -> None:
     """In a process of its own, whose crash is seen."""

@@ -47,10 +47,6 @@ def _controller(config: MpcConfig, _: Path) -> NewPeer:
     return partial(ControllerPeer, config)
 
 
-def _paper(config: MpcConfig, folder: Path) -> NewPeer:
-    return _controller(dataclasses.replace(config, formulation="paper"), folder)
-
-
 CONTROLLERS = {
     "controller": PeerKind(
         title="this controller",
@@ -65,7 +61,9 @@ CONTROLLERS = {
         solver="OSQP",
         description="this controller with `formulation: paper`, one linearisation held over the "
         "horizon.",
-        make=_paper,
+        make=lambda config, folder: _controller(
+            dataclasses.replace(config, formulation="paper"), folder
+        ),
     ),
 }
 """This package's own peers, by name."""

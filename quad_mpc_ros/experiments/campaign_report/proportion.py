@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from statistics import NormalDist
 
-_QUANTILE = NormalDist().inv_cdf(0.975)
+from scipy.stats import binomtest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,10 +25,9 @@ class Proportion:
         """The 95 % interval of the share (E. B. Wilson, 1927); 0 to 1 of none."""
         if not self.total:
             return 0.0, 1.0
-        n, z, share = self.total, _QUANTILE, self.share
-        middle = (share + z * z / (2 * n)) / (1 + z * z / n)
-        half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-        return max(middle - half, 0.0), min(middle + half, 1.0)
+        test = binomtest(self.count, self.total)
+        low, high = test.proportion_ci(confidence_level=0.95, method="wilson")
+        return float(low), float(high)
 
     def __str__(self) -> str:
         if not self.total:
