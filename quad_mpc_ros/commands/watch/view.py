@@ -144,7 +144,7 @@ def _motion(vehicle: Vehicle, now: float) -> tuple[Entry, ...]:
         missing = [
             _dated(vehicle, ODOMETRY, now, entry)
             for entry in (
-                Entry(label="position", text=f"{x:.2f} {y:.2f} {z:.2f} m"),
+                Entry(label="position", text=f"{x:z.2f} {y:z.2f} {z:z.2f} m"),
                 Entry(label="speed", text=f"{odometry.speed:.2f} m/s"),
             )
         ]
@@ -170,9 +170,7 @@ def _learned(vehicle: Vehicle, now: float) -> tuple[Entry, ...]:
 
         def text(stats: TickStats) -> str:
             low, high = vehicle.spread(of_sample) or (figure(stats),) * 2
-            here, least, most = (
-                f"{round(each, digits) + 0.0:.{digits}f}" for each in (figure(stats), low, high)
-            )
+            here, least, most = (f"{each:z.{digits}f}" for each in (figure(stats), low, high))
             return f"{here} [{least}, {most}]{unit}"
 
         return _of_stats(vehicle, now, label, text)

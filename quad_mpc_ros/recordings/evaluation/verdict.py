@@ -262,7 +262,7 @@ def _tight(s: Summary) -> bool:
 
 def _spread(estimate: Mapping[str, float], unit: str = "") -> str:
     """Return a value and where the middle 90 % of the ticks lay."""
-    style = "{:.0f}" if unit == " ms" else "{:.2f}"
+    style = "{:z.0f}" if unit == " ms" else "{:z.2f}"  # z: no -0.00
     value, low, high = (style.format(estimate[name]) for name in ("value", "low", "high"))
     return f"{value}{unit} ({low} to {high})"
 

@@ -78,6 +78,15 @@ def test_the_estimates_are_those_of_the_later_half(
     assert 0.808 < scale["high"] <= 0.81
 
 
+def test_what_is_nearly_nothing_has_no_sign(
+    make_flight: FlightMaker, build: SimpleNamespace
+) -> None:
+    flight = make_flight(20)
+    ticks = [build.tick(int(stamp), disturbance_x=-1e-5, **LAGS) for stamp in flight.stamp_ns]
+    verdict = verdict_on(summarise(dataclasses.replace(flight, stats=build.stats(ticks))))
+    assert any("x 0.00 (0.00 to 0.00)" in each for each in verdict.estimated)
+
+
 def test_the_fence_and_tilt_that_were_used(make_flight: FlightMaker) -> None:
     flight = make_flight(50)
     fence = dataclasses.replace(flight.mpc.fence, maximum=(1e6, 0.4, 1e6))
