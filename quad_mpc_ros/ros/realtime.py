@@ -97,8 +97,9 @@ def settle_memory() -> None:
 def free_memory() -> None:
     """Free what nothing uses any more, what was taken for long-lived included."""
     gc.unfreeze()
-    while gc.collect():
-        pass  # what was freed may have been the last to hold something else
+    for _ in range(3):  # what was freed may have been the last to hold something else
+        if not gc.collect():
+            break
 
 
 class GarbageCollection:
