@@ -1,4 +1,4 @@
-"""How a vehicle moves and what carries it, filtered: its contact is judged by this.
+"""How a vehicle moves and what carries it, filtered: its ground state is judged by this.
 
 At the touchdown with less than a share of the thrust that has carried it in flight lately it has
 to fall. Something else carries it where it should have become faster downwards by so much, and has
@@ -16,12 +16,11 @@ from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 
-GRAVITY = 9.81
-"""[m/s^2]"""
-
-_FILTER, _LIFT_FILTER, _FLIGHT_FILTER = 0.1, 0.3, 2.0  # s
-# Of the thrust, [m/s], and of that.
-_ENOUGH, _SHOULD_FALL, _FALLS = 0.8, 0.2, 0.3
+# Time constants [s]: of noise in odometry; of what motors make of a throttle; of a flight's thrust.
+_FILTER, _THRUST_FILTER, _FLIGHT_FILTER = 0.1, 0.3, 2.0
+_REDUCED = 0.8  # share of the flight's thrust with less of which it has to fall
+_SHOULD_FALL = 0.2  # m/s faster downwards, by then
+_FALLS = 0.3  # share of that; with less it is carried
 
 
 class ThrustFilter(Record):
@@ -68,7 +67,8 @@ class Motion(NamedTuple):
 class FilteredMotion:
     """Filters from odometry to odometry."""
 
-    def __init__(self) -> None:
+    def __init__(self, gravity: float) -> None:
+        self._gravity = gravity
         self._buffer = MotionFilter.zeros()
         self._state = self._buffer[()]
         self._duration = 0.0
@@ -90,8 +90,9 @@ class FilteredMotion:
         state.p_WB[:], state.ground[:] = reset.points(state.p_WB), reset.points(state.ground)
         state.v_WB_W[:] = reset.vectors(state.v_WB_W)
 
-    def draw_ground(self, time_constant: float) -> None:
+    def draw_ground(self, *, fast: bool) -> None:
         """Let where it stood follow where it is."""
+        time_constant = _THRUST_FILTER if fast else _FLIGHT_FILTER
         ground, share = self._state.ground, 1.0 - math.exp(-self._duration / time_constant)
         ground += share * (self._state.p_WB - ground)
 
@@ -116,6 +117,7 @@ class FilteredMotion:
                 duration=self._duration,
                 anew=anew,
                 flies=flies,
+                gravity=self._gravity,
                 buffer=self._buffer,
             )
         )
@@ -130,6 +132,7 @@ def _follow(
     duration: float,
     anew: bool,
     flies: bool,
+    gravity: float,
     buffer: RecordArray[MotionFilter],
 ) -> tuple[float, float, float, float, float, bool]:
     x, y, state = q_WB_xyzw[0], q_WB_xyzw[1], buffer[()]
@@ -145,9 +148,9 @@ def _follow(
     aside, rise = math.hypot(v[0], v[1]), p[2] - ground[2]
     way = math.hypot(math.hypot(p[0] - ground[0], p[1] - ground[1]), rise)
     up = 1.0 - 2.0 * (x * x + y * y)
-    lift_share = 1.0 - math.exp(-duration / _LIFT_FILTER)
+    lift_share = 1.0 - math.exp(-duration / _THRUST_FILTER)
     carrying.lift += lift_share * (thrust * up - carrying.lift)
-    carried = _is_carried(max(thrust, 0.0), v[2], share, duration, flies, carrying)
+    carried = _is_carried(max(thrust, 0.0), v[2], share, duration, flies, gravity, carrying)
     return aside, v[2], way, rise, carrying.lift, carried
 
 
@@ -158,6 +161,7 @@ def _is_carried(
     share: float,
     duration: float,
     flies: bool,
+    gravity: float,
     state: ThrustFilter,
 ) -> bool:
     """Note with what thrust it flies; return whether it should be falling, and is not.
@@ -166,8 +170,8 @@ def _is_carried(
     """
     state.now += share * (thrust - state.now)
     change = state.now - state.in_flight
-    if state.now < _ENOUGH * state.in_flight:
-        state.fall -= GRAVITY * change / state.in_flight * duration
+    if state.now < _REDUCED * state.in_flight:
+        state.fall -= gravity * change / state.in_flight * duration
     else:
         state.fall, state.climb = 0.0, climb
     if flies and state.fall < _SHOULD_FALL:
