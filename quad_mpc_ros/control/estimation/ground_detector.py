@@ -205,7 +205,7 @@ class GroundDetector:
             found.add(Evidence.TOUCHES)
         if self._has_left() or self._is_moving():
             found.add(Evidence.LEFT)
-        elif self._rests(odometry.stamp_ns, reference_rests=rests):
+        elif self._rests(odometry.stamp_ns, wanted=rests or below):
             found.add(Evidence.RESTS)
         return found
 
@@ -232,11 +232,11 @@ class GroundDetector:
             # An estimate may sink as motors spool up, by what the vehicle then seems not to rise.
             self._motion.lower_ground()
 
-    def _rests(self, stamp_ns: int, *, reference_rests: bool) -> bool:
+    def _rests(self, stamp_ns: int, *, wanted: bool) -> bool:
         """Whether it keeps its height with so little thrust that it would fall, or is reported."""
         since_ns = self._little_since_ns
         settled = since_ns is not None and stamp_ns - since_ns >= round(1e9 * SETTLING)
-        if not (reference_rests and settled and self._motion.now.speed < SLOW):
+        if not (wanted and settled and self._motion.now.speed < SLOW):
             self._still.forget()
             return False
         fall = (1.0 - (1.0 + THRUST_ERROR) * self._thrust - GUST) * self._gravity

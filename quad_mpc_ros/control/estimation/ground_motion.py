@@ -16,7 +16,7 @@ from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 
-# Time constants [s]: of noise in odometry; of what motors make of a throttle; of a flight's thrust.
+# Time constants [s] of noise in odometry, of what motors make of a throttle, of a flight's thrust.
 _FILTER, _THRUST_FILTER, _FLIGHT_FILTER = 0.1, 0.3, 2.0
 _REDUCED = 0.8  # share of the flight's thrust with less of which it has to fall
 _SHOULD_FALL = 0.2  # m/s faster downwards, by then

@@ -129,7 +129,7 @@ def idles(window: ReferenceWindow, gravity: float) -> bool:
     """Whether a window asks for idle motors: at rest with less force than any vehicle flies by."""
     if window.v_WB_W.any():
         return False
-    force = np.linalg.norm(window.a_WB_W + [0.0, 0.0, gravity], axis=1)
+    force = np.linalg.norm(window.a_WB_W + np.array([0.0, 0.0, gravity]), axis=1)
     return bool(np.all(force < NO_LIFT * gravity))
 
 
