@@ -46,7 +46,7 @@ _LONGEST_GAP_NS = 500_000_000  # between odometries; beyond it what was between 
 _LETTING_GO_NS = _SPOOLING_UP_NS // 2
 
 _MOVING = 0.5 * FAST  # m/s, filtered: faster it flies if it has changed its height as well
-_SLIPPING = 0.5  # m/s aside with thrust: it has left the ground, leaning
+_SLIPPING = 0.5 * SLOW  # m/s aside with thrust: it has left the ground, leaning
 # m/s upwards with thrust, half of HEIGHT above where it has been: it has left the ground.
 _CLIMBING = 0.3
 _NEAR = 0.5  # m above where it stood, by odometry that drifts
@@ -195,8 +195,8 @@ class GroundDetector:
         found, height = set(), float(odometry.p_WB[2])
         course = self._course_of(window, height)
         self._climbs = course.highest > height + HEIGHT or course.highest > course.height + _RISING
-        rests = not self._climbs and course.speed < _MOVING
         below = course.height < height - HEIGHT
+        rests = not self._climbs and (course.speed < _MOVING or below)
         sinks = below or course.lowest < course.height - _RISING
         self._lands = rests and sinks and self._is_low(height)
         if self._climbs:
@@ -205,7 +205,7 @@ class GroundDetector:
             found.add(Evidence.TOUCHES)
         if self._has_left() or self._is_moving():
             found.add(Evidence.LEFT)
-        elif self._rests(odometry.stamp_ns, wanted=rests or below):
+        elif self._rests(odometry.stamp_ns, wanted=rests):
             found.add(Evidence.RESTS)
         return found
 
