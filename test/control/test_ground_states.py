@@ -172,9 +172,7 @@ def test_lift_off_flight_and_touchdown(case: str) -> None:
     assert share(before, ON_GROUND) == 1.0
     assert landed_after(moments, 31.0) < 3.0
     right = [
-        moment.state == "on_ground"
-        if moment.mode == "ground"
-        else moment.state in IN_AIR
+        moment.state == "on_ground" if moment.mode == "ground" else moment.state in IN_AIR
         for moment in moments
     ]
     assert np.mean(right) >= 0.99

@@ -19,7 +19,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from quad_mpc_ros.configuration.compilation import compiled
+import numpy as np
+
 from quad_mpc_ros.control.estimation.crash import FAST, SLOW, Crash
 from quad_mpc_ros.control.estimation.ground_motion import FilteredMotion
 from quad_mpc_ros.control.estimation.ground_state import (
@@ -33,7 +34,6 @@ from quad_mpc_ros.control.estimation.ground_state import (
     next_state,
 )
 from quad_mpc_ros.control.estimation.kept_height import GUST, SETTLING, THRUST_ERROR, KeptHeight
-from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 
@@ -217,7 +217,10 @@ class GroundDetector:
             return _Course(height, height, height, 0.0)
         if window is not self._window:
             self._window = window
-            self._course = _Course(*_course(window.p_WB, window.v_WB_W))
+            heights, speeds = window.p_WB[:, 2], np.linalg.norm(window.v_WB_W, axis=1)
+            self._course = _Course(
+                *map(float, (heights[0], heights.min(), heights.max(), speeds.max()))
+            )
         return self._course
 
     def _follow_ground(self, odometry: OdometrySample) -> None:
@@ -282,14 +285,3 @@ def _since(since_ns: int | None, now_ns: int, *, lasts: bool) -> int | None:
     if not lasts:
         return None
     return now_ns if since_ns is None else since_ns
-
-
-@compiled
-def _course(p_WB: Array, v_WB_W: Array) -> tuple[float, float, float, float]:
-    lowest = highest = p_WB[0, 2]
-    square = 0.0
-    for i in range(len(p_WB)):
-        lowest, highest = min(lowest, p_WB[i, 2]), max(highest, p_WB[i, 2])
-        v = kernels.vector(v_WB_W[i])
-        square = max(square, kernels.dot(v, v))
-    return p_WB[0, 2], lowest, highest, math.sqrt(square)

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
-from quad_mpc_ros.control.lie import Array, kernels
+import numpy as np
+
+from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 
@@ -21,27 +21,6 @@ _FILTER, _THRUST_FILTER, _FLIGHT_FILTER = 0.1, 0.3, 2.0
 _REDUCED = 0.8  # share of the flight's thrust with less of which it has to fall
 _SHOULD_FALL = 0.2  # m/s faster downwards, by then
 _FALLS = 0.3  # share of that; with less it is carried
-
-
-class ThrustFilter(Record):
-    """What is filtered of the thrust, all as shares of the weight."""
-
-    lift: float  # the part that lifts
-    now: float
-    in_flight: float  # lately
-    # m/s, by how much it should have fallen since the thrust is too little, and how fast it
-    # climbed before that.
-    fall: float
-    climb: float
-
-
-class MotionFilter(Record):
-    """What is filtered."""
-
-    p_WB: Vector3  # m
-    v_WB_W: Vector3  # m/s
-    ground: Vector3  # m, where it stood or was seen first
-    thrust: ThrustFilter
 
 
 class Motion(NamedTuple):
@@ -68,37 +47,39 @@ class FilteredMotion:
     """Filters from odometry to odometry."""
 
     def __init__(self, gravity: float) -> None:
-        self._gravity = gravity
-        self._buffer = MotionFilter.zeros()
-        self._state = self._buffer[()]
-        self._duration = 0.0
         self.now = Motion()
         """The motion at the last odometry."""
+        self._gravity = gravity
+        self._p_WB = self._v_WB_W = self._ground = np.zeros(3)
+        self._duration = 0.0
+        self.forget_thrust()
 
     @property
     def height(self) -> float:
         """The height, filtered [m]."""
-        return float(self._state.p_WB[2])
+        return float(self._p_WB[2])
 
     def forget_thrust(self) -> None:
         """Forget what carried it."""
-        self._state.thrust = ThrustFilter.zeros()[()]
+        # As shares of the weight: what lifts, the thrust now and in flight lately.
+        self._lift = self._thrust = self._in_flight = 0.0
+        # m/s: by how much it should have fallen with too little thrust, how it climbed before.
+        self._fall = self._climb = 0.0
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Take an announced step of the estimate: nothing has moved."""
-        state = self._state
-        state.p_WB[:], state.ground[:] = reset.points(state.p_WB), reset.points(state.ground)
-        state.v_WB_W[:] = reset.vectors(state.v_WB_W)
+        self._p_WB, self._ground = reset.points(self._p_WB), reset.points(self._ground)
+        self._v_WB_W = reset.vectors(self._v_WB_W)
 
     def draw_ground(self, *, fast: bool) -> None:
         """Let where it stood follow where it is."""
-        time_constant = _THRUST_FILTER if fast else _FLIGHT_FILTER
-        ground, share = self._state.ground, 1.0 - math.exp(-self._duration / time_constant)
-        ground += share * (self._state.p_WB - ground)
+        share = _share(self._duration, _THRUST_FILTER if fast else _FLIGHT_FILTER)
+        self._ground = self._ground + share * (self._p_WB - self._ground)
 
     def lower_ground(self) -> None:
         """Let where it stood be no higher than where it is."""
-        self._state.ground[2] = min(self._state.ground[2], self._state.p_WB[2])
+        x, y, z = self._ground.tolist()
+        self._ground = np.array([x, y, min(z, self.height)])
 
     def follow(
         self, odometry: OdometrySample, *, thrust: float, duration: float, anew: bool, flies: bool
@@ -107,74 +88,41 @@ class FilteredMotion:
 
         ``thrust`` is what the command in force makes by the model, as a share of the weight.
         """
+        v_WB_W = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw) @ odometry.v_WB_B
+        if anew:
+            self._p_WB, self._v_WB_W, self._ground = odometry.p_WB, v_WB_W, odometry.p_WB
         self._duration = 0.0 if anew else duration
+        share = _share(self._duration, _FILTER)
+        self._p_WB = self._p_WB + share * (odometry.p_WB - self._p_WB)
+        self._v_WB_W = self._v_WB_W + share * (v_WB_W - self._v_WB_W)
+        self._lift += _share(self._duration, _THRUST_FILTER) * (thrust * odometry.up - self._lift)
+        x, y, rise = (self._p_WB - self._ground).tolist()
+        vx, vy, climb = self._v_WB_W.tolist()
         self.now = Motion(
-            *_follow(
-                p_WB=odometry.p_WB,
-                q_WB_xyzw=odometry.q_WB_xyzw,
-                v_WB_B=odometry.v_WB_B,
-                thrust=thrust,
-                duration=self._duration,
-                anew=anew,
-                flies=flies,
-                gravity=self._gravity,
-                buffer=self._buffer,
-            )
+            aside=math.hypot(vx, vy),
+            climb=climb,
+            way=math.hypot(x, y, rise),
+            rise=rise,
+            lift=self._lift,
+            carried=self._is_carried(max(thrust, 0.0), climb, share, flies=flies),
         )
 
+    def _is_carried(self, thrust: float, climb: float, share: float, *, flies: bool) -> bool:
+        """Note with what thrust it flies; return whether it should be falling, and is not.
 
-@compiled
-def _follow(
-    p_WB: Array,
-    q_WB_xyzw: Array,
-    v_WB_B: Array,
-    thrust: float,
-    duration: float,
-    anew: bool,
-    flies: bool,
-    gravity: float,
-    buffer: RecordArray[MotionFilter],
-) -> tuple[float, float, float, float, float, bool]:
-    x, y, state = q_WB_xyzw[0], q_WB_xyzw[1], buffer[()]
-    R_WB = kernels.rotation(kernels.quaternion_in(q_WB_xyzw))
-    v_WB_W = kernels.apply(R_WB, kernels.vector(v_WB_B))
-    p, v, ground, carrying = state.p_WB, state.v_WB_W, state.ground, state.thrust
-    share = 1.0 - math.exp(-duration / _FILTER)
-    for k in range(3):
-        if anew:
-            p[k], v[k], ground[k] = p_WB[k], v_WB_W[k], p_WB[k]
-        p[k] += share * (p_WB[k] - p[k])
-        v[k] += share * (v_WB_W[k] - v[k])
-    aside, rise = math.hypot(v[0], v[1]), p[2] - ground[2]
-    way = math.hypot(math.hypot(p[0] - ground[0], p[1] - ground[1]), rise)
-    up = 1.0 - 2.0 * (x * x + y * y)
-    lift_share = 1.0 - math.exp(-duration / _THRUST_FILTER)
-    carrying.lift += lift_share * (thrust * up - carrying.lift)
-    carried = _is_carried(max(thrust, 0.0), v[2], share, duration, flies, gravity, carrying)
-    return aside, v[2], way, rise, carrying.lift, carried
+        A curve of the thrust may be negative where nothing turns; here it is not.
+        """
+        self._thrust += share * (thrust - self._thrust)
+        change = self._thrust - self._in_flight
+        if self._thrust < _REDUCED * self._in_flight:
+            self._fall -= self._gravity * change / self._in_flight * self._duration
+        else:
+            self._fall, self._climb = 0.0, climb
+        if flies and self._fall < _SHOULD_FALL:
+            self._in_flight += _share(self._duration, _FLIGHT_FILTER) * change
+        return self._fall > max(_SHOULD_FALL, (self._climb - climb) / _FALLS)
 
 
-@compiled
-def _is_carried(
-    thrust: float,
-    climb: float,
-    share: float,
-    duration: float,
-    flies: bool,
-    gravity: float,
-    state: ThrustFilter,
-) -> bool:
-    """Note with what thrust it flies; return whether it should be falling, and is not.
-
-    A curve of the thrust may be negative where nothing turns; here it is not.
-    """
-    state.now += share * (thrust - state.now)
-    change = state.now - state.in_flight
-    if state.now < _REDUCED * state.in_flight:
-        state.fall -= gravity * change / state.in_flight * duration
-    else:
-        state.fall, state.climb = 0.0, climb
-    if flies and state.fall < _SHOULD_FALL:
-        state.in_flight += (1.0 - math.exp(-duration / _FLIGHT_FILTER)) * change
-    falls = state.climb - climb
-    return bool(state.fall > _SHOULD_FALL and falls < _FALLS * state.fall)
+def _share(duration: float, time_constant: float) -> float:
+    """Return the share of the way to a new value that a filter goes in a time [s]."""
+    return 1.0 - math.exp(-duration / time_constant)
