@@ -217,10 +217,9 @@ class GroundDetector:
             return _Course(height, height, height, 0.0)
         if window is not self._window:
             self._window = window
-            heights, speeds = window.p_WB[:, 2], np.linalg.norm(window.v_WB_W, axis=1)
-            self._course = _Course(
-                *map(float, (heights[0], heights.min(), heights.max(), speeds.max()))
-            )
+            heights, v = window.p_WB[:, 2].tolist(), window.v_WB_W
+            speed = math.sqrt(np.einsum("ij,ij->i", v, v).max())
+            self._course = _Course(heights[0], min(heights), max(heights), speed)
         return self._course
 
     def _follow_ground(self, odometry: OdometrySample) -> None:

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 
@@ -50,14 +49,15 @@ class FilteredMotion:
         self.now = Motion()
         """The motion at the last odometry."""
         self._gravity = gravity
-        self._p_WB = self._v_WB_W = self._ground = np.zeros(3)
+        # Lists of plain numbers: of three, arrays take longer.
+        self._p_WB = self._v_WB_W = self._ground = [0.0, 0.0, 0.0]
         self._duration = 0.0
         self.forget_thrust()
 
     @property
     def height(self) -> float:
         """The height, filtered [m]."""
-        return float(self._p_WB[2])
+        return self._p_WB[2]
 
     def forget_thrust(self) -> None:
         """Forget what carried it."""
@@ -68,18 +68,18 @@ class FilteredMotion:
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Take an announced step of the estimate: nothing has moved."""
-        self._p_WB, self._ground = reset.points(self._p_WB), reset.points(self._ground)
-        self._v_WB_W = reset.vectors(self._v_WB_W)
+        self._p_WB = reset.points(np.array(self._p_WB)).tolist()
+        self._ground = reset.points(np.array(self._ground)).tolist()
+        self._v_WB_W = reset.vectors(np.array(self._v_WB_W)).tolist()
 
     def draw_ground(self, *, fast: bool) -> None:
         """Let where it stood follow where it is."""
         share = _share(self._duration, _THRUST_FILTER if fast else _FLIGHT_FILTER)
-        self._ground = self._ground + share * (self._p_WB - self._ground)
+        self._ground = _between(self._ground, self._p_WB, share)
 
     def lower_ground(self) -> None:
         """Let where it stood be no higher than where it is."""
-        x, y, z = self._ground.tolist()
-        self._ground = np.array([x, y, min(z, self.height)])
+        self._ground = [*self._ground[:2], min(self._ground[2], self.height)]
 
     def follow(
         self, odometry: OdometrySample, *, thrust: float, duration: float, anew: bool, flies: bool
@@ -88,21 +88,21 @@ class FilteredMotion:
 
         ``thrust`` is what the command in force makes by the model, as a share of the weight.
         """
-        v_WB_W = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw) @ odometry.v_WB_B
+        p_WB = odometry.p_WB.tolist()
+        v_WB_W = _turned(odometry.q_WB_xyzw.tolist(), odometry.v_WB_B.tolist())
         if anew:
-            self._p_WB, self._v_WB_W, self._ground = odometry.p_WB, v_WB_W, odometry.p_WB
+            self._p_WB, self._v_WB_W, self._ground = p_WB, v_WB_W, p_WB
         self._duration = 0.0 if anew else duration
         share = _share(self._duration, _FILTER)
-        self._p_WB = self._p_WB + share * (odometry.p_WB - self._p_WB)
-        self._v_WB_W = self._v_WB_W + share * (v_WB_W - self._v_WB_W)
+        self._p_WB = _between(self._p_WB, p_WB, share)
+        self._v_WB_W = _between(self._v_WB_W, v_WB_W, share)
         self._lift += _share(self._duration, _THRUST_FILTER) * (thrust * odometry.up - self._lift)
-        x, y, rise = (self._p_WB - self._ground).tolist()
-        vx, vy, climb = self._v_WB_W.tolist()
+        vx, vy, climb = self._v_WB_W
         self.now = Motion(
             aside=math.hypot(vx, vy),
             climb=climb,
-            way=math.hypot(x, y, rise),
-            rise=rise,
+            way=math.dist(self._p_WB, self._ground),
+            rise=self._p_WB[2] - self._ground[2],
             lift=self._lift,
             carried=self._is_carried(max(thrust, 0.0), climb, share, flies=flies),
         )
@@ -126,3 +126,14 @@ class FilteredMotion:
 def _share(duration: float, time_constant: float) -> float:
     """Return the share of the way to a new value that a filter goes in a time [s]."""
     return 1.0 - math.exp(-duration / time_constant)
+
+
+def _between(here: list[float], there: list[float], share: float) -> list[float]:
+    return [a + share * (b - a) for a, b in zip(here, there, strict=True)]
+
+
+def _turned(q_WB_xyzw: list[float], v_B: list[float]) -> list[float]:
+    """Return a vector of the body in the world, v + 2 w (q x v) + 2 q x (q x v)."""
+    (x, y, z, w), (a, b, c) = q_WB_xyzw, v_B
+    d, e, f = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return [a + w * d + y * f - z * e, b + w * e + z * d - x * f, c + w * f + x * e - y * d]

@@ -190,6 +190,16 @@ def test_pushed_while_idling_still_stands(standing: Judge) -> None:
     assert set(standing.see(1.0, thrust=0.0, velocity=pushed)) == {GroundState.ON_GROUND}
 
 
+def test_a_reference_little_above_is_no_request_to_climb(standing: Judge) -> None:
+    above = ReferenceWindow.hover([0.0, 0.0, 0.08])
+    assert set(standing.see(1.0, window=above)) == {GroundState.ON_GROUND}
+
+
+def test_what_moves_without_thrust_has_not_come_to_rest(judge: Judge) -> None:
+    rolling = np.array([1.4, 0.0, 0.0])
+    assert GroundState.ON_GROUND not in judge.see(3.0, velocity=rolling)
+
+
 def test_learns_only_once_the_ground_has_let_go(standing: Judge) -> None:
     standing.see(0.5, thrust=1.1, window=ABOVE)
     learning = []
