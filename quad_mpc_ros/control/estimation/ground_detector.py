@@ -197,11 +197,11 @@ class GroundDetector:
         self._climbs = course.highest > height + HEIGHT or course.highest > course.height + _RISING
         below = course.height < height - HEIGHT
         rests = not self._climbs and (course.speed < _MOVING or below)
-        sinks = below or course.lowest < course.height - _RISING
-        self._lands = rests and sinks and self._is_low(height)
+        sinks = course.lowest < course.height - _RISING
+        self._lands = rests and (below or sinks) and self._is_low(height)
         if self._climbs:
             found.add(Evidence.CLIMBS)
-        if rests and below and self._might_be_down(height):
+        if rests and below and self._might_be_down(height, sinks=sinks):
             found.add(Evidence.TOUCHES)
         if self._has_left() or self._is_moving():
             found.add(Evidence.LEFT)
@@ -245,14 +245,15 @@ class GroundDetector:
         kept = self._still.lasts(stamp_ns, self._motion.height, fall)
         return bool(self._landed) or kept
 
-    def _might_be_down(self, height: float) -> bool:
+    def _might_be_down(self, height: float, *, sinks: bool) -> bool:
         """Whether it is slow, and something says that the ground carries it.
 
-        That is its motion, little thrust about where it stood, or a reference that wants it idle.
+        That is a reference that wants it idle, little thrust about where it stood, or its motion
+        as the reference sinks: in a hover a vehicle that is stronger than it was moves likewise.
         """
         low = self._little_since_ns is not None and self._is_low(height)
-        carried = self._motion.now.carried or self.idle_wanted or low
-        return self._motion.now.speed < SLOW and carried
+        carried = sinks and self._motion.now.carried
+        return self._motion.now.speed < SLOW and (carried or self.idle_wanted or low)
 
     def _is_low(self, height: float) -> bool:
         """Whether it is about as high as where it stood."""

@@ -314,6 +314,14 @@ def test_turns_when_falling_with_reduced_thrust(standing: Judge, carrying: float
         assert standing.ground.state is not GroundState.TOUCHING_DOWN
 
 
+def test_less_thrust_in_a_hover_is_no_touchdown(standing: Judge) -> None:
+    """A vehicle stronger than modelled holds 0.15 m too high, until that is learned."""
+    hover = ReferenceWindow.hover([0.0, 0.0, 1.0])
+    standing.see(2.0, thrust=1.2, height=1.0, window=ABOVE)
+    standing.see(3.0, thrust=1.0, height=1.0, window=hover)
+    assert set(standing.see(2.0, thrust=0.7, height=1.15, window=hover)) == {GroundState.FLYING}
+
+
 def land(judge: Judge, carrying: float) -> ReferenceWindow:
     """Take off, fly with a thrust, and sink; return the reference that leads below the ground."""
     judge.see(2.0, thrust=1.2 * carrying, height=1.0, window=ABOVE)
