@@ -16,7 +16,8 @@ import numpy as np
 from quad_mpc_ros.configuration import ArgumentError
 from quad_mpc_ros.configuration.arguments import instance, number, stamp
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimation.contact import GroundContact
+from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
@@ -79,7 +80,7 @@ class Controller:
         self._config = instance(config, "config", MpcConfig)
         endless = isinstance(deadline, float) and deadline == math.inf
         self._deadline = math.inf if endless else number(deadline, "deadline", above=0.0)
-        self._ground = GroundContact()
+        self._ground = GroundDetector(config.gravity)
         self._mpc = Mpc(config, ground=self._ground, deadline=self._deadline)
         self._supervisor = Supervisor(config, ground=self._ground, deadline=self._deadline)
         self._period_ns = round(_SECOND / config.control_rate)
@@ -94,6 +95,11 @@ class Controller:
     def config(self) -> MpcConfig:
         """The configuration in force."""
         return self._config
+
+    @property
+    def ground_state(self) -> GroundState:
+        """Whether the vehicle stands or flies, by the last odometry."""
+        return self._ground.state
 
     def renewed(self) -> Controller:
         """Return a controller like this one that has seen nothing yet."""
@@ -272,7 +278,7 @@ class Controller:
         The command is expected to act for ``duration`` [s].
         """
         self._answered, self._unseen_ns = _Answered(odometry.stamp_ns, now_ns), None
-        self._supervisor.judge_contact(odometry)
+        self._supervisor.judge_ground(odometry)
         step, plan_fault = self._step(odometry.stamp_ns, odometry=odometry, now_ns=now_ns)
         plan = step.plan if step is not None and not plan_fault else None
         decision = self._supervisor.decide(
@@ -353,7 +359,7 @@ class Controller:
                 odom_age_ns=odom_age_ns,
                 reference_age_ns=reference_age_ns,
                 reference_stamp_ns=0 if reference is None else reference.stamp_ns,
-                contact=self._ground.contact.value,
+                ground=self._ground.state.value,
             ),
             plan=plan,
         )

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimation.contact import GroundContact
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation, EstimateStatus
+from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
@@ -54,7 +54,7 @@ class Mpc:
         self,
         config: MpcConfig,
         *,
-        ground: GroundContact | None = None,
+        ground: GroundDetector | None = None,
         deadline: float = math.inf,
     ) -> None:
         self._config, self._deadline = config, deadline

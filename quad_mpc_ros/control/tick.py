@@ -57,7 +57,7 @@ class TickStats:
     dual_residual: float  # of the scaled problem
     solve_time_us: float  # OSQP's own run time [us]
     step_time_us: float  # state in to plan out [us]
-    contact: str = "unknown"  # with the ground: flying, standing, crashed, unknown
+    ground: str = "unknown"  # or on_ground, lifting_off, flying, touching_down, crashed
     disturbance_x: float = 0.0  # estimated acceleration of the disturbance, world [m/s^2]
     disturbance_y: float = 0.0  # the same
     disturbance_z: float = 0.0  # the same
@@ -93,7 +93,7 @@ def figures_of(
     odom_age_ns: int,
     reference_age_ns: int,
     reference_stamp_ns: int,
-    contact: str,
+    ground: str,
 ) -> TickStats:
     """Return the figures of a tick; ``step`` is None when the MPC did not run."""
     return TickStats(
@@ -103,7 +103,7 @@ def figures_of(
         odom_age_ms=1e-6 * odom_age_ns,
         reference_age_ms=1e-6 * reference_age_ns,
         reference_stamp_ns=reference_stamp_ns,
-        contact=contact,
+        ground=ground,
         **counts._asdict(),
         **_solver_figures(step),
     )

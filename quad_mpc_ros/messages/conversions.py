@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.model.samples import (
     CommandSample,
     OdometrySample,
@@ -137,6 +138,14 @@ def reference_from_message(message: Any) -> ReferenceWindow:
         a_WB_W=a_WB_W,
         w_WB_W=w_WB_W,
     )
+
+
+def ground_state_from_message(message: Any) -> GroundState:
+    """Return the state in a ``std_msgs/String``; one that is no state says nothing."""
+    try:
+        return GroundState(message.data)
+    except ValueError:
+        return GroundState.UNKNOWN
 
 
 def pose_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:

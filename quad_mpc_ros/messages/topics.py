@@ -36,6 +36,14 @@ ENGAGED = Topic(
 LANDED = Topic(
     name="landed", type_name=ENGAGED.type_name, reliable=True, latched=True, optional=True
 )
+# The MPC's own judgement, a word of ``control.estimation.ground_state.GroundState``.
+GROUND_STATE = Topic(
+    name="mpc/ground_state",
+    type_name="std_msgs/msg/String",
+    reliable=True,
+    latched=True,
+    optional=True,
+)
 # A step of the estimator: where its former frame lies in the new one.
 ODOMETRY_RESET = Topic(
     name="odom_reset",
@@ -90,6 +98,7 @@ RECORDED = (
     VELOCITY,
     ENGAGED,
     LANDED,
+    GROUND_STATE,
     BATTERY,
     PREDICTED_PATH,
     REFERENCE_PATH,

@@ -6,8 +6,8 @@ changes nothing: a transition is judged against the vehicle's limits like a traj
 and land are never refused in the air: then the transition that exceeds a limit least is flown, and
 a vehicle that is upside down first continues until it is not.
 
-On the ground the reference rests below it, so that the motors idle
-(``control/estimation/ground.py``).
+On the ground the reference rests at the vehicle, and its windows ask for idle motors
+(``docs/ground.md``).
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.control.estimation.ground import stay_down
+from quad_mpc_ros.control.estimation.ground_state import idling
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.references.bounds import YAW_SHARE
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.feasibility import Verdict, judged
@@ -86,7 +87,7 @@ class Director:
     @classmethod
     def standing(cls, config: ReferenceConfig, *, p_WB: Array, yaw: float) -> Director:
         """Return the director of a vehicle that stands on the ground at ``p_WB`` (3,) [m]."""
-        rest = _at_rest(config, stay_down(p_WB), yaw)
+        rest = _at_rest(config, p_WB, yaw)
         first = Phase(start_ns=_BEFORE_ALL, name=GROUND, trajectory=rest)
         return cls(config, first, ground=float(p_WB[2]))
 
@@ -120,12 +121,26 @@ class Director:
         """Return what is being flown."""
         return self.timeline.phase(now_ns).name
 
+    def shown(self, window: ReferenceWindow) -> ReferenceWindow:
+        """Return a window of the timeline as it is published: on the ground it asks for idle."""
+        stays = self.timeline.last.name == GROUND == self.mode(window.stamp_ns)
+        return idling(window, self._config.gravity) if stays else window
+
     def moved(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
         """Take where a vehicle stands that was carried over the ground."""
         if self.mode(now_ns) == GROUND:
-            self.ground = float(p_WB[2])
-            rest = _at_rest(self._config, stay_down(p_WB), yaw)
-            self.timeline.follow([Phase(start_ns=now_ns, name=GROUND, trajectory=rest)])
+            self._stand(now_ns, p_WB, yaw)
+
+    def sink(self, now_ns: int, *, p_WB: Array, yaw: float) -> None:
+        """Let a vehicle sink that flies although the reference is on the ground."""
+        down = Straight(p_WB, v_WB_W=np.array([0.0, 0.0, -self._config.touchdown_speed]))
+        trajectory = FlatTrajectory.of(self._config, down, yaw=yaw)
+        self.timeline.follow([Phase(start_ns=now_ns, name=LANDING, trajectory=trajectory)])
+
+    def _stand(self, now_ns: int, p_WB: Array, yaw: float) -> None:
+        self.ground = float(p_WB[2])
+        rest = _at_rest(self._config, p_WB, yaw)
+        self.timeline.follow([Phase(start_ns=now_ns, name=GROUND, trajectory=rest)])
 
     def reset_estimate(self, now_ns: int, reset: EstimateReset) -> bool:
         """Take an announced step of the estimate; return whether the reference moves along.
@@ -240,13 +255,8 @@ class Director:
         """Let a landing vehicle that stands on the ground at ``p_WB`` (3,) [m] idle there."""
         if self.mode(now_ns) != LANDING:
             return self._refused(now_ns, "touchdown")
-        self.ground = float(p_WB[2])
-        start = flat_state_of(self.timeline, now_ns)
-        below = FlatState.at_rest(stay_down(p_WB), yaw=start.yaw)
-        phases = self._planned(now_ns, [(LANDING, start, below)])
-        if isinstance(phases, Reply):
-            return phases
-        return self._joined(now_ns, phases, GROUND, None)  # now is past: that of an odometry
+        self._stand(now_ns, p_WB, flat_state_of(self.timeline, now_ns).yaw)
+        return Reply(accepted=True, text=f"{GROUND} at {self.ground:.2f} m")
 
     def is_sinking(self, now_ns: int) -> bool:
         """Return whether a landing is in progress, without a touchdown yet."""
@@ -286,12 +296,6 @@ class Director:
         """
         if self.too_late(now_ns):
             return TOO_LATE
-        return self._joined(now_ns, phases, then, trajectory)
-
-    def _joined(
-        self, now_ns: int, phases: list[Phase], then: str, trajectory: Trajectory | None
-    ) -> Reply:
-        """Follow phases, and then a trajectory, as :meth:`_follow` does, late or not."""
         last = phases[-1]
         if trajectory is None:
             end = _end_of(last.trajectory)

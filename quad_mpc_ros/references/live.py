@@ -4,9 +4,13 @@ In the mode ``at_once`` it is the configured trajectory from the first odometry 
 is accepted. In the mode ``on_request`` the vehicle stands on the ground until a take-off.
 
 Where ``engaged`` is published, nothing is flown until commands act on the vehicle: the reference
-waits at the vehicle, on the ground below it, in the air coming to rest from its present motion.
+waits at the vehicle, on the ground with idle motors, in the air coming to rest from its motion.
 Once they act, it continues from there: ``on_request`` stays, ``at_once`` begins the trajectory,
 after a take-off if on the ground. When they stop acting, it waits again.
+
+Whether the vehicle stands is the MPC's to say (:meth:`LiveReference.tell_ground`). Where it is
+not heard, or does not know, the flight stack's word counts, and without that the height at which
+the vehicle was seen first and whether it follows a landing (:mod:`.touchdown`).
 """
 
 from __future__ import annotations
@@ -17,7 +21,13 @@ from collections.abc import Callable
 import numpy as np
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.control.estimation.ground import LEFT_GROUND_UNPOWERED, StandingHeight
+from quad_mpc_ros.control.estimation.ground_state import (
+    HEIGHT,
+    LEFT_GROUND,
+    LEFT_GROUND_UNPOWERED,
+    GroundState,
+    StandingHeight,
+)
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
@@ -34,7 +44,6 @@ from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 from quad_mpc_ros.references.transition import FlatState
 from quad_mpc_ros.references.velocity import VelocityCommand
 
-_CARRIED = 0.1  # m
 _MOST_DRAWN = 500  # poses: a path is drawn between two windows
 _STEP_NS = 50_000_000
 
@@ -66,6 +75,7 @@ class LiveReference:
         self._newest: OdometrySample | None = None
         self._engaged: bool | None = None
         self._landed: bool | None = None
+        self._ground = GroundState.UNKNOWN
         self._stood = StandingHeight(LEFT_GROUND_UNPOWERED)
         self.too_late: Callable[[int], bool] = lambda start_ns: False
         """Whether it is too late to begin at a time; such requests are refused."""
@@ -94,6 +104,10 @@ class LiveReference:
     def landed(self, landed: bool | None) -> None:
         """Take whether the flight stack reports to have landed; None if it does not say."""
         self._landed = landed
+
+    def tell_ground(self, state: GroundState) -> None:
+        """Take what the MPC knows of the ground; it counts more than all that is known here."""
+        self._ground = state
 
     def reset_estimate(self, now_ns: int, reset: EstimateReset) -> Reply:
         """Take an announced step of the estimate; return what follows for the reference."""
@@ -126,22 +140,34 @@ class LiveReference:
             if self._engaged is None:
                 return self._begin(odometry)
             return self._take_over(odometry) if self._engaged else None
-        if self._director.is_sinking(now_ns):
-            height = float(self._director.timeline.at([now_ns]).p_WB[0, 2])
-            if self._touchdown.felt(odometry, reference_height=height):
-                self._stood.stand(float(odometry.p_WB[2]))
-                return self._director.touched(now_ns, p_WB=odometry.p_WB)
+        if self._director.is_sinking(now_ns) and self._is_down(self._director, odometry):
+            self._stood.stand(float(odometry.p_WB[2]))
+            return self._director.touched(now_ns, p_WB=odometry.p_WB)
+        if self._director.timeline.last.name == GROUND and self._ground is GroundState.FLYING:
+            self._director.sink(now_ns, p_WB=odometry.p_WB, yaw=_heading(odometry))
+            return Reply(accepted=True, text="it flies: sinks to the ground")
         return None
+
+    def _is_down(self, director: Director, odometry: OdometrySample) -> bool:
+        """Whether a landing has reached the ground."""
+        reference_height = float(director.timeline.at([odometry.stamp_ns]).p_WB[0, 2])
+        stays = self._touchdown.felt(odometry, reference_height=reference_height)
+        if self._ground is not GroundState.UNKNOWN:
+            return self._ground.stands
+        below = float(odometry.p_WB[2]) - reference_height > LEFT_GROUND
+        return stays or (self._landed is True and below)
 
     def window(self, stamp_ns: int) -> ReferenceWindow | None:
         """Return the reference from ``stamp_ns`` on; None without odometry to start from."""
         if self._director is None and self._engaged is not None:
             if self._newest is None:
                 return None
-            return self._server_of(self._waiting_at(self._newest)).window(stamp_ns)
+            waiting = self._waiting_at(self._newest)
+            return waiting.shown(self._server_of(waiting).window(stamp_ns))
         if self._director is None and not self._at_once:
             return None
-        return self._server.window(stamp_ns)
+        window = self._server.window(stamp_ns)
+        return window if self._director is None else self._director.shown(window)
 
     def outlook(self) -> tuple[object, ...]:
         """Return objects that stay the same as long as an earlier window holds.
@@ -332,7 +358,9 @@ class LiveReference:
 
     @property
     def _stands(self) -> bool:
-        """Whether the vehicle stands on the ground, by the flight stack or else by its height."""
+        """Whether the vehicle stands on the ground: who says so, see the module."""
+        if self._ground is not GroundState.UNKNOWN:
+            return not self._ground.flies
         return not self._stood.left if self._landed is None else self._landed
 
     def _see_height(self, odometry: OdometrySample) -> None:
@@ -372,7 +400,7 @@ class LiveReference:
         if director.mode(now_ns) != GROUND or standing is None:
             return
         there = director.timeline.at([now_ns]).p_WB[0]
-        if np.linalg.norm(standing.p_WB[:2] - there[:2]) > _CARRIED:
+        if np.linalg.norm(standing.p_WB - there) > HEIGHT:
             director.moved(now_ns, p_WB=standing.p_WB, yaw=_heading(standing))
 
     def _out_of_reach(self, director: Director, p_WB: Array) -> str | None:

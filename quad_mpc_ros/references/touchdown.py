@@ -1,6 +1,7 @@
 """Whether a landing vehicle has reached the ground: it stays although it should sink.
 
-Commands are not known here (``control/estimation/ground.py`` compares the judges of the ground).
+The rule of a reference that hears neither the MPC's ``mpc/ground_state`` nor a flight stack; it
+knows no commands.
 """
 
 from __future__ import annotations
@@ -9,14 +10,12 @@ from collections import deque
 
 import numpy as np
 
-from quad_mpc_ros.control.estimation.ground import SINKING_IN_VAIN
+from quad_mpc_ros.control.estimation.ground_state import LEFT_GROUND
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import OdometrySample
 
 _DURATION_NS = 500_000_000
-_LEAST_SAMPLES = 5
-# Shares of the touchdown speed that count as still: measured, and by the change of height.
-_SLOW, _STILL = 0.5, 1.0 / 3.0
+_STILL = 0.5  # share of the touchdown speed
 
 
 class Touchdown:
@@ -33,13 +32,13 @@ class Touchdown:
     def felt(self, odometry: OdometrySample, *, reference_height: float) -> bool:
         """Take the next odometry; return whether the ground carries the vehicle."""
         height = float(odometry.p_WB[2])
-        if not height - reference_height > SINKING_IN_VAIN:
+        if not height - reference_height > LEFT_GROUND:
             self._kept.clear()
             return False
         self._kept.append((odometry.stamp_ns, height, odometry.v_WB_B))
         if odometry.stamp_ns - self._kept[0][0] < _DURATION_NS:
             return False
-        stays = len(self._kept) >= _LEAST_SAMPLES and self._stays()
+        stays = self._stays()
         self._kept.popleft()
         return stays
 
@@ -51,4 +50,4 @@ class Touchdown:
         seconds = seconds - seconds.mean()
         climb = float(seconds @ heights / (seconds @ seconds))
         speed = float(np.linalg.norm(velocities.mean(axis=0)))
-        return abs(climb) < _STILL * self._speed and speed < _SLOW * self._speed
+        return max(abs(climb), speed) < _STILL * self._speed

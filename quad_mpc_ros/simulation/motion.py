@@ -165,5 +165,5 @@ def _landed(
 
 @compiled
 def _on_ground(p_WB: kernels.Vector, v_WB_B: kernels.Vector) -> bool:
-    """Known here; the controller estimates it (``control/estimation/contact.py``)."""
+    """Known here; the controller estimates it (``control/estimation/ground_detector.py``)."""
     return p_WB[2] <= 0.0 and v_WB_B[0] == 0.0 and v_WB_B[1] == 0.0 and v_WB_B[2] == 0.0

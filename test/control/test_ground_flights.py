@@ -34,7 +34,7 @@ class Moment(NamedTuple):
     truth: OdometrySample
     throttle: float
     w_WB_B: Array
-    contact: str
+    ground: str
     thrust_scale: float
     a_W: Array
 
@@ -62,6 +62,7 @@ def on_request(
         tick = controller.step(sent.odometry, window)
         assert tick is not None
         assert tick.command is not None
+        live.tell_ground(controller.ground_state)
         body.apply(tick.command)
         stats = tick.stats
         moments.append(
@@ -70,7 +71,7 @@ def on_request(
                 truth=sent.truth,
                 throttle=tick.command.throttle,
                 w_WB_B=tick.command.w_WB_B,
-                contact=stats.contact,
+                ground=stats.ground,
                 thrust_scale=stats.thrust_scale,
                 a_W=np.array([stats.disturbance_x, stats.disturbance_y, stats.disturbance_z]),
             )
@@ -82,7 +83,7 @@ def on_request(
 def test_standing_idles_and_learns_nothing(noise: float) -> None:
     moments = on_request(duration=15.0, requests={}, velocity_noise=noise)
     settled = [moment for moment in moments if moment.seconds > 1.0]
-    assert np.mean([moment.contact == "standing" for moment in settled]) >= 0.99
+    assert np.mean([moment.ground == "on_ground" for moment in settled]) >= 0.99
     assert np.abs([moment.a_W for moment in moments]).max() <= 0.2
     assert {moment.throttle for moment in settled} == {0.0}
     assert not np.any([moment.w_WB_B for moment in settled])
@@ -103,14 +104,14 @@ def test_takes_off_when_reference_rises(scale: float, noise: float) -> None:
     above = [moment.truth.p_WB[2] for moment in moments if 7.0 < moment.seconds < 10.0]
     assert np.abs(np.array(above) - 1.5).max() < 0.35
     up = [moment for moment in moments if moment.truth.p_WB[2] > 0.3]
-    assert {moment.contact for moment in up} == {"flying"}
+    assert {moment.ground for moment in up} == {"flying"}
 
 
 @FLIGHTS
 def test_keeps_estimate_from_flight_after_landing(scale: float, noise: float) -> None:
     moments = flight(scale, noise)
     end = [moment for moment in moments if moment.seconds > 16.5]
-    assert {moment.contact for moment in end} == {"standing"}
+    assert {moment.ground for moment in end} == {"on_ground"}
     assert {moment.throttle for moment in end} == {0.0}
     assert not np.any([moment.w_WB_B for moment in end])
     assert end[-1].truth.up == pytest.approx(1.0)
@@ -169,11 +170,11 @@ def test_never_detects_standing_in_flight(trajectory: str, scale: float) -> None
         seed=4,
     )
     said = [
-        step.tick.stats.contact
+        step.tick.stats.ground
         for step in steps
         if step.tick is not None and step.truth.p_WB[2] > 0.05
     ]
-    assert "standing" not in said
+    assert "on_ground" not in said
     assert "flying" in said
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from quad_mpc_ros.control.estimation.ground_state import GroundState, idles
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
@@ -130,7 +131,8 @@ def test_refuses_requests_before_odometry() -> None:
         assert reference.window(START) is None
     reference.observe(odometry(START, 1.0, 2.0, 0.5))
     assert place(reference, START)[:2].tolist() == [1.0, 2.0]
-    assert place(reference, START)[2] < 0.5
+    window = reference.window(START)
+    assert window is not None and idles(window, 9.81)
 
 
 def test_a_vehicle_carried_away_takes_off_from_where_it_stands() -> None:
@@ -307,7 +309,8 @@ def test_while_commands_do_not_act_the_reference_waits_at_the_vehicle(
     reference.landed(True)
     window = reference.window(now)
     assert window is not None
-    assert_allclose(window.p_WB - [7.96, 1.0, 2.0], [[0.0, 0.0, -0.5]] * len(window.p_WB))
+    assert_allclose(window.p_WB - [7.96, 1.0, 2.0], np.zeros_like(window.p_WB))
+    assert idles(window, 9.81)
 
 
 @pytest.mark.parametrize("changes", [{"mode": "on_request"}])
@@ -339,9 +342,49 @@ def test_engaged_on_the_ground_it_stands_until_asked() -> None:
     reference.engage(True)
     later = START + 60 * SECOND
     assert reference.mode(later) == "ground"
-    assert_allclose(place(reference, later), [3.0, 4.0, 0.5])
+    assert_allclose(place(reference, later), [3.0, 4.0, 1.0])
     assert reference.take_off(later).accepted
     assert_allclose(place(reference, later + 10 * SECOND), [3.0, 4.0, 2.5], atol=1e-6)
+
+
+def test_the_ground_is_what_the_mpc_says() -> None:
+    """Whatever the stack says of it, and however its height drifts."""
+    reference = waiting()
+    reference.landed(False)
+    reference.tell_ground(GroundState.ON_GROUND)
+    reference.observe(odometry(START, 3.0, 4.0, 1.0))
+    reference.engage(True)
+    now = START + SECOND
+    reference.observe(odometry(now, 3.0, 4.0, 1.5))
+    window = reference.window(now)
+    assert window is not None and idles(window, 9.81)
+    assert reference.take_off(now).accepted
+    window = reference.window(now)
+    assert window is not None and not idles(window, 9.81)
+    assert_allclose(place(reference, now + 10 * SECOND), [3.0, 4.0, 3.0], atol=1e-6)
+
+
+def test_a_landing_ends_when_the_mpc_says_so() -> None:
+    reference, now = hovering()
+    reference.tell_ground(GroundState.FLYING)
+    assert reference.land(now).accepted
+    for _ in range(500):  # held in the air, or standing on what moves
+        now += SECOND // 50
+        reference.observe(odometry(now))
+    assert reference.mode(now) == "landing"
+    reference.tell_ground(GroundState.ON_GROUND)
+    reference.observe(odometry(now + SECOND // 50))
+    assert reference.mode(now + SECOND // 50) == "ground"
+
+
+def test_one_that_flies_while_the_reference_is_on_the_ground_sinks() -> None:
+    reference = live()
+    reference.observe(odometry(START, 0.0, 0.0, 8.0))
+    reference.tell_ground(GroundState.FLYING)
+    now = START + SECOND
+    reference.observe(odometry(now, 0.0, 0.0, 7.7))
+    assert reference.mode(now) == "landing"
+    assert_allclose(place(reference, now + SECOND), [0.0, 0.0, 7.4], atol=1e-6)
 
 
 def test_at_once_on_the_ground_it_takes_off_and_then_flies_the_trajectory() -> None:
@@ -388,7 +431,7 @@ def test_waits_when_disengagement_is_reported_late() -> None:
     assert reference.started
     reference.engage(False)
     reference.observe(odometry(START + SECOND, 5.0, 5.0, 0.0))
-    assert_allclose(place(reference, START + SECOND), [5.0, 5.0, -0.5])
+    assert_allclose(place(reference, START + SECOND), [5.0, 5.0, 0.0])
 
 
 def test_continues_when_reported_engaged() -> None:

@@ -28,7 +28,7 @@ _TRAIL_SIZE = (26, 9)  # characters
 # Braille: two columns of four dots in a character.
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 _BRAILLE = 0x2800
-_ROW = ("reference", "contact", "error", "odom", "command", "thrust scale", "battery", "fallbacks")
+_ROW = ("reference", "ground", "error", "odom", "command", "thrust scale", "battery", "fallbacks")
 
 
 def pictured(views: Sequence[VehicleView], *, title: str) -> RenderableType:

@@ -112,7 +112,7 @@ def _rung(vehicle: Vehicle, now: float) -> Entry:
 
 def _flight(vehicle: Vehicle, now: float) -> tuple[Entry, ...]:
     reference = vehicle.health.get("reference")
-    mode = _of_stats(vehicle, now, "contact", lambda stats: stats.contact)
+    mode = _of_stats(vehicle, now, "ground", lambda stats: stats.ground)
     entries = [mode]
     for label, key in (("reference", "mode"), ("request", "request")):
         text = reference.values.get(key, "") if reference is not None else ""

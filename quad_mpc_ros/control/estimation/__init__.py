@@ -1,1 +1,1 @@
-"""What is estimated in flight: delay, disturbance, thrust, drag, lags, ground contact."""
+"""What is estimated in flight: delay, disturbance, thrust, drag, lags, state on the ground."""

@@ -24,9 +24,10 @@ from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation import disturbance_ekf, rate_offsets, velocity_bias
 from quad_mpc_ros.control.estimation.command_history import CommandHistory, acting_between
-from quad_mpc_ros.control.estimation.contact import GroundContact
 from quad_mpc_ros.control.estimation.disturbance_ekf import DisturbanceEkf, EkfMemory, Filters
 from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
+from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimation.ground_state import Learning
 from quad_mpc_ros.control.estimation.velocity_bias import VelocityBias
 from quad_mpc_ros.control.estimation.velocity_filter import (
     HELD,
@@ -50,8 +51,6 @@ _LONGEST_GAP_NS = 500_000_000
 # How long commands must have acted before something is learned, once they had not acted: the
 # actuators are still on their way from where something else had them.
 _SETTLING_NS = 300_000_000
-# How long it must have flown once it stood: at the lift-off throttle leaps as the ground lets go.
-_LIFTING_OFF_NS = 700_000_000
 # A landing is known only some time after the touchdown, and what was learned in between is wrong.
 # So the estimate that is kept is the oldest of so many, one a second.
 _MEMORY_NS, _MEMORIES = 1_000_000_000, 5
@@ -80,7 +79,7 @@ class EstimateStatus(NamedTuple):
 class DelayCompensation:
     """Follows the vehicle through the commands sent, and predicts across the input delay."""
 
-    def __init__(self, config: MpcConfig, *, ground: GroundContact | None = None) -> None:
+    def __init__(self, config: MpcConfig, *, ground: GroundDetector | None = None) -> None:
         """Without ``ground`` the vehicle counts as flying."""
         vehicle = config.vehicle()
         hover = Input(throttle=vehicle.hover_throttle, w_WB_B=np.zeros(3))
@@ -111,7 +110,6 @@ class DelayCompensation:
         self._sent = hover.vector()
         self._sent_ns: int | None = None
         self._engaged, self._was_idle = True, False
-        self._stood_ns: int | None = None
         # Stamps of the last odometry, and of that from which on is known what acted.
         self._seen_ns: int | None = None
         self._previous_ns: int | None = None
@@ -261,18 +259,16 @@ class DelayCompensation:
         """Return the update mode for what happened since the odometry before."""
         if not (self._learns and self._engaged):
             return HELD
-        if self._ground is not None and self._ground.standing:
+        learning = Learning.LEARN if self._ground is None else self._ground.learning
+        if self._ground is not None and self._ground.state.stands:
             self._recall()
-        if self._ground is not None and not self._ground.flies:
-            self._stood_ns = previous_ns if self._ground.standing else self._stood_ns
-            return HELD
-        if self._stood_ns is not None and 0 <= previous_ns - self._stood_ns < _LIFTING_OFF_NS:
+        if learning is Learning.HOLD:
             return HELD
         # Before that what acted is not known, or has not acted for long enough.
         known = self._history.knows(previous_ns - (_SETTLING_NS if self._was_idle else 0))
         if not known:
             return HELD
-        if self._ground is not None and self._ground.may_touch:
+        if learning is Learning.PAUSE:
             return PAUSED  # the ground might carry some of it
         self._remember(previous_ns)
         return LEARNED

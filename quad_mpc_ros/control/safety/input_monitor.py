@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.ground_state import idles
 from quad_mpc_ros.control.estimation.twist_frame import TwistFrameCheck
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
@@ -23,7 +28,7 @@ class InputMonitor:
     """
 
     def __init__(self, config: MpcConfig) -> None:
-        self._parameters = config.odometry
+        self._parameters, self._gravity = config.odometry, config.gravity
         self.gate = OdometryGate(config)
         self.jumps = PositionJumps()
         self._horizon_ns = round(config.horizon_steps * config.horizon_step * 1e9)
@@ -32,6 +37,8 @@ class InputMonitor:
         self.odometry_ns: int | None = None
         self.reference: ReferenceWindow | None = None
         self.reference_ns: int | None = None
+        self.idle_wanted = False
+        """Whether the reference asks for idle motors; in the air it is one that rests."""
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -54,6 +61,9 @@ class InputMonitor:
         """Take a reference window that arrives now, or return why it cannot be used."""
         fault = reference_fault(window, frame_id=self._parameters.frame_id)
         if fault is None:
+            self.idle_wanted = idles(window, self._gravity)
+            if self.idle_wanted:
+                window = replace(window, a_WB_W=np.zeros_like(window.a_WB_W))
             self.reference, self.reference_ns = window, now_ns
         return fault
 

@@ -12,7 +12,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimation.contact import GroundContact
+from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimation.ground_state import Allowed, GroundState
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.lie.kernels import infinity_norm
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -67,12 +68,12 @@ class Supervisor:
         self,
         config: MpcConfig,
         *,
-        ground: GroundContact | None = None,
+        ground: GroundDetector | None = None,
         deadline: float = math.inf,
     ) -> None:
         """``deadline`` [s] is how long the MPC may take for a plan that is flown.
 
-        ``ground`` is where others read what is found of the contact with the ground.
+        ``ground`` is where others read whether the vehicle stands.
         """
         self._config = config
         self._deadline = deadline
@@ -81,7 +82,7 @@ class Supervisor:
         self.inputs = InputMonitor(config)
         self._flight_limits = FlightLimits(config)
         self._oscillation = OscillationMonitor(config)
-        self._ground = ground or GroundContact()
+        self._ground = ground or GroundDetector(config.gravity)
         self._hover = HoverFallback(config)
         self._blind = BlindFallback(config)
         self._timeouts = ladder.timeouts_of(config)
@@ -139,8 +140,9 @@ class Supervisor:
             self._reject(fault)
         return fault is None
 
-    def judge_contact(self, odometry: OdometrySample) -> None:
+    def judge_ground(self, odometry: OdometrySample) -> None:
         """Find out, before a tick, whether the vehicle stands on the ground."""
+        self._ground.idle_wanted = self.inputs.idle_wanted
         if self._sent is None:  # others may keep it in the air
             return
         thrust = self._vehicle.thrust(self._sent.command.throttle) / self._weight
@@ -209,9 +211,13 @@ class Supervisor:
         seen_ns = self.inputs.odometry_ns or 0
         return (
             self._source is Source.MPC
-            and not (self._ground.standing or self._ground.crashed)
+            and not self._lies_or_stands
             and 0 <= now_ns - seen_ns <= self._timeouts.gap
         )
+
+    @property
+    def _lies_or_stands(self) -> bool:
+        return self._ground.state.stands or self._ground.state is GroundState.CRASHED
 
     def foreseen_fault(self, state: PredictedState) -> str:
         """Return which limit an unseen vehicle is about to break, empty if none."""
@@ -262,7 +268,7 @@ class Supervisor:
         breach: Breach | None = None,
         foreseen: bool = False,
     ) -> Decision:
-        crashed = self._ground.crashed
+        crashed = self._ground.state is GroundState.CRASHED
         decision, self._ladder = ladder.decide(
             ladder.Inputs(
                 now_ns=now_ns,
@@ -270,7 +276,7 @@ class Supervisor:
                 reference_ns=self.inputs.reference_seen_ns(now_ns),
                 plan_fault=_CRASHED if crashed else plan_fault,
                 breach=breach,
-                standing=self._ground.standing or crashed,
+                standing=self._lies_or_stands,
                 foreseen=foreseen,
                 jumped=self.inputs.jumps.fault,
             ),
@@ -298,10 +304,11 @@ class Supervisor:
         wanted = self._wanted(source, duration=duration, now_ns=now_ns, learned=learned)
         if wanted is None:
             return None
-        if self._ground.standing:
-            wanted = grounded(wanted, self._config, lifts=self._ground.asks_for_height)
-        elif self._ground.touching:
-            wanted = grounded(wanted, self._config, lifts=True)
+        allowed = self._ground.allowed
+        if self._ground.state is GroundState.UNKNOWN and source is not Source.MPC:
+            allowed = Allowed.ALL  # it may be in the air, and may not be seen to fall
+        if allowed is not Allowed.ALL:
+            wanted = grounded(wanted, self._config, lifts=allowed is Allowed.THROTTLE)
         if self._sent is not None:
             elapsed = max(now_ns - self._sent.sent_ns, 0) * 1e-9
             wanted = rate_limited(wanted, self._sent.command, self._config.slew, duration=elapsed)

@@ -29,6 +29,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import with_body_twist
@@ -156,7 +157,7 @@ class Bridge(ABC):
         self._warnings: list[str] = []
         self._handover = Handover(config.handover, patient=self.patient)
         self._surroundings = Surroundings(config.handover)
-        self._ground = Ground()
+        self._ground, self._mpc_ground = Ground(), GroundState.UNKNOWN
         self._asked_ns: int | None = None
 
     @abstractmethod
@@ -219,6 +220,10 @@ class Bridge(ABC):
     def receive_reference(self, window: ReferenceWindow, *, now_ns: int) -> None:
         """Take a reference, by which a handover is judged."""
         self._surroundings.see_reference(window, now_ns=now_ns)
+
+    def receive_ground(self, state: GroundState) -> None:
+        """Take what the MPC knows of the ground, which counts while it flies the vehicle."""
+        self._mpc_ground = state
 
     def receive_command(self, command: CommandSample, *, now_ns: int) -> list[Outgoing]:
         """Return what to send for a command that arrives now.
@@ -392,7 +397,9 @@ class Bridge(ABC):
         """Judge whether the vehicle stands, where the stack reports whether it is armed."""
         stack = self._stack(now_ns)
         if not stack.fault:
-            self._ground.update(odometry.p_WB, armed=stack.armed)
+            flown = self._handover.state is State.ENGAGED
+            state = self._mpc_ground if flown else GroundState.UNKNOWN
+            self._ground.update(odometry.p_WB, armed=stack.armed, state=state)
 
     def _refuse(self, reason: str) -> None:
         self.refused += 1

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.control.estimation.ground import (
+from quad_mpc_ros.control.estimation.ground_state import (
     LEFT_GROUND,
+    LEFT_GROUND_UNPOWERED,
     NO_LIFT,
-    TAKING_OFF,
+    GroundState,
     StandingHeight,
 )
 from quad_mpc_ros.control.lie import Array
@@ -119,8 +120,8 @@ class Handover:
 class Ground:
     """Whether a vehicle stands on the ground, for a stack that only reports whether it is armed.
 
-    It stands while it is disarmed, and after that until it has left that height
-    (``control/estimation/ground.py`` compares the judges of the ground).
+    It stands while it is disarmed. While the MPC flies it, the MPC says so, where it is heard and
+    knows; else it stands after that until it has left that height.
     """
 
     def __init__(self) -> None:
@@ -128,15 +129,17 @@ class Ground:
         """Whether it stands; None while unknown."""
         self._stood = StandingHeight(LEFT_GROUND)
 
-    def update(self, p_WB: Array, *, armed: bool) -> None:
-        """Take a position (3,) [m] and whether the vehicle is armed."""
+    def update(
+        self, p_WB: Array, *, armed: bool, state: GroundState = GroundState.UNKNOWN
+    ) -> None:
+        """Take a position (3,) [m], whether it is armed, and the ``state`` by who flies it."""
         height = float(p_WB[2])
-        if not armed:
+        if not armed or state.stands:
             self.landed = True
             self._stood.stand(height)
         else:
             self._stood.see(height)
-            self.landed = self.landed is True and not self._stood.left
+            self.landed = self.landed is True and not (state.flies or self._stood.left)
 
 
 class Surroundings:
@@ -190,9 +193,9 @@ class Surroundings:
         if _is_old(seen_ns, now_ns, _REFERENCE_FRESH_NS):
             return "the reference is old"
         away = window.pose_at(odometry.stamp_ns)[0] - odometry.p_WB
-        if landed:  # the reference may ask to stay down, by resting below the ground
+        if landed:  # a reference below the ground leads nowhere
             rises = float(window.p_WB[:, 2].max() - odometry.p_WB[2])
-            if rises > TAKING_OFF:
+            if rises > LEFT_GROUND_UNPOWERED:
                 return f"the reference leads {rises:.2f} m up: the vehicle would take off at once"
             away[2] = max(away[2], 0.0)
         distance, most = float(np.linalg.norm(away)), self._limits.engage_distance_max

@@ -35,7 +35,10 @@ from quad_mpc_ros.ros.preflight.thrust_map import thrust_map_findings
 from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
-_OURS = (topics.ODOMETRY, topics.ODOMETRY_RESET, topics.REFERENCE, topics.ENGAGED, topics.LANDED)
+_OURS = (
+    *(topics.ODOMETRY, topics.ODOMETRY_RESET, topics.REFERENCE, topics.ENGAGED, topics.LANDED),
+    topics.GROUND_STATE,
+)
 _WARNING_PERIOD = 5.0
 _QUIET_NS = 500_000_000
 _LINE_PERIOD = 0.005
@@ -79,6 +82,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             topics.DIAGNOSTICS, self._vehicles.receive, raw=True, expected=False
         )
         self.health.subscription(topics.REFERENCE, self._on_reference, expected=False)
+        self.health.subscription(topics.GROUND_STATE, self._on_ground_state, expected=False)
         self.health.subscription(command, self._on_command)
         for subscription in self._bridge.subscriptions:
             self.health.subscription(
@@ -141,6 +145,9 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         except ValueError:
             return  # the controller warns about it
         self._bridge.receive_reference(window, now_ns=self._time.now_ns())
+
+    def _on_ground_state(self, message: Any) -> None:
+        self._bridge.receive_ground(conversions.ground_state_from_message(message))
 
     def _on_stack(self, subscription: Subscription, message: Any) -> None:
         now_ns = self._time.now_ns()

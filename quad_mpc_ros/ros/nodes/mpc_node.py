@@ -22,7 +22,7 @@ from quad_mpc_ros.ros.commanders import Commanders
 from quad_mpc_ros.ros.compiling import reported
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
-from quad_mpc_ros.ros.messages import odometry_in, reference_in
+from quad_mpc_ros.ros.messages import new_message, odometry_in, reference_in
 from quad_mpc_ros.ros.preflight.own import REFUSED_KEY
 from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
@@ -75,6 +75,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._command = self.health.publisher(topics.COMMAND)
         self._commanders.watch(self._command, waits=not config.lockstep)
         self._stats = self.health.publisher(topics.STATS)
+        self._ground = self.health.publisher(topics.GROUND_STATE)
+        self._ground_message = new_message(topics.GROUND_STATE.type_name)
         self._predicted_path = self.health.publisher(topics.PREDICTED_PATH)
         self._path_period_ns = _LOCKSTEP_PERIOD_NS if config.lockstep else _SHOWN_PERIOD_NS
         self._path_shown_ns = -self._path_period_ns
@@ -124,6 +126,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         if self._engaged is not None:
             self._controller.engage(self._engaged)
         self._controller.landed(self._landed)
+        self._publish_ground()
 
     def cleanup(self) -> None:
         """Release the controller."""
@@ -222,8 +225,12 @@ class MpcNode(ManagedNode[MpcConfig]):
         return max(pause, period)
 
     def _finish(self, tick: Tick | None) -> None:
-        """Publish the command first, then everything else."""
+        """Publish the command first, then everything else.
+
+        Before it only the news of the ground, so that they are there at the next odometry.
+        """
         if tick is not None:
+            self._publish_ground()
             if tick.command is not None:
                 self._command.publish(cdr.written_command(tick.command))
             self._log_change(tick)
@@ -232,6 +239,13 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._garbage.after_tick()
         for warning in self._controller.take_warnings():
             self._warn(warning)
+
+    def _publish_ground(self) -> None:
+        """Publish changes of whether the vehicle stands."""
+        state = self._controller.ground_state.value
+        if state != self._ground_message.data:
+            self._ground_message.data = state
+            self._ground.publish(self._ground_message)
 
     def _publish_insight(self, tick: Tick) -> None:
         if self._stats.get_subscription_count() > 0:

@@ -89,6 +89,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
+        self.managed_subscription(topics.GROUND_STATE, self._on_ground_state, expected=False)
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
         self.managed_subscription(topics.GOAL_POSE, self._on_goal)
         self.managed_subscription(topics.TRAJECTORY, self._on_trajectory)
@@ -181,6 +182,9 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def _on_landed(self, message: Any) -> None:
         self._live.landed(bool(message.data))
+
+    def _on_ground_state(self, message: Any) -> None:
+        self._live.tell_ground(conversions.ground_state_from_message(message))
 
     def _on_odometry_reset(self, message: Any) -> None:
         if not self.active:

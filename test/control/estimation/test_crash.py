@@ -11,7 +11,8 @@ from fixtures.presets import agile
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.estimation.contact import Contact, GroundContact
+from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import Tick
@@ -41,8 +42,8 @@ def lying(
 
 
 def said(
-    ground: GroundContact, odometries: list[OdometrySample], *, thrust: float
-) -> list[Contact]:
+    ground: GroundDetector, odometries: list[OdometrySample], *, thrust: float
+) -> list[GroundState]:
     return [ground.update(each, thrust=thrust, window=ABOVE) for each in odometries]
 
 
@@ -53,26 +54,26 @@ def times(begin: float, end: float) -> Array:
 @pytest.mark.parametrize("thrust", [0.0, 1.0, 4.0])
 @pytest.mark.parametrize("tilt", [100.0, 166.0, 180.0])
 def test_one_that_lies_upside_down_has_crashed(tilt: float, thrust: float) -> None:
-    ground = GroundContact()
+    ground = GroundDetector()
     found = said(
         ground, [lying(t, tilt=math.radians(tilt)) for t in times(0.0, 3.0)], thrust=thrust
     )
-    since = found.index(Contact.CRASHED) * 0.02
+    since = found.index(GroundState.CRASHED) * 0.02
     assert 0.3 < since < 0.6
-    assert set(found[found.index(Contact.CRASHED) :]) == {Contact.CRASHED}
-    assert not ground.flies and not ground.standing
+    assert set(found[found.index(GroundState.CRASHED) :]) == {GroundState.CRASHED}
+    assert ground.state is GroundState.CRASHED
 
 
 @pytest.mark.parametrize("noise", [0.005, 0.02])
 def test_noise_does_not_hide_it(noise: float) -> None:
     random = np.random.default_rng(3)
     heights = {round(t, 2): random.normal(scale=noise) for t in times(0.0, 3.0)}
-    ground = GroundContact()
+    ground = GroundDetector()
     for t in times(0.0, 3.0):
         given = lying(t, tilt=UPSIDE_DOWN)
         given.p_WB[2] = heights[round(t, 2)]
         ground.update(given, thrust=1.0, window=ABOVE)
-    assert ground.crashed
+    assert ground.state is GroundState.CRASHED
 
 
 @pytest.mark.parametrize("gust", [0.0, 2.0])
@@ -84,34 +85,34 @@ def test_one_that_is_thrown_upside_down_has_not(climb: float, gust: float) -> No
         lying(t, tilt=math.pi, height=lambda s: climb * s - 0.5 * fall * s * s)
         for t in times(0.0, 3.0)
     ]
-    assert Contact.CRASHED not in said(GroundContact(), odometries, thrust=0.0)
+    assert GroundState.CRASHED not in said(GroundDetector(), odometries, thrust=0.0)
 
 
 def test_one_that_was_held_and_is_let_go_flies() -> None:
-    ground = GroundContact()
+    ground = GroundDetector()
     said(ground, [lying(t, tilt=math.pi) for t in times(0.0, 1.0)], thrust=1.0)
-    assert ground.crashed
+    assert ground.state is GroundState.CRASHED
     falls = [
         lying(t, tilt=math.pi, height=lambda s: -0.5 * 9.81 * max(s - 1.0, 0.0) ** 2)
         for t in times(1.0, 2.0)
     ]
     found = said(ground, falls, thrust=0.0)
-    assert found.index(Contact.FLYING) * 0.02 < 0.5
-    assert found[-1] is Contact.FLYING
+    assert found.index(GroundState.FLYING) * 0.02 < 0.5
+    assert found[-1] is GroundState.FLYING
 
 
 def test_putting_it_upright_is_not_enough_but_disengaging_is() -> None:
-    ground = GroundContact()
+    ground = GroundDetector()
     said(ground, [lying(t, tilt=math.pi) for t in times(0.0, 1.0)], thrust=1.0)
     said(ground, [lying(t, tilt=0.0) for t in times(1.0, 2.0)], thrust=0.0)
-    assert ground.crashed
+    assert ground.state is GroundState.CRASHED
     ground.engage(False)
     ground.engage(True)
     said(ground, [lying(t, tilt=0.0) for t in times(2.0, 2.1)], thrust=0.0)
-    assert not ground.crashed
+    assert ground.state is not GroundState.CRASHED
 
 
-def collided(ground: GroundContact, *, thrust: float, rises: float = 0.0) -> list[Contact]:
+def collided(ground: GroundDetector, *, thrust: float, rises: float = 0.0) -> list[GroundState]:
     """Fall at 6 m/s for half a second, stop at once, and rise from there."""
 
     def height(seconds: float) -> float:
@@ -123,22 +124,22 @@ def collided(ground: GroundContact, *, thrust: float, rises: float = 0.0) -> lis
 
 
 def test_one_that_does_not_rise_with_thrust_after_a_collision_has_crashed() -> None:
-    assert collided(GroundContact(), thrust=4.0)[-1] is Contact.CRASHED
+    assert collided(GroundDetector(), thrust=4.0)[-1] is GroundState.CRASHED
 
 
 @pytest.mark.parametrize("thrust", [1.0, 2.0])
 def test_one_that_half_the_modelled_thrust_may_just_carry_has_not(thrust: float) -> None:
-    assert Contact.CRASHED not in collided(GroundContact(), thrust=thrust)
+    assert GroundState.CRASHED not in collided(GroundDetector(), thrust=thrust)
 
 
 def test_one_that_rises_after_a_collision_has_not() -> None:
-    assert Contact.CRASHED not in collided(GroundContact(), thrust=4.0, rises=2.0)
+    assert GroundState.CRASHED not in collided(GroundDetector(), thrust=4.0, rises=2.0)
 
 
 def test_without_a_collision_standing_still_under_thrust_is_no_crash() -> None:
     """Motors may not be armed yet."""
-    found = said(GroundContact(), [lying(t, tilt=0.0) for t in times(0.0, 6.0)], thrust=4.0)
-    assert Contact.CRASHED not in found
+    found = said(GroundDetector(), [lying(t, tilt=0.0) for t in times(0.0, 6.0)], thrust=4.0)
+    assert GroundState.CRASHED not in found
 
 
 def ticks_of(odometries: list[OdometrySample]) -> list[Tick]:
@@ -156,7 +157,7 @@ def test_the_ladder_idles_counts_and_says_why() -> None:
     assert last.command is not None
     assert last.command.throttle == MpcConfig().throttle_min
     assert np.all(last.command.w_WB_B == 0.0)
-    assert last.stats.source == "idle" and last.stats.contact == "crashed"
+    assert last.stats.source == "idle" and last.stats.ground == "crashed"
     assert last.stats.reason.startswith("crashed: it lies upside down")
     assert last.stats.fallbacks > 60
 
@@ -169,7 +170,7 @@ def test_inverted_flight_is_flown_by_the_mpc(name: str) -> None:
     inverted = False
     for step in fly(mpc=mpc, simulator=simulator, reference=reference, on_reference=True):
         assert step.tick is not None
-        assert step.tick.stats.contact != "crashed"
+        assert step.tick.stats.ground != "crashed"
         assert step.tick.stats.source == "mpc"
         inverted |= step.truth.up < -0.9
     assert inverted
@@ -191,5 +192,5 @@ def test_recovers_from_any_attitude_in_free_fall(seed: int) -> None:
     mpc = agile() if seed % 2 else MpcConfig()
     for step in fly(mpc=mpc, simulator=simulator, reference=reference):
         assert step.tick is not None
-        assert step.tick.stats.contact != "crashed"
+        assert step.tick.stats.ground != "crashed"
     assert step.truth.up > 0.9

@@ -26,6 +26,7 @@ from quad_mpc_ros.messages.topics import (
     COMMAND,
     DIAGNOSTICS,
     ENGAGED,
+    GROUND_STATE,
     LANDED,
     ODOMETRY,
     ODOMETRY_RESET,
@@ -277,7 +278,7 @@ def test_silent_without_commands_while_state_continues(
         **options: bool,
     ) -> None:
         ours = topic.type_name in (COMMAND.type_name, REFERENCE.type_name)
-        if topic == DIAGNOSTICS or (ours and topic.name[0] != "/"):
+        if topic in (DIAGNOSTICS, GROUND_STATE) or (ours and topic.name[0] != "/"):
             subscription(self, topic, callback, **options)
         else:
             receivers[topic.name] = topic.type_name, callback

@@ -1,0 +1,155 @@
+"""The states of a vehicle and the ground, and what leads from one to another.
+
+One :class:`~.ground_detector.GroundDetector` follows the table; all others ask it, in its process
+or on the topic ``mpc/ground_state``. ``docs/ground.md`` shows the table and the constants.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.control.model.samples import ReferenceWindow
+
+NO_LIFT = 0.4
+"""Thrust as a share of the weight: with no more no vehicle lifts off, or stays in the air."""
+HEIGHT = 0.1
+"""Difference [m] from the vehicle at which a reference asks it to climb or to sink."""
+LEFT_GROUND = 0.15
+"""Distance [m] from where it stood, beyond which a vehicle under thrust flies."""
+LEFT_GROUND_UNPOWERED = 2.0 * LEFT_GROUND
+"""The same where the thrust is not known, so that a drifting estimate must not do."""
+
+
+class GroundState(enum.Enum):
+    """Whether the vehicle stands or flies."""
+
+    UNKNOWN = "unknown"
+    ON_GROUND = "on_ground"
+    LIFTING_OFF = "lifting_off"
+    FLYING = "flying"
+    TOUCHING_DOWN = "touching_down"
+    CRASHED = "crashed"
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is certain that it stands, be it that it is about to lift off."""
+        return self in (GroundState.ON_GROUND, GroundState.LIFTING_OFF)
+
+    @property
+    def flies(self) -> bool:
+        """Whether it is certain that it flies, be it that it may just have come down."""
+        return self in (GroundState.FLYING, GroundState.TOUCHING_DOWN)
+
+
+class Evidence(enum.Enum):
+    """What leads from one state to another; the value is what it is in words."""
+
+    LIES = "it keeps a height that it could not keep in the air: upside down, or after a collision"
+    LEFT = "it has left its place under thrust, moves, or has had lifting thrust for long"
+    RESTS = "it keeps its height with so little thrust that it would fall"
+    CLIMBS = "the reference climbs, or is above the vehicle"
+    TOUCHES = "the reference sinks, and it is slow and carried, low with little thrust, or to idle"
+
+
+class Transition(NamedTuple):
+    """From ``state`` to ``then`` when there is evidence, or when there is none any more."""
+
+    state: GroundState
+    evidence: Evidence
+    present: bool
+    then: GroundState
+
+
+_UNKNOWN, _ON_GROUND, _LIFTING_OFF, _FLYING, _TOUCHING_DOWN, _CRASHED = GroundState
+
+TRANSITIONS = (
+    Transition(_UNKNOWN, Evidence.LIES, True, _CRASHED),
+    Transition(_UNKNOWN, Evidence.LEFT, True, _FLYING),
+    Transition(_UNKNOWN, Evidence.RESTS, True, _ON_GROUND),
+    Transition(_ON_GROUND, Evidence.LIES, True, _CRASHED),
+    Transition(_ON_GROUND, Evidence.LEFT, True, _FLYING),
+    Transition(_ON_GROUND, Evidence.CLIMBS, True, _LIFTING_OFF),
+    Transition(_LIFTING_OFF, Evidence.LIES, True, _CRASHED),
+    Transition(_LIFTING_OFF, Evidence.LEFT, True, _FLYING),
+    Transition(_LIFTING_OFF, Evidence.CLIMBS, False, _ON_GROUND),
+    Transition(_FLYING, Evidence.LIES, True, _CRASHED),
+    Transition(_FLYING, Evidence.RESTS, True, _ON_GROUND),
+    Transition(_FLYING, Evidence.TOUCHES, True, _TOUCHING_DOWN),
+    Transition(_TOUCHING_DOWN, Evidence.LIES, True, _CRASHED),
+    Transition(_TOUCHING_DOWN, Evidence.RESTS, True, _ON_GROUND),
+    Transition(_TOUCHING_DOWN, Evidence.TOUCHES, False, _FLYING),
+    Transition(_CRASHED, Evidence.LIES, False, _FLYING),
+)
+"""Of those from a state the first that applies is taken, at most one at an odometry.
+
+Commands that begin or cease to act lead to ``UNKNOWN``, or to ``ON_GROUND`` where the flight stack
+reports to have landed.
+"""
+
+_FROM = {state: [each[1:] for each in TRANSITIONS if each.state is state] for state in GroundState}
+
+
+def next_state(state: GroundState, evidence: set[Evidence]) -> GroundState:
+    """Return the state that follows from what there is evidence of."""
+    for kind, present, then in _FROM[state]:
+        if (kind in evidence) is present:
+            return then
+    return state
+
+
+class Allowed(enum.Enum):
+    """What of a command goes to the motors."""
+
+    IDLE = "motors idle, no rates"
+    THROTTLE = "throttle, no rates"
+    ALL = "throttle and rates"
+
+
+class Learning(enum.Enum):
+    """What the estimator may do with an odometry."""
+
+    HOLD = "hold what was learned"
+    PAUSE = "follow the velocity, learn nothing"
+    LEARN = "learn"
+
+
+def idling(window: ReferenceWindow, gravity: float) -> ReferenceWindow:
+    """Return a window at rest that asks for idle motors: its acceleration is that of free fall.
+
+    So the force that it asks for is none, and what keeps the vehicle at rest is the ground.
+    """
+    return replace(window, a_WB_W=np.tile([0.0, 0.0, -gravity], (len(window.offset_ns), 1)))
+
+
+def idles(window: ReferenceWindow, gravity: float) -> bool:
+    """Whether a window asks for idle motors: at rest with less force than any vehicle flies by."""
+    if window.v_WB_W.any():
+        return False
+    force = np.linalg.norm(window.a_WB_W + np.array([0.0, 0.0, gravity]), axis=1)
+    return bool(np.all(force < NO_LIFT * gravity))
+
+
+class StandingHeight:
+    """The height [m] at which a vehicle stood last, and whether it has left it since.
+
+    The rule of who has neither the detector's state nor the flight stack's flag.
+    """
+
+    def __init__(self, threshold: float) -> None:
+        """Begin without a height; beyond the ``threshold`` [m] it has been left."""
+        self._threshold = threshold
+        self.height: float | None = None
+        self.left = False
+
+    def stand(self, height: float) -> None:
+        """Take a height at which it stands."""
+        self.height, self.left = height, False
+
+    def see(self, height: float) -> None:
+        """Take a height at which it may stand."""
+        if self.height is not None:
+            self.left = self.left or abs(height - self.height) > self._threshold

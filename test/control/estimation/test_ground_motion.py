@@ -1,0 +1,45 @@
+"""What is filtered of a motion, by cases whose outcome is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.control.estimation.ground_motion import FilteredMotion
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_speeds_are_those_of_the_world(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    R_WB, v_WB_W = so3.exp(rng.normal(size=3)), rng.normal(size=3)
+    motion = FilteredMotion(9.81)
+    odometry = OdometrySample(
+        stamp_ns=0,
+        p_WB=np.zeros(3),
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+        v_WB_B=R_WB.T @ v_WB_W,
+        w_WB_B=np.zeros(3),
+    )
+    motion.follow(odometry, thrust=1.0, duration=0.0, anew=True, flies=False)
+    assert motion.now.climb == pytest.approx(v_WB_W[2])
+    assert motion.now.aside == pytest.approx(math.hypot(*v_WB_W[:2]))
+
+
+def test_steps_are_followed_with_a_tenth_of_a_second() -> None:
+    motion = FilteredMotion(9.81)
+    still = OdometrySample.at_rest([0.0, 0.0, 0.0])
+    motion.follow(still, thrust=0.0, duration=0.0, anew=True, flies=False)
+    moved = OdometrySample.at_rest([3.0, 0.0, 4.0])
+    for _ in range(10):
+        motion.follow(moved, thrust=1.0, duration=0.02, anew=False, flies=False)
+    followed = 1.0 - math.exp(-0.2 / 0.1)
+    assert motion.height == pytest.approx(4.0 * followed)
+    assert motion.now.way == pytest.approx(5.0 * followed)
+    assert motion.now.lift == pytest.approx(1.0 - math.exp(-0.2 / 0.3))
+    for _ in range(100):
+        motion.draw_ground(fast=False)
+    assert motion.now.rise == pytest.approx(4.0 * followed)
