@@ -181,6 +181,52 @@ class LimitParameters(Configuration):
         return [name for name in names if getattr(self, name) > 0.0]
 
 
+_keeping = functools.partial(_live_advanced, minimum=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleParameters(Configuration):
+    """How to keep clear of obstacles; without half-spaces nothing of it is in the problem."""
+
+    owner = "mpc.obstacles"
+
+    half_spaces: int = parameter(
+        0,
+        doc="manifold: half-spaces on the position that a stage of the plan has room for; 0 is to "
+        "know of no obstacles, 8 is enough for most.",
+        minimum=0,
+        maximum=32,
+    )
+    margin: float = _live(
+        0.1, doc="Distance kept beyond the vehicle's radius.", unit="m", minimum=0.0
+    )
+    margin_growth: float = _keeping(
+        0.05,
+        doc="What the margin grows by with what is not known: per second of the delay at this "
+        "speed, and of the age of what moves.",
+        unit="s",
+    )
+    range: float = _live(
+        8.0, doc="How far around the vehicle obstacles are regarded.", unit="m", above=0.0
+    )
+    acceleration: float = _live(
+        5.0,
+        doc="Acceleration of the ways around: how hard they brake, speed up and turn.",
+        unit="m/s^2",
+        above=0.0,
+    )
+    speed_max: float = _live(
+        4.0,
+        doc="Speed of the ways around, and of stopping in front; a faster reference may have its "
+        "own.",
+        unit="m/s",
+        above=0.0,
+    )
+    floor: float = _live(
+        0.3, doc="Lowest height of the ways around; a lower reference may have its own.", unit="m"
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class RealtimeParameters(Configuration):
     """What to ask of the operating system and of Python, so that no tick is late."""
@@ -328,6 +374,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     oscillation: OscillationParameters = dataclasses.field(default_factory=OscillationParameters)
     slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
     limits: LimitParameters = dataclasses.field(default_factory=LimitParameters)
+    obstacles: ObstacleParameters = dataclasses.field(default_factory=ObstacleParameters)
     realtime: RealtimeParameters = dataclasses.field(default_factory=RealtimeParameters)
 
     @property
@@ -354,6 +401,12 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
                 f"{self.owner}.{name}",
                 getattr(self, name),
                 f"a number {side} the hover throttle {hover:.4f}",
+            )
+        if self.obstacles.half_spaces > 0 and self.formulation != "manifold":
+            raise ConfigurationError(
+                f"{self.owner}.obstacles.half_spaces",
+                self.obstacles.half_spaces,
+                "0 with formulation paper, whose problem has no half-spaces",
             )
         room = min(hover - self.throttle_min, self.throttle_max - hover)
         if not self.limits.throttle_margin < room:

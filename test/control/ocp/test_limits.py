@@ -20,6 +20,7 @@ from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, roll_forwa
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.mpc import Mpc
+from quad_mpc_ros.control.ocp.half_spaces import HalfSpaces
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
 from quad_mpc_ros.control.ocp.limits import Allowed, penalty
 from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
@@ -333,13 +334,13 @@ def test_penalty_equals_price_of_true_excess() -> None:
     allowed["tilt"], allowed["speed"] = 0.5, 4.0
     allowed["throttle_min"], allowed["throttle_max"] = 0.1, 0.9
     allowed["rate_change_min"], allowed["rate_change_max"] = -1.0, 1.0
-    prices = np.array([10.0, 20.0, 30.0, 40.0])
+    prices, none = np.array([10.0, 20.0, 30.0, 40.0]), HalfSpaces.zeros(1, 0, row=-1, slack=-1)
 
     def cost(angle: float, speed: float, throttle: float, rate: float) -> float:
         states = StateRecord.zeros(2)
         states["R_WB"] = so3.exp(np.array([0.6 * angle, -0.8 * angle, 0.0]))
         states["v_WB_W"] = 0.0, speed, 0.0
-        return penalty(states, np.array([[throttle, 0.2, rate, 0.1]]), allowed, prices)
+        return penalty(states, np.array([[throttle, 0.2, rate, 0.1]]), allowed, prices, none)
 
     assert cost(0.5, 4.0, 0.9, 1.0) == pytest.approx(0.0, abs=1e-12)
     # Twice the price, as the cost is twice that of the QP, and with an excess a little more.
