@@ -1,13 +1,38 @@
-"""Keeping clear: what is asked of a world, and what comes of it for the controller."""
+"""Keeping clear of what is in the way: what is flown in each tick, and within which corridor.
+
+Where the reference, the plan and the straight way to the reference keep clear, the reference is
+flown as it is. Else a way around is searched (:mod:`.search`), a guide follows it in time
+(:mod:`.guide`), and half-spaces (:mod:`.corridor`) hold the plan beside it. Where no way reaches
+the reference, the way ends at the nearest place there is, and the vehicle stops there.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.guide import Avoidance, Guided
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.corridor import Corridor
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.obstacles.corridor import corridor_about
+from quad_mpc_ros.obstacles.guide import STEP, Followed, Limits, followed, smoothed, window_of
+from quad_mpc_ros.obstacles.local_map import LocalMap
+from quad_mpc_ros.obstacles.search import Movers, search, shortened
+
+_LOOK = 0.1  # m, between places at which a way is looked at
+_SEARCH_MARGIN = 0.05  # m, that ways keep beyond what the plan has to
+_AGAIN_NS = 100_000_000  # after which a way is searched anew
+_OFF_WAY = 0.6  # m
+_BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
+# Of the speed of what moves: what its prediction is wrong by.
+_SPEED_ERROR = 0.1
+_HURRY = 1.25  # times the reference's speed, to catch up with it
 
 
 class MovingPoints(NamedTuple):
@@ -61,3 +86,266 @@ class Obstacles(Protocol):
     def age(self, stamp_ns: int) -> float:
         """Return how old the newest of what is known of things that stand is [s]; 0 for a map."""
         ...
+
+
+class _Seen(NamedTuple):
+    """The vehicle when the command acts, and what is around it then."""
+
+    start_ns: int
+    p_W: Array
+    v_W: Array
+    here: LocalMap
+    movers: Movers
+    bodies: NDArray[np.int64]
+    keep: float  # m, from the centre of the vehicle to points
+
+
+class _Way(NamedTuple):
+    """A way (n, 3), whether it leads to the reference, and when it was found."""
+
+    points: Array
+    arrives: bool
+    found_ns: int
+    revision: int
+
+
+class _Goal(NamedTuple):
+    """Where to rejoin the reference, when that is there [s], and how fast it is."""
+
+    p_W: Array
+    time: float
+    speed: float
+
+
+class ObstacleAvoidance:
+    """A :class:`quad_mpc_ros.control.guide.Guide` around obstacles."""
+
+    def __init__(self, config: MpcConfig, obstacles: Obstacles, *, radius: float) -> None:
+        """``radius`` [m] is that of a ball about the vehicle."""
+        self._obstacles, self._radius = obstacles, radius
+        self._here: LocalMap | None = None
+        self._way: _Way | None = None
+        self.reconfigure(config)
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed live parameters."""
+        self._config, self._own = config, config.obstacles
+        self._delay_ns = round(config.input_delay * 1e9)
+
+    def guide(
+        self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
+    ) -> Guided:
+        """Return what to fly from an odometry on, given the last plan."""
+        seen = self._look(odometry)
+        clearance = self._clearance(odometry.p_WB, seen)
+        if not math.isfinite(clearance) or self._is_free(seen, window, plan):
+            self._way = None
+            return Guided(window, None, Avoidance("free", "", clearance))
+        goal = self._goal(seen, window)
+        way = self._way = self._found(seen, goal)
+        motion = self._motion(seen, way, goal)
+        corridor = self._corridor(seen, way, motion)
+        state, reason = "around", "the reference is not clear"
+        if not way.arrives:
+            away = float(np.linalg.norm(way.points[-1] - goal.p_W))
+            state, reason = "stopped", f"no way leads nearer to the reference than {away:.1f} m"
+        flown = window_of(motion, window, start_ns=seen.start_ns)
+        return Guided(flown, corridor, Avoidance(state, reason, clearance))
+
+    # --- what is around
+
+    def _look(self, odometry: OdometrySample) -> _Seen:
+        R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
+        v_W = R_WB @ odometry.v_WB_B
+        p_W = odometry.p_WB + 1e-9 * self._delay_ns * v_W
+        stamp_ns, obstacles, own = odometry.stamp_ns, self._obstacles, self._own
+        revision = obstacles.revision
+        here = self._here
+        if here is None or not here.serves(p_W, revision=revision):
+            points = obstacles.points(stamp_ns, near=p_W, radius=own.range)
+            here = LocalMap(points, centre=p_W, radius=own.range, revision=revision)
+            self._here = here
+        moving = obstacles.moving(stamp_ns + self._delay_ns, near=p_W, radius=own.range)
+        speeds = np.linalg.norm(moving.v_W, axis=1)
+        keep = self._radius + own.margin + own.margin_growth * float(np.linalg.norm(v_W))
+        movers = Movers(
+            np.ascontiguousarray(moving.p_W),
+            np.ascontiguousarray(moving.v_W),
+            keep + moving.radius + _SPEED_ERROR * speeds * moving.age,
+            _SPEED_ERROR * float(speeds.max(initial=0.0)),
+        )
+        # A surface may be nearer than the points that are known of it.
+        sparse = math.hypot(keep, 0.5 * math.sqrt(2.0) * obstacles.spacing) - keep
+        return _Seen(
+            start_ns=stamp_ns + self._delay_ns,
+            p_W=p_W,
+            v_W=v_W,
+            here=here,
+            movers=movers,
+            bodies=moving.body,
+            keep=keep + sparse,
+        )
+
+    def _clearance(self, p_W: Array, seen: _Seen) -> float:
+        """Return how far the vehicle's surface is from the nearest point [m]."""
+        nearest = float(seen.here.distances(p_W[None])[0])
+        movers = seen.movers
+        if len(movers.keep):
+            apart = np.linalg.norm(movers.p_W - p_W, axis=1)
+            balls = movers.keep - (self._radius + self._own.margin)
+            nearest = min(nearest, float((apart - balls).min()))
+        return nearest - self._radius
+
+    def _is_free(self, seen: _Seen, window: ReferenceWindow, plan: Plan | None) -> bool:
+        """Whether the reference can be flown as it is."""
+        since = (window.stamp_ns - seen.start_ns) * 1e-9
+        times = np.arange(0.0, self._horizon + 1e-9, STEP)
+        offsets = window.offset_ns * 1e-9 + since
+        reference = _interpolated(times, offsets, window.p_WB)
+        # The vehicle does not fly further in the horizon than it can.
+        fastest = max(float(np.linalg.norm(seen.v_W)), self._own.speed_max)
+        reach = self._horizon * fastest
+        straight = [_between(seen.p_W, end, reach) for end in (reference[0], reference[-1])]
+        places = [reference, *straight]
+        if plan is not None:
+            elapsed = (seen.start_ns - plan.stamp_ns) * 1e-9
+            planned = plan.step * np.arange(len(plan.p_WB)) - elapsed
+            places.append(_interpolated(times, planned, plan.p_WB))
+        if float(seen.here.distances(np.vstack(places)).min()) < seen.keep:
+            return False
+        timed = [place for place in (places[0], *places[3:])]
+        return not any(self._meets(seen, times, place) for place in timed)
+
+    def _meets(self, seen: _Seen, times: Array, places: Array) -> bool:
+        """Whether something that moves is too near to places (n, 3) at times (n,)."""
+        movers = seen.movers
+        if len(movers.keep) == 0:
+            return False
+        at = movers.p_W + times[:, None, None] * movers.v_W
+        apart = np.linalg.norm(at - places[:, None], axis=2)
+        return bool((apart < movers.keep + movers.growth * times[:, None]).any())
+
+    @property
+    def _horizon(self) -> float:
+        return self._config.horizon_steps * self._config.horizon_step
+
+    # --- a way around
+
+    def _goal(self, seen: _Seen, window: ReferenceWindow) -> _Goal:
+        """Return where to rejoin the reference: as late as it is known, and clear."""
+        since = (window.stamp_ns - seen.start_ns) * 1e-9
+        times = np.maximum(window.offset_ns * 1e-9 + since, 0.0)
+        v = window.v_WB_W[-1] if len(window.v_WB_W) > 2 else np.zeros(3)
+        speed = float(np.linalg.norm(v))
+        places = window.p_WB
+        if speed > 0.1:
+            further = np.arange(_LOOK, _BEYOND, _LOOK) / speed
+            places = np.vstack([places, places[-1] + further[:, None] * v])
+            times = np.concatenate((times, times[-1] + further))
+        within = np.linalg.norm(places - seen.p_W, axis=1) < self._own.range - 0.5
+        clear = seen.here.distances(places) >= seen.keep + _SEARCH_MARGIN
+        good = np.flatnonzero(within & clear)
+        at_end = np.flatnonzero(good >= len(window.p_WB) - 1)
+        if len(good):
+            place = int(good[at_end[0]] if len(at_end) else good[-1])
+            return _Goal(places[place], float(times[place]), speed)
+        to_reference = places[0] - seen.p_W
+        distance = max(float(np.linalg.norm(to_reference)), 1e-6)
+        shortened_to = min(distance, self._own.range - 0.5) / distance
+        return _Goal(seen.p_W + shortened_to * to_reference, 0.0, 0.0)
+
+    def _found(self, seen: _Seen, goal: _Goal) -> _Way:
+        """Return the way of before where it will do, else one that is searched."""
+        way, keep = self._way, seen.keep + _SEARCH_MARGIN
+        if way is not None and seen.start_ns - way.found_ns < _AGAIN_NS:
+            if way.revision == seen.here.revision:
+                return way
+            if float(seen.here.distances(way.points).min()) >= seen.keep:
+                return way
+        floor = min(self._own.floor, float(seen.p_W[2]), float(goal.p_W[2]))
+        cells, arrives = search(
+            seen.here.grid,
+            start=seen.p_W,
+            goal=goal.p_W,
+            keep=keep,
+            floor=floor - 0.1,
+            speed=max(float(np.linalg.norm(seen.v_W)), 1.0),
+            movers=seen.movers,
+        )
+        cells[0] = seen.p_W
+        if arrives:
+            cells = np.vstack([cells, goal.p_W]) if len(cells) == 1 else cells
+            cells[-1] = goal.p_W
+        corners = shortened(seen.here.grid, cells, keep) if len(cells) > 2 else cells
+        points = smoothed(corners)
+        return _Way(points, arrives, seen.start_ns, seen.here.revision)
+
+    def _motion(self, seen: _Seen, way: _Way, goal: _Goal) -> Followed:
+        """Return how the guide follows a way."""
+        own = self._own
+        length = float(np.linalg.norm(np.diff(way.points, axis=0), axis=1).sum())
+        fastest = max(own.speed_max, _HURRY * goal.speed)
+        speed, end_speed = fastest, 0.0
+        if way.arrives and goal.speed > 0.1:  # no sooner than the reference is there
+            speed = min(fastest, max(length / max(goal.time, 1e-3), 0.3))
+            end_speed = min(goal.speed, speed)
+        limits = Limits(speed, end_speed, own.acceleration)
+        duration = self._horizon + 5 * STEP
+        return followed(way.points, limits, p_W=seen.p_W, v_W=seen.v_W, duration=duration)
+
+    # --- where the plan may be
+
+    def _corridor(self, seen: _Seen, way: _Way, motion: Followed) -> Corridor:
+        """Return half-spaces about the places of the way that the guide comes to."""
+        config, rows = self._config, self._own.half_spaces
+        times = config.horizon_step * np.arange(config.horizon_steps + 1)
+        along = np.interp(times, STEP * np.arange(len(motion.along)), motion.along)
+        numbers = np.arange(len(way.points))
+        guide = np.column_stack([np.interp(along, numbers, way.points[:, k]) for k in range(3)])
+        normals = np.zeros((config.horizon_steps, rows, 3))
+        offsets = np.full((config.horizon_steps, rows), np.inf)
+        used = self._write_movers(seen, times[1:], guide[1:], normals, offsets)
+        still, bounds = corridor_about(
+            guide, seen.here.points, radius=seen.keep, rows=rows - used
+        )
+        normals[:, used:], offsets[:, used:] = still, bounds
+        return Corridor(
+            stamp_ns=seen.start_ns, step=config.horizon_step, normals=normals, offsets=offsets
+        )
+
+    def _write_movers(
+        self, seen: _Seen, times: Array, guide: Array, normals: Array, offsets: Array
+    ) -> int:
+        """Write a half-space of each body at the time of each stage; return how many rows."""
+        movers = seen.movers
+        if len(movers.keep) == 0:
+            return 0
+        at = movers.p_W + times[:, None, None] * movers.v_W  # (N, m, 3)
+        away = at - guide[:, None]
+        apart = np.linalg.norm(away, axis=2)
+        keep = movers.keep + movers.growth * times[:, None]
+        room = apart - keep
+        bodies = np.unique(seen.bodies)
+        nearest = sorted(bodies, key=lambda body: room[:, seen.bodies == body].min())
+        rows = min(len(bodies), (offsets.shape[1] + 1) // 2)
+        stages = np.arange(len(times))
+        for row, body in enumerate(nearest[:rows]):
+            own = np.flatnonzero(seen.bodies == body)
+            point = own[room[:, own].argmin(axis=1)]
+            n = away[stages, point] / np.maximum(apart[stages, point], 1e-6)[:, None]
+            normals[:, row] = n
+            offsets[:, row] = (n * at[stages, point]).sum(axis=1) - keep[stages, point]
+        return rows
+
+
+def _interpolated(times: Array, at: Array, places: Array) -> Array:
+    """Return places (n, 3) at times, given those at others in order."""
+    return np.column_stack([np.interp(times, at, places[:, k]) for k in range(3)])
+
+
+def _between(start: Array, end: Array, reach: float) -> Array:
+    """Return places (n, 3) on the straight way from one to another, as far as it reaches."""
+    distance = float(np.linalg.norm(end - start))
+    share = min(1.0, reach / max(distance, 1e-9))
+    count = max(int(math.ceil(share * distance / _LOOK)), 1) + 1
+    return start + np.linspace(0.0, share, count)[:, None] * (end - start)

@@ -15,6 +15,7 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.contact import GroundContact
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.lie.kernels import infinity_norm
+from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input, state_from_odometry
@@ -28,6 +29,7 @@ from quad_mpc_ros.control.safety.fallbacks import (
     Learned,
     grounded,
     idle,
+    stop_within,
 )
 from quad_mpc_ros.control.safety.flight_limits import FlightLimits
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
@@ -89,6 +91,7 @@ class Supervisor:
         self._source = Source.WAITING
         self._plan: _HeldPlan | None = None
         self._sent: _Sent | None = None
+        self._corridor: Corridor | None = None
         self._warnings: list[str] = []
         self.counts = Counts()
 
@@ -138,6 +141,10 @@ class Supervisor:
         if fault is not None:
             self._reject(fault)
         return fault is None
+
+    def keep_within(self, corridor: Corridor | None) -> None:
+        """Let the hover fallback hold a place inside of the free region; None for anywhere."""
+        self._corridor = corridor
 
     def judge_contact(self, odometry: OdometrySample) -> None:
         """Find out, before a tick, whether the vehicle stands on the ground."""
@@ -330,6 +337,8 @@ class Supervisor:
             case Source.HOVER if odometry is not None:
                 x = state_from_odometry(odometry)
                 p_hold = self._flight_limits.inside(x.p_WB)
+                if self._corridor is not None:
+                    p_hold = stop_within(self._corridor, p_hold, v_WB_W=x.v_WB_W)
                 return self._hover.command(x, p_hold=p_hold, learned=learned(), duration=duration)
             case Source.IDLE:
                 return idle(self._config)
