@@ -32,8 +32,6 @@ SLACK_SIZE = 0.3
 
 _STATE = 2 * INPUT_SIZE  # the first column of the state in a row
 _SLOPE, _LEAST_PRICE, _SQUARE = 2.0, 4.0, 1.0
-# A plan as near to a plane as this [m] feels that it is there.
-_NEAR = 0.1
 # s, in which a change of the velocity becomes one of the position.
 _SWERVE = 0.3
 
@@ -134,12 +132,3 @@ def half_space_penalty(half_spaces: HalfSpaces, states: RecordArray[StateRecord]
         if beyond > 0.0:
             cost += 2.0 * price * beyond * (1.0 + 0.5 * _SQUARE / SLACK_SIZE * beyond)
     return cost
-
-
-@compiled
-def half_space_closeness(half_spaces: HalfSpaces, states: RecordArray[StateRecord]) -> float:
-    """Return 1 for a plan that reaches a plane, 0 for one that is well inside of all."""
-    most = 0.0
-    for i in range(len(half_spaces.offsets)):
-        most = max(most, 1.0 + farthest_beyond(i, half_spaces, states) / _NEAR)
-    return min(most, 1.0)
