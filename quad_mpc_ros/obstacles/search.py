@@ -153,6 +153,7 @@ def search(
     closed, flat = np.zeros(size, np.bool_), grid.distances.reshape(size)
     first = (start_cell[0] * ny + start_cell[1]) * nz + start_cell[2]
     last = (goal_cell[0] * ny + goal_cell[1]) * nz + goal_cell[2]
+    length = np.zeros(size)
     cost[first] = 0.0
     queue = [(0.0, first)]
     best, least, expanded = first, math.inf, 0
@@ -183,12 +184,13 @@ def search(
                     reached = cost[at] + step * (1.0 + _NEAR_COST * min(nearness, 2.0))
                     if reached >= cost[to]:
                         continue
+                    straight = math.sqrt((a - i) ** 2 + (b - j) ** 2 + (c - k) ** 2)
                     if len(movers.keep) > 0:
                         x, y = grid.origin[0] + a * grid.cell, grid.origin[1] + b * grid.cell
-                        time = cost[at] * grid.cell / speed
+                        time = (length[at] + straight) * grid.cell / speed
                         if _moves_into(movers, x, y, z, time):
                             continue
-                    cost[to], parent[to] = reached, at
+                    cost[to], parent[to], length[to] = reached, at, length[at] + straight
                     ahead = _way(goal_cell[0] - a, goal_cell[1] - b, goal_cell[2] - c)
                     heapq.heappush(queue, (reached + ahead, to))
     count, at = 1, best

@@ -6,8 +6,8 @@ import dataclasses
 import math
 
 import numpy as np
-import piqp
 import pytest
+from fixtures.exact_qp import exactly_solved
 from fixtures.presets import agile
 from fixtures.stages import changed
 from numpy.testing import assert_allclose, assert_array_equal
@@ -231,58 +231,6 @@ def a_soft_horizon(
     stages.offsets[:] = room
     stages.linear[:], stages.quadratic[:] = price, 0.1 * price
     return pattern, stages
-
-
-def exactly_solved(
-    pattern: HorizonPattern, stages: HorizonStages, *, eased: bool = True
-) -> tuple[Array, Array, Array]:
-    """Return inputs, states and slacks by PIQP, in physical units; or with no slack allowed."""
-    n, nx, nu = stages.B.shape
-    nr, ns = stages.sizes[3:]
-    soft = pattern.soft
-    U, X, S = 0, n * nu, n * (nu + nx)
-    size = S + n * ns
-    P, c = np.zeros((size, size)), np.zeros(size)
-    A, b = np.zeros((n * nx, size)), np.zeros(n * nx)
-    G, h = np.zeros((n * nr, size)), stages.offsets.ravel().copy()
-    least, most = np.full(size, -np.inf), np.full(size, np.inf)
-    for i in range(n):
-        u, x, s = U + i * nu, X + i * nx, S + i * ns
-        P[u : u + nu, u : u + nu], c[u : u + nu] = np.diag(stages.R[i]), stages.r[i]
-        P[x : x + nx, x : x + nx], c[x : x + nx] = stages.H[i], stages.g[i]
-        P[s : s + ns, s : s + ns] = np.diag(stages.quadratic[i])
-        c[s : s + ns] = stages.linear[i]
-        rows = slice(i * nx, (i + 1) * nx)
-        A[rows, x : x + nx], A[rows, u : u + nu] = np.eye(nx), -stages.B[i]
-        b[rows] = stages.c[i]
-        if i == 0:
-            b[rows] += stages.A[0] @ stages.x0
-        else:
-            A[rows, x - nx : x] = -stages.A[i]
-        limits, normals = slice(i * nr, (i + 1) * nr), stages.normals[i]
-        if i > 0:
-            G[limits, u - nu : u] = normals[:, :nu]
-        G[limits, u : u + nu] = normals[:, nu : 2 * nu]
-        G[limits, x : x + nx] = normals[:, 2 * nu :]
-        if eased:
-            G[limits, s : s + ns] = -np.eye(ns)[soft.slack_of]
-        least[u : u + nu], most[u : u + nu] = stages.lower[i], stages.upper[i]
-        least[s : s + ns] = 0.0
-    solver = piqp.DenseSolver()
-    solver.settings.eps_abs = solver.settings.eps_rel = 1e-10
-    solver.setup(
-        P=np.asfortranarray(P),
-        c=c,
-        A=np.asfortranarray(A),
-        b=b,
-        G=np.asfortranarray(G),
-        h_u=h,
-        x_l=least,
-        x_u=most,
-    )
-    assert solver.solve() == piqp.PIQP_SOLVED
-    z = np.array(solver.result.x)
-    return z[:X].reshape(n, nu), z[X:S].reshape(n, nx), z[S:].reshape(n, ns)
 
 
 def solved(qp: HorizonQP, parameters: SolverParameters = EXACT) -> QpSolution:
