@@ -1,0 +1,124 @@
+"""``sensor_msgs/PointCloud2`` from and to its bytes, without a loop over points."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.messages.cdr_reader import CdrReader
+
+_KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+_AXES = ("x", "y", "z")
+_LEAST_FIELD = 13  # bytes: an empty name, offset, type, count
+_FARTHEST = 1e5  # m; what is further away was not measured
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointCloud:
+    """The n finite points of a cloud: ``p_SQ`` (n, 3) [m] in the frame S of its header.
+
+    ``given`` is how many there were with those that are not finite.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    p_SQ: NDArray[np.floating[Any]]
+    given: int
+
+
+def read_point_cloud(data: bytes) -> PointCloud:
+    """Return the points of a ``sensor_msgs/PointCloud2``.
+
+    Its coordinates may be of any type that the message knows, in any order and at any offset,
+    with anything beside them, and rows may be longer than their points.
+
+    Raises:
+        ValueError: The bytes are no such message, or it has no x, y and z, or no finite point.
+    """
+    reader = CdrReader(data)
+    stamp_ns, frame_id = reader.header()
+    height, width = reader.whole(), reader.whole()
+    found = {}
+    for _ in range(reader.length(least=_LEAST_FIELD)):
+        name = reader.text()
+        found[name] = reader.whole(), reader.whole("B")
+        reader.skip(4, align=4)  # how many; of coordinates one
+    order = ">" if reader.whole("B") else "<"
+    point_step, row_step = reader.whole(), reader.whole()
+    octets = reader.octets()
+    count = height * width
+    if count == 0:
+        raise ValueError("a cloud without points")
+    dtype = _dtype_of(found, order, point_step)
+    rows = row_step if height > 1 else width * point_step
+    needed = (height - 1) * rows + width * point_step
+    if rows < width * point_step or needed > len(octets):
+        raise ValueError(
+            f"a cloud of {height} rows of {width} points of {point_step} bytes in rows of "
+            f"{row_step}, with {len(octets)} bytes of data"
+        )
+    points = np.ndarray((height, width), dtype, octets, strides=(rows, point_step))
+    p_SQ = _near_points(points)
+    if len(p_SQ) == 0:
+        raise ValueError(f"a cloud of {count} points of which none is finite")
+    return PointCloud(stamp_ns=stamp_ns, frame_id=frame_id, p_SQ=p_SQ, given=count)
+
+
+def written_point_cloud(*, stamp_ns: int, frame_id: str, p_SQ: Array) -> bytes:
+    """Return points (n, 3) [m] as a ``sensor_msgs/PointCloud2`` of x, y, z as 32-bit floats."""
+    points = np.ascontiguousarray(p_SQ, dtype="<f4")
+    count = len(points)
+    parts = [struct.pack("<iI", *divmod(stamp_ns, 1_000_000_000)), _text(frame_id)]
+    parts.append(struct.pack("<III", 1, count, len(_AXES)))
+    for number, axis in enumerate(_AXES):
+        parts += [_text(axis), struct.pack("<IBxxxI", 4 * number, 7, 1)]
+    parts.append(struct.pack("<BxxxIII", 0, 12, 12 * count, 12 * count))
+    return b"\x00\x01\x00\x00" + b"".join([*parts, points.tobytes(), b"\x01"])
+
+
+def _text(text: str) -> bytes:
+    data = text.encode() + b"\0"
+    return struct.pack("<I", len(data)) + data + b"\0" * (-len(data) % 4)
+
+
+def _dtype_of(found: dict[str, tuple[int, int]], order: str, point_step: int) -> np.dtype[Any]:
+    """Return the type of a point, of which only the coordinates are looked at."""
+    missing = [axis for axis in _AXES if axis not in found]
+    if missing:
+        raise ValueError(f"a cloud without {', '.join(missing)}; it has {', '.join(found)}")
+    formats, offsets = [], []
+    for axis in _AXES:
+        offset, kind = found[axis]
+        if kind not in _KINDS:
+            raise ValueError(f"a cloud whose {axis} is of type {kind}, expected 1 to 8")
+        formats.append(np.dtype(f"{order}{_KINDS[kind]}"))
+        offsets.append(offset)
+        if offset + formats[-1].itemsize > point_step:
+            raise ValueError(f"a cloud whose {axis} ends behind its {point_step} bytes a point")
+    if max(offsets) > 1 << 20:
+        raise ValueError(f"a cloud of {point_step} bytes a point")
+    size = max(o + f.itemsize for o, f in zip(offsets, formats, strict=True))
+    return np.dtype(
+        {"names": list(_AXES), "formats": formats, "offsets": offsets, "itemsize": size}
+    )
+
+
+def _near_points(points: NDArray[Any]) -> NDArray[np.floating[Any]]:
+    """Return those of coordinates (h, w) that can have been measured as points (n, 3).
+
+    They are 64-bit only if one of the coordinates was.
+    """
+    wide = any(points.dtype[axis].itemsize == 8 for axis in _AXES)
+    # Coordinate by coordinate: on points one after another it takes three times as long.
+    columns = np.empty((len(_AXES), points.size), np.float64 if wide else np.float32)
+    for column, axis in zip(columns, _AXES, strict=True):
+        column.reshape(points.shape)[...] = points[axis]
+    near = np.ones(points.size, dtype=bool)
+    for column in columns:
+        near &= np.abs(column) <= _FARTHEST  # NaN compares with nothing
+    return columns.T if near.all() else columns[:, near].T
