@@ -185,7 +185,36 @@ _keeping = functools.partial(_live_advanced, minimum=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObstacleParameters(Configuration):
+class WorldParameters(Configuration):
+    """How to come to know of obstacles."""
+
+    file: str = parameter(
+        "", doc="File of boxes, cylinders and spheres that stand, and of the volume of flight."
+    )
+    clouds: str = parameter(
+        "scan",
+        doc="What comes on obstacles: scans, which are forgotten after a time, or a map, each of "
+        "which replaces the one before and stays.",
+        choices=("scan", "map"),
+    )
+    forget_after: float = parameter(
+        0.5, doc="How long a point of a scan is remembered.", unit="s", above=0.0, maximum=60.0
+    )
+    resolution: float = _advanced(
+        0.05,
+        doc="Side of the cubes of each of which one point of a cloud is kept.",
+        unit="m",
+        minimum=0.01,
+        maximum=1.0,
+    )
+    neighbours: tuple[str, ...] = parameter(
+        (),
+        doc="Namespaces of other vehicles, whose mpc/predicted_path and odom are read.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleParameters(WorldParameters):
     """How to keep clear of obstacles; without half-spaces nothing of it is in the problem."""
 
     owner = "mpc.obstacles"
@@ -224,47 +253,6 @@ class ObstacleParameters(Configuration):
     )
     floor: float = _live(
         0.3, doc="Lowest height of the ways around; a lower reference may have its own.", unit="m"
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ObstacleParameters(Configuration):
-    """How to keep clear of obstacles."""
-
-    owner = "mpc.obstacles"
-
-    half_spaces: int = parameter(
-        0,
-        doc="manifold: half-spaces on the position that a stage of the plan has room for; 0 is to "
-        "know of no obstacles, 8 is enough for most.",
-        minimum=0,
-        maximum=32,
-    )
-    range: float = _live(
-        8.0, doc="How far around the vehicle obstacles are regarded.", unit="m", above=0.0
-    )
-    file: str = parameter(
-        "", doc="File of boxes, cylinders and spheres that stand, and of the volume of flight."
-    )
-    clouds: str = parameter(
-        "scan",
-        doc="What comes on obstacles: scans, which are forgotten after a time, or a map, each of "
-        "which replaces the one before and stays.",
-        choices=("scan", "map"),
-    )
-    forget_after: float = parameter(
-        0.5, doc="How long a point of a scan is remembered.", unit="s", above=0.0, maximum=60.0
-    )
-    resolution: float = _advanced(
-        0.05,
-        doc="Side of the cubes of each of which one point of a cloud is kept.",
-        unit="m",
-        minimum=0.01,
-        maximum=1.0,
-    )
-    neighbours: tuple[str, ...] = parameter(
-        (),
-        doc="Namespaces of other vehicles, whose mpc/predicted_path and odom are read.",
     )
 
 

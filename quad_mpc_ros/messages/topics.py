@@ -47,6 +47,17 @@ ODOMETRY_RESET = Topic(
 
 BATTERY = Topic(name="battery", type_name="sensor_msgs/msg/BatteryState", optional=True)
 
+# What is in the way, all optional. Sensors publish by best effort, which a reliable publisher
+# satisfies too; of markers a lost one would not come again.
+OBSTACLES = Topic(name="obstacles", type_name="sensor_msgs/msg/PointCloud2", optional=True)
+OBSTACLE_MARKERS = Topic(
+    name="obstacle_markers",
+    type_name="visualization_msgs/msg/MarkerArray",
+    reliable=True,
+    depth=10,
+    optional=True,
+)
+
 REFERENCE = Topic(
     name="reference",
     type_name="trajectory_msgs/msg/MultiDOFJointTrajectory",
@@ -78,6 +89,9 @@ MARKERS = Topic(
     name="visualisation/markers", type_name="visualization_msgs/msg/MarkerArray", reliable=True
 )
 TF = Topic(name="/tf", type_name="tf2_msgs/msg/TFMessage", reliable=True, depth=100)
+TF_STATIC = Topic(
+    name="/tf_static", type_name=TF.type_name, reliable=True, depth=100, latched=True
+)
 
 # In the bag of a resolved flight: the commands that were flown.
 RECORDED_COMMAND = Topic(name="recorded_command", type_name=COMMAND.type_name)
