@@ -19,6 +19,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.vehicle import ARM, LiftParameters, Vehicle, outline
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.obstacle_messages import Marker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +85,7 @@ class Trail:
 ARROW, LINE_STRIP, LINE_LIST = 0, 4, 5
 
 _SHORT_LIFETIME_NS = 500_000_000  # thrust and plan of a silent controller disappear
+_OBSTACLE_RGB, _OBSTACLE_ALPHA = (0.84, 0.37, 0.0), 0.6
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -154,6 +156,22 @@ def fence_marker(odometry: OdometrySample, fence: BoxParameters, *, new: NewMess
         if (a ^ b).bit_count() == 1
     ]
     return _marker(_FENCE, odometry, np.array(edges).reshape(-1, 3), new=new)
+
+
+def filled_marker(marker: Marker, *, new: NewMessage) -> Any:
+    """Return a marker of an obstacle as a message, orange and translucent."""
+    message = new("visualization_msgs/msg/Marker")
+    conversions.fill_header(message.header, marker.stamp_ns, marker.frame_id)
+    message.ns, message.id = marker.name
+    message.type, message.action = marker.kind, marker.action
+    conversions.fill_vector(message.pose.position, marker.p.tolist())
+    conversions.fill_quaternion(message.pose.orientation, marker.q_xyzw.tolist())
+    conversions.fill_vector(message.scale, marker.scale.tolist())
+    message.color.r, message.color.g, message.color.b = _OBSTACLE_RGB
+    message.color.a = _OBSTACLE_ALPHA
+    conversions.fill_time(message.lifetime, marker.lifetime_ns)
+    message.points = [_point(point, new) for point in marker.points.tolist()]
+    return message
 
 
 def _marker(

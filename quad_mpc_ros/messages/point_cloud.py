@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.messages.cdr_reader import CdrReader
 
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
@@ -34,7 +33,7 @@ class PointCloud:
 def read_point_cloud(data: bytes) -> PointCloud:
     """Return the points of a ``sensor_msgs/PointCloud2``.
 
-    Its coordinates may be of any type that the message knows, in any order and at any offset,
+    A cloud without points is one that saw nothing. Coordinates may be of any type that the message knows, in any order and at any offset,
     with anything beside them, and rows may be longer than their points.
 
     Raises:
@@ -53,7 +52,9 @@ def read_point_cloud(data: bytes) -> PointCloud:
     octets = reader.octets()
     count = height * width
     if count == 0:
-        raise ValueError("a cloud without points")
+        return PointCloud(
+            stamp_ns=stamp_ns, frame_id=frame_id, p_SQ=np.zeros((0, 3), np.float32), given=0
+        )
     dtype = _dtype_of(found, order, point_step)
     rows = row_step if height > 1 else width * point_step
     needed = (height - 1) * rows + width * point_step
@@ -69,11 +70,11 @@ def read_point_cloud(data: bytes) -> PointCloud:
     return PointCloud(stamp_ns=stamp_ns, frame_id=frame_id, p_SQ=p_SQ, given=count)
 
 
-def written_point_cloud(*, stamp_ns: int, frame_id: str, p_SQ: Array) -> bytes:
-    """Return points (n, 3) [m] as a ``sensor_msgs/PointCloud2`` of x, y, z as 32-bit floats."""
-    points = np.ascontiguousarray(p_SQ, dtype="<f4")
+def written_point_cloud(cloud: PointCloud) -> bytes:
+    """Return a cloud as a ``sensor_msgs/PointCloud2`` of x, y and z as 32-bit floats."""
+    points = np.ascontiguousarray(cloud.p_SQ, dtype="<f4")
     count = len(points)
-    parts = [struct.pack("<iI", *divmod(stamp_ns, 1_000_000_000)), _text(frame_id)]
+    parts = [struct.pack("<iI", *divmod(cloud.stamp_ns, 1_000_000_000)), _text(cloud.frame_id)]
     parts.append(struct.pack("<III", 1, count, len(_AXES)))
     for number, axis in enumerate(_AXES):
         parts += [_text(axis), struct.pack("<IBxxxI", 4 * number, 7, 1)]

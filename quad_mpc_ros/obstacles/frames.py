@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages.obstacle_messages import Transform
 
 _KEPT_NS = 2_000_000_000
-_AHEAD_NS = 100_000_000  # as far as a pose is foreseen by the twist
+_AHEAD_NS = 100_000_000  # as far as a pose is foreseen by the last two
 _MOST_LINKS = 32
 _UNIT = 1e-3  # off the length of a quaternion
 
@@ -66,7 +67,9 @@ class Frames:
         self._body = ""
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
-        """Take where the body is; a clock that was set back begins anew."""
+        """Take where the body is, if that is sound; a clock that was set back begins anew."""
+        if odometry_fault(odometry, frame_id=self._frame_id) is not None:
+            return
         with self._lock:
             stamp_ns, poses = odometry.stamp_ns, self._poses
             if poses and not 0 < stamp_ns - poses[-1].stamp_ns < _KEPT_NS:
@@ -145,14 +148,12 @@ def _body_pose(poses: list[_Stamped], stamp_ns: int) -> Pose:
     if stamp_ns - last > _AHEAD_NS:
         raise ValueError(f"stamp {1e-9 * (stamp_ns - last):.3f} s after the newest odometry")
     stamps = [each.stamp_ns for each in poses]
-    place = int(np.searchsorted(stamps, stamp_ns, side="right")) - 1
-    before = poses[place]
+    # Between two poses, or beyond the last two.
+    place = min(int(np.searchsorted(stamps, stamp_ns, side="right")), len(poses) - 1)
+    before, after = poses[max(place - 1, 0)], poses[place]
     R = so3.rotation_from_quaternion_xyzw(before.odometry.q_WB_xyzw)
-    seconds = 1e-9 * (stamp_ns - before.stamp_ns)
-    if place + 1 == len(poses):
-        v, w = before.odometry.v_WB_B, before.odometry.w_WB_B
-        return Pose(before.odometry.p_WB + seconds * (R @ v), R @ so3.exp(seconds * w))
-    after = poses[place + 1]
+    if before is after:
+        return Pose(before.odometry.p_WB, R)
     share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
     R_after = so3.rotation_from_quaternion_xyzw(after.odometry.q_WB_xyzw)
     p = before.odometry.p_WB + share * (after.odometry.p_WB - before.odometry.p_WB)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.obstacles.shapes import Shape
+from quad_mpc_ros.obstacles.shapes import Box, Shape
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -22,6 +22,17 @@ class Volume:
     def distance(self, p_WQ: Array) -> Array:
         """Return the distances (n,) [m] of points (n, 3) [m] to its walls; negative outside."""
         return np.minimum(p_WQ - self.minimum, self.maximum - p_WQ).min(axis=1)
+
+
+    def wall_points(self, spacing: float) -> Array:
+        """Return points (n, 3) [m] on its walls and ceiling, and on its floor if that is above 0.
+
+        On ground at height 0 or below the vehicle stands.
+        """
+        centre, size = 0.5 * (self.minimum + self.maximum), self.maximum - self.minimum
+        points = Box(p_WO=centre, size=size).surface_points(spacing)
+        stands = self.minimum[2] <= 0.0
+        return points[points[:, 2] > self.minimum[2]] if stands else points
 
 
 class Scene:

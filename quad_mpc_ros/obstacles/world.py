@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ from quad_mpc_ros.messages.obstacle_messages import Marker, TimedPath, Transform
 from quad_mpc_ros.messages.point_cloud import PointCloud
 from quad_mpc_ros.obstacles.avoidance import MovingPoints
 from quad_mpc_ros.obstacles.clouds import Clouds
-from quad_mpc_ros.obstacles.files import read_scene
 from quad_mpc_ros.obstacles.frames import Frames
 from quad_mpc_ros.obstacles.markers import Markers
 from quad_mpc_ros.obstacles.neighbours import Neighbour
@@ -66,6 +64,8 @@ class World:
         self._markers = Markers(self._frames, spacing=_SPACING)
         self._neighbours = {name: Neighbour(frame_id) for name in config.neighbours}
         surfaces = [shape.surface_points(_SPACING) for shape in self._scene.shapes]
+        if self._scene.volume is not None:
+            surfaces.append(self._scene.volume.wall_points(_SPACING))
         self._fixed = np.vstack(surfaces) if surfaces else np.zeros((0, 3))
         self._answer: _Answer | None = None
         self._resets = 0
@@ -168,6 +168,8 @@ class World:
         """
         shapes: list[Shape] = [*self._scene.shapes, *self._markers.shapes(stamp_ns)]
         nearest = Scene(shapes).distance(p_WQ, 0.0)
+        if self._scene.volume is not None:
+            nearest = np.minimum(nearest, self._scene.volume.distance(p_WQ))
         seen = [self._clouds.points(stamp_ns), *self._markers.standing_points(stamp_ns)]
         points = np.vstack([np.zeros((0, 3)), *seen])
         if len(points):
@@ -181,17 +183,6 @@ class World:
                 away = np.linalg.norm(p_WQ - heard.p_W, axis=1) - self._radius
                 nearest = np.minimum(nearest, away)
         return nearest
-
-
-def configured_world(
-    config: ObstacleParameters, *, frame_id: str = "odom", radius: float = 0.0
-) -> World:
-    """Return a world that knows the file of the parameters.
-
-    Raises :class:`UserError` for a file that cannot be used.
-    """
-    scene = read_scene(Path(config.file).expanduser()) if config.file else None
-    return World(config, scene, frame_id=frame_id, radius=radius)
 
 
 def _points_of(

@@ -12,7 +12,9 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
+from quad_mpc_ros.obstacles.configured import avoiding
 from quad_mpc_ros.obstacles.scene import Scene
+from quad_mpc_ros.obstacles.world import World
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
@@ -68,6 +70,7 @@ def fly(
     trajectory: Trajectory | Path | None = None,
     controller: Controller | ControlLaw | None = None,
     scene: Scene | None = None,
+    world: World | None = None,
     on_reference: bool = False,
 ) -> Iterator[LoopStep]:
     """Fly the closed loop and yield every odometry that is sent with what followed from it.
@@ -79,7 +82,8 @@ def fly(
     Without ``simulator`` it takes ten seconds, with one the ``duration`` that it says. A path is
     flown by differential flatness, with the vehicle and the yaw of ``reference``; a
     given ``plant`` starts as it is, also with ``on_reference``. A ``scene`` is flown among in place
-    of the simulator's file of obstacles; the flight ends where the vehicle touches one.
+    of the simulator's file of obstacles; the flight ends where the vehicle touches one. A ``world``
+    is what the guide of a given controller knows, which is told what the sensor sees.
 
     Raises:
         UserError: For parameters that cannot be used together, or a trajectory that the vehicle
@@ -92,7 +96,10 @@ def fly(
     if on_reference:
         simulator = simulator.updated(start_on(flown, simulator))
     plant = plant or make_plant(simulator)
-    controller = controller or warmed_up(mpc or MpcConfig())
+    if controller is None:
+        mpc = mpc or MpcConfig()
+        world, guide = avoiding(mpc) or (None, None)
+        controller = warmed_up(mpc, guide=guide)
     server = ReferenceServer(reference, flown)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     server.start(SIMULATION_START_NS)
@@ -105,6 +112,8 @@ def fly(
         measured_ns = sent.truth.stamp_ns - SIMULATION_START_NS
         seen = surroundings.look(sent.truth, measured_ns)
         collision = surroundings.collision(sent.truth, measured_ns)
+        if world is not None:
+            _tell(world, sent.odometry, seen)
         tick, command = _answered(controller, sent.odometry, window, now_ns=now_ns)
         if command is not None:
             plant.apply(command)
@@ -153,6 +162,15 @@ def _answered(
     controller.receive_reference(window, now_ns=now_ns)
     tick = controller.receive_odometry(odometry, now_ns=now_ns)
     return tick, None if tick is None else tick.command
+
+
+def _tell(world: World, odometry: OdometrySample, seen: Seen) -> None:
+    """Tell a world where the vehicle is and what is seen."""
+    world.receive_odometry(odometry)
+    if seen.cloud is not None:
+        world.receive_cloud(seen.cloud)
+    if seen.markers:
+        world.receive_markers(seen.markers)
 
 
 def _trajectory(reference: ReferenceConfig, given: Trajectory | Path | None) -> Trajectory:

@@ -78,6 +78,14 @@ class Seen(NamedTuple):
     markers: tuple[Marker, ...] = ()
 
 
+def scene_of(config: SurroundingsParameters) -> Scene | None:
+    """Return what the file of the parameters states, None without one.
+
+    Raises :class:`UserError` for a file of no use.
+    """
+    return read_scene(Path(config.file).expanduser()) if config.file else None
+
+
 class Surroundings:
     """A scene around a vehicle; times from the start of the flight."""
 
@@ -88,9 +96,7 @@ class Surroundings:
 
         ``radius`` [m] is the vehicle's. Raises :class:`UserError` for a file of no use.
         """
-        if scene is None:
-            scene = read_scene(Path(config.file).expanduser()) if config.file else Scene()
-        self.scene = scene
+        self.scene = scene or scene_of(config) or Scene()
         self._config, self._radius = config, radius
         self._period_ns = round(1e9 / config.sensor_rate)
         self._due_ns = 0

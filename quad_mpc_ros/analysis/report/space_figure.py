@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.analysis.figures import space, style
+from quad_mpc_ros.analysis.figures import obstacles, space, style
 from quad_mpc_ros.analysis.report.plotting import lay_out, plotly, subplots
 from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, ReportedRun
 from quad_mpc_ros.control.lie import Array
@@ -51,6 +51,7 @@ def _room(runs: Sequence[ReportedRun]) -> dict[str, Any]:
     """Return the layout of a scene, the same for all runs, in which a metre is a metre."""
     points = [run.flight.p_WB for run in runs]
     points += [run.flight.reference.p_WB for run in runs if run.flight.reference is not None]
+    points += [obstacles.extent(obstacles.drawn_shapes(run.flight)) for run in runs]
     lower, upper = space.room(np.vstack(points))
     sides = (upper - lower) / float(np.max(upper - lower))
     axes = {
@@ -89,7 +90,33 @@ def _traces(run: ReportedRun, *, fastest: float, first: bool) -> list[Any]:
         colorbar={"title": {"text": "speed [m/s]"}, "len": 0.7, "thickness": 12},
     )
     start = _marks("start", flight.p_WB[:1], colour=style.INK, symbol="square", legend=first)
-    return [*traces, flown, start]
+    return [*_obstacles(flight, legend=first), *traces, flown, start]
+
+
+def _obstacles(flight: Flight, *, legend: bool) -> list[Any]:
+    """Return what it flew among, where that was when it came nearest."""
+    shapes = obstacles.drawn_shapes(flight)
+    if not shapes:
+        return []
+    corners, triangles = obstacles.mesh(shapes)
+    x, y, z = corners.astype(np.float32).T
+    i, j, k = triangles.T
+    trace = plotly("graph_objects").Mesh3d(
+        x=x,
+        y=y,
+        z=z,
+        i=i,
+        j=j,
+        k=k,
+        name="obstacle",
+        color=obstacles.COLOUR,
+        opacity=0.35,
+        flatshading=True,
+        hoverinfo="name",
+        legendgroup="obstacle",
+        showlegend=legend,
+    )
+    return [trace]
 
 
 def _line(name: str, p_WB: Array, time: Array, *, colour: str, width: int, legend: bool) -> Any:

@@ -16,7 +16,7 @@ from quad_mpc_ros.recordings.evaluation.commanding import (
     last_count,
     margins,
 )
-from quad_mpc_ros.recordings.evaluation.crash import crash_figures, crash_of
+from quad_mpc_ros.recordings.evaluation.crash import collision_of, crash_figures, crash_of
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoints
 from quad_mpc_ros.recordings.flight import Flight
@@ -35,7 +35,9 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
     ``waypoint_error_m``, just before each switch of a reference that jumps; ``attitude_rmse_rad``,
     of the angle |Log(R' R_r)|; ``step_time_us`` and ``iterations`` as percentiles; ``fallbacks``,
     the commands that were not the MPC's; ``crashed``, with ``crash`` and ``crash_time_s``, as a
-    campaign judges it but by the odometry, None without a reference.
+    campaign judges it but by the odometry, None without a reference; ``clearance_min_m``, from the
+    vehicle's surface to the nearest obstacle's, ``collided``, and in ``collision`` when, where and
+    how fast it did, None where obstacles are not known.
 
     Args:
         flight: A recorded or simulated flight.
@@ -80,6 +82,7 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         "deadline_misses": int(np.sum(latency_ms > 1e3 / flight.mpc.control_rate)),
         "rate_saturation_fraction": _saturation(flight),
         **_crash(flight),
+        **_obstacles(flight),
         "estimate_resets": last_count(flight, "estimate_resets"),
         "rejected_inputs": last_count(flight, "rejected_inputs"),
         "commanding": commanding(flight),
@@ -109,6 +112,23 @@ def _crash(flight: Flight) -> dict[str, Any]:
     """Return whether and how it crashed, None for not known."""
     figures = crash_figures(crash_of(flight))
     return figures if flight.reference is not None else dict.fromkeys(figures)
+
+
+def _obstacles(flight: Flight) -> dict[str, Any]:
+    """Return how near it came to obstacles, None for not known, and where it flew into one."""
+    clearance, into = flight.clearance, collision_of(flight)
+    collision = None
+    if into is not None:
+        collision = {
+            "time_s": float(flight.time[into]),
+            "position_m": flight.p_WB[into].tolist(),
+            "speed_m_s": float(np.linalg.norm(flight.v_WB_B[into])),
+        }
+    return {
+        "clearance_min_m": None if clearance is None else _number(clearance.min()),
+        "collided": None if clearance is None else into is not None,
+        "collision": collision,
+    }
 
 
 def _latencies_ms(flight: Flight) -> Array:
