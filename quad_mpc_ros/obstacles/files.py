@@ -28,6 +28,7 @@ from quad_mpc_ros.obstacles.shapes import Box, Cylinder, Shape, Sphere, rotation
 _OWN = {"box": ("size",), "cylinder": ("radius", "height"), "sphere": ("radius",)}
 _COMMON = ("shape", "position", "yaw", "velocity", "appears_at")
 _FARTHEST = 1e5  # m, m/s
+_LARGEST_AREA = 20_000.0  # m^2: two million points
 _SECTIONS = ("obstacles", "volume")
 
 
@@ -51,6 +52,12 @@ def scene_of(content: object, where: str) -> Scene:
     shapes = [
         _shape(entry, f"{where}: obstacle {number}") for number, entry in enumerate(entries, 1)
     ]
+    area = sum(shape.area for shape in shapes)
+    if area > _LARGEST_AREA:
+        raise UserError(
+            f"{where}: obstacles: given surfaces of {area:.0f} m^2 in all, expected "
+            f"{_LARGEST_AREA:.0f} m^2 at most; leave out the ground and what is far away"
+        )
     given = content.get("volume")
     return Scene(shapes, None if given is None else _volume(given, f"{where}: volume"))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from quad_mpc_ros.messages.obstacle_messages import Transform
 _KEPT_NS = 2_000_000_000
 _AHEAD_NS = 100_000_000  # as far as a pose is foreseen by the last two
 _MOST_LINKS = 32
+_FARTHEST = 1e7  # m
 _UNIT = 1e-3  # off the length of a quaternion
 
 
@@ -87,8 +89,9 @@ class Frames:
         Of each frame the newest counts: those that matter are of how sensors are mounted.
         """
         numbers = np.append(transform.p, transform.q_xyzw)
-        unit = abs(float(np.linalg.norm(transform.q_xyzw)) - 1.0) < _UNIT
-        if not (np.isfinite(numbers).all() and unit and transform.child != transform.parent):
+        near = (np.abs(numbers) <= _FARTHEST).all()  # NaN compares with nothing
+        unit = near and abs(float(np.linalg.norm(transform.q_xyzw)) - 1.0) < _UNIT
+        if not unit or transform.child == transform.parent:
             raise ValueError(f"a transform to '{transform.child}' that is none")
         with self._lock:
             self._links[transform.child] = transform
@@ -116,22 +119,31 @@ class Frames:
         Raises:
             ValueError: The frame is not known, or the body's pose of that time.
         """
-        name = frame_id.lstrip("/")
         with self._lock:
             links, poses, body = dict(self._links), list(self._poses), self._body
-        so_far, seen = _SAME, name
-        for _ in range(_MOST_LINKS):
-            if seen == self._frame_id.lstrip("/"):
-                return so_far
-            if seen == body and body:
-                return _body_pose(poses, stamp_ns) @ so_far
-            link = links.get(seen)
-            if link is None:
-                break
-            so_far = _pose(link.p, link.q_xyzw) @ so_far
-            seen = link.parent
-        known = ", ".join(filter(None, [self._frame_id, body, *sorted(links)]))
+        odometry = self._frame_id.lstrip("/")
+        ours = {above: pose for above, pose in _chain(odometry, links, until=body)}
+        for above, pose in _chain(frame_id.lstrip("/"), links, until=body):
+            if above in ours:
+                return ours[above].inverse @ pose
+            if above == body and body:
+                return _body_pose(poses, stamp_ns) @ pose
+        known = ", ".join(filter(None, [odometry, body, *sorted(links)]))
         raise ValueError(f"frame '{frame_id}', expected one of {known}, or tf to it")
+
+
+def _chain(name: str, links: dict[str, Transform], *, until: str) -> Iterator[tuple[str, Pose]]:
+    """Yield a frame and those above it, each with the pose of the first in it.
+
+    What is above the body is not asked: the odometry knows better.
+    """
+    pose = _SAME
+    for _ in range(_MOST_LINKS):
+        yield name, pose
+        link = links.get(name)
+        if link is None or name == until:
+            return
+        pose, name = _pose(link.p, link.q_xyzw) @ pose, link.parent
 
 
 def _pose(p: Array, q_xyzw: Array) -> Pose:

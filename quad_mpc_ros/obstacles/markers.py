@@ -34,7 +34,8 @@ _KINDS = {
 _LISTS = {CUBE_LIST: CUBE, SPHERE_LIST: SPHERE}
 _UNIT = 1e-3  # off the length of a quaternion
 _LARGEST = 1e5  # m
-_MOST_POINTS = 400_000  # on the surfaces of one list
+_LARGEST_AREA = 4000.0  # m^2: in points, what is still taken in time
+_MOST_POINTS = 400_000  # of a list; of one with more elements the centres do
 
 # s between two messages of which a speed is taken.
 _SHORTEST, _LONGEST = 0.01, 1.0
@@ -144,11 +145,18 @@ class Markers:
         in_odometry = self._frames.pose(marker.frame_id, min(stamp_ns, newest_ns))
         placed = in_odometry @ Pose(marker.p, so3.rotation_from_quaternion_xyzw(marker.q_xyzw))
         until_ns = stamp_ns + marker.lifetime_ns if marker.lifetime_ns > 0 else math.inf
-        shape: Shape | None = None
+        shape: Shape | None = _shape(marker, placed)
+        assert shape is not None
+        count = len(marker.points) if marker.kind in _LISTS else 1
+        if count * shape.area > _LARGEST_AREA:
+            raise ValueError(
+                f"{_named(marker)} with a surface of {count * shape.area:.0f} m^2, expected "
+                f"{_LARGEST_AREA:.0f} m^2 at most"
+            )
         if marker.kind in _LISTS:
-            points = self._of_list(marker, placed)
+            shape, points = None, self._of_list(marker, placed)
         else:
-            shape = self._with_speed(_shape(marker, placed), marker, stamp_ns)
+            shape = self._with_speed(shape, marker, stamp_ns)
             points = np.zeros((0, 3)) if shape.moves else shape.surface_points(self._spacing)
         before = self._known.get(marker.name)
         number = self._count if before is None else before.number
@@ -162,11 +170,8 @@ class Markers:
         element = _shape(marker, Pose(np.zeros(3), placed.R))
         surface = element.surface_points(self._spacing)
         centres = placed.applied(marker.points)
-        if len(centres) * len(surface) > _MOST_POINTS:
-            raise ValueError(
-                f"{_named(marker)} of {len(centres)} elements with {len(surface)} points each, "
-                f"expected {_MOST_POINTS} points at most"
-            )
+        if len(centres) * len(surface) > _MOST_POINTS:  # of very small ones
+            return centres
         return (centres[:, None] + surface).reshape(-1, 3)
 
     def _with_speed(self, shape: Shape, marker: Marker, stamp_ns: int) -> Shape:
@@ -195,7 +200,7 @@ def _check(marker: Marker) -> None:
             f"{_named(marker)} of type {marker.kind}, expected one of "
             f"{', '.join(f'{name} ({kind})' for kind, name in _KINDS.items())}"
         )
-    numbers = np.concatenate((marker.p, marker.scale, marker.points.ravel()))
+    numbers = np.concatenate((marker.p, marker.q_xyzw, marker.scale, marker.points.ravel()))
     if not (np.abs(numbers) <= _LARGEST).all():
         raise ValueError(f"{_named(marker)} with numbers that are not finite, or beyond 1e5 m")
     if not (marker.scale > 0.0).all():

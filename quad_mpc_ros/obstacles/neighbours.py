@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages.obstacle_messages import TimedPath
 
 _KEPT_NS = 3_000_000_000  # after the last that was heard of it
 _LOST_NS = 1_000_000_000  # its odometry goes on for so long: then its plan is lost
+_FARTHEST = 1e6  # m
 _LONGEST = 10.0  # s of a plan
 
 
@@ -49,11 +51,8 @@ class Neighbour:
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
         """Take where it is; ``ValueError`` for what is no odometry in our frame."""
-        numbers = np.concatenate((odometry.p_WB, odometry.v_WB_B, odometry.q_WB_xyzw))
-        if odometry.frame_id.lstrip("/") != self._frame_id or not np.isfinite(numbers).all():
-            raise ValueError(f"an odometry in '{odometry.frame_id}', or not finite")
-        if not abs(float(np.linalg.norm(odometry.q_WB_xyzw)) - 1.0) < 1e-3:
-            raise ValueError("an odometry without an attitude")
+        if fault := odometry_fault(odometry, frame_id=self._frame_id):
+            raise ValueError(fault)
         velocity = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw) @ odometry.v_WB_B
         self._state = _State(odometry.stamp_ns, odometry.p_WB, velocity)
 
@@ -62,7 +61,7 @@ class Neighbour:
         times_ns, p = path.times_ns, path.p
         if path.frame_id.lstrip("/") != self._frame_id:
             raise ValueError(f"a plan in '{path.frame_id}', expected '{self._frame_id}'")
-        if len(p) < 2 or not np.isfinite(p).all():
+        if len(p) < 2 or not (np.abs(p) <= _FARTHEST).all():  # NaN compares with nothing
             raise ValueError(f"a plan of {len(p)} positions, expected 2 or more, finite")
         duration = 1e-9 * int(times_ns[-1] - times_ns[0])
         if not (np.diff(times_ns) > 0).all() or duration > _LONGEST:

@@ -12,6 +12,9 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.obstacles.shapes import Box, Shape
 
 
+_ON = 1e-6  # m from a wall
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Volume:
     """A box of corners ``minimum`` and ``maximum`` (3,) [m], in which to stay."""
@@ -24,15 +27,19 @@ class Volume:
         return np.minimum(p_WQ - self.minimum, self.maximum - p_WQ).min(axis=1)
 
 
-    def wall_points(self, spacing: float) -> Array:
-        """Return points (n, 3) [m] on its walls and ceiling, and on its floor if that is above 0.
+    def wall_points(self, spacing: float, *, near: Array, radius: float) -> Array:
+        """Return points (n, 3) [m] on its walls and ceiling within a cube about a place (3,).
 
-        On ground at height 0 or below the vehicle stands.
+        On its floor too, if that is above 0: on ground at height 0 or below the vehicle stands.
         """
-        centre, size = 0.5 * (self.minimum + self.maximum), self.maximum - self.minimum
-        points = Box(p_WO=centre, size=size).surface_points(spacing)
-        stands = self.minimum[2] <= 0.0
-        return points[points[:, 2] > self.minimum[2]] if stands else points
+        low = np.maximum(self.minimum, near - radius)
+        high = np.minimum(self.maximum, near + radius)
+        if not (low < high).all():
+            return np.zeros((0, 3))
+        points = Box(p_WO=0.5 * (low + high), size=high - low).surface_points(spacing)
+        floor = self.minimum + [0.0, 0.0, -np.inf if self.minimum[2] <= 0.0 else 0.0]
+        on_wall = (points <= floor + _ON) | (points >= self.maximum - _ON)
+        return points[on_wall.any(axis=1)]
 
 
 class Scene:

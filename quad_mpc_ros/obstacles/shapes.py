@@ -54,9 +54,14 @@ class Shape(ABC):
     def outer_radius(self) -> float:
         """Radius [m] of the smallest sphere about the centre that holds it."""
 
+    @property
+    @abstractmethod
+    def area(self) -> float:
+        """Area of its surface [m^2]."""
+
     @abstractmethod
     def surface_points(self, spacing: float) -> Array:
-        """Return points (n, 3) [m] on its surface at the time 0, none of it farther than that.
+        """Return points (n, 3) [m] on its surface at the time 0, about ``area`` / ``spacing``^2.
 
         Every point of the surface has one within ``spacing`` / sqrt(2) [m].
         """
@@ -111,6 +116,12 @@ class Box(Shape):
         """Radius [m] of the sphere through its corners."""
         return 0.5 * float(np.linalg.norm(self.size))
 
+    @property
+    def area(self) -> float:
+        """Area of its six faces [m^2]."""
+        a, b, c = self.size.tolist()
+        return float(2.0 * (a * b + b * c + c * a))
+
     def surface_points(self, spacing: float) -> Array:
         """Return points (n, 3) [m] on its six faces, edges and corners included."""
         a, b, c = (_steps(length, spacing) for length in self.size)
@@ -144,6 +155,11 @@ class Cylinder(Shape):
     def outer_radius(self) -> float:
         """Radius [m] of the sphere through its rims."""
         return math.hypot(self.radius, 0.5 * self.height)
+
+    @property
+    def area(self) -> float:
+        """Area of its wall and its two ends [m^2]."""
+        return 2.0 * math.pi * self.radius * (self.radius + self.height)
 
     def surface_points(self, spacing: float) -> Array:
         """Return points (n, 3) [m] on its wall and its two ends, rims included."""
@@ -182,6 +198,11 @@ class Sphere(Shape):
     def outer_radius(self) -> float:
         """Its radius [m]."""
         return self.radius
+
+    @property
+    def area(self) -> float:
+        """Area of its surface [m^2]."""
+        return 4.0 * math.pi * self.radius**2
 
     def surface_points(self, spacing: float) -> Array:
         """Return points (n, 3) [m] on circles of latitude."""

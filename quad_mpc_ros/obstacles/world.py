@@ -64,8 +64,6 @@ class World:
         self._markers = Markers(self._frames, spacing=_SPACING)
         self._neighbours = {name: Neighbour(frame_id) for name in config.neighbours}
         surfaces = [shape.surface_points(_SPACING) for shape in self._scene.shapes]
-        if self._scene.volume is not None:
-            surfaces.append(self._scene.volume.wall_points(_SPACING))
         self._fixed = np.vstack(surfaces) if surfaces else np.zeros((0, 3))
         self._answer: _Answer | None = None
         self._resets = 0
@@ -131,6 +129,8 @@ class World:
         if answer is None or not answer.serves(near, radius, revision):
             wide = radius + _BESIDE
             found = [_within(points, near, wide) for points in (self._fixed, *parts)]
+            if self._scene.volume is not None:
+                found.append(self._scene.volume.wall_points(_SPACING, near=near, radius=wide))
             answer = _Answer(np.vstack(found), near.copy(), wide, revision)
             self._answer = answer
         return answer.points

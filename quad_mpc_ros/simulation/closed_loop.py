@@ -113,10 +113,12 @@ def fly(
         seen = surroundings.look(sent.truth, measured_ns)
         collision = surroundings.collision(sent.truth, measured_ns)
         if world is not None:
-            _tell(world, sent.odometry, seen)
+            world.receive_odometry(sent.odometry)
         tick, command = _answered(controller, sent.odometry, window, now_ns=now_ns)
         if command is not None:
             plant.apply(command)
+        if world is not None:  # as over DDS, where odometries come first
+            _tell(world, seen)
         yield LoopStep(
             odometry=sent.odometry,
             truth=sent.truth,
@@ -164,9 +166,8 @@ def _answered(
     return tick, None if tick is None else tick.command
 
 
-def _tell(world: World, odometry: OdometrySample, seen: Seen) -> None:
-    """Tell a world where the vehicle is and what is seen."""
-    world.receive_odometry(odometry)
+def _tell(world: World, seen: Seen) -> None:
+    """Tell a world what is seen."""
     if seen.cloud is not None:
         world.receive_cloud(seen.cloud)
     if seen.markers:

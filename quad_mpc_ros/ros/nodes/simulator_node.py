@@ -169,7 +169,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
             self._clouds = self.health.publisher(OBSTACLES)
         elif self.config.obstacles.sensor == "markers":
             self._markers = self.health.publisher(OBSTACLE_MARKERS)
-        self._newest_ns = -1
+        self._newest_ns, self._collided = -1, False
         self._pacing = pacing(self, plant)
         self.health.subscription(COMMAND, self._on_command)
         self.create_service(Trigger, "~/start", self._on_start)
@@ -181,15 +181,17 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
 
         The flight ends where the vehicle has flown into something.
         """
-        self._look(sent)
+        if self._collided:
+            return
         self._odometry.publish(cdr.written_odometry(sent.odometry))
         self._odometries += 1
         if sent.voltage is not None and self._battery is not None:
             stamp_ns = sent.odometry.stamp_ns
             self._battery.publish(cdr.written_battery(sent.voltage, stamp_ns=stamp_ns))
+        self._look(sent)
 
     def _look(self, sent: SentOdometry) -> None:
-        """Publish what a sensor sees, before the odometry, and see whether it has collided."""
+        """Publish what a sensor sees, and end the flight if it has flown into something."""
         measured_ns = sent.time_ns - round(1e9 * self.config.odom_delay)
         if measured_ns <= self._newest_ns:  # sent again
             return
@@ -203,7 +205,8 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
             self._markers.publish(message)
         collision = self._surroundings.collision(sent.truth, measured_ns)
         if collision is not None:
-            self.get_logger().fatal(f"crashed: {collision.text}")
+            self._collided = True
+            self.get_logger().error(f"crashed: {collision.text}")
             self.finish()
 
     def starting(self) -> str:
