@@ -52,6 +52,9 @@ class VisualisationConfig(LiftParameters):
         0.3, doc="Length of the thrust arrow at hover.", unit="m", above=0.0
     )
     fence: DrawnFence = field(default_factory=DrawnFence)
+    obstacles_file: str = parameter(
+        "", doc="File of obstacles to draw, usually that of the mpc (obstacles.file)."
+    )
     broadcast_tf: bool = parameter(
         True,
         doc="Broadcast the pose of the odometry on /tf, where tf2_msgs is installed; false where "
@@ -110,6 +113,13 @@ _PREDICTED = _Look(
     lifetime_ns=_SHORT_LIFETIME_NS,
 )
 _FENCE = _Look(name="fence", kind=LINE_LIST, scale=(0.02, 0.0, 0.0), rgb=(0.84, 0.37, 0.0))
+_CORRIDOR = _Look(
+    name="corridor",
+    kind=LINE_LIST,
+    scale=(0.01, 0.0, 0.0),
+    rgb=(0.0, 0.62, 0.45),
+    lifetime_ns=_SHORT_LIFETIME_NS,
+)
 _THRUST = _Look(
     name="thrust",
     kind=ARROW,
@@ -144,6 +154,11 @@ def trail_marker(odometry: OdometrySample, p_WB: Array, *, new: NewMessage) -> A
 def predicted_marker(odometry: OdometrySample, p_WB: Array, *, new: NewMessage) -> Any:
     """Return the plan (n, 3) [m], in the frame of the odometry as the controller plans."""
     return _marker(_PREDICTED, odometry, p_WB, new=new)
+
+
+def corridor_marker(odometry: OdometrySample, edges: Array, *, new: NewMessage) -> Any:
+    """Return the edges (m, 2, 3) [m] of where the plan is held."""
+    return _marker(_CORRIDOR, odometry, edges.reshape(-1, 3), new=new)
 
 
 def fence_marker(odometry: OdometrySample, fence: BoxParameters, *, new: NewMessage) -> Any:

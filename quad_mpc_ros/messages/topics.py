@@ -74,6 +74,8 @@ TRAJECTORY = Topic(name="trajectory", type_name=REFERENCE.type_name, reliable=Tr
 VELOCITY = Topic(name="cmd_vel", type_name="geometry_msgs/msg/TwistStamped", optional=True)
 JOYSTICK = Topic(name="joy", type_name="sensor_msgs/msg/Joy")
 PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path")
+# The half-spaces that the plan is held in, while something is in the way.
+CORRIDOR = Topic(name="mpc/corridor", type_name=OBSTACLES.type_name, optional=True)
 STATS = Topic(
     name="mpc/stats", type_name="diagnostic_msgs/msg/DiagnosticArray", reliable=True, depth=10
 )
@@ -105,7 +107,9 @@ RECORDED = (
     ENGAGED,
     LANDED,
     BATTERY,
+    OBSTACLE_MARKERS,
     PREDICTED_PATH,
+    CORRIDOR,
     REFERENCE_PATH,
     STATS,
     DIAGNOSTICS,

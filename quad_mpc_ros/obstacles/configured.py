@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import NamedTuple
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.obstacles.avoidance import ObstacleAvoidance
-from quad_mpc_ros.obstacles.files import read_scene
+from quad_mpc_ros.obstacles.files import scene_of_file
 from quad_mpc_ros.obstacles.world import World
 
 
@@ -26,7 +25,6 @@ def avoiding(config: MpcConfig) -> Avoiding | None:
     own = config.obstacles
     if own.half_spaces == 0:
         return None
-    scene = read_scene(Path(own.file).expanduser()) if own.file else None
     frame_id = config.odometry.frame_id
-    world = World(own, scene, frame_id=frame_id, radius=config.radius)
+    world = World(own, scene_of_file(own.file), frame_id=frame_id, radius=config.radius)
     return Avoiding(world, ObstacleAvoidance(config, world, radius=config.radius))

@@ -41,6 +41,11 @@ def read_scene(path: Path | str) -> Scene:
     return scene_of(content, str(path))
 
 
+def scene_of_file(file: str) -> Scene:
+    """Return what a file states that a parameter names; nothing where it names none."""
+    return read_scene(Path(file).expanduser()) if file else Scene()
+
+
 def scene_of(content: object, where: str) -> Scene:
     """Return what the content of a file states; ``where`` begins its errors."""
     if not isinstance(content, Mapping):

@@ -24,6 +24,9 @@ from quad_mpc_ros.messages.obstacle_messages import (
 from quad_mpc_ros.obstacles.frames import Frames, Pose
 from quad_mpc_ros.obstacles.shapes import Box, Cylinder, Shape, Sphere
 
+NAMESPACE = "obstacles"
+"""Of the markers that are made of shapes."""
+
 _KINDS = {
     CUBE: "CUBE",
     SPHERE: "SPHERE",
@@ -187,6 +190,28 @@ class Markers:
         if seconds > _LONGEST or not _STANDS <= speed <= _FASTEST:
             return shape
         return dataclasses.replace(shape, v_WO_W=velocity)
+
+
+def shape_marker(shape: Shape | None, number: int, *, stamp_ns: int, frame_id: str) -> Marker:
+    """Return a shape as a marker; without one, that the number is there no more."""
+    kind, p, q_xyzw, scale = CUBE, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.ones(3)
+    if shape is not None:
+        kind = CUBE if isinstance(shape, Box) else SPHERE
+        kind = CYLINDER if isinstance(shape, Cylinder) else kind
+        q_xyzw = so3.quaternion_xyzw_from_rotation(shape.R_WO)
+        p, scale = shape.p_WO, 2.0 * shape.half_extents
+    return Marker(
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+        name=(NAMESPACE, number),
+        kind=kind,
+        action=DELETE if shape is None else ADD,
+        p=p,
+        q_xyzw=q_xyzw,
+        scale=scale,
+        lifetime_ns=0,
+        points=np.zeros((0, 3)),
+    )
 
 
 def _named(marker: Marker) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.ocp.paper import reference_throttles
 from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.corridor import HalfSpaces, read_corridor
 from quad_mpc_ros.obstacles.scene import Scene
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
 
@@ -65,10 +66,14 @@ class CommandTrack:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedPlan:
-    """Positions ``p_WB`` (n, 3) [m] along one plan, from the state at which it begins."""
+    """Positions ``p_WB`` (n, 3) [m] along one plan, from the state at which it begins.
+
+    ``corridor`` are the half-spaces that it was held in, None where nothing was in the way.
+    """
 
     stamp_ns: int
     p_WB: Array
+    corridor: HalfSpaces | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -260,8 +265,16 @@ class ChosenPlans:
         order = order[: np.searchsorted(stamps[order], end_ns, side="right")]
         step = -(-len(order) // most) if most else 1
         self._chosen = set(order[:: max(step, 1)].tolist()) if most else set()
+        self._stamps = {stamps_ns[place] for place in self._chosen}
         self._seen = 0
         self._plans: list[RecordedPlan] = []
+        self._corridors: dict[int, HalfSpaces] = {}
+
+    def take_corridor(self, message: RecordedMessage) -> None:
+        """Keep the corridor in a message if it is of a chosen plan, and something is in it."""
+        corridor = read_corridor(message.data)
+        if len(corridor.offsets) and corridor.stamp_ns in self._stamps:
+            self._corridors[corridor.stamp_ns] = corridor
 
     def take(self, message: RecordedMessage) -> None:
         """Keep the plan in a message, if it is a chosen one and finite."""
@@ -274,4 +287,7 @@ class ChosenPlans:
 
     def in_order(self) -> list[RecordedPlan]:
         """Return the plans by their stamps."""
-        return sorted(self._plans, key=lambda plan: plan.stamp_ns)
+        plans = [
+            replace(plan, corridor=self._corridors.get(plan.stamp_ns)) for plan in self._plans
+        ]
+        return sorted(plans, key=lambda plan: plan.stamp_ns)

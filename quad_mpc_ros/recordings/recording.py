@@ -20,6 +20,7 @@ from quad_mpc_ros.messages.cdr import header_stamp_ns
 from quad_mpc_ros.messages.topics import (
     BATTERY,
     COMMAND,
+    CORRIDOR,
     ENGAGED,
     LANDED,
     ODOMETRY,
@@ -143,6 +144,7 @@ class Recording:
         }
         if most_plans:
             again[PREDICTED_PATH] = plans.take
+            again[CORRIDOR] = self._all_of(CORRIDOR, plans.take_corridor)
         self._stream(again)
         return Flight(
             **arrays,

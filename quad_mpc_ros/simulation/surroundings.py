@@ -12,21 +12,12 @@ import numpy as np
 from quad_mpc_ros.configuration import Configuration, parameter
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
-from quad_mpc_ros.messages.obstacle_messages import (
-    ADD,
-    CUBE,
-    CYLINDER,
-    DELETE,
-    SPHERE,
-    Marker,
-)
+from quad_mpc_ros.messages.obstacle_messages import Marker
 from quad_mpc_ros.messages.point_cloud import PointCloud
 from quad_mpc_ros.obstacles.files import read_scene
+from quad_mpc_ros.obstacles.markers import shape_marker
 from quad_mpc_ros.obstacles.scene import Scene
-from quad_mpc_ros.obstacles.shapes import Box, Cylinder, Shape
-
-NAMESPACE = "obstacles"
-"""Of the markers of a sensor."""
+from quad_mpc_ros.obstacles.shapes import Shape
 
 _ROUND, _UP_AND_DOWN = 240, 31  # rays: a pillar of 0.2 m is met at 6 m
 _HIGHEST = math.radians(45.0)
@@ -173,25 +164,8 @@ def _towards(shape: Shape, p_WC: Array, rays_W: Array) -> Array:
 
 def _marker(truth: OdometrySample, number: int, shape: Shape | None) -> Marker:
     """Return a shape as a marker in the frame of the odometry, or that it is there no more."""
-    pose = (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.ones(3))
-    kind = CUBE
-    if shape is not None:
-        kind = CUBE if isinstance(shape, Box) else SPHERE
-        kind = CYLINDER if isinstance(shape, Cylinder) else kind
-        attitude = so3.quaternion_xyzw_from_rotation(shape.R_WO)
-        pose = (shape.p_WO, attitude, 2.0 * shape.half_extents)
-    return Marker(
-        stamp_ns=truth.stamp_ns,
-        frame_id=truth.frame_id,
-        name=(NAMESPACE, number),
-        kind=kind,
-        action=DELETE if shape is None else ADD,
-        p=pose[0],
-        q_xyzw=pose[1],
-        scale=pose[2],
-        lifetime_ns=0,
-        points=np.zeros((0, 3)),
-    )
+    stamp_ns, frame_id = truth.stamp_ns, truth.frame_id
+    return shape_marker(shape, number, stamp_ns=stamp_ns, frame_id=frame_id)
 
 
 def _rays() -> Array:

@@ -7,6 +7,8 @@ import sys
 from collections import deque
 from typing import Any
 
+from rclpy.publisher import Publisher
+
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import ReferenceWindow
@@ -15,6 +17,7 @@ from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
+from quad_mpc_ros.messages.corridor import written_corridor
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
 from quad_mpc_ros.ros import realtime
 from quad_mpc_ros.obstacles.configured import avoiding
@@ -96,7 +99,9 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
         self._world = None if avoided is None else avoided.world
         self._obstacle_inputs: ObstacleInputs | None = None
+        self._corridor: Publisher | None = None
         if self._world is not None:
+            self._corridor = self.health.publisher(topics.CORRIDOR)
             in_thread = not config.lockstep
             self._obstacle_inputs = ObstacleInputs(self, self._world, in_thread=in_thread)
         if not config.lockstep:
@@ -258,6 +263,12 @@ class MpcNode(ManagedNode[MpcConfig]):
         if tick.plan is not None and self._path_is_due(tick.plan.stamp_ns):
             frame_id = self._controller.config.odometry.frame_id
             self._predicted_path.publish(conversions.written_plan(tick.plan, frame_id=frame_id))
+            if self._corridor is not None and tick.guided is not None:
+                stamp_ns = tick.plan.stamp_ns
+                data = written_corridor(
+                    tick.guided.corridor, stamp_ns=stamp_ns, frame_id=frame_id
+                )
+                self._corridor.publish(data)
 
     def _path_is_due(self, stamp_ns: int) -> bool:
         """Whether the path has a subscriber, and was not published just now."""
