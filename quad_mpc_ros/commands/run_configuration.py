@@ -25,7 +25,8 @@ from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import start_on
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant, plant_entry
 
-_HALF_SPACES = 8  # a stage, with --obstacles
+HALF_SPACES = 8
+"""A stage, where something is to be kept clear of."""
 
 SCHEMA: files.Schema = {
     "mpc": MpcConfig,
@@ -101,7 +102,7 @@ def _of_obstacles(options: argparse.Namespace) -> list[str]:
             raise UserError(f"--sensor: given {options.sensor}, expected --obstacles FILE with it")
         return []
     scene, text = read_scene(file), files.value_text(str(file.resolve()))
-    made = [f"mpc.obstacles.half_spaces={_HALF_SPACES}", f"simulator.obstacles.file={text}"]
+    made = [f"mpc.obstacles.half_spaces={HALF_SPACES}", f"simulator.obstacles.file={text}"]
     sensor = options.sensor
     if sensor is None:
         made.append(f"mpc.obstacles.file={text}")

@@ -89,8 +89,8 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         "--obstacles",
         type=Path,
         metavar="FILE",
-        help="fly among the boxes, cylinders and spheres of FILE: the mpc keeps clear of them, and "
-        "a vehicle that touches one has crashed (docs/obstacles.md)",
+        help="fly among the boxes, cylinders and spheres of FILE: the mpc keeps clear of them, "
+        "and a vehicle that touches one has crashed (docs/obstacles.md)",
     )
     parser.add_argument(
         "--sensor",

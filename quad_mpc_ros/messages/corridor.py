@@ -37,7 +37,7 @@ class HalfSpaces:
 
 
 def written_corridor(corridor: Corridor | None, *, stamp_ns: int, frame_id: str) -> bytes:
-    """Return the rows of a corridor that hold something, none without one, under a plan's stamp."""
+    """Return the rows of a corridor that hold something, under the stamp of a plan."""
     if corridor is None:
         return written_records(np.zeros(0, _RECORD), stamp_ns=stamp_ns, frame_id=frame_id)
     stage, row = np.nonzero(np.isfinite(corridor.offsets))

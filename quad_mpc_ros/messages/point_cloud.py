@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,8 +35,9 @@ class PointCloud:
 def read_point_cloud(data: bytes) -> PointCloud:
     """Return the points of a ``sensor_msgs/PointCloud2``.
 
-    A cloud without points is one that saw nothing. Coordinates may be of any type that the message knows, in any order and at any offset,
-    with anything beside them, and rows may be longer than their points.
+    A cloud without points is one that saw nothing. Coordinates may be of any type that the message
+    knows, in any order and at any offset, with anything beside them, and rows may be longer than
+    their points.
 
     Raises:
         ValueError: The bytes are no such message, or it has no x, y and z, or no finite point.
@@ -92,7 +93,8 @@ def read_records(data: bytes, names: Sequence[str]) -> tuple[int, str, NDArray[A
 
 def written_records(records: NDArray[Any], *, stamp_ns: int, frame_id: str) -> bytes:
     """Return a structured array (n,) of little-endian numbers as a ``sensor_msgs/PointCloud2``."""
-    fields, size = records.dtype.fields or {}, records.dtype.itemsize
+    fields: Mapping[str, Any] = records.dtype.fields or {}
+    size = records.dtype.itemsize
     kinds = {kind: number for number, kind in _KINDS.items()}
     parts = [struct.pack("<iI", *divmod(stamp_ns, 1_000_000_000)), _text(frame_id)]
     parts.append(struct.pack("<III", 1, len(records), len(fields)))

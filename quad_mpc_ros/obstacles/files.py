@@ -148,5 +148,6 @@ def _given(given: Mapping[Any, Any], name: str) -> str:
 
 
 def _usable(value: object) -> bool:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and abs(value) <= _FARTHEST  # NaN compares with nothing
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    return abs(value) <= _FARTHEST  # NaN compares with nothing

@@ -122,7 +122,7 @@ class Frames:
         with self._lock:
             links, poses, body = dict(self._links), list(self._poses), self._body
         odometry = self._frame_id.lstrip("/")
-        ours = {above: pose for above, pose in _chain(odometry, links, until=body)}
+        ours = dict(_chain(odometry, links, until=body))
         for above, pose in _chain(frame_id.lstrip("/"), links, until=body):
             if above in ours:
                 return ours[above].inverse @ pose

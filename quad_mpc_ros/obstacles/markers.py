@@ -73,8 +73,9 @@ class _Known(NamedTuple):
 class Markers:
     """The markers that are there, each by its namespace and number.
 
-    One that comes again elsewhere moves: it is predicted by its speed from one message to the next,
-    for a second; then it is where it was predicted until it is told again, or its lifetime ends.
+    One that comes again elsewhere moves: it is predicted by its speed from one message to the
+    next, for a second; then it is where it was predicted until it is told again, or its lifetime
+    ends.
     """
 
     def __init__(self, frames: Frames, *, spacing: float) -> None:
@@ -172,7 +173,7 @@ class Markers:
         """Return points (n, 3) on the surfaces of the elements of a list."""
         element = _shape(marker, Pose(np.zeros(3), placed.R))
         surface = element.surface_points(self._spacing)
-        centres = placed.applied(marker.points)
+        centres = np.asarray(placed.applied(marker.points), dtype=np.float64)
         if len(centres) * len(surface) > _MOST_POINTS:  # of very small ones
             return centres
         return (centres[:, None] + surface).reshape(-1, 3)

@@ -19,7 +19,7 @@ _LONGEST = 10.0  # s of a plan
 
 
 class Heard(NamedTuple):
-    """Where a neighbour is at a time (3,) [m], how fast (3,) [m/s], and when that was told [ns]."""
+    """Where a neighbour is at a time (3,) [m], how fast (3,) [m/s], when that was told [ns]."""
 
     p_W: Array
     v_W: Array

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.obstacles.shapes import Box, Shape
 
-
 _ON = 1e-6  # m from a wall
 
 
@@ -24,8 +23,7 @@ class Volume:
 
     def distance(self, p_WQ: Array) -> Array:
         """Return the distances (n,) [m] of points (n, 3) [m] to its walls; negative outside."""
-        return np.minimum(p_WQ - self.minimum, self.maximum - p_WQ).min(axis=1)
-
+        return np.asarray(np.minimum(p_WQ - self.minimum, self.maximum - p_WQ).min(axis=1))
 
     def wall_points(self, spacing: float, *, near: Array, radius: float) -> Array:
         """Return points (n, 3) [m] on its walls and ceiling within a cube about a place (3,).
@@ -37,7 +35,8 @@ class Volume:
         if not (low < high).all():
             return np.zeros((0, 3))
         points = Box(p_WO=0.5 * (low + high), size=high - low).surface_points(spacing)
-        floor = self.minimum + [0.0, 0.0, -np.inf if self.minimum[2] <= 0.0 else 0.0]
+        floor = self.minimum.copy()
+        floor[2] = floor[2] if floor[2] > 0.0 else -np.inf
         on_wall = (points <= floor + _ON) | (points >= self.maximum - _ON)
         return points[on_wall.any(axis=1)]
 

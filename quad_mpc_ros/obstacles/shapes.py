@@ -94,7 +94,8 @@ class Shape(ABC):
     def _turned(self, vectors_W: Array) -> Array:
         """Return vectors (n, 3) along the shape's axes."""
         # Not by @: a product of this shape starts threads, which cost more.
-        return np.einsum("ni,ij->nj", vectors_W, self.R_WO)
+        turned: Array = np.einsum("ni,ij->nj", vectors_W, self.R_WO)
+        return turned
 
     def _placed(self, p_OQ: Array) -> Array:
         return np.asarray(p_OQ @ self.R_WO.T + self.p_WO)

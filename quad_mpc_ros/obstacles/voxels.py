@@ -26,14 +26,20 @@ class _Known(NamedTuple):
         return _Known(*(column[which] for column in self))
 
     def with_more(self, other: _Known) -> _Known:
-        return _Known(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+        return _Known(
+            np.concatenate((self.points, other.points)),
+            np.concatenate((self.seen_ns, other.seen_ns)),
+            np.concatenate((self.keys, other.keys)),
+            np.concatenate((self.places, other.places)),
+        )
 
 
 class VoxelMap:
     """Of the points seen in a cube the last one, and when that was.
 
     A table says which point was the last with a hash. A point gives way only to one of its own
-    cube: of two cubes with one hash some points stay that could go, and none goes that has to stay.
+    cube: of two cubes with one hash some points stay that could go, and none goes that has to
+    stay.
     """
 
     def __init__(self, size: float) -> None:
@@ -52,7 +58,7 @@ class VoxelMap:
         self._known = self._made(np.zeros((0, 3), np.float32), 0)
 
     def insert(self, points: Points, stamp_ns: int) -> None:
-        """Add points (n, 3) [m], finite; of what was known of the same cubes they take the place."""
+        """Add points (n, 3) [m], finite, in place of what was known of the same cubes."""
         new, known = self._made(points, stamp_ns), self._known
         if len(known.points):
             before = np.minimum(self._table[new.places], len(known.points) - 1)

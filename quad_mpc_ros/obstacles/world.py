@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.control.config import ObstacleParameters
 from quad_mpc_ros.control.lie import Array
@@ -123,12 +124,13 @@ class World:
 
         The same array as long as it serves.
         """
-        parts = [self._clouds.points(stamp_ns), *self._markers.standing_points(stamp_ns)]
+        parts: list[NDArray[np.floating[Any]]] = [self._fixed, self._clouds.points(stamp_ns)]
+        parts += self._markers.standing_points(stamp_ns)
         revision = self.revision
         answer = self._answer
         if answer is None or not answer.serves(near, radius, revision):
             wide = radius + _BESIDE
-            found = [_within(points, near, wide) for points in (self._fixed, *parts)]
+            found = [_within(points, near, wide) for points in parts]
             if self._scene.volume is not None:
                 found.append(self._scene.volume.wall_points(_SPACING, near=near, radius=wide))
             answer = _Answer(np.vstack(found), near.copy(), wide, revision)
@@ -170,8 +172,8 @@ class World:
         nearest = Scene(shapes).distance(p_WQ, 0.0)
         if self._scene.volume is not None:
             nearest = np.minimum(nearest, self._scene.volume.distance(p_WQ))
-        seen = [self._clouds.points(stamp_ns), *self._markers.standing_points(stamp_ns)]
-        points = np.vstack([np.zeros((0, 3)), *seen])
+        points: NDArray[np.floating[Any]] = self._clouds.points(stamp_ns)
+        points = np.vstack([points, *self._markers.standing_points(stamp_ns)])
         if len(points):
             from scipy.spatial import cKDTree
 
@@ -199,7 +201,7 @@ def _points_of(
     )
 
 
-def _within(points: Array, centre: Array, radius: float) -> Array:
+def _within(points: NDArray[np.floating[Any]], centre: Array, radius: float) -> Array:
     """Return those of points (n, 3) that lie within a radius of a centre (3,)."""
     x, y, z = points.T
     near = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2 <= radius**2

@@ -24,7 +24,7 @@ from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
 from quad_mpc_ros.simulation.sensors import OdometryStream, odometry_stamps, stamp_offset_ns
-from quad_mpc_ros.simulation.surroundings import Collision, Seen, Surroundings
+from quad_mpc_ros.simulation.surroundings import NOTHING_SEEN, Collision, Seen, Surroundings
 
 _DEFAULT_DURATION = 10.0  # s
 
@@ -57,7 +57,7 @@ class LoopStep:
     tick: Tick | None
     command: CommandSample | None
     voltage: float | None = None
-    seen: Seen = Seen()
+    seen: Seen = NOTHING_SEEN
     collision: Collision | None = None
 
 
@@ -80,9 +80,9 @@ def fly(
 
     The arguments are those of :func:`quad_mpc_ros.simulate`, which returns the steps as arrays.
     Without ``simulator`` it takes ten seconds, with one the ``duration`` that it says. A path is
-    flown by differential flatness, with the vehicle and the yaw of ``reference``; a
-    given ``plant`` starts as it is, also with ``on_reference``. A ``scene`` is flown among in place
-    of the simulator's file of obstacles; the flight ends where the vehicle touches one. A ``world``
+    flown by differential flatness, with the vehicle and the yaw of ``reference``; a given
+    ``plant`` starts as it is, also with ``on_reference``. A ``scene`` is flown among in place of
+    the simulator's file of obstacles; the flight ends where the vehicle touches one. A ``world``
     is what the guide of a given controller knows, which is told what the sensor sees.
 
     Raises:

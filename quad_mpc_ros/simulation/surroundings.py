@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration import Configuration, parameter
 from quad_mpc_ros.control.lie import Array, so3
@@ -77,6 +78,9 @@ def scene_of(config: SurroundingsParameters) -> Scene | None:
     return read_scene(Path(config.file).expanduser()) if config.file else None
 
 
+NOTHING_SEEN = Seen()
+
+
 class Surroundings:
     """A scene around a vehicle; times from the start of the flight."""
 
@@ -97,7 +101,7 @@ class Surroundings:
     def look(self, truth: OdometrySample, time_ns: int) -> Seen:
         """Return what is told with an odometry: of what is there, if the sensor is due."""
         if self._config.sensor == "none" or not self.scene.shapes or time_ns < self._due_ns:
-            return Seen()
+            return NOTHING_SEEN
         self._due_ns += self._period_ns * max(1, -(-(time_ns - self._due_ns) // self._period_ns))
         seconds, reach = 1e-9 * time_ns, self._config.sensor_range
         if self._config.sensor == "markers":
@@ -133,7 +137,9 @@ class Surroundings:
         return (*gone, *(_marker(truth, number, shape) for number, shape in near.items()))
 
 
-def scan(scene: Scene, truth: OdometrySample, *, seconds: float, reach: float) -> PointCloud | None:
+def scan(
+    scene: Scene, truth: OdometrySample, *, seconds: float, reach: float
+) -> PointCloud | None:
     """Return the points, in the body, where rays all around meet a scene; None if none does.
 
     The rays are 1.5 degrees apart across and 3 up and down, to 45 degrees; ``reach`` [m] long.
@@ -154,7 +160,7 @@ def scan(scene: Scene, truth: OdometrySample, *, seconds: float, reach: float) -
     )
 
 
-def _towards(shape: Shape, p_WC: Array, rays_W: Array) -> Array:
+def _towards(shape: Shape, p_WC: Array, rays_W: Array) -> NDArray[np.intp]:
     """Return which rays may meet the sphere about a shape."""
     to_it = shape.p_WO - p_WC
     along = rays_W @ to_it

@@ -100,9 +100,7 @@ def test_points_that_were_not_measured_are_left_out() -> None:
 
 def test_what_is_written_other_readers_read() -> None:
     points = RANDOM.normal(size=(7, 3))
-    data = written_point_cloud(
-        PointCloud(stamp_ns=-1, frame_id="base_link", p_SQ=points, given=7)
-    )
+    data = written_point_cloud(PointCloud(stamp_ns=-1, frame_id="base_link", p_SQ=points, given=7))
     message = STORE.deserialize_cdr(data, CLOUD)
     assert serialized(message, CLOUD) == data
     assert np.allclose(message.data.view("<f4").reshape(-1, 3), points)
@@ -181,7 +179,9 @@ def test_markers_are_read_one_after_another(little_endian: bool) -> None:
     data = serialized(T[MARKERS](messages), MARKERS, little_endian=little_endian)
     for marker, message in zip(read_markers(data), messages, strict=True):
         pose = message.pose
-        assert marker.name == (message.ns, message.id) and marker.frame_id == message.header.frame_id
+        assert (
+            marker.name == (message.ns, message.id) and marker.frame_id == message.header.frame_id
+        )
         assert (marker.kind, marker.action) == (message.type, message.action)
         assert marker.stamp_ns == 12_000_000_345
         assert marker.lifetime_ns == message.lifetime.sec * 10**9 + 5

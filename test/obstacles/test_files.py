@@ -52,7 +52,10 @@ BAD = {
     "misspelt section": ("obstacle: []", "given 'obstacle', expected obstacles, volume (did you"),
     "no entry": ("obstacles: [3]", "obstacle 1: given 3, expected {shape: box"),
     "no shape": (entry("position: [0, 0, 1]"), "obstacle 2: shape: given None, expected one of"),
-    "another shape": (entry("shape: bax"), "obstacle 2: shape: given 'bax', expected one of box, "),
+    "another shape": (
+        entry("shape: bax"),
+        "obstacle 2: shape: given 'bax', expected one of box, ",
+    ),
     "no position": (entry("shape: box, size: [1, 1, 1]"), "obstacle 2: position: given none, exp"),
     "two numbers": (
         entry("shape: box, position: [1, 2], size: [1, 1, 1]"),

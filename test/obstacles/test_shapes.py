@@ -116,15 +116,15 @@ def test_upright_rays_meet_a_cylinder_only_above_and_below_it() -> None:
 
 def test_yaw_turns_from_east_to_north() -> None:
     box = Box(p_WO=np.zeros(3), R_WO=rotation_about_z(math.pi / 2), size=np.array([2.0, 0.2, 0.2]))
-    assert box.distance(np.array([[0.0, 0.9, 0.0]]))[0] < 0.0 < box.distance(
-        np.array([[0.9, 0.0, 0.0]])
-    )[0]
+    assert (
+        box.distance(np.array([[0.0, 0.9, 0.0]]))[0]
+        < 0.0
+        < box.distance(np.array([[0.9, 0.0, 0.0]]))[0]
+    )
 
 
 def test_a_shape_waits_until_it_appears_and_then_moves() -> None:
-    sphere = Sphere(
-        p_WO=np.zeros(3), radius=0.1, v_WO_W=np.array([2.0, 0.0, 0.0]), appears_at=1.0
-    )
+    sphere = Sphere(p_WO=np.zeros(3), radius=0.1, v_WO_W=np.array([2.0, 0.0, 0.0]), appears_at=1.0)
     assert sphere.after(0.5).p_WO[0] == 0.0
     assert sphere.after(1.5).p_WO[0] == pytest.approx(1.0)
 

@@ -296,7 +296,10 @@ class TestMarkers:
         w.receive_markers(
             [
                 marker(
-                    kind=kind, p=np.array([0, 0, 1.0]), q_xyzw=turned, scale=np.full(3, 0.2),
+                    kind=kind,
+                    p=np.array([0, 0, 1.0]),
+                    q_xyzw=turned,
+                    scale=np.full(3, 0.2),
                     points=cells,
                 )
             ]
@@ -436,12 +439,22 @@ class TestNeighbours:
     @pytest.mark.parametrize(
         ("heard", "reason"),
         [
-            (TimedPath(stamp_ns=1, frame_id="odom", times_ns=np.zeros(1, np.int64),
-                       p=np.zeros((1, 3))), "a plan of 1 positions"),
-            (TimedPath(stamp_ns=1, frame_id="odom", times_ns=np.zeros(2, np.int64),
-                       p=np.zeros((2, 3))), "stamps do not rise"),
-            (TimedPath(stamp_ns=1, frame_id="map", times_ns=np.arange(2), p=np.zeros((2, 3))),
-             "in 'map', expected 'odom'"),
+            (
+                TimedPath(
+                    stamp_ns=1, frame_id="odom", times_ns=np.zeros(1, np.int64), p=np.zeros((1, 3))
+                ),
+                "a plan of 1 positions",
+            ),
+            (
+                TimedPath(
+                    stamp_ns=1, frame_id="odom", times_ns=np.zeros(2, np.int64), p=np.zeros((2, 3))
+                ),
+                "stamps do not rise",
+            ),
+            (
+                TimedPath(stamp_ns=1, frame_id="map", times_ns=np.arange(2), p=np.zeros((2, 3))),
+                "in 'map', expected 'odom'",
+            ),
             (at(SECOND, (math.nan, 0, 0)), "not finite"),
         ],
     )

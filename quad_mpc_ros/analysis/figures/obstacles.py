@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -59,7 +60,7 @@ def faces(shape: Shape) -> list[Array]:
         rings = [(x * math.cos(up) * circle, x * math.sin(up)) for up in latitudes]
     lofted = [np.column_stack((ring, np.full(len(ring), height))) for ring, height in rings]
     found = [lofted[0], lofted[-1]]
-    for low, high in zip(lofted[:-1], lofted[1:], strict=True):
+    for low, high in itertools.pairwise(lofted):
         ahead_low, ahead_high = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
         found += list(np.stack((low, ahead_low, ahead_high, high), axis=1))
     return [face @ shape.R_WO.T + shape.p_WO for face in found]

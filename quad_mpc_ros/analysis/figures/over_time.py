@@ -34,7 +34,8 @@ def write_figures(flight: Flight, directory: Path) -> list[Path]:
 
     ``position``, ``attitude``, ``velocity`` and ``inputs`` are Figures 4 to 7 of the paper, each
     against the reference; the last is left out of a flight without commands. ``clearance`` is the
-    distance to obstacles, where there are any. ``path`` is the flight in space. Raises ``OSError`` when a file cannot be written.
+    distance to obstacles, where there are any. ``path`` is the flight in
+    space. Raises ``OSError`` when a file cannot be written.
     """
     figures = {
         "position": ("Position in the world", position_panels(flight)),

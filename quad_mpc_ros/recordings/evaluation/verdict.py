@@ -72,6 +72,7 @@ def verdict_on(summary: Summary) -> Verdict:
     """Return what the summary of a flight says (:func:`.metrics.summarise`)."""
     wrong, commanded = _wrong(summary), commanded_text(summary)
     failed = _without_mpc(summary) or summary["solver_failures"] or summary["crashed"]
+    failed = failed or summary.get("collided")
     return Verdict(
         good=bool(summary["commands"] and not failed),
         line=_line(summary, commanded, wrong),
@@ -131,6 +132,8 @@ def _wrong(s: Summary) -> list[str]:
     found: list[str] = []
     if s["crashed"]:
         found.append(f"{_capital(crash_text(s['crash'], s['crash_time_s']))}.")
+    elif s.get("collided"):
+        found.append("It touched another vehicle.")
     if s.get("collision"):
         x, y, z = s["collision"]["position_m"]
         speed = s["collision"]["speed_m_s"]

@@ -19,8 +19,8 @@ from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.corridor import written_corridor
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
-from quad_mpc_ros.ros import realtime
 from quad_mpc_ros.obstacles.configured import avoiding
+from quad_mpc_ros.ros import realtime
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.commanders import Commanders
 from quad_mpc_ros.ros.compiling import reported
@@ -265,9 +265,7 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._predicted_path.publish(conversions.written_plan(tick.plan, frame_id=frame_id))
             if self._corridor is not None and tick.guided is not None:
                 stamp_ns = tick.plan.stamp_ns
-                data = written_corridor(
-                    tick.guided.corridor, stamp_ns=stamp_ns, frame_id=frame_id
-                )
+                data = written_corridor(tick.guided.corridor, stamp_ns=stamp_ns, frame_id=frame_id)
                 self._corridor.publish(data)
 
     def _path_is_due(self, stamp_ns: int) -> bool:
