@@ -60,18 +60,23 @@ class Clouds:
             self._newest_ns = max(stamp_ns, self._newest_ns or stamp_ns)
             self._revision += 1
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Forget all."""
         with self._lock:
             self._voxels.clear()
             self._newest_ns = None
             self._revision += 1
 
-    def points(self, stamp_ns: int) -> Points:
-        """Return the points (n, 3) [m] that are not forgotten at a time."""
+    def forget(self, now_ns: int) -> None:
+        """Forget what was last seen too long ago."""
         with self._lock:
-            if not self._is_map and self._voxels.forget_before(stamp_ns - self._forget_ns):
+            if not self._is_map and self._voxels.forget_before(now_ns - self._forget_ns):
                 self._revision += 1
+
+    @property
+    def points(self) -> Points:
+        """The points (n, 3) [m]."""
+        with self._lock:
             return self._voxels.points
 
     def age(self, stamp_ns: int) -> float:

@@ -100,38 +100,39 @@ class Markers:
         if refused is not None:
             raise refused
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Forget all."""
         self._known.clear()
         self.revision += 1
 
+    def forget(self, now_ns: int) -> None:
+        """Forget those whose lifetime has ended."""
+        ended = [name for name, known in self._known.items() if known.until_ns < now_ns]
+        for name in ended:
+            del self._known[name]
+        self.revision += len(ended)
+
     def shapes(self, stamp_ns: int) -> list[Shape]:
         """Return the shapes that are there at a time, where they are then."""
-        bodies = (known.body_at(stamp_ns) for known in self._present(stamp_ns))
+        bodies = (known.body_at(stamp_ns) for known in self._known.values())
         return [body for body in bodies if body is not None]
 
-    def standing_points(self, stamp_ns: int) -> list[Array]:
-        """Return points (n, 3) [m] on the surfaces of what stands."""
-        return [known.points for known in self._present(stamp_ns) if len(known.points)]
+    @property
+    def standing_points(self) -> list[Array]:
+        """Points (n, 3) [m] on the surfaces of what stands."""
+        return [known.points for known in self._known.values() if len(known.points)]
 
     def moving(self, stamp_ns: int) -> list[Moved]:
         """Return what moves, where it is predicted to be at a time."""
         return [
             Moved(body, known.stamp_ns, known.number)
-            for known in self._present(stamp_ns)
+            for known in self._known.values()
             if (body := known.body_at(stamp_ns)) is not None and body.moves
         ]
 
-    def _present(self, stamp_ns: int) -> list[_Known]:
-        ended = [name for name, known in self._known.items() if known.until_ns < stamp_ns]
-        for name in ended:
-            del self._known[name]
-        self.revision += len(ended)
-        return list(self._known.values())
-
     def _receive(self, marker: Marker) -> None:
         if marker.action == DELETEALL:
-            self.forget()
+            self.clear()
         elif marker.action == DELETE:
             self.revision += self._known.pop(marker.name, None) is not None
         elif marker.action == ADD:

@@ -85,8 +85,15 @@ class World:
         return self._clouds.revision + self._markers.revision + self._resets
 
     def receive_odometry(self, odometry: OdometrySample) -> None:
-        """Take where the vehicle is, by which clouds in its frame are placed."""
+        """Take where the vehicle is, by which clouds in its frame are placed, and the time.
+
+        What has been seen for too long, or has outlived its lifetime, is forgotten.
+        """
         self._frames.receive_odometry(odometry)
+        now_ns = self._frames.newest_ns
+        if now_ns is not None:
+            self._clouds.forget(now_ns)
+            self._markers.forget(now_ns)
 
     def receive_cloud(self, cloud: PointCloud) -> None:
         """Take a scan or a map."""
@@ -115,8 +122,8 @@ class World:
     def reset_estimate(self) -> None:
         """Forget what was seen: the frame of the odometry has moved."""
         self._frames.forget_poses()
-        self._clouds.forget()
-        self._markers.forget()
+        self._clouds.clear()
+        self._markers.clear()
         self._resets += 1
 
     def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
@@ -124,8 +131,8 @@ class World:
 
         The same array as long as it serves.
         """
-        parts: list[NDArray[np.floating[Any]]] = [self._fixed, self._clouds.points(stamp_ns)]
-        parts += self._markers.standing_points(stamp_ns)
+        parts: list[NDArray[np.floating[Any]]] = [self._fixed, self._clouds.points]
+        parts += self._markers.standing_points
         revision = self.revision
         answer = self._answer
         if answer is None or not answer.serves(near, radius, revision):
@@ -172,8 +179,8 @@ class World:
         nearest = Scene(shapes).distance(p_WQ, 0.0)
         if self._scene.volume is not None:
             nearest = np.minimum(nearest, self._scene.volume.distance(p_WQ))
-        points: NDArray[np.floating[Any]] = self._clouds.points(stamp_ns)
-        points = np.vstack([points, *self._markers.standing_points(stamp_ns)])
+        points: NDArray[np.floating[Any]] = self._clouds.points
+        points = np.vstack([points, *self._markers.standing_points])
         if len(points):
             from scipy.spatial import cKDTree
 

@@ -70,6 +70,8 @@ def marker(number: int = 1, **fields: Any) -> Marker:
 
 
 def known(of: World, stamp_ns: int, *, near: Array = HERE, radius: float = 20.0) -> Array:
+    """Return what stands by the time of an odometry."""
+    of.receive_odometry(at(stamp_ns))
     return of.points(stamp_ns, near=near, radius=radius)
 
 
