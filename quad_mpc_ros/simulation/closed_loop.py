@@ -117,7 +117,7 @@ def fly(
         tick, command = _answered(controller, sent.odometry, window, now_ns=now_ns)
         if command is not None:
             plant.apply(command)
-        if world is not None:  # as over DDS, where odometries come first
+        if world is not None:
             _tell(world, seen)
         yield LoopStep(
             odometry=sent.odometry,
@@ -167,7 +167,7 @@ def _answered(
 
 
 def _tell(world: World, seen: Seen) -> None:
-    """Tell a world what is seen."""
+    """Tell a world what is seen, for the next tick, as the node does in lockstep."""
     if seen.cloud is not None:
         world.receive_cloud(seen.cloud)
     if seen.markers:

@@ -64,7 +64,9 @@ def test_way_through_a_gap_keeps_its_distance_and_arrives() -> None:
 def test_closed_wall_stops_in_front() -> None:
     points = wall(gap=False)
     goal = np.array([2.5, 0.0, 0.0])
-    way, arrives = search(filled(points), np.array([-1.0, 0.0, 0.0]), goal, 0.4, -5.0, 1.0, NOTHING)
+    way, arrives = search(
+        filled(points), np.array([-1.0, 0.0, 0.0]), goal, 0.4, -5.0, 1.0, NOTHING
+    )
     assert not arrives
     assert way[-1, 0] < 0.61
     assert abs(way[-1, 1]) < 0.3, "in front of where it was to go"

@@ -108,8 +108,10 @@ class TestCollisions:
     def test_a_fast_vehicle_does_not_pass_through_a_thin_wall(self) -> None:
         thin = scene("shape: box, position: [3, 0, 1.5], size: [0.02, 4, 3]")
         around = Surroundings(SurroundingsParameters(), radius=0.1, scene=thin)
-        places = [around.collision(at([x, 0, 1.5]), n * 20_000_000) for n, x in
-                  enumerate(np.arange(0.1, 6.0, 0.6))]
+        places = [
+            around.collision(at([x, 0, 1.5]), n * 20_000_000)
+            for n, x in enumerate(np.arange(0.1, 6.0, 0.6))
+        ]
         assert any(place is not None for place in places)
 
     def test_what_has_not_appeared_yet_is_not_touched(self) -> None:

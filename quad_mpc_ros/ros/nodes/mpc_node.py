@@ -102,8 +102,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._corridor: Publisher | None = None
         if self._world is not None:
             self._corridor = self.health.publisher(topics.CORRIDOR)
-            in_thread = not config.lockstep
-            self._obstacle_inputs = ObstacleInputs(self, self._world, in_thread=in_thread)
+            self._obstacle_inputs = ObstacleInputs(self, self._world, lockstep=config.lockstep)
         if not config.lockstep:
             self.managed_alarm(1.0 / config.control_rate, self._on_watch)
 
@@ -175,7 +174,8 @@ class MpcNode(ManagedNode[MpcConfig]):
             return
         self._standby.receive_odometry(odometry, now_ns=now_ns)
         self._commanders.hear()
-        if self._world is not None:
+        if self._obstacle_inputs is not None and self._world is not None:
+            self._obstacle_inputs.before_odometry()
             self._world.receive_odometry(odometry)
         if self.active:
             self._finish(self._controller.receive_odometry(odometry, now_ns=now_ns))

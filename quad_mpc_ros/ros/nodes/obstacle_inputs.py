@@ -31,19 +31,20 @@ _SILENT = 1.0  # s without a scan, after the first
 class ObstacleInputs:
     """Hands what is heard on to a world, and counts what is refused.
 
-    Clouds are read in a thread of their own, the newest only, so that no tick waits for one; in
-    lockstep at once, so that a flight can be repeated.
+    Clouds are read in a thread of their own, the newest only, so that no tick waits for one. In
+    lockstep everything waits for the next odometry, so that a flight can be repeated.
     """
 
-    def __init__(self, node: ManagedNode[Any], world: World, *, in_thread: bool) -> None:
-        self._node, self._world = node, world
+    def __init__(self, node: ManagedNode[Any], world: World, *, lockstep: bool) -> None:
+        self._node, self._world, self._lockstep = node, world, lockstep
+        self._waiting: list[Callable[[], None]] = []
         self._counts = {"clouds": 0, "markers": 0, "plans": 0, "refused": 0}
         self._newest: deque[bytes] = deque(maxlen=1)
         self._refusals: deque[str] = deque(maxlen=10)
         self._wakes = threading.Condition()
         self._ended = False
         self._thread: threading.Thread | None = None
-        if in_thread:
+        if not lockstep:
             self._thread = threading.Thread(target=self._read_clouds, name="clouds", daemon=True)
             self._thread.start()
         self._subscribe()
@@ -55,6 +56,12 @@ class ObstacleInputs:
             self._wakes.notify()
         if self._thread is not None:
             self._thread.join()
+
+    def before_odometry(self) -> None:
+        """Hand on what has waited for the next odometry."""
+        waiting, self._waiting = self._waiting, []
+        for receive in waiting:
+            receive()
 
     def take_warnings(self) -> list[str]:
         """Return what was refused since the last call."""
@@ -74,7 +81,11 @@ class ObstacleInputs:
 
     def _subscribe(self) -> None:
         node = self._node
-        listen = functools.partial(node.managed_subscription, raw=True, expected=False)
+
+        def listen(topic: Topic, receive: Callable[[bytes], None]) -> None:
+            callback = self._postponed(receive) if self._lockstep else receive
+            node.managed_subscription(topic, callback, raw=True, expected=False)
+
         listen(OBSTACLES, self._on_cloud)
         listen(OBSTACLE_MARKERS, self._guarded("markers", self._on_markers))
         for topic in (TF, TF_STATIC):
@@ -109,6 +120,10 @@ class ObstacleInputs:
                 self._refusals.append(f"refused: {error}")
 
         return guarded
+
+    def _postponed(self, receive: Callable[[bytes], None]) -> Callable[[bytes], None]:
+        """Return what keeps bytes until the next odometry."""
+        return lambda data: self._waiting.append(functools.partial(receive, data))
 
     def _on_cloud(self, data: bytes) -> None:
         if self._thread is None:
