@@ -4,11 +4,11 @@
 
 Liu, Ren and Zhang, "Integrated planning and control for quadrotor navigation in presence of
 suddenly appearing objects and disturbances", RA-L 2024, section IV-A: a vehicle flies ahead at
-v_f; when it is d_t from the front of a pillar of 0.2 m by 0.2 m, the pillar slides into its way. It
-is seen as a cloud of points 0.1 m apart. As in their published program (``fast_avoid.cpp``) it is
-seen beside the line, 0.5 m from it, when it begins, and on the line at the next tick of 10 Hz,
-whose phase is that of the seed; the last cloud seen is what is hit. With ``--at-once`` it is on the
-line when it begins, which is what a point mass's table is about.
+v_f; when it is d_t from the front of a pillar of 0.2 m by 0.2 m, the pillar slides into its way.
+It is seen as a cloud of points 0.1 m apart. As in their published program (``fast_avoid.cpp``) it
+is seen beside the line, 0.5 m from it, when it begins, and on the line at the next tick of 10 Hz,
+whose phase is that of the seed; the last cloud seen is what is hit. With ``--at-once`` it is on
+the line when it begins, which is what a point mass's table is about.
 
 A run succeeds if no point comes nearer to the vehicle's centre than 0.25 m across and the
 velocity and acceleration stay within 10 m/s and 20 m/s^2 (10 downwards) along each axis.
@@ -248,7 +248,9 @@ def outcome(run: Run) -> Outcome:
     v = np.array(velocities)
     a = np.diff(v, axis=0) / np.diff(times)[:, None]
     bounds = np.where(a[:, 2] < 0.0, DOWN, ACCELERATION)
-    hardest = max(float(np.abs(a[:, :2]).max()) / ACCELERATION, float((abs(a[:, 2]) / bounds).max()))
+    hardest = max(
+        float(np.abs(a[:, :2]).max()) / ACCELERATION, float((abs(a[:, 2]) / bounds).max())
+    )
     return Outcome(
         distance=run.distance,
         speed=run.speed,

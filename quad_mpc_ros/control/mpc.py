@@ -82,7 +82,7 @@ class Mpc:
     ) -> MpcStep:
         """Compute the plan for an odometry (twist in the body frame) and a reference window.
 
-        It stays in the ``corridor``, if one is given and ``obstacles.half_spaces`` has rows for it.
+        It stays in a ``corridor``, if ``obstacles.half_spaces`` has rows for it.
         """
         started = time.perf_counter()
         state = self._delay_compensation.predict(odometry)

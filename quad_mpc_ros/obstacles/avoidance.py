@@ -8,8 +8,9 @@ the reference, the way ends at the nearest place there is, and the vehicle stops
 
 from __future__ import annotations
 
+import functools
 import math
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,13 @@ from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.obstacles.corridor import corridor_about
 from quad_mpc_ros.obstacles.guide import STEP, Followed, Limits, followed, smoothed, window_of
 from quad_mpc_ros.obstacles.local_map import LocalMap
-from quad_mpc_ros.obstacles.search import Movers, search, shortened
+from quad_mpc_ros.obstacles.moving import Movers
+from quad_mpc_ros.obstacles.search import search, shortened
 
 _LOOK = 0.1  # m, between places at which a way is looked at
 _SEARCH_MARGIN = 0.05  # m, that ways keep beyond what the plan has to
 _AGAIN_NS = 100_000_000  # after which a way is searched anew
-_OFF_WAY = 0.6  # m
+_SWITCH = 0.5  # m, by which a place to stop has to be nearer for another to be left
 _BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
 # Of the speed of what moves: what its prediction is wrong by.
 _SPEED_ERROR = 0.1
@@ -96,7 +98,6 @@ class _Seen(NamedTuple):
     v_W: Array
     here: LocalMap
     movers: Movers
-    bodies: NDArray[np.int64]
     keep: float  # m, from the centre of the vehicle to points
 
 
@@ -125,6 +126,7 @@ class ObstacleAvoidance:
         self._obstacles, self._radius = obstacles, radius
         self._here: LocalMap | None = None
         self._way: _Way | None = None
+        _compile()
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -147,7 +149,7 @@ class ObstacleAvoidance:
         corridor = self._corridor(seen, way, motion)
         state, reason = "around", "the reference is not clear"
         if not way.arrives:
-            away = float(np.linalg.norm(way.points[-1] - goal.p_W))
+            away = _apart(way.points[-1], goal.p_W)
             state, reason = "stopped", f"no way leads nearer to the reference than {away:.1f} m"
         flown = window_of(motion, window, start_ns=seen.start_ns)
         return Guided(flown, corridor, Avoidance(state, reason, clearance))
@@ -173,6 +175,7 @@ class ObstacleAvoidance:
             np.ascontiguousarray(moving.v_W),
             keep + moving.radius + _SPEED_ERROR * speeds * moving.age,
             _SPEED_ERROR * float(speeds.max(initial=0.0)),
+            moving.body,
         )
         # A surface may be nearer than the points that are known of it.
         sparse = math.hypot(keep, 0.5 * math.sqrt(2.0) * obstacles.spacing) - keep
@@ -182,7 +185,6 @@ class ObstacleAvoidance:
             v_W=v_W,
             here=here,
             movers=movers,
-            bodies=moving.body,
             keep=keep + sparse,
         )
 
@@ -213,17 +215,7 @@ class ObstacleAvoidance:
             places.append(_interpolated(times, planned, plan.p_WB))
         if float(seen.here.distances(np.vstack(places)).min()) < seen.keep:
             return False
-        timed = [place for place in (places[0], *places[3:])]
-        return not any(self._meets(seen, times, place) for place in timed)
-
-    def _meets(self, seen: _Seen, times: Array, places: Array) -> bool:
-        """Whether something that moves is too near to places (n, 3) at times (n,)."""
-        movers = seen.movers
-        if len(movers.keep) == 0:
-            return False
-        at = movers.p_W + times[:, None, None] * movers.v_W
-        apart = np.linalg.norm(at - places[:, None], axis=2)
-        return bool((apart < movers.keep + movers.growth * times[:, None]).any())
+        return not any(seen.movers.meet(times, place) for place in (places[0], *places[3:]))
 
     @property
     def _horizon(self) -> float:
@@ -262,11 +254,23 @@ class ObstacleAvoidance:
                 return way
             if float(seen.here.distances(way.points).min()) >= seen.keep:
                 return way
-        floor = min(self._own.floor, float(seen.p_W[2]), float(goal.p_W[2]))
+        found = self._searched(seen, goal.p_W)
+        if way is not None and not (found.arrives or way.arrives):
+            # Of places as near to the reference it stays with the one that it has.
+            before = way.points[-1]
+            nearer = _apart(before, goal.p_W) - _apart(found.points[-1], goal.p_W)
+            if nearer < _SWITCH and float(seen.here.distances(before[None])[0]) >= keep:
+                found = self._searched(seen, before)._replace(arrives=False)
+        return found
+
+    def _searched(self, seen: _Seen, goal: Array) -> _Way:
+        """Return a way that is searched."""
+        keep = seen.keep + _SEARCH_MARGIN
+        floor = min(self._own.floor, float(seen.p_W[2]), float(goal[2]))
         cells, arrives = search(
             seen.here.grid,
             start=seen.p_W,
-            goal=goal.p_W,
+            goal=goal,
             keep=keep,
             floor=floor - 0.1,
             speed=max(float(np.linalg.norm(seen.v_W)), 1.0),
@@ -274,11 +278,10 @@ class ObstacleAvoidance:
         )
         cells[0] = seen.p_W
         if arrives:
-            cells = np.vstack([cells, goal.p_W]) if len(cells) == 1 else cells
-            cells[-1] = goal.p_W
+            cells = np.vstack([cells, goal]) if len(cells) == 1 else cells
+            cells[-1] = goal
         corners = shortened(seen.here.grid, cells, keep) if len(cells) > 2 else cells
-        points = smoothed(corners)
-        return _Way(points, arrives, seen.start_ns, seen.here.revision)
+        return _Way(smoothed(corners), arrives, seen.start_ns, seen.here.revision)
 
     def _motion(self, seen: _Seen, way: _Way, goal: _Goal) -> Followed:
         """Return how the guide follows a way."""
@@ -298,47 +301,49 @@ class ObstacleAvoidance:
     def _corridor(self, seen: _Seen, way: _Way, motion: Followed) -> Corridor:
         """Return half-spaces about the places of the way that the guide comes to."""
         config, rows = self._config, self._own.half_spaces
-        times = config.horizon_step * np.arange(config.horizon_steps + 1)
+        times = np.asarray(config.horizon_step * np.arange(config.horizon_steps + 1), float)
         along = np.interp(times, STEP * np.arange(len(motion.along)), motion.along)
         numbers = np.arange(len(way.points))
         guide = np.column_stack([np.interp(along, numbers, way.points[:, k]) for k in range(3)])
         normals = np.zeros((config.horizon_steps, rows, 3))
         offsets = np.full((config.horizon_steps, rows), np.inf)
-        used = self._write_movers(seen, times[1:], guide[1:], normals, offsets)
-        still, bounds = corridor_about(
-            guide, seen.here.points, radius=seen.keep, rows=rows - used
+        used = seen.movers.write_half_spaces(
+            times[1:], guide[1:], normals=normals, offsets=offsets
         )
+        still, bounds = corridor_about(guide, seen.here.points, radius=seen.keep, rows=rows - used)
         normals[:, used:], offsets[:, used:] = still, bounds
         return Corridor(
             stamp_ns=seen.start_ns, step=config.horizon_step, normals=normals, offsets=offsets
         )
 
-    def _write_movers(
-        self, seen: _Seen, times: Array, guide: Array, normals: Array, offsets: Array
-    ) -> int:
-        """Write a half-space of each body at the time of each stage; return how many rows."""
-        movers = seen.movers
-        if len(movers.keep) == 0:
-            return 0
-        at = movers.p_W + times[:, None, None] * movers.v_W  # (N, m, 3)
-        away = at - guide[:, None]
-        apart = np.linalg.norm(away, axis=2)
-        keep = movers.keep + movers.growth * times[:, None]
-        room = apart - keep
-        bodies = np.unique(seen.bodies)
-        nearest = sorted(bodies, key=lambda body: room[:, seen.bodies == body].min())
-        rows = min(len(bodies), (offsets.shape[1] + 1) // 2)
-        stages = np.arange(len(times))
-        for row, body in enumerate(nearest[:rows]):
-            own = np.flatnonzero(seen.bodies == body)
-            point = own[room[:, own].argmin(axis=1)]
-            n = away[stages, point] / np.maximum(apart[stages, point], 1e-6)[:, None]
-            normals[:, row] = n
-            offsets[:, row] = (n * at[stages, point]).sum(axis=1) - keep[stages, point]
-        return rows
+
+@functools.cache
+def _compile() -> None:
+    """Compile what is called in a tick, which in the air has no time for it."""
+    points = np.array([[0.5, 0.0, 0.0]])
+    here = LocalMap(points, centre=np.zeros(3), radius=1.0, revision=0)
+    goal = np.array([0.8, 0.0, 0.0])
+    way, _ = search(
+        here.grid,
+        start=np.zeros(3),
+        goal=goal,
+        keep=0.3,
+        floor=-1.0,
+        speed=1.0,
+        movers=Movers.none(),
+    )
+    limits = Limits(1.0, 0.0, 1.0)
+    corners = smoothed(shortened(here.grid, way, 0.3))
+    followed(corners, limits, p_W=np.zeros(3), v_W=np.zeros(3), duration=0.2)
+    corridor_about(np.vstack([np.zeros(3), goal]), points, radius=0.3, rows=2)
 
 
-def _interpolated(times: Array, at: Array, places: Array) -> Array:
+def _apart(place: Array, other: Array) -> float:
+    """Return the distance of two places (3,) [m]."""
+    return float(np.linalg.norm(place - other))
+
+
+def _interpolated(times: Array, at: NDArray[Any], places: Array) -> Array:
     """Return places (n, 3) at times, given those at others in order."""
     return np.column_stack([np.interp(times, at, places[:, k]) for k in range(3)])
 
@@ -347,5 +352,5 @@ def _between(start: Array, end: Array, reach: float) -> Array:
     """Return places (n, 3) on the straight way from one to another, as far as it reaches."""
     distance = float(np.linalg.norm(end - start))
     share = min(1.0, reach / max(distance, 1e-9))
-    count = max(int(math.ceil(share * distance / _LOOK)), 1) + 1
+    count = max(math.ceil(share * distance / _LOOK), 1) + 1
     return start + np.linspace(0.0, share, count)[:, None] * (end - start)

@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array, kernels
@@ -67,7 +68,7 @@ def _about(
     normals: Array,
     offsets: Array,
     distances: Array,
-    near: Array,
+    near: NDArray[np.int64],
 ) -> int:
     """Write the planes about a segment, the nearest first; return how many."""
     kept = _near_points(points, segment, distances, near)
@@ -98,7 +99,7 @@ def _near_points(
     points: Array,
     segment: tuple[kernels.Vector, kernels.Vector],
     distances: Array,
-    near: Array,
+    near: NDArray[np.int64],
 ) -> int:
     """Write which points are near a segment, and their squared distances; return how many."""
     a, b = segment
@@ -142,7 +143,9 @@ def _direction(start: kernels.Vector, end: kernels.Vector) -> kernels.Vector:
     return kernels.scaled(1.0 / length, d)
 
 
-def corridor_about(guide: Array, points: Array, *, radius: float, rows: int) -> tuple[Array, Array]:
+def corridor_about(
+    guide: Array, points: Array, *, radius: float, rows: int
+) -> tuple[Array, Array]:
     """Return normals (N, K, 3) and offsets (N, K) of K ``rows`` a stage about a guide (N + 1, 3).
 
     Points (n, 3) are kept ``radius`` away from [m]. Rows that hold nothing have a zero normal and

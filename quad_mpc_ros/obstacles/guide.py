@@ -39,7 +39,7 @@ def smoothed(corners: Array) -> Array:
     """Return a way (n, 3) of points a tenth of a metre apart, its corners rounded."""
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     along = np.concatenate(([0.0], np.cumsum(lengths)))
-    count = max(int(math.ceil(along[-1] / _SPACING)), 1) + 1
+    count = max(math.ceil(along[-1] / _SPACING), 1) + 1
     places = np.linspace(0.0, along[-1], count)
     way = np.column_stack([np.interp(places, along, corners[:, k]) for k in range(3)])
     width = 2 * _REACH + 1
@@ -171,7 +171,7 @@ class Followed(NamedTuple):
 
 def followed(way: Array, limits: Limits, *, p_W: Array, v_W: Array, duration: float) -> Followed:
     """Return how a point mass follows a way (n, 3) from a state on, for ``duration`` [s]."""
-    count = int(math.ceil(duration / STEP)) + 1
+    count = math.ceil(duration / STEP) + 1
     motion = Followed(np.empty((count, 3)), np.empty((count, 3)), np.empty(count))
     speeds = speeds_along(way, limits.speed, limits.end_speed, limits.acceleration)
     follow(
@@ -203,7 +203,8 @@ def window_of(motion: Followed, reference: ReferenceWindow, *, start_ns: int) ->
     turn_B[:-1] = so3.log(np.swapaxes(R_WB[:-1], 1, 2) @ R_WB[1:]) / STEP
     return ReferenceWindow(
         stamp_ns=reference.stamp_ns,
-        offset_ns=start_ns - reference.stamp_ns
+        offset_ns=start_ns
+        - reference.stamp_ns
         + np.arange(count, dtype=np.int64) * round(STEP * 1e9),
         p_WB=motion.p_W,
         q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),

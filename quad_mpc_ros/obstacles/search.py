@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.obstacles.moving import Movers
 
 FAR = 0.8
 """Distances are known up to this [m]; further away from everything nothing is gained."""
@@ -18,6 +19,8 @@ FAR = 0.8
 _MOST_EXPANDED = 12_000
 # What a way of a metre costs besides, where it is just as near to points as it may be.
 _NEAR_COST = 1.5
+# Where the goal cannot be reached: how much nearer to it a metre more of way has to lead.
+_DETOUR = 0.3
 # Ways up or down cost this much of those across: the ground is near, and pillars are high.
 _CLIMB = 1.5
 
@@ -41,23 +44,11 @@ class Grid(NamedTuple):
         return Grid(np.full(shape, FAR), (corner + 0.5) * cell, cell)
 
 
-class Movers(NamedTuple):
-    """Balls that move: ``p_W`` (m, 3) now, ``v_W`` (m, 3), and the distance to keep from each.
-
-    That is ``keep`` (m,) [m] now, and grows by ``growth`` [m/s].
-    """
-
-    p_W: Array
-    v_W: Array
-    keep: Array
-    growth: float
-
-
 @compiled
 def fill(points: Array, grid: Grid) -> None:
     """Write the distances to points (n, 3) into an empty grid."""
     nx, ny, nz = grid.distances.shape
-    reach = int(math.ceil(FAR / grid.cell))
+    reach = math.ceil(FAR / grid.cell)
     for k in range(len(points)):
         x = (points[k, 0] - grid.origin[0]) / grid.cell
         y = (points[k, 1] - grid.origin[1]) / grid.cell
@@ -98,7 +89,7 @@ def distance_at(grid: Grid, x: float, y: float, z: float) -> float:
 def is_clear(grid: Grid, start: Array, end: Array, keep: float) -> bool:
     """Whether the straight way between two places (3,) keeps a distance from points."""
     dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
-    count = int(math.ceil(math.sqrt(dx * dx + dy * dy + dz * dz) / (0.5 * grid.cell))) + 1
+    count = math.ceil(math.sqrt(dx * dx + dy * dy + dz * dz) / (0.5 * grid.cell)) + 1
     for k in range(count + 1):
         s = k / count
         if distance_at(grid, start[0] + s * dx, start[1] + s * dy, start[2] + s * dz) < keep:
@@ -144,7 +135,7 @@ def search(
 
     It keeps the distance ``keep`` from points and from what moves, which it meets at a ``speed``,
     and stays above ``floor``. A start that is nearer than that first leads away. Where no way
-    reaches the goal, it leads to the place nearest to it that there is.
+    reaches the goal, it leads to a place near it, rather in front than behind.
     """
     nx, ny, nz = grid.distances.shape
     start_cell, goal_cell = _cell_of(grid, start), _cell_of(grid, goal)
@@ -165,6 +156,7 @@ def search(
         expanded += 1
         i, j, k = at // (ny * nz), (at // nz) % ny, at % nz
         left = _way(goal_cell[0] - i, goal_cell[1] - j, goal_cell[2] - k)
+        left += _DETOUR * cost[at]
         if left < least:
             best, least = at, left
         if at == last:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -23,10 +25,7 @@ def case(seed: int, *, radius: float) -> tuple[Array, Array]:
     kept = [
         point
         for point in points
-        if min(
-            distances_to_segment(point[None], a, b)[0]
-            for a, b in zip(guide[:-1], guide[1:], strict=True)
-        )
+        if min(distances_to_segment(point[None], a, b)[0] for a, b in pairwise(guide))
         > radius + 1e-3
     ]
     return guide, np.array(kept)

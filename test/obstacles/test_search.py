@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.sparse import lil_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.obstacles.search import FAR, Grid, Movers, distance_at, fill, search, shortened
+from quad_mpc_ros.obstacles.moving import Movers
+from quad_mpc_ros.obstacles.search import FAR, Grid, distance_at, fill, search, shortened
 
-NOTHING = Movers(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), 0.0)
+NOTHING = Movers.none()
 
 
 def filled(points: Array, *, half: tuple[float, float] = (3.0, 1.0), cell: float = 0.2) -> Grid:
@@ -55,7 +58,7 @@ def test_way_through_a_gap_keeps_its_distance_and_arrives() -> None:
     corners = shortened(grid, way, keep)
     assert len(corners) < len(way)
     places = np.vstack(
-        [a + np.linspace(0, 1, 50)[:, None] * (b - a) for a, b in zip(corners, corners[1:])]
+        [a + np.linspace(0, 1, 50)[:, None] * (b - a) for a, b in pairwise(corners)]
     )
     apart = np.linalg.norm(places[:, None] - points, axis=2).min(axis=1)
     assert apart.min() >= keep - 0.05, "between cells the field is a little off"
@@ -122,7 +125,11 @@ def test_what_moves_is_avoided_where_it_will_be() -> None:
     grid = filled(np.zeros((0, 3)))
     start, goal = np.array([-2.0, 0.0, 0.0]), np.array([2.0, 0.0, 0.0])
     crossing = Movers(
-        np.array([[0.0, -2.0, 0.0]]), np.array([[0.0, 1.0, 0.0]]), np.array([0.5]), 0.0
+        np.array([[0.0, -2.0, 0.0]]),
+        np.array([[0.0, 1.0, 0.0]]),
+        np.array([0.5]),
+        0.0,
+        np.zeros(1, np.int64),
     )
     way, arrives = search(grid, start, goal, 0.3, -5.0, 1.0, crossing)
     assert arrives

@@ -83,9 +83,7 @@ class ManifoldProblem:
         # Without lags rate and throttle are their commands and need no states of their own.
         self._size = STATE_SIZE if lagging else TANGENT_SIZE
         limits = LimitLayout(config.limits)
-        self._anywhere = self._here = self._room(
-            limits, sqp.Workspace.zeros(self._steps, limits)
-        )
+        self._anywhere = self._here = self._room(limits, sqp.Workspace.zeros(self._steps, limits))
         within = LimitLayout(config.limits, half_spaces=config.obstacles.half_spaces)
         self._within = self._room(within, self._anywhere.workspace.within(within))
         self._window: ReferenceWindow | None = None

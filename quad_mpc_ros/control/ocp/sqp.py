@@ -303,9 +303,7 @@ def _search(
             for i in range(len(inputs)):
                 for k in range(INPUT_SIZE):
                     inputs[i, k] = target[i].mean_input[k] + tried.deviation[i, k]
-            reached += penalty(
-                tried.states, inputs, work.allowed, work.prices, work.half_spaces
-            )
+            reached += penalty(tried.states, inputs, work.allowed, work.prices, work.half_spaces)
         if reached < cost:
             return reached
     copy(work.nominal, work.plan)
