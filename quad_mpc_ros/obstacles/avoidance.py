@@ -23,12 +23,14 @@ from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.obstacles.corridor import corridor_about
 from quad_mpc_ros.obstacles.guide import STEP, Followed, Limits, followed, smoothed, window_of
-from quad_mpc_ros.obstacles.local_map import LocalMap
+from quad_mpc_ros.obstacles.local_map import THINNED, LocalMap
 from quad_mpc_ros.obstacles.moving import Movers
 from quad_mpc_ros.obstacles.search import search, shortened
 
 _LOOK = 0.1  # m, between places at which a way is looked at
 _SEARCH_MARGIN = 0.05  # m, that ways keep beyond what the plan has to
+_COMFORT = 0.3  # m, within which ways give room to what is near if they can
+_FASTEST = 10.0  # m/s
 _AGAIN_NS = 100_000_000  # after which a way is searched anew
 _SWITCH = 0.5  # m, by which a place to stop has to be nearer for another to be left
 _BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
@@ -165,7 +167,9 @@ class ObstacleAvoidance:
         here = self._here
         if here is None or not here.serves(p_W, revision=revision):
             points = obstacles.points(stamp_ns, near=p_W, radius=own.range)
-            here = LocalMap(points, centre=p_W, radius=own.range, revision=revision)
+            # As far as ways keep from what is near, at any speed that is flown.
+            far = self._radius + own.margin + own.margin_growth * _FASTEST + _COMFORT
+            here = LocalMap(points, centre=p_W, radius=own.range, far=far, revision=revision)
             self._here = here
         moving = obstacles.moving(stamp_ns + self._delay_ns, near=p_W, radius=own.range)
         speeds = np.linalg.norm(moving.v_W, axis=1)
@@ -178,7 +182,8 @@ class ObstacleAvoidance:
             moving.body,
         )
         # A surface may be nearer than the points that are known of it.
-        sparse = math.hypot(keep, 0.5 * math.sqrt(2.0) * obstacles.spacing) - keep
+        spacing = max(obstacles.spacing, THINNED)
+        sparse = math.hypot(keep, 0.5 * math.sqrt(2.0) * spacing) - keep
         return _Seen(
             start_ns=stamp_ns + self._delay_ns,
             p_W=p_W,
@@ -321,7 +326,7 @@ class ObstacleAvoidance:
 def _compile() -> None:
     """Compile what is called in a tick, which in the air has no time for it."""
     points = np.array([[0.5, 0.0, 0.0]])
-    here = LocalMap(points, centre=np.zeros(3), radius=1.0, revision=0)
+    here = LocalMap(points, centre=np.zeros(3), radius=1.0, far=0.8, revision=0)
     goal = np.array([0.8, 0.0, 0.0])
     way, _ = search(
         here.grid,

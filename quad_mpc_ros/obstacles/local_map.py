@@ -7,6 +7,10 @@ from scipy.spatial import cKDTree
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.obstacles.search import Grid, fill
+from quad_mpc_ros.obstacles.voxels import VoxelMap
+
+THINNED = 0.1
+"""Side of the cubes of each of which one point is kept [m]."""
 
 _CELL = 0.2  # m
 _UP = 2.4  # m, that ways lead up or down at most
@@ -16,9 +20,15 @@ _MOVED = 1.0  # m, after which the surroundings are others
 class LocalMap:
     """Points (n, 3) around a centre, as they were at a revision of what is known."""
 
-    def __init__(self, points: Array, *, centre: Array, radius: float, revision: int) -> None:
-        self.points = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+    def __init__(
+        self, points: Array, *, centre: Array, radius: float, far: float, revision: int
+    ) -> None:
+        """Take points within a ``radius``; of distances beyond ``far`` [m] nothing depends."""
+        thinned = VoxelMap(THINNED)
+        thinned.insert(points.astype(np.float32), 0)
+        self.points = np.ascontiguousarray(thinned.points, dtype=np.float64)
         self.centre, self.radius, self.revision = centre.copy(), radius, revision
+        self._far = far
         self._tree = cKDTree(self.points) if len(self.points) else None
         self._grid: Grid | None = None
 
@@ -38,6 +48,6 @@ class LocalMap:
         """The grid of distances, made when it is first asked for."""
         if self._grid is None:
             half = self.radius, min(_UP, self.radius)
-            self._grid = Grid.about(self.centre, half=half, cell=_CELL)
+            self._grid = Grid.about(self.centre, half=half, cell=_CELL, far=self._far)
             fill(self.points, self._grid)
         return self._grid

@@ -13,9 +13,6 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.obstacles.moving import Movers
 
-FAR = 0.8
-"""Distances are known up to this [m]; further away from everything nothing is gained."""
-
 _MOST_EXPANDED = 12_000
 # What a way of a metre costs besides, where it is just as near to points as it may be.
 _NEAR_COST = 1.5
@@ -26,54 +23,64 @@ _CLIMB = 1.5
 
 
 class Grid(NamedTuple):
-    """Distances (nx, ny, nz) [m] from the centres of cells to the nearest point, at most FAR.
+    """Distances (nx, ny, nz) [m] from the centres of cells to the nearest point, at most ``far``.
 
-    ``origin`` (3,) is the centre of the first cell, ``cell`` the width of one [m].
+    ``origin`` (3,) is the centre of the first cell, ``cell`` the width of one [m]. To be further
+    away than ``far`` [m] is no better.
     """
 
     distances: Array
     origin: Array
     cell: float
+    far: float
 
     @staticmethod
-    def about(centre: Array, *, half: tuple[float, float], cell: float) -> Grid:
+    def about(centre: Array, *, half: tuple[float, float], cell: float, far: float) -> Grid:
         """Return an empty grid about a place, so far across and up and down [m]."""
         across, up = (round(extent / cell) for extent in half)
         corner = np.floor(centre / cell) - (across, across, up)
         shape = 2 * across + 1, 2 * across + 1, 2 * up + 1
-        return Grid(np.full(shape, FAR), (corner + 0.5) * cell, cell)
+        return Grid(np.full(shape, far), (corner + 0.5) * cell, cell, far)
 
 
 @compiled
 def fill(points: Array, grid: Grid) -> None:
     """Write the distances to points (n, 3) into an empty grid."""
     nx, ny, nz = grid.distances.shape
-    reach = math.ceil(FAR / grid.cell)
+    far, least = grid.far / grid.cell, grid.distances
+    for i in range(nx):
+        for j in range(ny):
+            for m in range(nz):
+                least[i, j, m] = far * far  # squared, in cells
     for k in range(len(points)):
         x = (points[k, 0] - grid.origin[0]) / grid.cell
         y = (points[k, 1] - grid.origin[1]) / grid.cell
         z = (points[k, 2] - grid.origin[2]) / grid.cell
-        a, b, c = round(x), round(y), round(z)
-        if not (-reach <= a < nx + reach and -reach <= b < ny + reach):
-            continue
-        for i in range(max(0, a - reach), min(nx, a + reach + 1)):
-            for j in range(max(0, b - reach), min(ny, b + reach + 1)):
+        for i in range(max(0, math.ceil(x - far)), min(nx, math.floor(x + far) + 1)):
+            for j in range(max(0, math.ceil(y - far)), min(ny, math.floor(y + far) + 1)):
                 across = (i - x) ** 2 + (j - y) ** 2
-                for m in range(max(0, c - reach), min(nz, c + reach + 1)):
-                    distance = grid.cell * math.sqrt(across + (m - z) ** 2)
-                    if distance < grid.distances[i, j, m]:
-                        grid.distances[i, j, m] = distance
+                if across >= far * far:
+                    continue
+                up = math.sqrt(far * far - across)
+                for m in range(max(0, math.ceil(z - up)), min(nz, math.floor(z + up) + 1)):
+                    squared = across + (m - z) ** 2
+                    if squared < least[i, j, m]:
+                        least[i, j, m] = squared
+    for i in range(nx):
+        for j in range(ny):
+            for m in range(nz):
+                least[i, j, m] = grid.cell * math.sqrt(least[i, j, m])
 
 
 @compiled
 def distance_at(grid: Grid, x: float, y: float, z: float) -> float:
-    """Return the distance at a place, between cells in proportion; FAR outside of the grid."""
+    """Return the distance at a place, between cells in proportion; ``far`` outside."""
     nx, ny, nz = grid.distances.shape
     u = (x - grid.origin[0]) / grid.cell
     v = (y - grid.origin[1]) / grid.cell
     w = (z - grid.origin[2]) / grid.cell
     if not (0.0 <= u < nx - 1 and 0.0 <= v < ny - 1 and 0.0 <= w < nz - 1):
-        return FAR
+        return grid.far
     i, j, k = int(u), int(v), int(w)
     u, v, w = u - i, v - j, w - k
     d, total = grid.distances, 0.0
@@ -172,7 +179,7 @@ def search(
                     if (distance < keep and distance <= flat[at]) or (z < floor and c <= k):
                         continue
                     step = _way(a - i, b - j, c - k)
-                    nearness = max(0.0, (FAR - distance) / (FAR - keep))
+                    nearness = max(0.0, (grid.far - distance) / (grid.far - keep))
                     reached = cost[at] + step * (1.0 + _NEAR_COST * min(nearness, 2.0))
                     if reached >= cost[to]:
                         continue

@@ -11,13 +11,14 @@ from scipy.sparse.csgraph import dijkstra
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.obstacles.moving import Movers
-from quad_mpc_ros.obstacles.search import FAR, Grid, distance_at, fill, search, shortened
+from quad_mpc_ros.obstacles.search import Grid, distance_at, fill, search, shortened
 
 NOTHING = Movers.none()
+FAR = 0.8
 
 
 def filled(points: Array, *, half: tuple[float, float] = (3.0, 1.0), cell: float = 0.2) -> Grid:
-    grid = Grid.about(np.zeros(3), half=half, cell=cell)
+    grid = Grid.about(np.zeros(3), half=half, cell=cell, far=FAR)
     fill(np.ascontiguousarray(points), grid)
     return grid
 
