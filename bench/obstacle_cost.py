@@ -1,4 +1,4 @@
-"""What keeping clear costs: the step with eight half-spaces a stage, by turns without, and the map.
+"""What keeping clear costs: the step with eight half-spaces and without by turns, and the map.
 
     python -P bench/obstacle_cost.py
 
@@ -45,10 +45,10 @@ class Cloud:
         return 0.0
 
 
-def timed(call: Callable[[], Any]) -> tuple[float, Any]:
+def timed(call: Callable[..., Any], *arguments: Any) -> tuple[float, Any]:
     """Return how long a call takes of this thread's CPU time [us], and what it returns."""
     began = time.thread_time()
-    result = call()
+    result = call(*arguments)
     return 1e6 * (time.thread_time() - began), result
 
 
@@ -90,11 +90,11 @@ def main() -> None:
         )
         if tick % 5 == 0:  # scans come with every fifth odometry
             obstacles.revision += 1
-        took, guided = timed(lambda: guide.guide(seen, window, plan))
+        took, guided = timed(guide.guide, seen, window, plan)
         (mapped_us if tick % 5 == 0 else guided_us).append(took)
         if guided.corridor is not None:
-            inside = timed(lambda: within.step(seen, guided.window, guided.corridor))
-            outside = timed(lambda: without.step(seen, guided.window))
+            inside = timed(within.step, seen, guided.window, guided.corridor)
+            outside = timed(without.step, seen, guided.window)
             plan = inside[1].plan
             if plan is not None:
                 steps.append((inside[0], outside[0]))
@@ -108,9 +108,8 @@ def main() -> None:
         p50, p99 = np.percentile(values, (50, 99))
         print(f"step {name:20s} p50 {p50:6.0f} us, p99 {p99:6.0f} us")
     print(f"ratio of medians {np.median(own) / np.median(plain):.2f}")
-    print(
-        f"guide, same map: p50 {np.median(guided_us):.0f} us, p99 {np.percentile(guided_us, 99):.0f}"
-    )
+    p50, p99 = np.percentile(guided_us, (50, 99))
+    print(f"guide, same map: p50 {p50:.0f} us, p99 {p99:.0f} us")
     print(
         f"guide, new map of 100,000 points: p50 {np.median(mapped_us):.0f} us, "
         f"{1e-4 * np.median(mapped_us) * 10:.1f} % of a core at 10 Hz"
