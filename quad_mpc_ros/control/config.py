@@ -230,9 +230,9 @@ class ObstacleParameters(WorldParameters):
         0.1, doc="Distance kept beyond the vehicle's radius.", unit="m", minimum=0.0
     )
     margin_growth: float = _keeping(
-        0.05,
-        doc="What the margin grows by with what is not known: per second of the delay at this "
-        "speed, and of the age of what moves.",
+        0.02,
+        doc="What the margin grows by with the speed: for how long it is not known where the "
+        "vehicle is, by an error of the delay or of the lags.",
         unit="s",
     )
     range: float = _live(

@@ -36,6 +36,8 @@ _SWITCH = 0.5  # m, by which a place to stop has to be nearer for another to be 
 _BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
 # Of the speed of what moves: what its prediction is wrong by.
 _SPEED_ERROR = 0.1
+# Of what stands: how much it is elsewhere for each second since it was seen, and at most [s].
+_DRIFT, _OLDEST = 0.05, 2.0  # m/s
 _HURRY = 1.25  # times the reference's speed, to catch up with it
 
 
@@ -167,13 +169,15 @@ class ObstacleAvoidance:
         here = self._here
         if here is None or not here.serves(p_W, revision=revision):
             points = obstacles.points(stamp_ns, near=p_W, radius=own.range)
-            # As far as ways keep from what is near, at any speed that is flown.
-            far = self._radius + own.margin + own.margin_growth * _FASTEST + _COMFORT
+            # As far as ways keep from what is near at any speed that is flown, and how old it is.
+            most = own.margin_growth * _FASTEST + _DRIFT * _OLDEST
+            far = self._radius + own.margin + most + _COMFORT
             here = LocalMap(points, centre=p_W, radius=own.range, far=far, revision=revision)
             self._here = here
         moving = obstacles.moving(stamp_ns + self._delay_ns, near=p_W, radius=own.range)
         speeds = np.linalg.norm(moving.v_W, axis=1)
         keep = self._radius + own.margin + own.margin_growth * float(np.linalg.norm(v_W))
+        keep += _DRIFT * min(obstacles.age(stamp_ns), _OLDEST)
         movers = Movers(
             np.ascontiguousarray(moving.p_W),
             np.ascontiguousarray(moving.v_W),
