@@ -251,6 +251,11 @@ class ObstacleParameters(WorldParameters):
         unit="m/s",
         above=0.0,
     )
+    downwash: float = _live_advanced(
+        2.0,
+        doc="How much further apart than sideways neighbours keep above each other.",
+        minimum=1.0,
+    )
     floor: float = _live(
         0.3, doc="Lowest height of the ways around; a lower reference may have its own.", unit="m"
     )

@@ -26,6 +26,7 @@ from quad_mpc_ros.obstacles.guide import STEP, Followed, Limits, followed, smoot
 from quad_mpc_ros.obstacles.local_map import THINNED, LocalMap
 from quad_mpc_ros.obstacles.moving import Movers
 from quad_mpc_ros.obstacles.search import search, shortened
+from quad_mpc_ros.obstacles.sharing import Neighbours, Shared, shared_space
 
 _LOOK = 0.1  # m, between places at which a way is looked at
 _SEARCH_MARGIN = 0.05  # m, that ways keep beyond what the plan has to
@@ -38,6 +39,7 @@ _BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
 _SPEED_ERROR = 0.1
 # Of what stands: how much it is elsewhere for each second since it was seen, and at most [s].
 _DRIFT, _OLDEST = 0.05, 2.0  # m/s
+_LOST = 0.3  # m/s, of neighbours whose plan is so old
 _HURRY = 1.25  # times the reference's speed, to catch up with it
 
 
@@ -45,8 +47,8 @@ class MovingPoints(NamedTuple):
     """Points that move: ``p_W`` (n, 3) [m] at the time asked for, ``v_W`` (n, 3) [m/s].
 
     ``radius`` (n,) [m] is that of a ball about each, 0 for a point of a surface. ``body`` (n,)
-    says which belong to one body, which is passed on one side; ``age`` (n,) [s] is how old what
-    was last heard of each is.
+    says which belong to one body, which is passed on one side, negative for neighbours; ``age``
+    (n,) [s] is how old what was last heard of each is.
     """
 
     p_W: Array
@@ -54,6 +56,21 @@ class MovingPoints(NamedTuple):
     radius: Array
     body: NDArray[np.int64]
     age: Array
+
+    def without_neighbours(self) -> MovingPoints:
+        """Return those of bodies that are no neighbours."""
+        others = self.body >= 0
+        return (
+            self
+            if others.all()
+            else MovingPoints(
+                p_W=self.p_W[others],
+                v_W=self.v_W[others],
+                radius=self.radius[others],
+                body=self.body[others],
+                age=self.age[others],
+            )
+        )
 
     @staticmethod
     def none() -> MovingPoints:
@@ -125,9 +142,17 @@ class _Goal(NamedTuple):
 class ObstacleAvoidance:
     """A :class:`quad_mpc_ros.control.guide.Guide` around obstacles."""
 
-    def __init__(self, config: MpcConfig, obstacles: Obstacles, *, radius: float) -> None:
-        """``radius`` [m] is that of a ball about the vehicle."""
+    def __init__(
+        self,
+        config: MpcConfig,
+        obstacles: Obstacles,
+        *,
+        radius: float,
+        neighbours: Neighbours | None = None,
+    ) -> None:
+        """``radius`` [m] is that of a ball about the vehicle, and about each neighbour."""
         self._obstacles, self._radius = obstacles, radius
+        self._neighbours = neighbours
         self._here: LocalMap | None = None
         self._way: _Way | None = None
         _compile()
@@ -144,13 +169,18 @@ class ObstacleAvoidance:
         """Return what to fly from an odometry on, given the last plan."""
         seen = self._look(odometry)
         clearance = self._clearance(odometry.p_WB, seen)
+        own = self._planned(seen, plan)
+        shared = self._shared(seen, own)
         if not math.isfinite(clearance) or self._is_free(seen, window, plan):
             self._way = None
-            return Guided(window, None, Avoidance("free", "", clearance))
+            if shared is None:
+                return Guided(window, None, Avoidance("free", "", clearance))
+            beside = Avoidance("around", "a neighbour is near", clearance)
+            return Guided(window, self._corridor(seen, own, shared), beside)
         goal = self._goal(seen, window)
         way = self._way = self._found(seen, goal)
         motion = self._motion(seen, way, goal)
-        corridor = self._corridor(seen, way, motion)
+        corridor = self._corridor(seen, self._along(way, motion), shared)
         state, reason = "around", "the reference is not clear"
         if not way.arrives:
             away = _apart(way.points[-1], goal.p_W)
@@ -175,6 +205,8 @@ class ObstacleAvoidance:
             here = LocalMap(points, centre=p_W, radius=own.range, far=far, revision=revision)
             self._here = here
         moving = obstacles.moving(stamp_ns + self._delay_ns, near=p_W, radius=own.range)
+        if self._neighbours is not None:
+            moving = moving.without_neighbours()
         speeds = np.linalg.norm(moving.v_W, axis=1)
         keep = self._radius + own.margin + own.margin_growth * float(np.linalg.norm(v_W))
         keep += _DRIFT * min(obstacles.age(stamp_ns), _OLDEST)
@@ -307,17 +339,48 @@ class ObstacleAvoidance:
 
     # --- where the plan may be
 
-    def _corridor(self, seen: _Seen, way: _Way, motion: Followed) -> Corridor:
-        """Return half-spaces about the places of the way that the guide comes to."""
-        config, rows = self._config, self._own.half_spaces
-        times = np.asarray(config.horizon_step * np.arange(config.horizon_steps + 1), float)
-        along = np.interp(times, STEP * np.arange(len(motion.along)), motion.along)
-        numbers = np.arange(len(way.points))
-        guide = np.column_stack([np.interp(along, numbers, way.points[:, k]) for k in range(3)])
+    @property
+    def _times(self) -> Array:
+        """The times of the stages' ends, and of the beginning (N + 1,) [s]."""
+        config = self._config
+        return np.asarray(config.horizon_step * np.arange(config.horizon_steps + 1), float)
+
+    def _along(self, way: _Way, motion: Followed) -> Array:
+        """Return the places (N + 1, 3) of a way that the guide has come to at the stages' ends."""
+        along = np.interp(self._times, STEP * np.arange(len(motion.along)), motion.along)
+        return _interpolated(along, np.arange(len(way.points)), way.points)
+
+    def _planned(self, seen: _Seen, plan: Plan | None) -> Array:
+        """Return where the plan of before is at the stages' ends; straight on without one."""
+        if plan is None:
+            return seen.p_W + self._times[:, None] * seen.v_W
+        since = (seen.start_ns - plan.stamp_ns) * 1e-9
+        at = plan.step * np.arange(len(plan.p_WB)) - since
+        return _interpolated(self._times, at, plan.p_WB)
+
+    def _shared(self, seen: _Seen, own_W: Array) -> Shared | None:
+        """Return this vehicle's half of the space between its plan and neighbours'."""
+        if self._neighbours is None:
+            return None
+        stamps_ns = [seen.start_ns + round(1e9 * time) for time in self._times[1:]]
+        plans = self._neighbours.plans(stamps_ns)
+        if len(plans.p_W) == 0:
+            return None
+        keep = 2.0 * self._radius + self._own.margin + _LOST * np.minimum(plans.age, _OLDEST)
+        return shared_space(own_W[1:], plans, keep=keep, heights_count=1.0 / self._own.downwash)
+
+    def _corridor(self, seen: _Seen, guide: Array, shared: Shared | None) -> Corridor:
+        """Return half-spaces about places (N + 1, 3): of neighbours, of what moves and stands."""
+        config, rows, used = self._config, self._own.half_spaces, 0
         normals = np.zeros((config.horizon_steps, rows, 3))
         offsets = np.full((config.horizon_steps, rows), np.inf)
-        used = seen.movers.write_half_spaces(
-            times[1:], guide[1:], normals=normals, offsets=offsets
+        if shared is not None:
+            most = rows if len(seen.here.points) == 0 else (rows + 1) // 2
+            used = min(shared.offsets.shape[1], most)
+            normals[:, :used] = shared.normals[:, :used]
+            offsets[:, :used] = shared.offsets[:, :used]
+        used += seen.movers.write_half_spaces(
+            self._times[1:], guide[1:], normals=normals[:, used:], offsets=offsets[:, used:]
         )
         still, bounds = corridor_about(guide, seen.here.points, radius=seen.keep, rows=rows - used)
         normals[:, used:], offsets[:, used:] = still, bounds

@@ -27,4 +27,6 @@ def avoiding(config: MpcConfig) -> Avoiding | None:
         return None
     frame_id = config.odometry.frame_id
     world = World(own, scene_of_file(own.file), frame_id=frame_id, radius=config.radius)
-    return Avoiding(world, ObstacleAvoidance(config, world, radius=config.radius))
+    neighbours = world if own.neighbours else None
+    guide = ObstacleAvoidance(config, world, radius=config.radius, neighbours=neighbours)
+    return Avoiding(world, guide)

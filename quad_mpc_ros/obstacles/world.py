@@ -20,6 +20,7 @@ from quad_mpc_ros.obstacles.markers import Markers
 from quad_mpc_ros.obstacles.neighbours import Neighbour
 from quad_mpc_ros.obstacles.scene import Scene
 from quad_mpc_ros.obstacles.shapes import Shape
+from quad_mpc_ros.obstacles.sharing import Plans
 
 _SPACING = 0.1  # m between points of a surface
 _BESIDE = 1.0  # m beyond what was asked for, so that the answer serves the next ticks too
@@ -161,6 +162,21 @@ class World:
         if not parts:
             return MovingPoints.none()
         return MovingPoints(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+    def plans(self, stamps_ns: Sequence[int]) -> Plans:
+        """Return where the neighbours of whom something was heard plan to be at times [ns]."""
+        now_ns = self._frames.newest_ns or stamps_ns[0]
+        heard = [
+            [neighbour.at(stamp_ns, now_ns=now_ns) for stamp_ns in stamps_ns]
+            for neighbour in self._neighbours.values()
+        ]
+        known = [[each for each in plan if each is not None] for plan in heard if plan[0]]
+        return Plans(
+            np.array([[each.p_W for each in plan] for plan in known]).reshape(
+                len(known), len(stamps_ns), 3
+            ),
+            np.array([1e-9 * max(now_ns - plan[0].told_ns, 0) for plan in known]),
+        )
 
     def age(self, stamp_ns: int) -> float:
         """Return how old the newest of what is known of things that stand is [s]; 0 for a map."""
