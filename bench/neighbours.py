@@ -31,6 +31,7 @@ from quad_mpc_ros.obstacles.avoidance import MovingPoints, ObstacleAvoidance
 from quad_mpc_ros.obstacles.sharing import Plans
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
 
 
 @dataclass
@@ -101,6 +102,7 @@ def vehicle(
     radius: float,
     duration: float,
     guided_us: list[float],
+    acceleration: float,
 ) -> Iterator[LoopStep]:
     """Fly one of them, a step at a time."""
     others = Others(radio, number)
@@ -119,7 +121,7 @@ def vehicle(
 
     def law(odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
         others.now_ns = odometry.stamp_ns
-        held = ReferenceWindow.hover(goal, stamp_ns=odometry.stamp_ns)
+        held = reference(start, goal, acceleration=acceleration, stamp_ns=odometry.stamp_ns)
         began = time.thread_time()
         tick = controller.step(odometry, held)
         guided_us.append(1e6 * (time.thread_time() - began))
@@ -132,6 +134,19 @@ def vehicle(
     yield from fly(mpc=config, simulator=simulator, controller=law)
 
 
+def reference(start: Array, goal: Array, *, acceleration: float, stamp_ns: int) -> ReferenceWindow:
+    """Return the straight way from rest to rest in the least time, from a stamp on."""
+    length = max(float(np.linalg.norm(goal - start)), 1e-6)
+    half = np.sqrt(length / acceleration)
+    seconds = np.arange(0.0, 2.01, 0.1)
+    t = np.clip(1e-9 * (stamp_ns - SIMULATION_START_NS) + seconds, 0.0, 2.0 * half)
+    rising = 0.5 * acceleration * np.minimum(t, half) ** 2
+    falling = 0.5 * acceleration * np.maximum(2.0 * half - t, 0.0) ** 2
+    along = np.where(t < half, rising, length - falling) / length
+    places = start + along[:, None] * (goal - start)
+    return ReferenceWindow.through(seconds, places, stamp_ns=stamp_ns)
+
+
 def trial(
     starts: Array,
     goals: Array,
@@ -142,6 +157,7 @@ def trial(
     lost: float,
     late_ns: int,
     seed: int,
+    acceleration: float,
 ) -> dict[str, Any]:
     """Fly all from starts (n, 3) to goals (n, 3); return the least distance and who arrives."""
     radio = Radio(lost, late_ns, np.random.default_rng(seed), [[] for _ in starts])
@@ -156,14 +172,16 @@ def trial(
             radius=radius,
             duration=duration,
             guided_us=took,
+            acceleration=acceleration,
         )
         for number, (start, goal) in enumerate(zip(starts, goals, strict=True))
     ]
-    nearest, arrived_s = np.inf, np.inf
+    nearest, arrived_s, speeds = np.inf, np.inf, []
     for tick, steps in enumerate(zip(*flights, strict=False)):
         p = np.array([step.truth.p_WB for step in steps]) * [1.0, 1.0, 0.5]
         apart = np.linalg.norm(p[:, None] - p, axis=2) + 1e3 * np.eye(len(p))
         nearest = min(nearest, float(apart.min()))
+        speeds.append([step.truth.v_WB_B for step in steps])
         away = np.linalg.norm([s.truth.p_WB for s in steps] - goals, axis=1)
         if away.max() < 0.1:
             arrived_s = 0.02 * tick
@@ -172,6 +190,7 @@ def trial(
         "nearest": nearest,
         "arrived": int((away < 0.1).sum()),
         "seconds": arrived_s,
+        "hardest": float(np.abs(np.diff(speeds, axis=0)[..., :2]).max() / 0.02),
         "step_us": float(np.median(took)),
         "p99_us": float(np.percentile(took, 99)),
         "failures": sum(radio.__dict__["failures"].values()),
@@ -212,11 +231,11 @@ def main() -> int:
     common = {"obstacles.half_spaces": 8, "obstacles.floor": 0.0}
     if given.kind == "circle":
         config, radius, duration = MpcConfig().updated(common), 0.25, 20.0
-        lost, late_ns = 0.1, 50_000_000
+        lost, late_ns, acceleration = 0.1, 50_000_000, 1.5
     else:
         tilt = {"limits.tilt_max": 0.1, "obstacles.margin": 0.02}
         config, radius, duration = MpcConfig().updated({**common, **tilt}), 0.15, 20.0
-        lost, late_ns = 0.0, 0
+        lost, late_ns, acceleration = 0.0, 0, 1.0
     warmed_up(config)
     good = 0
     for seed in range(given.trials):
@@ -230,6 +249,7 @@ def main() -> int:
             lost=lost,
             late_ns=late_ns,
             seed=seed,
+            acceleration=acceleration,
         )
         fine = result["nearest"] >= 2.0 * radius and result["arrived"] == len(starts)
         good += fine

@@ -44,7 +44,7 @@ SPEEDS = tuple(0.5 * k for k in range(1, 21))
 _PERIOD_NS = 100_000_000
 _TOLERANCE = 0.05  # of speed and acceleration: what an estimate of them from samples is off by
 
-# A vehicle of IPC's bounds: thrust for 20 m/s^2 to the side in hover, weights that follow closely.
+# A vehicle of IPC's bounds: thrust for 20 m/s^2 to any side, weights that follow closely.
 FAST: dict[str, Any] = {
     "obstacles.half_spaces": 8,
     "obstacles.margin": 0.25,
@@ -52,7 +52,7 @@ FAST: dict[str, Any] = {
     "obstacles.acceleration": 20.0,
     "obstacles.speed_max": SPEED,
     "limits.tilt_max": 1.25,
-    "throttle_max": 0.57,
+    "throttle_max": 0.55,
 }
 AT_ONCE: dict[str, Any] = {
     "rate_time_constant": 0.0,

@@ -40,7 +40,6 @@ _SPEED_ERROR = 0.1
 # Of what stands: how much it is elsewhere for each second since it was seen, and at most [s].
 _DRIFT, _OLDEST = 0.05, 2.0  # m/s
 _LOST = 0.3  # m/s, of neighbours whose plan is so old
-_HURRY = 1.25  # times the reference's speed, to catch up with it
 
 
 class MovingPoints(NamedTuple):
@@ -328,7 +327,7 @@ class ObstacleAvoidance:
         """Return how the guide follows a way."""
         own = self._own
         length = float(np.linalg.norm(np.diff(way.points, axis=0), axis=1).sum())
-        fastest = max(own.speed_max, _HURRY * goal.speed)
+        fastest = max(own.speed_max, goal.speed)
         speed, end_speed = fastest, 0.0
         if way.arrives and goal.speed > 0.1:  # no sooner than the reference is there
             speed = min(fastest, max(length / max(goal.time, 1e-3), 0.3))
