@@ -331,7 +331,8 @@ class Controller:
         if self._guide is None:
             return Guided(window)
         self._guided = self._guide.guide(odometry, window, self._plan)
-        self._supervisor.keep_within(self._guided.corridor)
+        around = self._guided.window
+        self._supervisor.fly_around(around, self._guided.corridor)
         return self._guided
 
     def _send(

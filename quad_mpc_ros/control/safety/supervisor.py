@@ -91,6 +91,7 @@ class Supervisor:
         self._source = Source.WAITING
         self._plan: _HeldPlan | None = None
         self._sent: _Sent | None = None
+        self._flown: ReferenceWindow | None = None
         self._corridor: Corridor | None = None
         self._warnings: list[str] = []
         self.counts = Counts()
@@ -109,6 +110,7 @@ class Supervisor:
         """Take an announced step of the estimate: what is held moves along."""
         self.inputs.reset_estimate(reset)
         self._hover.reset_estimate(reset)
+        self._flown = self._corridor = None  # of the coordinates before
 
     def engage(self, engaged: bool) -> None:
         """Set whether commands act; meanwhile neither oscillation nor jumps are looked for."""
@@ -142,9 +144,12 @@ class Supervisor:
             self._reject(fault)
         return fault is None
 
-    def keep_within(self, corridor: Corridor | None) -> None:
-        """Let the hover fallback hold a place inside of the free region; None for anywhere."""
-        self._corridor = corridor
+    def fly_around(self, window: ReferenceWindow, corridor: Corridor | None) -> None:
+        """Take what is flown in place of the reference, which tilts to one side and the other.
+
+        The hover fallback holds a place inside of the corridor, None for anywhere.
+        """
+        self._flown, self._corridor = window, corridor
 
     def judge_contact(self, odometry: OdometrySample) -> None:
         """Find out, before a tick, whether the vehicle stands on the ground."""
@@ -190,13 +195,15 @@ class Supervisor:
             self._plan = _HeldPlan(plan, now_ns)
         window = self.inputs.reference
         reference = None if window is None else window.pose_at(odometry.stamp_ns)
+        around = self._flown
+        flown = reference if around is None else around.pose_at(odometry.stamp_ns)
         breaches = (
             self._flight_limits.check(
                 odometry,
                 p_reference=reference[0] if reference is not None else None,
                 now_ns=now_ns,
             ),
-            self._oscillation.check(odometry, reference, now_ns=now_ns),
+            self._oscillation.check(odometry, flown, now_ns=now_ns),
         )
         breach = max(filter(None, breaches), key=lambda each: each.action, default=None)
         return self._decision(now_ns, plan_fault=plan_fault, breach=breach)
