@@ -201,7 +201,7 @@ class WorldParameters(Configuration):
         0.5, doc="How long a point of a scan is remembered.", unit="s", above=0.0, maximum=60.0
     )
     resolution: float = _advanced(
-        0.05,
+        0.1,
         doc="Side of the cubes of each of which one point of a cloud is kept.",
         unit="m",
         minimum=0.01,

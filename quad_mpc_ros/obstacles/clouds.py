@@ -33,6 +33,11 @@ class Clouds:
         return self._revision
 
     @property
+    def is_heard(self) -> bool:
+        """Whether a cloud has come."""
+        return self._newest_ns is not None
+
+    @property
     def _is_map(self) -> bool:
         return self._config.clouds == "map"
 

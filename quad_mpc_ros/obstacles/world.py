@@ -47,9 +47,6 @@ class World:
     it had not been called. Clouds may come in another thread than the rest.
     """
 
-    spacing = _SPACING
-    """How far points of a surface are apart at most [m]."""
-
     def __init__(
         self,
         config: ObstacleParameters,
@@ -60,7 +57,7 @@ class World:
     ) -> None:
         """Begin with what stands in a scene; ``radius`` [m] is that of a neighbour."""
         self._scene = (scene or Scene()).standing
-        self._radius = radius
+        self._radius, self._resolution = radius, config.resolution
         self._frames = Frames(frame_id)
         self._clouds = Clouds(config, self._frames)
         self._markers = Markers(self._frames, spacing=_SPACING)
@@ -79,6 +76,14 @@ class World:
     def neighbours(self) -> Mapping[str, Neighbour]:
         """The neighbours by name."""
         return self._neighbours
+
+    @property
+    def spacing(self) -> float:
+        """How far points of a surface are apart at most [m].
+
+        Of cubes side by side the points that were kept may be at opposite ends.
+        """
+        return max(_SPACING, 2.0 * self._resolution) if self._clouds.is_heard else _SPACING
 
     @property
     def revision(self) -> int:
