@@ -30,6 +30,9 @@ def edges(normals: Array, offsets: Array, *, inside: Array, reach: float) -> Arr
     cube = np.vstack((np.eye(3), -np.eye(3)))
     n = np.vstack((normals, cube))
     b = np.concatenate((offsets, cube @ inside + reach))
+    # Two corners of the same plane given twice would look like the ends of an edge.
+    _, first = np.unique(np.column_stack((n, b)).round(3), axis=0, return_index=True)
+    n, b = n[first], b[first]
     if (n @ inside > b - _INSIDE).any():
         return np.zeros((0, 2, 3))
     try:
@@ -40,5 +43,5 @@ def edges(normals: Array, offsets: Array, *, inside: Array, reach: float) -> Arr
     touching = np.abs(corners @ n.T - b) < 1e3 * _ON
     # Two corners on two planes at once are the ends of an edge.
     shared = touching.astype(np.int64) @ touching.T.astype(np.int64)
-    first, second = np.nonzero(np.triu(shared >= 2, k=1))
-    return np.stack((corners[first], corners[second]), axis=1)
+    begins, ends = np.nonzero(np.triu(shared >= 2, k=1))
+    return np.stack((corners[begins], corners[ends]), axis=1)
