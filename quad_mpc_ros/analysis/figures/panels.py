@@ -207,7 +207,7 @@ def clearance_panels(flight: Flight) -> list[Panel]:
         Panel(name="clearance", unit="m", curves=curves, bounds=[0.0], bound_name="collision")
     ]
     states = flight.stats.get("avoidance")
-    if states is not None and len(states):
+    if states is not None:
         panels.append(
             Panel(
                 name="",
@@ -216,7 +216,9 @@ def clearance_panels(flight: Flight) -> list[Panel]:
                     Curve(
                         name="avoidance",
                         time=flight.tick_time,
-                        values=np.array([AVOIDANCE.index(str(each)) for each in states]),
+                        values=np.array(
+                            [AVOIDANCE.index(str(each)) for each in states], dtype=np.int64
+                        ),
                         colour=style.INK,
                         held=True,
                         hover=flight.stats["avoidance_reason"],
