@@ -45,7 +45,7 @@ def test_a_plane_given_twice_adds_no_edge() -> None:
 
 
 def test_from_outside_there_is_none() -> None:
-    assert len(edges(*CUT, inside=HERE + [1.0, 0.0, 0.0], reach=1.0)) == 0
+    assert len(edges(*CUT, inside=HERE + np.array([1.0, 0.0, 0.0]), reach=1.0)) == 0
 
 
 def test_a_corridor_is_read_as_it_was_written() -> None:

@@ -208,6 +208,7 @@ def clearance_panels(flight: Flight) -> list[Panel]:
     ]
     states = flight.stats.get("avoidance")
     if states is not None:
+        numbers = [AVOIDANCE.index(str(each)) for each in states]
         panels.append(
             Panel(
                 name="",
@@ -216,9 +217,7 @@ def clearance_panels(flight: Flight) -> list[Panel]:
                     Curve(
                         name="avoidance",
                         time=flight.tick_time,
-                        values=np.array(
-                            [AVOIDANCE.index(str(each)) for each in states], dtype=np.int64
-                        ),
+                        values=np.array(numbers, dtype=np.int64),
                         colour=style.INK,
                         held=True,
                         hover=flight.stats["avoidance_reason"],
