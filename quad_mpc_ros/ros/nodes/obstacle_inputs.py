@@ -70,7 +70,12 @@ class ObstacleInputs:
     def values(self, stamp_ns: int) -> list[tuple[str, str]]:
         """Return what was heard, for diagnostics."""
         counts = [(f"obstacles.{name}", str(count)) for name, count in self._counts.items()]
-        return [*counts, ("obstacles.silence_s", f"{self._world.silence(stamp_ns):.2f}")]
+        heard = len(self._world.plans([stamp_ns]).age)
+        return [
+            *counts,
+            ("obstacles.silence_s", f"{self._world.silence(stamp_ns):.2f}"),
+            ("obstacles.neighbours", f"{heard} of {len(self._world.neighbours)}"),
+        ]
 
     def fault(self, stamp_ns: int) -> tuple[bytes, str]:
         """Return a level of diagnostics, and in words what is wrong."""

@@ -120,19 +120,21 @@ def test_a_sensor_that_stops_is_told_in_the_diagnostics(
 def test_a_neighbour_is_heard_in_its_namespace(
     start: Start, peer: Any, feed: Any, managed: Any
 ) -> None:
-    surveyor, mpc = Surveyor(peer), managed("mpc")
+    mpc = managed("mpc")
     odometry = peer.node.create_publisher(Odometry, "/uav2/odom", qos_profile_sensor_data)
     start("mpc", *ON, "-p", "obstacles.neighbours:=[uav2]")
     assert mpc.tells("active")
 
-    def send() -> None:
+    def heard() -> bool:
         message = Odometry()
         message.header.stamp = peer.node.get_clock().now().to_msg()
         message.header.frame_id, message.child_frame_id = "odom", "base_link"
         message.pose.pose.position.x, message.pose.pose.orientation.w = 3.0, 1.0
         odometry.publish(message)
+        return mpc.health.get("obstacles.neighbours") == "1 of 1"
 
-    assert surveyor.sees(2.6, send)  # less both radii
+    assert mpc.health.get("obstacles.neighbours", "0 of 1") == "0 of 1"
+    assert peer.wait(heard)
 
 
 def test_without_half_spaces_nothing_is_subscribed(
