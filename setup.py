@@ -141,6 +141,7 @@ setup(
             "pytest-timeout",
             "pytest-xdist",
             "pytest-cov",
+            "python-fcl",
             "hypothesis",
             "catkin-pkg",
             "mcap-ros2-support",

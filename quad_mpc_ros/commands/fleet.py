@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import copy
+import dataclasses
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,11 +13,13 @@ from typing import Any
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import default_out, results_in, write_json
 from quad_mpc_ros.commands.processes import FlightError, NodeProcess, start_all, stop_all
-from quad_mpc_ros.commands.run_configuration import RunConfig, run_configuration
+from quad_mpc_ros.commands.run_configuration import HALF_SPACES, RunConfig, run_configuration
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, STATS
 
 # What the table needs; every further topic costs time of a recorder, and plans that of an MPC.
+_APART = 2.0  # m, of neighbours at the start
+
 _RECORDED = (ODOMETRY, REFERENCE, COMMAND, STATS)
 
 
@@ -53,24 +56,53 @@ def configurations(options: argparse.Namespace) -> dict[str, RunConfig]:
     for number in range(1, options.vehicles + 1):
         namespace = f"uav{number}"
         given = copy.copy(options)
-        given.assignments = [f"recorder.topics=[{recorded}]", *options.assignments]
+        apart = options.neighbours or options.obstacles is not None
+        made = [
+            f"recorder.topics=[{recorded}]",
+            *(_as_neighbour(options, number) if apart else ()),
+        ]
+        given.assignments = [*made, *options.assignments]
         if out is None:
             out = default_out("fleet")
         given.out = out / namespace
         configs[namespace] = run_configuration(given, lockstep=False)
+        if apart:
+            configs[namespace] = _beside(configs[namespace], number)
     return configs
+
+
+def _as_neighbour(options: argparse.Namespace, number: int) -> list[str]:
+    """Return what makes a vehicle keep clear of the others, as assignments."""
+    others = [f"uav{other}" for other in range(1, options.vehicles + 1) if other != number]
+    return [
+        f"mpc.obstacles.neighbours=[{', '.join(others)}]",
+        f"mpc.obstacles.half_spaces={HALF_SPACES}",
+        f"reference.origin=[0.0, {_APART * (number - 1)}]",
+    ]
+
+
+def _beside(config: RunConfig, number: int) -> RunConfig:
+    """Return the configuration of a vehicle that starts on the ground beside the others."""
+    simulator = config.simulator
+    if simulator.initial_position != (0.0, 0.0, 0.0):  # on its reference, or where a file says
+        return config
+    place = (0.0, _APART * (number - 1), 0.0)
+    moved = dataclasses.replace(simulator, initial_position=place)
+    return dataclasses.replace(config, simulator=moved)
 
 
 def _finish(configs: Mapping[str, RunConfig], *, wall_seconds: float) -> int:
     """Evaluate each vehicle's bag, show one table, and return the exit code."""
-    from quad_mpc_ros.recordings.evaluation.metrics import summarise
+    from quad_mpc_ros.recordings.evaluation.metrics import summarise, with_neighbours
     from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
     from quad_mpc_ros.recordings.recording import Recording
 
+    flights = {name: Recording(config.out / "bag").flight() for name, config in configs.items()}
     summaries = {}
     for namespace, config in configs.items():
-        summaries[namespace] = summarise(
-            Recording(config.out / "bag").flight(), wall_seconds=wall_seconds
+        others = [flight for name, flight in flights.items() if name != namespace]
+        summaries[namespace] = with_neighbours(
+            summarise(flights[namespace], wall_seconds=wall_seconds), flights[namespace], others
         )
         with results_in(config.out):
             write_json(config.out / "summary.json", summaries[namespace])
@@ -84,9 +116,8 @@ def _finish(configs: Mapping[str, RunConfig], *, wall_seconds: float) -> int:
 
 def fleet_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     """Return a table of vehicles, and of all of them together."""
-    rows = [
-        ["", "RMSE [m]", "odometry to command p50", "p99", "max [ms]", "late or none", "fallbacks"]
-    ]
+    to_command = ("odometry to command p50", "p99", "max [ms]")
+    rows = [["", "RMSE [m]", "nearest [m]", *to_command, "late or none", "fallbacks"]]
     asked = late = fallbacks = 0
     for name, summary in summaries.items():
         latency = summary["odom_to_command_ms"]
@@ -97,6 +128,7 @@ def fleet_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
             [
                 name,
                 _shown(summary["position_rmse_m"]),
+                _shown(summary["clearance_min_m"]),
                 *(_shown(latency[key]) for key in ("p50", "p99", "max")),
                 str(missed),
                 str(summary["fallbacks"]),
@@ -104,7 +136,7 @@ def fleet_table(summaries: Mapping[str, Mapping[str, Any]]) -> str:
         )
     share = 100.0 * (1.0 - late / max(asked, 1))
     within = f"answered within a period: {share:.2f} % of {asked}, fallbacks: {fallbacks}"
-    return "\n".join((*text_table(rows, align="lrrrrrr"), within))
+    return "\n".join((*text_table(rows, align="lrrrrrrr"), within))
 
 
 def _shown(value: float | None) -> str:

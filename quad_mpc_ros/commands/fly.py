@@ -46,6 +46,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="fly N vehicles at once, each in a namespace, uav1 and so on, without figures "
         "(default: 1)",
     )
+    parser.add_argument(
+        "--neighbours",
+        action="store_true",
+        help="with --vehicles: they begin 2 m apart, and each keeps clear of the others by their "
+        "plans; --obstacles implies it",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -55,6 +61,8 @@ def run(options: argparse.Namespace) -> int:
         raise UserError(
             f"--vehicles: given {options.vehicles}, expected 1 or more, and 1 with --lockstep"
         )
+    if options.neighbours and options.vehicles == 1:
+        raise UserError("--neighbours: given with --vehicles 1, expected 2 or more")
     if options.together and options.vehicles > 1:
         raise UserError(f"--together: expected --vehicles 1, given {options.vehicles}")
     # Other machines on the network fly their own; set the variable to share this flight with them.

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from quad_mpc_ros.commands.output import default_out, prepared_out
+from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
 from quad_mpc_ros.commands.run_options import DEFAULT_DURATION, check_duration
 from quad_mpc_ros.configuration import Configuration, UserError, files
 from quad_mpc_ros.configuration.vehicle import differences
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.obstacles.files import read_scene
 from quad_mpc_ros.recordings.config import RecorderConfig
-from quad_mpc_ros.recordings.recording import flown_points
+from quad_mpc_ros.recordings.recording import SCENE_NAME, flown_points
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import start_on
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant, plant_entry
+
+HALF_SPACES = 8
+"""A stage, where something is to be kept clear of."""
 
 SCHEMA: files.Schema = {
     "mpc": MpcConfig,
@@ -55,6 +60,7 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
     """
     sources = _sources(options)
     made = [*_assignments(options, lockstep=lockstep), _duration(options, sources)]
+    made += _of_obstacles(options)
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
     reference = cast(ReferenceConfig, loaded["reference"])
     trajectory = configured_trajectory(reference, read_bag=flown_points)
@@ -70,9 +76,12 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
     make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
     out = prepared_out(options.out or default_out(reference.trajectory))
     _warn_of_different_vehicles(loaded)
+    mpc, simulator = _with_own_file(
+        cast(MpcConfig, loaded["mpc"]), cast(SimulatorConfig, loaded["simulator"]), out
+    )
     return RunConfig(
-        mpc=cast(MpcConfig, loaded["mpc"]),
-        simulator=cast(SimulatorConfig, loaded["simulator"]),
+        mpc=mpc,
+        simulator=simulator,
         reference=reference,
         recorder=dataclasses.replace(
             cast(RecorderConfig, loaded["recorder"]), directory=str(out / "bag")
@@ -80,6 +89,41 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
         trajectory=trajectory,
         out=out,
     )
+
+
+def _of_obstacles(options: argparse.Namespace) -> list[str]:
+    """Return ``--obstacles`` and ``--sensor`` as assignments.
+
+    Raises :class:`UserError` for a file that cannot be used.
+    """
+    file: Path | None = options.obstacles
+    if file is None:
+        if options.sensor is not None:
+            raise UserError(f"--sensor: given {options.sensor}, expected --obstacles FILE with it")
+        return []
+    scene, text = read_scene(file), files.value_text(str(file.resolve()))
+    made = [f"mpc.obstacles.half_spaces={HALF_SPACES}", f"simulator.obstacles.file={text}"]
+    sensor = options.sensor
+    if sensor is None:
+        made.append(f"mpc.obstacles.file={text}")
+        sensor = "markers" if scene.changes else None
+    return made if sensor is None else [*made, f"simulator.obstacles.sensor={sensor}"]
+
+
+def _with_own_file(
+    mpc: MpcConfig, simulator: SimulatorConfig, out: Path
+) -> tuple[MpcConfig, SimulatorConfig]:
+    """Return the parameters with a copy of the file of obstacles in the folder of the run."""
+    given = simulator.obstacles.file
+    if not given:
+        return mpc, simulator
+    read_scene(given)
+    copy = out / SCENE_NAME
+    with results_in(out):
+        shutil.copyfile(given, copy)
+    where = {"obstacles.file": str(copy.resolve())}
+    same = mpc.obstacles.file == given
+    return mpc.updated(where) if same else mpc, simulator.updated(where)
 
 
 def _warn_of_different_vehicles(loaded: Mapping[str, Configuration]) -> None:

@@ -85,5 +85,19 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         help="length of the flight in seconds (default: simulator.duration of a file, or "
         f"{DEFAULT_DURATION:g})",
     )
+    parser.add_argument(
+        "--obstacles",
+        type=Path,
+        metavar="FILE",
+        help="fly among the boxes, cylinders and spheres of FILE: the mpc keeps clear of them, "
+        "and a vehicle that touches one has crashed (docs/obstacles.md)",
+    )
+    parser.add_argument(
+        "--sensor",
+        choices=("rays", "markers"),
+        help="the mpc is told nothing of FILE, but sees what is within simulator.obstacles."
+        "sensor_range, 6 m, as points or as shapes (default: it is told what stands, and sees "
+        "what moves or appears as shapes)",
+    )
     add_out(parser, "bag, summary.json and figures; must not hold any", "<reference>")
     parser.set_defaults(plant=None)

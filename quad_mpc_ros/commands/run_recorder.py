@@ -10,6 +10,7 @@ from typing import Any
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
+from quad_mpc_ros.messages.corridor import written_corridor
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.recordings.parameters import write_parameters
 from quad_mpc_ros.recordings.qos_profile import QosProfile
@@ -89,6 +90,12 @@ class RunRecorder:
         if plan is not None:
             data = conversions.written_plan(plan, frame_id=self._frame_id)
             self._write(topics.PREDICTED_PATH, time_ns, data)
+            if tick.guided is not None:
+                self._offer(topics.CORRIDOR)
+                data = written_corridor(
+                    tick.guided.corridor, stamp_ns=plan.stamp_ns, frame_id=self._frame_id
+                )
+                self._write(topics.CORRIDOR, time_ns, data)
 
     def flush_if_due(self) -> None:
         """Hand what has gathered to the operating system now and then."""

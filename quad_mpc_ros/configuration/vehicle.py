@@ -25,6 +25,7 @@ VEHICLE = (
     "omega_max",
     "throttle_min",
     "throttle_max",
+    "radius",
 )
 CARRIES = ("mass", "gravity", "motor_count", "thrust_curve")
 """What carries the vehicle: to nodes that differ in it one throttle is another acceleration."""

@@ -181,6 +181,86 @@ class LimitParameters(Configuration):
         return [name for name in names if getattr(self, name) > 0.0]
 
 
+_keeping = functools.partial(_live_advanced, minimum=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldParameters(Configuration):
+    """How to come to know of obstacles."""
+
+    file: str = parameter(
+        "", doc="File of boxes, cylinders and spheres that stand, and of the volume of flight."
+    )
+    clouds: str = parameter(
+        "scan",
+        doc="What comes on obstacles: scans, which are forgotten after a time, or a map, each of "
+        "which replaces the one before and stays.",
+        choices=("scan", "map"),
+    )
+    forget_after: float = parameter(
+        0.5, doc="How long a point of a scan is remembered.", unit="s", above=0.0, maximum=60.0
+    )
+    resolution: float = _advanced(
+        0.1,
+        doc="Side of the cubes of each of which one point of a cloud is kept.",
+        unit="m",
+        minimum=0.01,
+        maximum=1.0,
+    )
+    neighbours: tuple[str, ...] = parameter(
+        (),
+        doc="Namespaces of other vehicles, whose mpc/predicted_path and odom are read.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleParameters(WorldParameters):
+    """How to keep clear of obstacles; without half-spaces nothing of it is in the problem."""
+
+    owner = "mpc.obstacles"
+
+    half_spaces: int = parameter(
+        0,
+        doc="manifold: half-spaces on the position that a stage of the plan has room for; 0 is to "
+        "know of no obstacles, 8 is enough for most.",
+        minimum=0,
+        maximum=32,
+    )
+    margin: float = _live(
+        0.1, doc="Distance kept beyond the vehicle's radius.", unit="m", minimum=0.0
+    )
+    margin_growth: float = _keeping(
+        0.02,
+        doc="What the margin grows by with the speed: for how long it is not known where the "
+        "vehicle is, by an error of the delay or of the lags.",
+        unit="s",
+    )
+    range: float = _live(
+        8.0, doc="How far around the vehicle obstacles are regarded.", unit="m", above=0.0
+    )
+    acceleration: float = _live(
+        5.0,
+        doc="Acceleration of the ways around: how hard they brake, speed up and turn.",
+        unit="m/s^2",
+        above=0.0,
+    )
+    speed_max: float = _live(
+        4.0,
+        doc="Speed of the ways around, and of stopping in front; a faster reference may have its "
+        "own.",
+        unit="m/s",
+        above=0.0,
+    )
+    downwash: float = _live_advanced(
+        2.0,
+        doc="How much further apart than sideways neighbours keep above each other.",
+        minimum=1.0,
+    )
+    floor: float = _live(
+        0.3, doc="Lowest height of the ways around; a lower reference may have its own.", unit="m"
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class RealtimeParameters(Configuration):
     """What to ask of the operating system and of Python, so that no tick is late."""
@@ -328,6 +408,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     oscillation: OscillationParameters = dataclasses.field(default_factory=OscillationParameters)
     slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
     limits: LimitParameters = dataclasses.field(default_factory=LimitParameters)
+    obstacles: ObstacleParameters = dataclasses.field(default_factory=ObstacleParameters)
     realtime: RealtimeParameters = dataclasses.field(default_factory=RealtimeParameters)
 
     @property
@@ -354,6 +435,12 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
                 f"{self.owner}.{name}",
                 getattr(self, name),
                 f"a number {side} the hover throttle {hover:.4f}",
+            )
+        if self.obstacles.half_spaces > 0 and self.formulation != "manifold":
+            raise ConfigurationError(
+                f"{self.owner}.obstacles.half_spaces",
+                self.obstacles.half_spaces,
+                "0 with formulation paper, whose problem has no half-spaces",
             )
         room = min(hover - self.throttle_min, self.throttle_max - hover)
         if not self.limits.throttle_margin < room:

@@ -18,6 +18,7 @@ from quad_mpc_ros.configuration.arguments import instance, number, stamp
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import GroundState
+from quad_mpc_ros.control.guide import Avoidance, Guide, Guided
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
@@ -63,6 +64,7 @@ class Controller:
     Args:
         config: What to fly and how. Live parameters may change by :meth:`reconfigure`.
         deadline: How long the MPC may take for a plan that is flown [s].
+        guide: What leads around obstacles, if anything does.
 
     Every method raises :class:`.ArgumentError`, a ``ValueError``, for an argument of another type,
     and is then as if it had not been called. What odometry and reference hold is not an error: of
@@ -76,8 +78,13 @@ class Controller:
         True
     """
 
-    def __init__(self, config: MpcConfig, *, deadline: float = math.inf) -> None:
+    def __init__(
+        self, config: MpcConfig, *, deadline: float = math.inf, guide: Guide | None = None
+    ) -> None:
         self._config = instance(config, "config", MpcConfig)
+        self._guide = guide
+        self._plan: Plan | None = None
+        self._guided: Guided | None = None
         endless = isinstance(deadline, float) and deadline == math.inf
         self._deadline = math.inf if endless else number(deadline, "deadline", above=0.0)
         self._ground = GroundDetector(config.gravity)
@@ -103,13 +110,15 @@ class Controller:
 
     def renewed(self) -> Controller:
         """Return a controller like this one that has seen nothing yet."""
-        return Controller(self._config, deadline=self._deadline)
+        return Controller(self._config, deadline=self._deadline, guide=self._guide)
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed live parameters between two ticks; the warm start stays."""
         self._config = instance(config, "config", MpcConfig)
         self._mpc.reconfigure(config)
         self._supervisor.reconfigure(config)
+        if self._guide is not None:
+            self._guide.reconfigure(config)
 
     def engage(self, engaged: bool) -> None:
         """Set whether commands act on the vehicle: armed, and in the mode that takes them."""
@@ -305,9 +314,11 @@ class Controller:
             return None, fault
         try:
             if odometry is not None:
-                step: MpcStep | None = self._mpc.step(odometry, window)
+                flown = self._guided_by(odometry, window)
+                step: MpcStep | None = self._mpc.step(odometry, flown.window, flown.corridor)
             else:
-                step = self._mpc.step_unseen(stamp_ns, window)
+                flown = self._guided or Guided(window)
+                step = self._mpc.step_unseen(stamp_ns, flown.window, flown.corridor)
         except Exception as error:  # whatever it is, something has to fly the vehicle
             self._mpc.begin_anew()
             fault = f"error in the control step: {error!r}"
@@ -320,6 +331,15 @@ class Controller:
         if odometry is None:
             fault = fault or self._supervisor.foreseen_fault(step.state)
         return step, fault
+
+    def _guided_by(self, odometry: OdometrySample, window: ReferenceWindow) -> Guided:
+        """Return what to fly in place of a window, and within which corridor."""
+        if self._guide is None:
+            return Guided(window)
+        self._guided = self._guide.guide(odometry, window, self._plan)
+        around = self._guided.window
+        self._supervisor.fly_around(around, self._guided.corridor)
+        return self._guided
 
     def _send(
         self,
@@ -346,6 +366,7 @@ class Controller:
             command = CommandSample(stamp_ns=stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
         odom_age_ns, reference_age_ns = self._supervisor.inputs.ages_ns(now_ns)
         reference = self._supervisor.inputs.reference
+        self._plan = plan
         self._last_tick = Tick(
             command=command,
             decision=decision,
@@ -360,7 +381,9 @@ class Controller:
                 reference_age_ns=reference_age_ns,
                 reference_stamp_ns=0 if reference is None else reference.stamp_ns,
                 ground=self._ground.state.value,
+                avoidance=Avoidance() if self._guided is None else self._guided.avoidance,
             ),
+            guided=self._guided,
             plan=plan,
         )
         return self._last_tick

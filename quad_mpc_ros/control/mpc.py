@@ -10,6 +10,7 @@ from typing import NamedTuple
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation, EstimateStatus
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
@@ -66,34 +67,55 @@ class Mpc:
     def _begin(self) -> None:
         config = self._config
         self._problem = FORMULATIONS[config.formulation](config)
-        self._qp = HorizonQP(self._problem.pattern())
-        self._solver = QpSolver(self._qp, config.solver, time_limit=self._deadline)
+        self._anywhere = self._prepared(within=False)
+        # A solver of its own: without a corridor the other one computes the same bits as ever.
+        has_room = config.obstacles.half_spaces > 0
+        self._within = self._prepared(within=True) if has_room else self._anywhere
         self._failed = False
 
-    def step(self, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
-        """Compute the plan for an odometry (twist in the body frame) and a reference window."""
-        started = time.perf_counter()
-        return self.solve(self._delay_compensation.predict(odometry), window, started=started)
+    def _prepared(self, *, within: bool) -> tuple[HorizonQP, QpSolver]:
+        qp = HorizonQP(self._problem.pattern(within=within))
+        return qp, QpSolver(qp, self._config.solver, time_limit=self._deadline)
 
-    def step_unseen(self, stamp_ns: int, window: ReferenceWindow) -> MpcStep | None:
+    def step(
+        self, odometry: OdometrySample, window: ReferenceWindow, corridor: Corridor | None = None
+    ) -> MpcStep:
+        """Compute the plan for an odometry (twist in the body frame) and a reference window.
+
+        It stays in a ``corridor``, if ``obstacles.half_spaces`` has rows for it.
+        """
+        started = time.perf_counter()
+        state = self._delay_compensation.predict(odometry)
+        return self.solve(state, window, corridor, started=started)
+
+    def step_unseen(
+        self, stamp_ns: int, window: ReferenceWindow, corridor: Corridor | None = None
+    ) -> MpcStep | None:
         """Compute the plan from where the vehicle should be at a time without odometry.
 
         None if it has not been seen before that.
         """
         started = time.perf_counter()
         state = self._delay_compensation.foresee(stamp_ns)
-        return None if state is None else self.solve(state, window, started=started)
+        return None if state is None else self.solve(state, window, corridor, started=started)
 
     def solve(
-        self, state: PredictedState, window: ReferenceWindow, *, started: float | None = None
+        self,
+        state: PredictedState,
+        window: ReferenceWindow,
+        corridor: Corridor | None = None,
+        *,
+        started: float | None = None,
     ) -> MpcStep:
         """Compute the plan from a predicted state; ``started`` is when the step did [s]."""
         started = time.perf_counter() if started is None else started
-        problem, qp, solver = self._problem, self._qp, self._solver
+        if self._within is self._anywhere:
+            corridor = None
+        problem, (qp, solver) = self._problem, self._anywhere if corridor is None else self._within
         plan: Plan | None = None
         iterations, solve_time = 0, 0.0
 
-        problem.begin(state, window)
+        problem.begin(state, window, corridor)
         while True:
             qp.update(problem.linearise())
             solution = solver.solve(from_zero=problem.is_deviation)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from quad_mpc_ros.control.model.samples import CommandSample
 
 if TYPE_CHECKING:  # who reads the figures of a recording needs no solver
+    from quad_mpc_ros.control.guide import Avoidance, Guided
     from quad_mpc_ros.control.mpc import MpcStep
     from quad_mpc_ros.control.ocp.plan import Plan
     from quad_mpc_ros.control.safety.ladder import Decision
@@ -31,11 +33,13 @@ class Tick:
         stamp_ns: int,
         figures: Callable[[], TickStats],
         plan: Plan | None,
+        guided: Guided | None = None,
     ) -> None:
         self.command = command
         self.decision = decision
         self.stamp_ns = stamp_ns
         self.plan = plan
+        self.guided = guided  # what was flown in place of the reference, where something guides
         self._figures = figures
 
     @functools.cached_property
@@ -58,6 +62,9 @@ class TickStats:
     solve_time_us: float  # OSQP's own run time [us]
     step_time_us: float  # state in to plan out [us]
     ground: str = "unknown"  # or on_ground, lifting_off, flying, touching_down, crashed
+    avoidance: str = "off"  # of obstacles: off, free (the reference), around, stopped
+    avoidance_reason: str = ""  # why not free
+    clearance_m: float = math.inf  # from the vehicle's surface to the nearest known obstacle [m]
     disturbance_x: float = 0.0  # estimated acceleration of the disturbance, world [m/s^2]
     disturbance_y: float = 0.0  # the same
     disturbance_z: float = 0.0  # the same
@@ -94,6 +101,7 @@ def figures_of(
     reference_age_ns: int,
     reference_stamp_ns: int,
     ground: str,
+    avoidance: Avoidance,
 ) -> TickStats:
     """Return the figures of a tick; ``step`` is None when the MPC did not run."""
     return TickStats(
@@ -104,6 +112,9 @@ def figures_of(
         reference_age_ms=1e-6 * reference_age_ns,
         reference_stamp_ns=reference_stamp_ns,
         ground=ground,
+        avoidance=avoidance.state,
+        avoidance_reason=avoidance.reason,
+        clearance_m=avoidance.clearance,
         **counts._asdict(),
         **_solver_figures(step),
     )

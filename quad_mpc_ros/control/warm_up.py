@@ -11,6 +11,7 @@ import numpy as np
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
+from quad_mpc_ros.control.guide import Guide
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.parameters import parameters_of
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
@@ -28,7 +29,9 @@ _HOVERING_NS = (5_100_000_000, 6_000_000_000)
 _SPEED = 0.3  # m/s
 
 
-def warmed_up(config: MpcConfig, *, deadline: float = math.inf) -> Controller:
+def warmed_up(
+    config: MpcConfig, *, deadline: float = math.inf, guide: Guide | None = None
+) -> Controller:
     """Return a new controller, none of whose code is left to compile."""
     _compile(
         dataclasses.replace(
@@ -45,7 +48,7 @@ def warmed_up(config: MpcConfig, *, deadline: float = math.inf) -> Controller:
             blind_time=10.0,
         )
     )
-    return Controller(config, deadline=deadline)
+    return Controller(config, deadline=deadline, guide=guide)
 
 
 def compile_problem(config: MpcConfig) -> None:

@@ -19,6 +19,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.model.vehicle import ARM, LiftParameters, Vehicle, outline
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.messages.obstacle_messages import Marker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +52,9 @@ class VisualisationConfig(LiftParameters):
         0.3, doc="Length of the thrust arrow at hover.", unit="m", above=0.0
     )
     fence: DrawnFence = field(default_factory=DrawnFence)
+    obstacles_file: str = parameter(
+        "", doc="File of obstacles to draw, usually that of the mpc (obstacles.file)."
+    )
     broadcast_tf: bool = parameter(
         True,
         doc="Broadcast the pose of the odometry on /tf, where tf2_msgs is installed; false where "
@@ -84,6 +88,7 @@ class Trail:
 ARROW, LINE_STRIP, LINE_LIST = 0, 4, 5
 
 _SHORT_LIFETIME_NS = 500_000_000  # thrust and plan of a silent controller disappear
+_OBSTACLE_RGB, _OBSTACLE_ALPHA = (0.84, 0.37, 0.0), 0.6
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -108,6 +113,13 @@ _PREDICTED = _Look(
     lifetime_ns=_SHORT_LIFETIME_NS,
 )
 _FENCE = _Look(name="fence", kind=LINE_LIST, scale=(0.02, 0.0, 0.0), rgb=(0.84, 0.37, 0.0))
+_CORRIDOR = _Look(
+    name="corridor",
+    kind=LINE_LIST,
+    scale=(0.01, 0.0, 0.0),
+    rgb=(0.0, 0.62, 0.45),
+    lifetime_ns=_SHORT_LIFETIME_NS,
+)
 _THRUST = _Look(
     name="thrust",
     kind=ARROW,
@@ -144,6 +156,11 @@ def predicted_marker(odometry: OdometrySample, p_WB: Array, *, new: NewMessage) 
     return _marker(_PREDICTED, odometry, p_WB, new=new)
 
 
+def corridor_marker(odometry: OdometrySample, edges: Array, *, new: NewMessage) -> Any:
+    """Return the edges (m, 2, 3) [m] of where the plan is held."""
+    return _marker(_CORRIDOR, odometry, edges.reshape(-1, 3), new=new)
+
+
 def fence_marker(odometry: OdometrySample, fence: BoxParameters, *, new: NewMessage) -> Any:
     """Return the twelve edges of the fence."""
     ends = [fence.minimum, fence.maximum]
@@ -154,6 +171,22 @@ def fence_marker(odometry: OdometrySample, fence: BoxParameters, *, new: NewMess
         if (a ^ b).bit_count() == 1
     ]
     return _marker(_FENCE, odometry, np.array(edges).reshape(-1, 3), new=new)
+
+
+def filled_marker(marker: Marker, *, new: NewMessage) -> Any:
+    """Return a marker of an obstacle as a message, orange and translucent."""
+    message = new("visualization_msgs/msg/Marker")
+    conversions.fill_header(message.header, marker.stamp_ns, marker.frame_id)
+    message.ns, message.id = marker.name
+    message.type, message.action = marker.kind, marker.action
+    conversions.fill_vector(message.pose.position, marker.p.tolist())
+    conversions.fill_quaternion(message.pose.orientation, marker.q_xyzw.tolist())
+    conversions.fill_vector(message.scale, marker.scale.tolist())
+    message.color.r, message.color.g, message.color.b = _OBSTACLE_RGB
+    message.color.a = _OBSTACLE_ALPHA
+    conversions.fill_time(message.lifetime, marker.lifetime_ns)
+    message.points = [_point(point, new) for point in marker.points.tolist()]
+    return message
 
 
 def _marker(

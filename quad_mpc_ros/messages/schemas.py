@@ -22,7 +22,9 @@ SHIPPED_TYPES = (
     "nav_msgs/msg/Path",
     "rosgraph_msgs/msg/Clock",
     "sensor_msgs/msg/BatteryState",
+    "sensor_msgs/msg/PointCloud2",
     "trajectory_msgs/msg/MultiDOFJointTrajectory",
+    "visualization_msgs/msg/MarkerArray",
 )
 """The types with definitions in this package, so that it records without ROS."""
 

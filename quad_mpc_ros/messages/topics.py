@@ -55,6 +55,17 @@ ODOMETRY_RESET = Topic(
 
 BATTERY = Topic(name="battery", type_name="sensor_msgs/msg/BatteryState", optional=True)
 
+# What is in the way, all optional. Sensors publish by best effort, which a reliable publisher
+# satisfies too; of markers a lost one would not come again.
+OBSTACLES = Topic(name="obstacles", type_name="sensor_msgs/msg/PointCloud2", optional=True)
+OBSTACLE_MARKERS = Topic(
+    name="obstacle_markers",
+    type_name="visualization_msgs/msg/MarkerArray",
+    reliable=True,
+    depth=10,
+    optional=True,
+)
+
 REFERENCE = Topic(
     name="reference",
     type_name="trajectory_msgs/msg/MultiDOFJointTrajectory",
@@ -71,6 +82,8 @@ TRAJECTORY = Topic(name="trajectory", type_name=REFERENCE.type_name, reliable=Tr
 VELOCITY = Topic(name="cmd_vel", type_name="geometry_msgs/msg/TwistStamped", optional=True)
 JOYSTICK = Topic(name="joy", type_name="sensor_msgs/msg/Joy")
 PREDICTED_PATH = Topic(name="mpc/predicted_path", type_name="nav_msgs/msg/Path")
+# The half-spaces that the plan is held in, while something is in the way.
+CORRIDOR = Topic(name="mpc/corridor", type_name=OBSTACLES.type_name, optional=True)
 STATS = Topic(
     name="mpc/stats", type_name="diagnostic_msgs/msg/DiagnosticArray", reliable=True, depth=10
 )
@@ -86,6 +99,9 @@ MARKERS = Topic(
     name="visualisation/markers", type_name="visualization_msgs/msg/MarkerArray", reliable=True
 )
 TF = Topic(name="/tf", type_name="tf2_msgs/msg/TFMessage", reliable=True, depth=100)
+TF_STATIC = Topic(
+    name="/tf_static", type_name=TF.type_name, reliable=True, depth=100, latched=True
+)
 
 # In the bag of a resolved flight: the commands that were flown.
 RECORDED_COMMAND = Topic(name="recorded_command", type_name=COMMAND.type_name)
@@ -100,7 +116,9 @@ RECORDED = (
     LANDED,
     GROUND_STATE,
     BATTERY,
+    OBSTACLE_MARKERS,
     PREDICTED_PATH,
+    CORRIDOR,
     REFERENCE_PATH,
     STATS,
     DIAGNOSTICS,

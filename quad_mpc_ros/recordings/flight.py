@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,11 +25,14 @@ from quad_mpc_ros.control.model.vehicle import Vehicle
 from quad_mpc_ros.control.ocp.paper import reference_throttles
 from quad_mpc_ros.control.safety.window_validation import reference_fault
 from quad_mpc_ros.messages import conversions
+from quad_mpc_ros.messages.corridor import HalfSpaces, read_corridor
+from quad_mpc_ros.obstacles.scene import Scene
 from quad_mpc_ros.recordings.logs import CommandLog, OdometryLog, Stamps, StatsLog
 
 if TYPE_CHECKING:  # a simulated flight needs no reader of bags
     from quad_mpc_ros.recordings.reader import RecordedMessage
 
+_PLACES_BETWEEN = 5  # two odometries, at which a clearance is taken
 _NO_STAMP = np.iinfo(np.int64).min
 
 
@@ -62,10 +66,14 @@ class CommandTrack:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecordedPlan:
-    """Positions ``p_WB`` (n, 3) [m] along one plan, from the state at which it begins."""
+    """Positions ``p_WB`` (n, 3) [m] along one plan, from the state at which it begins.
+
+    ``corridor`` are the half-spaces that it was held in, None where nothing was in the way.
+    """
 
     stamp_ns: int
     p_WB: Array
+    corridor: HalfSpaces | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +85,8 @@ class Flight:
     when none was recorded. ``stats`` are the figures of the k ticks of the controller, each (k,),
     by their name in :class:`TickStats`. ``parameters`` are those recorded, by node; ``mpc`` are
     those of the controller, defaults where they were not recorded. ``plans`` are some of the
-    controller's, as many as were asked for.
+    controller's, as many as were asked for. ``scene`` is what it was flown among, its times from
+    the first odometry on; None where that is not known.
 
     Raises:
         ArgumentError: An array has another shape, or something is of another type.
@@ -95,6 +104,7 @@ class Flight:
     parameters: Mapping[str, Mapping[str, Any]]
     mpc: MpcConfig
     plans: Sequence[RecordedPlan] = ()
+    scene: Scene | None = None
 
     def __post_init__(self) -> None:
         count = len(stamps(self.stamp_ns, "stamp_ns"))
@@ -121,6 +131,22 @@ class Flight:
     def tick_time(self) -> Array:
         """Time of each tick of the controller from the first odometry (k,) [s]."""
         return self.time_of(np.asarray(self.stats["stamp_ns"], dtype=np.int64))
+
+    @cached_property
+    def clearance(self) -> Array | None:
+        """From the vehicle's surface to the nearest obstacle's (n,) [m], None without obstacles.
+
+        The least since the odometry before; negative inside.
+        """
+        if self.scene is None or not self.scene.shapes:
+            return None
+        before = np.maximum(np.arange(len(self.time)) - 1, 0)
+        least = np.full(len(self.time), np.inf)
+        for share in np.linspace(0.0, 1.0, _PLACES_BETWEEN, endpoint=False):
+            p_WB = (1.0 - share) * self.p_WB + share * self.p_WB[before]
+            time = (1.0 - share) * self.time + share * self.time[before]
+            least = np.minimum(least, self.scene.clearances(p_WB, time))
+        return np.asarray(least - self.mpc.radius)
 
     @property
     def odometry_period(self) -> float:
@@ -239,8 +265,16 @@ class ChosenPlans:
         order = order[: np.searchsorted(stamps[order], end_ns, side="right")]
         step = -(-len(order) // most) if most else 1
         self._chosen = set(order[:: max(step, 1)].tolist()) if most else set()
+        self._stamps = {stamps_ns[place] for place in self._chosen}
         self._seen = 0
         self._plans: list[RecordedPlan] = []
+        self._corridors: dict[int, HalfSpaces] = {}
+
+    def take_corridor(self, message: RecordedMessage) -> None:
+        """Keep the corridor in a message if it is of a chosen plan, and something is in it."""
+        corridor = read_corridor(message.data)
+        if len(corridor.offsets) and corridor.stamp_ns in self._stamps:
+            self._corridors[corridor.stamp_ns] = corridor
 
     def take(self, message: RecordedMessage) -> None:
         """Keep the plan in a message, if it is a chosen one and finite."""
@@ -253,4 +287,7 @@ class ChosenPlans:
 
     def in_order(self) -> list[RecordedPlan]:
         """Return the plans by their stamps."""
-        return sorted(self._plans, key=lambda plan: plan.stamp_ns)
+        plans = [
+            replace(plan, corridor=self._corridors.get(plan.stamp_ns)) for plan in self._plans
+        ]
+        return sorted(plans, key=lambda plan: plan.stamp_ns)

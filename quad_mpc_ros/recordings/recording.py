@@ -20,6 +20,7 @@ from quad_mpc_ros.messages.cdr import header_stamp_ns
 from quad_mpc_ros.messages.topics import (
     BATTERY,
     COMMAND,
+    CORRIDOR,
     ENGAGED,
     LANDED,
     ODOMETRY,
@@ -31,6 +32,8 @@ from quad_mpc_ros.messages.topics import (
     STATS,
     Topic,
 )
+from quad_mpc_ros.obstacles.files import read_scene
+from quad_mpc_ros.obstacles.scene import Scene
 from quad_mpc_ros.recordings import logs
 from quad_mpc_ros.recordings.flight import (
     ChosenPlans,
@@ -55,8 +58,12 @@ from quad_mpc_ros.recordings.run import (
     odometry_of_twist,
 )
 from quad_mpc_ros.references.point_table import PointTable
+from quad_mpc_ros.simulation.config import SimulatorConfig
 
 Taker = Callable[[RecordedMessage], None]
+
+SCENE_NAME = "obstacles.yaml"
+"""Of the file of obstacles in the folder of a run."""
 
 _MOST_LISTED = 12
 _OF_A_RUN = (
@@ -136,6 +143,7 @@ class Recording:
         }
         if most_plans:
             again[PREDICTED_PATH] = plans.take
+            again[CORRIDOR] = self._all_of(CORRIDOR, plans.take_corridor)
         self._stream(again)
         return Flight(
             **arrays,
@@ -145,7 +153,22 @@ class Recording:
             parameters=self.parameters,
             mpc=mpc,
             plans=plans.in_order(),
+            scene=self.scene(),
         )
+
+    def scene(self) -> Scene | None:
+        """Return what a simulated vehicle flew among, of its run's folder or where it was read.
+
+        None where nothing was, or the file is there no more.
+        """
+        given = self.parameters_of(SimulatorConfig).get("obstacles.file")
+        if not given:
+            return None
+        folder = self.path if self.path.is_dir() else self.path.parent
+        for file in (folder.parent / SCENE_NAME, Path(str(given)).expanduser()):
+            if file.is_file():
+                return read_scene(file)
+        return None
 
     def run(
         self,

@@ -12,6 +12,9 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
+from quad_mpc_ros.obstacles.configured import avoiding
+from quad_mpc_ros.obstacles.scene import Scene
+from quad_mpc_ros.obstacles.world import World
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
 from quad_mpc_ros.references.flat_trajectory import FlatTrajectory
@@ -21,6 +24,7 @@ from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
 from quad_mpc_ros.simulation.sensors import OdometryStream, odometry_stamps, stamp_offset_ns
+from quad_mpc_ros.simulation.surroundings import NOTHING_SEEN, Collision, Seen, Surroundings
 
 _DEFAULT_DURATION = 10.0  # s
 
@@ -42,6 +46,8 @@ class LoopStep:
             a control law of one's own.
         command: What was sent to the plant, if anything was.
         voltage: That of the battery [V], where it was measured with the odometry.
+        seen: What a sensor told of obstacles with it.
+        collision: Where it flew into one since the step before, which ends the flight.
     """
 
     odometry: OdometrySample
@@ -51,6 +57,8 @@ class LoopStep:
     tick: Tick | None
     command: CommandSample | None
     voltage: float | None = None
+    seen: Seen = NOTHING_SEEN
+    collision: Collision | None = None
 
 
 def fly(
@@ -61,6 +69,8 @@ def fly(
     plant: Plant | None = None,
     trajectory: Trajectory | Path | None = None,
     controller: Controller | ControlLaw | None = None,
+    scene: Scene | None = None,
+    world: World | None = None,
     on_reference: bool = False,
 ) -> Iterator[LoopStep]:
     """Fly the closed loop and yield every odometry that is sent with what followed from it.
@@ -70,8 +80,10 @@ def fly(
 
     The arguments are those of :func:`quad_mpc_ros.simulate`, which returns the steps as arrays.
     Without ``simulator`` it takes ten seconds, with one the ``duration`` that it says. A path is
-    flown by differential flatness, with the vehicle and the yaw of ``reference``; a
-    given ``plant`` starts as it is, also with ``on_reference``.
+    flown by differential flatness, with the vehicle and the yaw of ``reference``; a given
+    ``plant`` starts as it is, also with ``on_reference``. A ``scene`` is flown among in place of
+    the simulator's file of obstacles; the flight ends where the vehicle touches one. A ``world``
+    is what the guide of a given controller knows, which is told what the sensor sees.
 
     Raises:
         UserError: For parameters that cannot be used together, or a trajectory that the vehicle
@@ -84,18 +96,29 @@ def fly(
     if on_reference:
         simulator = simulator.updated(start_on(flown, simulator))
     plant = plant or make_plant(simulator)
-    controller = controller or warmed_up(mpc or MpcConfig())
+    if controller is None:
+        mpc = mpc or MpcConfig()
+        world, guide = avoiding(mpc) or (None, None)
+        controller = warmed_up(mpc, guide=guide)
     server = ReferenceServer(reference, flown)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     server.start(SIMULATION_START_NS)
     first_ns = SIMULATION_START_NS + stamp_offset_ns(simulator)
     ahead = WindowsAhead(server, (first_ns + time_ns for time_ns in odometry_stamps(simulator)))
+    surroundings = Surroundings(simulator.obstacles, radius=simulator.radius, scene=scene)
     while (sent := stream.step()) is not None:
         now_ns = SIMULATION_START_NS + sent.time_ns
         window = ahead.window(sent.odometry.stamp_ns)
+        measured_ns = sent.truth.stamp_ns - SIMULATION_START_NS
+        seen = surroundings.look(sent.truth, measured_ns)
+        collision = surroundings.collision(sent.truth, measured_ns)
+        if world is not None:
+            world.receive_odometry(sent.odometry)
         tick, command = _answered(controller, sent.odometry, window, now_ns=now_ns)
         if command is not None:
             plant.apply(command)
+        if world is not None:
+            _tell(world, seen)
         yield LoopStep(
             odometry=sent.odometry,
             truth=sent.truth,
@@ -104,7 +127,11 @@ def fly(
             tick=tick,
             command=command,
             voltage=sent.voltage,
+            seen=seen,
+            collision=collision,
         )
+        if collision is not None:
+            return
 
 
 def start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, Any]:
@@ -137,6 +164,14 @@ def _answered(
     controller.receive_reference(window, now_ns=now_ns)
     tick = controller.receive_odometry(odometry, now_ns=now_ns)
     return tick, None if tick is None else tick.command
+
+
+def _tell(world: World, seen: Seen) -> None:
+    """Tell a world what is seen, for the next tick, as the node does in lockstep."""
+    if seen.cloud is not None:
+        world.receive_cloud(seen.cloud)
+    if seen.markers:
+        world.receive_markers(seen.markers)
 
 
 def _trajectory(reference: ReferenceConfig, given: Trajectory | Path | None) -> Trajectory:

@@ -7,7 +7,7 @@ A plant is registered here: its name in ``PLANTS``, and its own parameters, if a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from quad_mpc_ros.configuration import (
@@ -26,6 +26,7 @@ from quad_mpc_ros.simulation.mujoco.plant import MujocoPlant
 from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.rotorpy_plant import RotorpyParameters, RotorpyPlant
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
+from quad_mpc_ros.simulation.surroundings import SurroundingsParameters
 
 P_contra = TypeVar("P_contra", contravariant=True)
 
@@ -180,6 +181,7 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
     duration: float = parameter(
         0.0, doc="Stop and exit after this much flight; 0 is never.", unit="s", minimum=0.0
     )
+    obstacles: SurroundingsParameters = field(default_factory=SurroundingsParameters)
 
     @classmethod
     def share(cls, common: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:

@@ -151,8 +151,10 @@ def test_live_parameters_are_weights_bounds_and_limits() -> None:
         "fence",
         "envelope",
         "limits",
+        "obstacles",
         "advanced",
         "advanced.limits",
+        "advanced.obstacles",
         "advanced.oscillation",
         "advanced.slew",
     }

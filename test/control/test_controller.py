@@ -45,7 +45,7 @@ class SolverSpy:
     def install(self, monkeypatch: pytest.MonkeyPatch) -> None:
         original = Mpc.step
 
-        def step(mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
+        def step(mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow, _: None) -> MpcStep:
             self.odometries.append(odometry)
             outcome = original(mpc, odometry, window)
             if not self.failing:

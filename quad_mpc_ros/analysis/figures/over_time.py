@@ -10,6 +10,7 @@ from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.analysis.figures.panels import (
     Panel,
     attitude_panels,
+    clearance_panels,
     input_panels,
     position_panels,
     velocity_panels,
@@ -32,8 +33,9 @@ def write_figures(flight: Flight, directory: Path) -> list[Path]:
     """Draw a flight into ``directory`` (made if need be) and return the paths of the PNGs.
 
     ``position``, ``attitude``, ``velocity`` and ``inputs`` are Figures 4 to 7 of the paper, each
-    against the reference; the last is left out of a flight without commands. ``path`` is the
-    flight in space. Raises ``OSError`` when a file cannot be written.
+    against the reference; the last is left out of a flight without commands. ``clearance`` is the
+    distance to obstacles, where there are any. ``path`` is the flight in
+    space. Raises ``OSError`` when a file cannot be written.
     """
     figures = {
         "position": ("Position in the world", position_panels(flight)),
@@ -42,6 +44,8 @@ def write_figures(flight: Flight, directory: Path) -> list[Path]:
     }
     if len(flight.commands.stamp_ns):
         figures["inputs"] = ("Commanded throttle and body rates", input_panels(flight))
+    if clearance := clearance_panels(flight):
+        figures["clearance"] = ("Distance to obstacles", clearance)
     return [
         *(
             write_panels(title, panels, directory / f"{name}.png")

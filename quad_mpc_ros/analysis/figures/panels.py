@@ -22,6 +22,9 @@ Weight = Literal["fine", "normal", "strong", "broad"]
 LEVELS = tuple(source.name.lower() for source in Source)
 """The rungs of the safety ladder, as :func:`source_panels` numbers them."""
 
+AVOIDANCE = ("off", "free", "around", "stopped")
+"""What is flown among obstacles, as :func:`clearance_panels` numbers it."""
+
 _STEP_COLOUR = "#009E73"  # of the same palette as the others
 
 
@@ -176,6 +179,53 @@ def solver_panels(flight: Flight) -> list[Panel]:
         ),
         Panel(name="iterations", curves=[curve("iterations", "iterations")]),
     ]
+
+
+def clearance_panels(flight: Flight) -> list[Panel]:
+    """Return from the vehicle's surface to the nearest obstacle's, and what the controller knew.
+
+    Without obstacles there are none.
+    """
+    true, known = flight.clearance, flight.stats.get("clearance_m")
+    curves = []
+    if known is not None and np.isfinite(known).any():
+        values = np.where(np.isfinite(known), known, np.nan)
+        curves.append(
+            Curve(
+                name="known",
+                time=flight.tick_time,
+                values=values,
+                colour=style.REFERENCE,
+                weight="broad",
+            )
+        )
+    if true is not None:
+        curves.append(Curve(name="flown", time=flight.time, values=true, weight="strong"))
+    if not curves:
+        return []
+    panels = [
+        Panel(name="clearance", unit="m", curves=curves, bounds=[0.0], bound_name="collision")
+    ]
+    states = flight.stats.get("avoidance")
+    if states is not None:
+        numbers = [AVOIDANCE.index(str(each)) for each in states]
+        panels.append(
+            Panel(
+                name="",
+                levels=AVOIDANCE,
+                curves=[
+                    Curve(
+                        name="avoidance",
+                        time=flight.tick_time,
+                        values=np.array(numbers, dtype=np.int64),
+                        colour=style.INK,
+                        held=True,
+                        hover=flight.stats["avoidance_reason"],
+                    )
+                ],
+            )
+        )
+    return panels
 
 
 def source_panels(flight: Flight) -> list[Panel]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.analysis.figures import space, style
+from quad_mpc_ros.analysis.figures import obstacles, space, style
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -19,7 +19,7 @@ _MOST_VEHICLES = 300
 _MOST_PIECES = 20_000  # of the coloured line, each drawn by itself
 
 # From the ground up; mplot3d's own order takes each of these as a whole and gets it wrong.
-_GROUND, _REFERENCE, _FLIGHT, _VEHICLES, _MARKS = 1, 2, 3, 4, 5
+_GROUND, _OBSTACLES, _REFERENCE, _FLIGHT, _VEHICLES, _MARKS = range(1, 7)
 
 
 def write_path(flight: Flight, path: Path) -> Path:
@@ -30,8 +30,10 @@ def write_path(flight: Flight, path: Path) -> Path:
     """
     figure = style.new_figure(_WIDTH, _HEIGHT)
     points = [flight.p_WB, *([] if flight.reference is None else [flight.reference.p_WB])]
-    lower, upper = space.room(np.vstack(points))
+    shapes = obstacles.drawn_shapes(flight)
+    lower, upper = space.room(np.vstack([*points, obstacles.extent(shapes)]))
     axes = space.draw_room(figure, lower, upper)
+    obstacles.draw(axes, shapes, zorder=_OBSTACLES)
     _draw_reference(axes, flight)
     _draw_flight(figure, axes, flight, ground=float(lower[2]))
     side = float(np.max(upper - lower))

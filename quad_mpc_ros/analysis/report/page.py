@@ -34,12 +34,13 @@ _HINT = (
 
 @dataclass(frozen=True, kw_only=True)
 class _Figure:
-    """A figure of the page; ``key`` names it in links and files."""
+    """A figure of the page, of runs of which all have it; ``key`` names it in links and files."""
 
     key: str
     title: str
     text: str
     draw: Callable[[Sequence[ReportedRun]], Any]
+    shown: Callable[[ReportedRun], bool] = lambda _: True
 
 
 _FIGURES = (
@@ -55,6 +56,14 @@ _FIGURES = (
         title="Tracking error",
         text="Distance and angle to the reference in force at each odometry.",
         draw=partial(time_figure, panels_of=panels.error_panels),
+    ),
+    _Figure(
+        key="clearance",
+        title="Distance to obstacles",
+        text="From the vehicle's surface to the nearest obstacle's, as it was and as far as the "
+        "controller knew, and what it flew.",
+        draw=partial(time_figure, panels_of=panels.clearance_panels),
+        shown=lambda run: bool(panels.clearance_panels(run.flight)),
     ),
     _Figure(
         key="position",
@@ -111,7 +120,7 @@ def page(runs: Sequence[ReportedRun]) -> str:
         names=[run.name for run in runs],
         verdicts=[_verdict(run) for run in runs],
         facts=facts,
-        sections=[_section(each, runs) for each in _FIGURES],
+        sections=[_section(each, runs) for each in _FIGURES if all(map(each.shown, runs))],
         hint=_HINT,
         files=[
             series.html,

@@ -8,15 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.analysis.figures import space, style
+from quad_mpc_ros.analysis.figures import obstacles, space, style
 from quad_mpc_ros.analysis.report.plotting import lay_out, plotly, subplots
 from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, ReportedRun
 from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.obstacles.free_region import corridor_edges
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.recordings.flight import Flight
 
 MOST_POINTS = 5000  # of a line in space
 _HORIZON_COLOUR = "#CC79A7"
+_CORRIDOR_COLOUR = "#009E73"
+_MOST_CORRIDORS = 40
 _HEIGHT = 560  # pixels
 _HOVER = "t = %{customdata:.2f} s<br>x %{x:.3f}, y %{y:.3f}, z %{z:.3f} m"
 
@@ -51,6 +54,7 @@ def _room(runs: Sequence[ReportedRun]) -> dict[str, Any]:
     """Return the layout of a scene, the same for all runs, in which a metre is a metre."""
     points = [run.flight.p_WB for run in runs]
     points += [run.flight.reference.p_WB for run in runs if run.flight.reference is not None]
+    points += [obstacles.extent(obstacles.drawn_shapes(run.flight)) for run in runs]
     lower, upper = space.room(np.vstack(points))
     sides = (upper - lower) / float(np.max(upper - lower))
     axes = {
@@ -89,7 +93,52 @@ def _traces(run: ReportedRun, *, fastest: float, first: bool) -> list[Any]:
         colorbar={"title": {"text": "speed [m/s]"}, "len": 0.7, "thickness": 12},
     )
     start = _marks("start", flight.p_WB[:1], colour=style.INK, symbol="square", legend=first)
-    return [*traces, flown, start]
+    around = [*_obstacles(flight, legend=first), *_corridors(flight, legend=first)]
+    return [*around, *traces, flown, start]
+
+
+def _corridors(flight: Flight, *, legend: bool) -> list[Any]:
+    """Return the free regions of the last stage of some plans, shown when asked for."""
+    within = [(plan, plan.corridor) for plan in flight.plans if plan.corridor is not None]
+    gap, parts, times = np.full((1, 3), np.nan), [np.zeros((0, 3))], []
+    for plan, corridor in within[:: -(-len(within) // _MOST_CORRIDORS) or 1]:
+        for edge in corridor_edges(corridor, plan.p_WB):
+            parts += [edge, gap]
+            times.append(plan.stamp_ns)
+    if not times:
+        return []
+    time = np.repeat(flight.time_of(np.array(times, dtype=np.int64)), 3)
+    trace = _line(
+        "corridor", np.vstack(parts), time, colour=_CORRIDOR_COLOUR, width=2, legend=legend
+    )
+    trace.visible = "legendonly"
+    return [trace]
+
+
+def _obstacles(flight: Flight, *, legend: bool) -> list[Any]:
+    """Return what it flew among, where that was when it came nearest."""
+    shapes = obstacles.drawn_shapes(flight)
+    if not shapes:
+        return []
+    corners, triangles = obstacles.mesh(shapes)
+    x, y, z = corners.astype(np.float32).T
+    i, j, k = triangles.T
+    trace = plotly("graph_objects").Mesh3d(
+        x=x,
+        y=y,
+        z=z,
+        i=i,
+        j=j,
+        k=k,
+        name="obstacle",
+        color=obstacles.COLOUR,
+        opacity=0.35,
+        flatshading=True,
+        hoverinfo="name",
+        legendgroup="obstacle",
+        showlegend=legend,
+    )
+    return [trace]
 
 
 def _line(name: str, p_WB: Array, time: Array, *, colour: str, width: int, legend: bool) -> Any:

@@ -168,7 +168,7 @@ def _configuration(options: argparse.Namespace) -> SoakConfig:
     ]
     options.out = options.out or default_out("soak")
     check_free(options.out, holds=(RESULT, PICTURE, "log"))
-    options.start = options.plant = None
+    options.start = options.plant = options.obstacles = options.sensor = None
     options.duration = duration
     run = run_configuration(options, lockstep=False)
     if run.reference.mode != "at_once":

@@ -96,6 +96,14 @@ class VehicleParameters(LiftParameters):
         unit="1/m",
         minimum=0.0,
     )
+    radius: float = parameter(
+        0.2,
+        doc="Radius of a sphere about the centre that holds it, rotors and all: what keeps clear "
+        "of obstacles.",
+        unit="m",
+        above=0.0,
+        maximum=10.0,
+    )
 
     @property
     def drags_alike(self) -> bool:

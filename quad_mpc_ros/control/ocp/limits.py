@@ -39,6 +39,12 @@ from quad_mpc_ros.control.config import LimitParameters
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, body_in
 from quad_mpc_ros.control.model.state import INPUT_SIZE, THETA, V
+from quad_mpc_ros.control.ocp.half_spaces import (
+    HalfSpaces,
+    half_space_penalty,
+    pattern_of,
+    write_half_spaces,
+)
 from quad_mpc_ros.control.ocp.horizon_qp import FREE
 from quad_mpc_ros.control.ocp.settings import Settings, values_of
 from quad_mpc_ros.control.ocp.stages import HorizonStages, LimitPattern
@@ -95,17 +101,23 @@ _NO_TILT, _NO_SPEED = 0.05, 0.3
 class LimitLayout:
     """Which limits a configuration has, and where their rows and slacks are.
 
-    ``places`` (4,) are those of each kind.
+    ``places`` (4,) are those of each kind. After them come ``half_spaces`` on the position.
     """
 
-    def __init__(self, limits: LimitParameters) -> None:
+    def __init__(self, limits: LimitParameters, *, half_spaces: int = 0) -> None:
         has = values_of(limits) > 0.0
         ends, slacks = np.cumsum(np.where(has, _ROWS, 0)), np.cumsum(has)
         self.places = LimitPlace.zeros(len(has))
         self.places["row"] = np.where(has, ends - _ROWS, -1)
         self.places["slack"] = np.where(has, slacks - 1, -1)
         self.kinds = np.flatnonzero(has)
-        self.rows, self.slacks = int(ends[-1]), int(slacks[-1])
+        self._count = half_spaces
+        self._row, self._slack = int(ends[-1]), int(slacks[-1])
+        self.rows, self.slacks = self._row + half_spaces, self._slack + min(half_spaces, 1)
+
+    def half_spaces(self, steps: int) -> HalfSpaces:
+        """Return room for the half-spaces of so many stages."""
+        return HalfSpaces.zeros(steps, self._count, row=self._row, slack=self._slack)
 
     def pattern(self, nx: int) -> LimitPattern:
         """Return which entries the rows have, with ``nx`` states."""
@@ -116,11 +128,12 @@ class LimitLayout:
         masks[_THROTTLE][:, _INPUT] = True
         for k in range(3):
             masks[_SLEW][2 * k : 2 * k + 2, [1 + k, _INPUT + 1 + k]] = True
-        empty = np.zeros((0, 2 * nu + nx), dtype=bool)
+        own = pattern_of(self._count, nx=nx)
+        slack_of = np.repeat(np.arange(self._slack), _ROWS[self.kinds])
         return LimitPattern(
-            mask=np.vstack([empty, *(masks[kind] for kind in self.kinds)]),
-            slack_of=np.repeat(np.arange(self.slacks), _ROWS[self.kinds]),
-            slack_size=_SIZES[self.kinds],
+            mask=np.vstack([*(masks[kind] for kind in self.kinds), own.mask]),
+            slack_of=np.concatenate((slack_of, self._slack + own.slack_of)),
+            slack_size=np.concatenate((_SIZES[self.kinds], own.slack_size)),
         )
 
 
@@ -266,12 +279,13 @@ def penalty(
     inputs: Array,
     allowed: RecordArray[Allowed],
     prices: Array,
+    half_spaces: HalfSpaces,
 ) -> float:
     """Return what it costs that states 0 to N (N + 1,) and inputs (N, 4) break limits.
 
     It is in the units of the tracking cost, which is twice that of the QP.
     """
-    cost = 0.0
+    cost = half_space_penalty(half_spaces, states)
     for i in range(len(allowed)):
         beyond = _beyond(i, states, inputs, allowed)
         for kind in range(len(beyond)):
@@ -314,6 +328,7 @@ def write_limits(
     plan: PlannedTrajectory,
     allowed: RecordArray[Allowed],
     prices: Array,
+    half_spaces: HalfSpaces,
     stages: HorizonStages,
 ) -> tuple[float, float]:
     """Write soft rows and prices (4,) about a plan; return what it pays, and its closeness.
@@ -323,6 +338,7 @@ def write_limits(
     n, nx = stages.c.shape
     slopes = np.empty((n, nx))
     _write_prices(stages, prices, slopes)
+    write_half_spaces(half_spaces, plan.states, slopes, stages)
     inputs = np.empty((n, INPUT_SIZE))
     for i in range(n):
         for k in range(INPUT_SIZE):
@@ -355,7 +371,7 @@ def write_limits(
             if slack >= 0:
                 stages.linear[i, slack] = prices[kind]
                 stages.quadratic[i, slack] = prices[kind] * _SQUARE / _TYPICAL[kind]
-    paid = penalty(plan.states, inputs, allowed, prices)
+    paid = penalty(plan.states, inputs, allowed, prices, half_spaces)
     return paid, closeness(plan.states, inputs, allowed)
 
 

@@ -21,12 +21,14 @@ frame, whose norm is the same, and the exact Jacobian of the attitude error. Whe
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.jacobians import RATE, STATE_SIZE, THROTTLE
 from quad_mpc_ros.control.model.reference_window import SampleRecord, packed
 from quad_mpc_ros.control.model.rollout import SUBSTEPS
@@ -54,12 +56,21 @@ _CONVERGED = 0.95
 _RECOVERING_NS = 500_000_000
 
 
+class _Room(NamedTuple):
+    """Where a problem is written: with its limits, and with half-spaces or without."""
+
+    limits: LimitLayout
+    workspace: sqp.Workspace
+    stages: HorizonStages
+
+
 class ManifoldProblem:
     """Tracks the reference along the predicted trajectory; keeps the last plan from tick to tick.
 
     Who writes its workspace: the target and the plan linearised along :func:`.sqp.begin`, the
     latter also :func:`.sqp.relinearise`; the last plan :func:`.sqp.line_search` alone, with the
-    new one. Where the solver fails it stays.
+    new one. Where the solver fails it stays. Half-spaces on the position are in a problem of their
+    own, which begins from the same plan, so that without a corridor nothing of them is solved.
     """
 
     is_deviation = True
@@ -71,13 +82,10 @@ class ManifoldProblem:
         self._uneven = not config.drags_alike
         # Without lags rate and throttle are their commands and need no states of their own.
         self._size = STATE_SIZE if lagging else TANGENT_SIZE
-        self._limits = limits = LimitLayout(config.limits)
-        self._stages = HorizonStages.zeros(
-            self._steps, self._size, INPUT_SIZE, rows=limits.rows, slacks=limits.slacks
-        )
-        self._workspace = sqp.Workspace.zeros(
-            self._steps, limits.places, is_limited=limits.rows > 0
-        )
+        limits = LimitLayout(config.limits)
+        self._anywhere = self._here = self._room(limits, sqp.Workspace.zeros(self._steps, limits))
+        within = LimitLayout(config.limits, half_spaces=config.obstacles.half_spaces)
+        self._within = self._room(within, self._anywhere.workspace.within(within))
         self._window: ReferenceWindow | None = None
         self._samples = SampleRecord.zeros(0)
         self._flips_until_ns, self._flipping = 0, False
@@ -91,8 +99,15 @@ class ManifoldProblem:
         """Take over weights and bounds; the last plan stays."""
         self._settings = settings_of(config)
 
-    def pattern(self) -> HorizonPattern:
+    def _room(self, limits: LimitLayout, workspace: sqp.Workspace) -> _Room:
+        stages = HorizonStages.zeros(
+            self._steps, self._size, INPUT_SIZE, rows=limits.rows, slacks=limits.slacks
+        )
+        return _Room(limits, workspace, stages)
+
+    def pattern(self, *, within: bool = False) -> HorizonPattern:
         """Return the sparsity of the Jacobians and of the cost."""
+        limits = (self._within if within else self._anywhere).limits
         n, diagonal = self._size, np.eye(3, dtype=bool)
         A = np.zeros((STATE_SIZE, STATE_SIZE), dtype=bool)
         A[POSITION, POSITION] = A[POSITION, VELOCITY] = A[VELOCITY, VELOCITY] = diagonal
@@ -116,11 +131,18 @@ class ManifoldProblem:
             H=H[:n, :n],
             state_size=_STATE_SIZES[:n],
             input_size=_INPUT_SIZES,
-            limits=self._limits.pattern(n),
+            limits=limits.pattern(n),
         )
 
-    def begin(self, state: PredictedState, window: ReferenceWindow) -> None:
+    def begin(
+        self, state: PredictedState, window: ReferenceWindow, corridor: Corridor | None = None
+    ) -> None:
         """Set the target, and warm start: shift the last plan, or hold the reference's inputs."""
+        self._here = self._anywhere
+        if corridor is not None:
+            self._here = self._within
+            half_spaces = self._here.workspace.half_spaces
+            half_spaces.take(corridor, stamp_ns=state.stamp_ns, step=self._step)
         if window is not self._window:  # one serves several ticks
             self._window, self._samples = window, packed(window)
         stamp_ns, (last_ns, last_cost) = state.stamp_ns, self._last
@@ -132,8 +154,8 @@ class ManifoldProblem:
             last=((stamp_ns - last_ns) * 1e-9 / self._step, last_cost),
             recovering=recovering,
             settings=self._settings,
-            workspace=self._workspace,
-            stages=self._stages,
+            workspace=self._here.workspace,
+            stages=self._here.stages,
         )
         if flips:
             self._flips_until_ns = stamp_ns + _RECOVERING_NS
@@ -148,13 +170,13 @@ class ManifoldProblem:
                 prediction=self._state.prediction,
                 is_flipping=self._flipping,
                 settings=self._settings,
-                workspace=self._workspace,
-                stages=self._stages,
+                workspace=self._here.workspace,
+                stages=self._here.stages,
             )
-            if self._limits.rows > 0:  # at other prices
+            if self._here.limits.rows > 0:  # at other prices
                 self._cost = cost
         self._linearised = False
-        return self._stages
+        return self._here.stages
 
     def line_search(self, inputs: Array, states: Array) -> bool:
         """Take the longest step that lowers the true cost; return whether to leave it at that."""
@@ -166,7 +188,7 @@ class ManifoldProblem:
             change=inputs,
             cost=self._cost,
             settings=self._settings,
-            workspace=self._workspace,
+            workspace=self._here.workspace,
             inputs=commands,
             p_WB=p_WB,
             R_WB=R_WB,

@@ -15,6 +15,7 @@ import numpy as np
 from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.reference_window import ReferencePoints, sample
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.model.state import (
@@ -60,7 +61,7 @@ class PaperProblem:
         self._stages.H[-1] *= config.terminal_weight
         self._stages.R[:] = config.R
 
-    def pattern(self) -> HorizonPattern:
+    def pattern(self, *, within: bool = False) -> HorizonPattern:
         """Return the sparsity of I + dt A, dt B and the weights."""
         block = np.ones((3, 3), dtype=bool)
         eye, none = np.eye(3, dtype=bool), np.zeros((3, 3), dtype=bool)
@@ -78,7 +79,9 @@ class PaperProblem:
             input_size=_INPUT_SIZE,
         )
 
-    def begin(self, state: PredictedState, window: ReferenceWindow) -> None:
+    def begin(
+        self, state: PredictedState, window: ReferenceWindow, corridor: Corridor | None = None
+    ) -> None:
         """Take the reference of now, held over the horizon: no warm start is needed."""
         self._stamp_ns = state.stamp_ns
         self._x, self._throttle = state.x, float(state.sent[0])

@@ -18,6 +18,7 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray, Vector4
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.parameters import ModelParameters, rate_offset_at
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.samples import ReferenceWindow
@@ -95,16 +96,18 @@ class TrackingProblem(Protocol):
     is_deviation: bool
     """Whether the QP's variables are the change of a plan: the solver starts from zero then."""
 
-    def pattern(self) -> HorizonPattern:
-        """Return the sparsity and the natural sizes of the variables."""
+    def pattern(self, *, within: bool = False) -> HorizonPattern:
+        """Return the sparsity and the natural sizes of the variables, ``within`` a corridor."""
         ...
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed weights and bounds."""
         ...
 
-    def begin(self, state: PredictedState, window: ReferenceWindow) -> None:
-        """Take a state and a reference, and choose where the first iteration starts."""
+    def begin(
+        self, state: PredictedState, window: ReferenceWindow, corridor: Corridor | None = None
+    ) -> None:
+        """Take a state, a reference and where the vehicle may be, and choose where to start."""
         ...
 
     def linearise(self) -> HorizonStages:

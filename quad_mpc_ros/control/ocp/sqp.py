@@ -20,8 +20,10 @@ from quad_mpc_ros.control.model.parameters import ModelParameters, rate_offset_a
 from quad_mpc_ros.control.model.reference_window import SampleRecord
 from quad_mpc_ros.control.model.rollout import body_in, roll_out
 from quad_mpc_ros.control.model.state import INPUT_SIZE, TANGENT_SIZE
+from quad_mpc_ros.control.ocp.half_spaces import HalfSpaces
 from quad_mpc_ros.control.ocp.limits import (
     Allowed,
+    LimitLayout,
     LimitPlace,
     allow,
     allow_any_tilt,
@@ -57,7 +59,7 @@ class Workspace(NamedTuple):
     ``target`` (N,) is the reference along the horizon, ``nominal`` the plan linearised along and
     ``plan`` the last one. Where there are soft limits ``allowed`` (N,) is what they allow along
     the target, else (0,); ``prices`` (4,) are those of the present iterate, ``places`` (4,) where
-    the limits stand in the stages.
+    the limits stand in the stages, ``half_spaces`` the region that is free.
     """
 
     target: RecordArray[TargetStage]
@@ -66,18 +68,25 @@ class Workspace(NamedTuple):
     allowed: RecordArray[Allowed]
     prices: Array
     places: RecordArray[LimitPlace]
+    half_spaces: HalfSpaces
 
     @staticmethod
-    def zeros(steps: int, places: RecordArray[LimitPlace], *, is_limited: bool) -> Workspace:
+    def zeros(steps: int, limits: LimitLayout) -> Workspace:
         """Return room for N stages."""
         return Workspace(
             target=TargetStage.zeros(steps),
             nominal=PlannedTrajectory.zeros(steps),
             plan=PlannedTrajectory.zeros(steps),
-            allowed=Allowed.zeros(steps if is_limited else 0),
-            prices=np.zeros(len(places)),
-            places=places,
+            allowed=Allowed.zeros(steps if limits.rows > 0 else 0),
+            prices=np.zeros(len(limits.places)),
+            places=limits.places,
+            half_spaces=limits.half_spaces(steps),
         )
+
+    def within(self, limits: LimitLayout) -> Workspace:
+        """Return one with the same target and plans, and the limits of another layout."""
+        own = Workspace.zeros(len(self.target), limits)
+        return own._replace(target=self.target, nominal=self.nominal, plan=self.plan)
 
 
 class Problem(NamedTuple):
@@ -211,6 +220,7 @@ def _linearise_along(deviation: Array, elapsed: float, problem: Problem) -> tupl
         plan=work.nominal,
         allowed=work.allowed,
         prices=work.prices,
+        half_spaces=work.half_spaces,
         stages=problem.stages,
     )
     return cost + paid, closeness
@@ -293,7 +303,7 @@ def _search(
             for i in range(len(inputs)):
                 for k in range(INPUT_SIZE):
                     inputs[i, k] = target[i].mean_input[k] + tried.deviation[i, k]
-            reached += penalty(tried.states, inputs, work.allowed, work.prices)
+            reached += penalty(tried.states, inputs, work.allowed, work.prices, work.half_spaces)
         if reached < cost:
             return reached
     copy(work.nominal, work.plan)

@@ -14,6 +14,7 @@ import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.state import Input, State
 from quad_mpc_ros.control.safety.command_limits import clamped
@@ -30,6 +31,7 @@ _BLIND_TILT_GAIN = 10.0  # 1/s
 # Of the acceleration that is asked for: keeps the tilt below 40 degrees.
 _HORIZONTAL_LIMIT, _VERTICAL_LIMIT = 8.0, 5.0  # m/s^2
 ACCELERATION_LIMIT = np.array([_HORIZONTAL_LIMIT, _HORIZONTAL_LIMIT, _VERTICAL_LIMIT])
+_TURNING_TIME = 0.15  # s, until the thrust brakes
 _BLIND_DESCENT = 0.1  # fraction of the hover throttle given up by the end of the blind time
 
 
@@ -143,6 +145,19 @@ class BlindFallback:
         turn = tilt_to(np.array([0.0, 0.0, 1.0]), R_WB)
         u = Input(throttle=throttle, w_WB_B=_BLIND_TILT_GAIN * turn)
         return clamped(u, self._config)
+
+
+def stop_within(corridor: Corridor, p_W: Array, *, v_WB_W: Array) -> Array:
+    """Return a place (3,) to hold so that a vehicle at ``p_W`` stops inside of a corridor.
+
+    It is moved back from the planes of the first stages by what braking takes beyond them.
+    """
+    held = p_W.copy()
+    for n, b in zip(corridor.normals[0], corridor.offsets[0], strict=True):
+        towards = max(float(n @ v_WB_W), 0.0)
+        braking = towards * _TURNING_TIME + towards**2 / (2.0 * _HORIZONTAL_LIMIT)
+        held -= max(float(n @ p_W) + braking - b, 0.0) * n
+    return held
 
 
 def tilt_to(direction_W: Array, R_WB: Array) -> Array:

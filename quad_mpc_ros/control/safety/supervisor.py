@@ -16,6 +16,7 @@ from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import Allowed, GroundState
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.lie.kernels import infinity_norm
+from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input, state_from_odometry
@@ -29,6 +30,7 @@ from quad_mpc_ros.control.safety.fallbacks import (
     Learned,
     grounded,
     idle,
+    stop_within,
 )
 from quad_mpc_ros.control.safety.flight_limits import FlightLimits
 from quad_mpc_ros.control.safety.input_monitor import InputMonitor
@@ -90,6 +92,8 @@ class Supervisor:
         self._source = Source.WAITING
         self._plan: _HeldPlan | None = None
         self._sent: _Sent | None = None
+        self._flown: ReferenceWindow | None = None
+        self._corridor: Corridor | None = None
         self._warnings: list[str] = []
         self.counts = Counts()
 
@@ -107,6 +111,7 @@ class Supervisor:
         """Take an announced step of the estimate: what is held moves along."""
         self.inputs.reset_estimate(reset)
         self._hover.reset_estimate(reset)
+        self._flown = self._corridor = None  # of the coordinates before
 
     def engage(self, engaged: bool) -> None:
         """Set whether commands act; meanwhile neither oscillation nor jumps are looked for."""
@@ -139,6 +144,13 @@ class Supervisor:
         if fault is not None:
             self._reject(fault)
         return fault is None
+
+    def fly_around(self, window: ReferenceWindow, corridor: Corridor | None) -> None:
+        """Take what is flown in place of the reference, which tilts to one side and the other.
+
+        The hover fallback holds a place inside of the corridor, None for anywhere.
+        """
+        self._flown, self._corridor = window, corridor
 
     def judge_ground(self, odometry: OdometrySample) -> None:
         """Find out, before a tick, whether the vehicle stands on the ground."""
@@ -185,13 +197,15 @@ class Supervisor:
             self._plan = _HeldPlan(plan, now_ns)
         window = self.inputs.reference
         reference = None if window is None else window.pose_at(odometry.stamp_ns)
+        around = self._flown
+        flown = reference if around is None else around.pose_at(odometry.stamp_ns)
         breaches = (
             self._flight_limits.check(
                 odometry,
                 p_reference=reference[0] if reference is not None else None,
                 now_ns=now_ns,
             ),
-            self._oscillation.check(odometry, reference, now_ns=now_ns),
+            self._oscillation.check(odometry, flown, now_ns=now_ns),
         )
         breach = max(filter(None, breaches), key=lambda each: each.action, default=None)
         return self._decision(now_ns, plan_fault=plan_fault, breach=breach)
@@ -337,6 +351,8 @@ class Supervisor:
             case Source.HOVER if odometry is not None:
                 x = state_from_odometry(odometry)
                 p_hold = self._flight_limits.inside(x.p_WB)
+                if self._corridor is not None:
+                    p_hold = stop_within(self._corridor, p_hold, v_WB_W=x.v_WB_W)
                 return self._hover.command(x, p_hold=p_hold, learned=learned(), duration=duration)
             case Source.IDLE:
                 return idle(self._config)

@@ -9,6 +9,7 @@ import numpy as np
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.recordings.evaluation.crash import Crash, Motion, tilts
 from quad_mpc_ros.simulation.closed_loop import LoopStep
+from quad_mpc_ros.simulation.surroundings import Collision
 
 FIGURES = (
     "settled_error_mean_m",
@@ -27,10 +28,12 @@ class TruthLog:
 
     stamps_ns: list[int] = field(default_factory=list)
     rows: list[Array] = field(default_factory=list)
+    collision: Collision | None = None
 
     def take(self, step: LoopStep) -> None:
         """Take the next step."""
         truth, window = step.truth, step.window
+        self.collision = step.collision
         self.stamps_ns.append(truth.stamp_ns)
         self.rows += (truth.p_WB, truth.v_WB_B, truth.w_WB_B, truth.q_WB_xyzw)
         self.rows += (window.p_WB[0], window.q_WB_xyzw[0])
@@ -47,20 +50,27 @@ class TruthLog:
             p_WB_reference=p_reference,
             tilt_reference=tilts(q_reference),
         )
-        return Truth(motion=motion, v_WB_B=v, w_WB_B=w)
+        return Truth(motion=motion, v_WB_B=v, w_WB_B=w, collision=self.collision)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Truth:
-    """True states of n odometries: ``v_WB_B`` [m/s], ``w_WB_B`` [rad/s] (n, 3) with the motion."""
+    """True states of n odometries: ``v_WB_B`` [m/s], ``w_WB_B`` [rad/s] (n, 3) with the motion.
+
+    ``collision`` is what ended the flight, if anything did.
+    """
 
     motion: Motion
     v_WB_B: Array
     w_WB_B: Array
+    collision: Collision | None = None
 
     def crash(self) -> Crash | None:
         """Return the first crash, if any."""
-        return self.motion.crash()
+        found = [self.motion.crash()]
+        if self.collision is not None:
+            found.append(Crash(kind="obstacle", time=self.collision.time))
+        return min(filter(None, found), key=lambda crash: crash.time, default=None)
 
     def figures(self, *, settle_time: float) -> dict[str, float | None]:
         """Return the values of :data:`FIGURES`; ``settled`` ones count from a time [s] on."""

@@ -22,6 +22,7 @@ _JUMP_SPEED = 25.0  # m/s: a reference that moves faster jumps
 _MORE_THAN_ASKED = math.radians(60.0)  # of tilt; a flip lags behind its reference
 
 _WORDS = {
+    "obstacle": "it flew into an obstacle",
     "ground": "it touched the ground, where the reference did not ask for it or too fast",
     "upside_down": "it turned over, beyond 90° and by 60° more than the reference",
     "away": f"it was more than {_FARTHEST:g} m away from the reference and the start",
@@ -30,7 +31,7 @@ _WORDS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Crash:
-    """How a flight was lost, and when [s]: ``ground``, ``upside_down`` or ``away``."""
+    """How a flight was lost, and when [s]: ``ground``, ``upside_down``, ``away``, ``obstacle``."""
 
     kind: str
     time: float
@@ -152,13 +153,27 @@ def crash_of(flight: Flight) -> Crash | None:
     """Return the crash of a flight by its odometry, if any; it needs a reference."""
     if flight.reference is None:
         return None
-    return Motion(
+    into = collision_of(flight)
+    hit = None if into is None else Crash(kind="obstacle", time=float(flight.time[into]))
+    moved = Motion(
         time=flight.time,
         p_WB=flight.p_WB,
         tilt=tilts(flight.q_WB_xyzw),
         p_WB_reference=flight.reference.p_WB,
         tilt_reference=tilts(so3.quaternion_xyzw_from_rotation(flight.reference.R_WB)),
     ).crash()
+    return min(filter(None, (hit, moved)), key=lambda crash: crash.time, default=None)
+
+
+def collision_of(flight: Flight) -> int | None:
+    """Return the number of the first odometry at which it touches an obstacle, if any.
+
+    The last one of a flight that ended there counts, whose place may be a moment later.
+    """
+    clearance = flight.clearance
+    if clearance is None or not (clearance <= 0.0).any():
+        return None
+    return int(np.argmax(clearance <= 0.0))
 
 
 def crash_figures(crash: Crash | None) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from quad_mpc_ros.recordings.evaluation.commanding import (
     last_count,
     margins,
 )
-from quad_mpc_ros.recordings.evaluation.crash import crash_figures, crash_of
+from quad_mpc_ros.recordings.evaluation.crash import collision_of, crash_figures, crash_of
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoints
 from quad_mpc_ros.recordings.flight import Flight
@@ -35,7 +36,9 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
     ``waypoint_error_m``, just before each switch of a reference that jumps; ``attitude_rmse_rad``,
     of the angle |Log(R' R_r)|; ``step_time_us`` and ``iterations`` as percentiles; ``fallbacks``,
     the commands that were not the MPC's; ``crashed``, with ``crash`` and ``crash_time_s``, as a
-    campaign judges it but by the odometry, None without a reference.
+    campaign judges it but by the odometry, None without a reference; ``clearance_min_m``, from the
+    vehicle's surface to the nearest obstacle's, ``collided``, and in ``collision`` when, where and
+    how fast it did, None where obstacles are not known.
 
     Args:
         flight: A recorded or simulated flight.
@@ -80,6 +83,7 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         "deadline_misses": int(np.sum(latency_ms > 1e3 / flight.mpc.control_rate)),
         "rate_saturation_fraction": _saturation(flight),
         **_crash(flight),
+        **_obstacles(flight),
         "estimate_resets": last_count(flight, "estimate_resets"),
         "rejected_inputs": last_count(flight, "rejected_inputs"),
         "commanding": commanding(flight),
@@ -88,6 +92,23 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         "realtime_factor": duration / wall_seconds if wall_seconds else None,
         "config": {node: _plain(values) for node, values in flight.parameters.items()},
     }
+
+
+def with_neighbours(summary: Summary, flight: Flight, others: Sequence[Flight]) -> Summary:
+    """Return a summary in which other vehicles, flown by the same clock, are obstacles too."""
+    nearest = math.inf
+    for other in others:
+        low, high = max(flight.stamp_ns[0], other.stamp_ns[0]), other.stamp_ns[-1]
+        both = (flight.stamp_ns >= low) & (flight.stamp_ns <= high)
+        seconds, theirs = flight.stamp_ns[both] - low, other.stamp_ns - low
+        p = np.column_stack([np.interp(seconds, theirs, axis) for axis in other.p_WB.T])
+        apart = np.linalg.norm(flight.p_WB[both] - p, axis=1)
+        apart -= flight.mpc.radius + other.mpc.radius
+        nearest = min(nearest, float(apart.min(initial=math.inf)))
+    before = summary["clearance_min_m"]
+    clearance = nearest if before is None else min(before, nearest)
+    collided = bool(summary["collided"]) or nearest <= 0.0
+    return {**summary, "clearance_min_m": _number(clearance), "collided": collided}
 
 
 def position_errors(flight: Flight) -> Array:
@@ -109,6 +130,23 @@ def _crash(flight: Flight) -> dict[str, Any]:
     """Return whether and how it crashed, None for not known."""
     figures = crash_figures(crash_of(flight))
     return figures if flight.reference is not None else dict.fromkeys(figures)
+
+
+def _obstacles(flight: Flight) -> dict[str, Any]:
+    """Return how near it came to obstacles, None for not known, and where it flew into one."""
+    clearance, into = flight.clearance, collision_of(flight)
+    collision = None
+    if into is not None:
+        collision = {
+            "time_s": float(flight.time[into]),
+            "position_m": flight.p_WB[into].tolist(),
+            "speed_m_s": float(np.linalg.norm(flight.v_WB_B[into])),
+        }
+    return {
+        "clearance_min_m": None if clearance is None else _number(clearance.min()),
+        "collided": None if clearance is None else into is not None,
+        "collision": collision,
+    }
 
 
 def _latencies_ms(flight: Flight) -> Array:

@@ -11,6 +11,7 @@ from quad_mpc_ros.configuration.arguments import instance, number
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import ReferenceWindow
+from quad_mpc_ros.obstacles.scene import Scene
 from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.flight import (
     Flight,
@@ -26,6 +27,7 @@ from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import ControlLaw, LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plant import Plant
+from quad_mpc_ros.simulation.surroundings import scene_of
 
 _LONGEST = 1e6  # s, of a flight
 _METHODS = {
@@ -88,6 +90,7 @@ def simulate(
     plant: Plant | None = None,
     trajectory: Trajectory | Path | None = None,
     controller: Controller | ControlLaw | None = None,
+    scene: Scene | None = None,
     on_reference: bool = False,
 ) -> Flight:
     """Fly the closed loop in simulated time, as ``quad_mpc simulate`` does.
@@ -104,6 +107,7 @@ def simulate(
         trajectory: What to fly in place of what ``reference`` names: a path (position and its
             derivatives over time; attitude follows by flatness), or a trajectory.
         controller: Who commands in place of the MPC.
+        scene: Obstacles in place of the simulator's file; the flight ends where it touches one.
         on_reference: Begin in motion on the reference, not where ``simulator`` says.
 
     Returns:
@@ -132,7 +136,9 @@ def simulate(
     mpc = dataclasses.replace(mpc, lockstep=True)
     if simulator.duration == 0.0:
         simulator = dataclasses.replace(simulator, duration=duration)
-    log = FlightLog(mpc)
+    if scene is not None:
+        instance(scene, "scene", Scene)
+    log = FlightLog(mpc, scene)
     for step in fly(
         mpc=mpc,
         simulator=simulator,
@@ -140,6 +146,7 @@ def simulate(
         plant=plant,
         trajectory=trajectory,
         controller=controller,
+        scene=scene,
         on_reference=on_reference,
     ):
         log.take(step)
@@ -160,8 +167,9 @@ def _check_parts(**given: object) -> None:
 class FlightLog:
     """Collects the steps of a closed loop and makes a flight of them."""
 
-    def __init__(self, mpc: MpcConfig) -> None:
-        self._vehicle = mpc.vehicle()
+    def __init__(self, mpc: MpcConfig, scene: Scene | None = None) -> None:
+        """Take who controls, and what is flown among, if not what the simulator's file says."""
+        self._vehicle, self._scene = mpc.vehicle(), scene
         self._odometry, self._commands, self._stats = OdometryLog(), CommandLog(), StatsLog()
         self._windows: list[ReferenceWindow] = []
 
@@ -190,4 +198,5 @@ class FlightLog:
             parameters={each.owner: each.flattened() for each in config},
             mpc=config.mpc,
             plans=(),
+            scene=self._scene or scene_of(config.simulator.obstacles),
         )

@@ -33,6 +33,10 @@ def _flight_rows(s: Mapping[str, Any]) -> list[str]:
         "safety": f"{s['fallbacks']} fallbacks, {s['solver_failures']} solver failures, "
         f"{s['deadline_misses']} deadline misses",
     }
+    if s.get("clearance_min_m") is not None:
+        rows["obstacles"] = f"{s['clearance_min_m']:.3f} m from its surface at least" + (
+            ", COLLIDED" if s["collided"] else ""
+        )
     return [
         line
         for label, text in rows.items()

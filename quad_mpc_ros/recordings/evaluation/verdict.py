@@ -72,6 +72,7 @@ def verdict_on(summary: Summary) -> Verdict:
     """Return what the summary of a flight says (:func:`.metrics.summarise`)."""
     wrong, commanded = _wrong(summary), commanded_text(summary)
     failed = _without_mpc(summary) or summary["solver_failures"] or summary["crashed"]
+    failed = failed or summary.get("collided")
     return Verdict(
         good=bool(summary["commands"] and not failed),
         line=_line(summary, commanded, wrong),
@@ -131,6 +132,12 @@ def _wrong(s: Summary) -> list[str]:
     found: list[str] = []
     if s["crashed"]:
         found.append(f"{_capital(crash_text(s['crash'], s['crash_time_s']))}.")
+    elif s.get("collided"):
+        found.append("It touched another vehicle.")
+    if s.get("collision"):
+        x, y, z = s["collision"]["position_m"]
+        speed = s["collision"]["speed_m_s"]
+        found.append(f"It touched at ({x:.2f}, {y:.2f}, {z:.2f}) m with {speed:.2f} m/s.")
     if _without_mpc(s):
         found.append(f"The failsafe commanded: {s['commanding']['first_without_mpc']['reason']}.")
     if s["solver_failures"]:
@@ -173,6 +180,8 @@ def _margins(s: Summary) -> list[str]:
     tilt, limit = math.degrees(used["tilt_max_rad"]), used["tilt_limit_rad"]
     planned = f"; limits.tilt_max {math.degrees(limit):.0f}°" if limit else ""
     found.append(f"Tilt: {tilt:.0f}° at most{planned}.")
+    if s.get("clearance_min_m") is not None:
+        found.append(f"Obstacles: {s['clearance_min_m']:.2f} m from its surface at least.")
     fence = used["fence_margin_m"]
     if fence is None:
         found.append("Fence: none was set.")

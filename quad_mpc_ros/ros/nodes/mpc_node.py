@@ -7,6 +7,8 @@ import sys
 from collections import deque
 from typing import Any
 
+from rclpy.publisher import Publisher
+
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import ReferenceWindow
@@ -15,7 +17,9 @@ from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
+from quad_mpc_ros.messages.corridor import written_corridor
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
+from quad_mpc_ros.obstacles.configured import avoiding
 from quad_mpc_ros.ros import realtime
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.commanders import Commanders
@@ -23,6 +27,7 @@ from quad_mpc_ros.ros.compiling import reported
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import new_message, odometry_in, reference_in
+from quad_mpc_ros.ros.nodes.obstacle_inputs import ObstacleInputs
 from quad_mpc_ros.ros.preflight.own import REFUSED_KEY
 from quad_mpc_ros.ros.realtime import GarbageCollection
 from quad_mpc_ros.ros.spin import run
@@ -66,8 +71,10 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._refused = "; ".join(refused)
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
+        avoided = avoiding(config)
+        guide = None if avoided is None else avoided.guide
         with reported(self):
-            self._controller = warmed_up(config, deadline=config.deadline_seconds)
+            self._controller = warmed_up(config, deadline=config.deadline_seconds, guide=guide)
         self._standby = Standby()
         self._in_lockstep = config.lockstep
         self._engaged: bool | None = None  # unless a bridge publishes it, commands act
@@ -92,6 +99,12 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
+        self._world = None if avoided is None else avoided.world
+        self._obstacle_inputs: ObstacleInputs | None = None
+        self._corridor: Publisher | None = None
+        if self._world is not None:
+            self._corridor = self.health.publisher(topics.CORRIDOR)
+            self._obstacle_inputs = ObstacleInputs(self, self._world, lockstep=config.lockstep)
         if not config.lockstep:
             self.managed_alarm(1.0 / config.control_rate, self._on_watch)
 
@@ -131,6 +144,8 @@ class MpcNode(ManagedNode[MpcConfig]):
     def cleanup(self) -> None:
         """Release the controller."""
         self._commanders.watch(None)
+        if self._obstacle_inputs is not None:
+            self._obstacle_inputs.close()
         del self._controller, self._standby
 
     def reconfigure(self, config: MpcConfig) -> None:
@@ -162,6 +177,9 @@ class MpcNode(ManagedNode[MpcConfig]):
             return
         self._standby.receive_odometry(odometry, now_ns=now_ns)
         self._commanders.hear()
+        if self._obstacle_inputs is not None and self._world is not None:
+            self._obstacle_inputs.before_odometry()
+            self._world.receive_odometry(odometry)
         if self.active:
             self._finish(self._controller.receive_odometry(odometry, now_ns=now_ns))
         else:
@@ -211,6 +229,9 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._controller.reset_estimate(conversions.reset_from_message(message))
         except ValueError as error:
             self._warn(str(error))
+            return
+        if self._world is not None:
+            self._world.reset_estimate()
 
     def _on_watch(self) -> float:
         """Act if odometry is missing, and return the time to the next check [s]."""
@@ -239,6 +260,9 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._garbage.after_tick()
         for warning in self._controller.take_warnings():
             self._warn(warning)
+        if self._obstacle_inputs is not None:
+            for refusal in self._obstacle_inputs.take_warnings():
+                self._warn(refusal)
 
     def _publish_ground(self) -> None:
         """Publish changes of whether the vehicle stands."""
@@ -253,6 +277,10 @@ class MpcNode(ManagedNode[MpcConfig]):
         if tick.plan is not None and self._path_is_due(tick.plan.stamp_ns):
             frame_id = self._controller.config.odometry.frame_id
             self._predicted_path.publish(conversions.written_plan(tick.plan, frame_id=frame_id))
+            if self._corridor is not None and tick.guided is not None:
+                stamp_ns = tick.plan.stamp_ns
+                data = written_corridor(tick.guided.corridor, stamp_ns=stamp_ns, frame_id=frame_id)
+                self._corridor.publish(data)
 
     def _path_is_due(self, stamp_ns: int) -> bool:
         """Whether the path has a subscriber, and was not published just now."""
@@ -301,11 +329,17 @@ class MpcNode(ManagedNode[MpcConfig]):
         if tick.stats.estimate in _ESTIMATE_FAILS:
             level = max(level, WARN)
             text += f", the estimate of thrust and wind {_ESTIMATE_FAILS[tick.stats.estimate]}"
+        heard: list[tuple[str, str]] = []
+        if self._obstacle_inputs is not None:
+            of_obstacles, fault = self._obstacle_inputs.fault(tick.stats.stamp_ns)
+            level, text = max(level, of_obstacles), f"{text}; {fault}" if fault else text
+            heard = self._obstacle_inputs.values(tick.stats.stamp_ns)
         return Health(
             level=level,
             text=text,
             values=[
                 *tick.stats.items(),
+                *heard,
                 ("engaged", engaged),
                 (REFUSED_KEY, self._refused),
             ],

@@ -13,7 +13,17 @@ from std_srvs.srv import Trigger
 from quad_mpc_ros.control.model.samples import CommandSample
 from quad_mpc_ros.messages import cdr, conversions
 from quad_mpc_ros.messages.diagnostics import ERROR, OK
-from quad_mpc_ros.messages.topics import BATTERY, CLOCK, COMMAND, ODOMETRY, REFERENCE
+from quad_mpc_ros.messages.markers import filled_marker
+from quad_mpc_ros.messages.point_cloud import written_point_cloud
+from quad_mpc_ros.messages.topics import (
+    BATTERY,
+    CLOCK,
+    COMMAND,
+    OBSTACLE_MARKERS,
+    OBSTACLES,
+    ODOMETRY,
+    REFERENCE,
+)
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.compiling import reported
 from quad_mpc_ros.ros.health import Health, ReportingNode
@@ -22,6 +32,7 @@ from quad_mpc_ros.ros.spin import run, stop
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant, Powered
 from quad_mpc_ros.simulation.sensors import OdometryStream, SentOdometry
+from quad_mpc_ros.simulation.surroundings import Surroundings
 from quad_mpc_ros.simulation.warm_up import warm_up
 
 # s: in lockstep an odometry without an answer is sent again; the command may just be late.
@@ -152,6 +163,13 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         plant = make_plant(self.config)
         powered = isinstance(plant, Powered) and plant.battery_voltage is not None
         self._battery = self.health.publisher(BATTERY) if powered else None
+        self._surroundings = Surroundings(self.config.obstacles, radius=self.config.radius)
+        self._clouds = self._markers = None
+        if self.config.obstacles.sensor == "rays":
+            self._clouds = self.health.publisher(OBSTACLES)
+        elif self.config.obstacles.sensor == "markers":
+            self._markers = self.health.publisher(OBSTACLE_MARKERS)
+        self._newest_ns, self._collided = -1, False
         self._pacing = pacing(self, plant)
         self.health.subscription(COMMAND, self._on_command)
         self.create_service(Trigger, "~/start", self._on_start)
@@ -159,12 +177,37 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
             self._start()
 
     def publish(self, sent: SentOdometry) -> None:
-        """Publish an odometry, and the battery's voltage if measured with it."""
+        """Publish an odometry, what is seen with it, and the battery's voltage if measured.
+
+        The flight ends where the vehicle has flown into something.
+        """
+        if self._collided:
+            return
         self._odometry.publish(cdr.written_odometry(sent.odometry))
         self._odometries += 1
         if sent.voltage is not None and self._battery is not None:
             stamp_ns = sent.odometry.stamp_ns
             self._battery.publish(cdr.written_battery(sent.voltage, stamp_ns=stamp_ns))
+        self._look(sent)
+
+    def _look(self, sent: SentOdometry) -> None:
+        """Publish what a sensor sees, and end the flight if it has flown into something."""
+        measured_ns = sent.time_ns - round(1e9 * self.config.odom_delay)
+        if measured_ns <= self._newest_ns:  # sent again
+            return
+        self._newest_ns = measured_ns
+        seen = self._surroundings.look(sent.truth, measured_ns)
+        if seen.cloud is not None and self._clouds is not None:
+            self._clouds.publish(written_point_cloud(seen.cloud))
+        if seen.markers and self._markers is not None:
+            message = new_message(OBSTACLE_MARKERS.type_name)
+            message.markers = [filled_marker(each, new=new_message) for each in seen.markers]
+            self._markers.publish(message)
+        collision = self._surroundings.collision(sent.truth, measured_ns)
+        if collision is not None:
+            self._collided = True
+            self.get_logger().error(f"crashed: {collision.text}")
+            self.finish()
 
     def starting(self) -> str:
         """Return which nodes of the vehicle exist and do not publish yet."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import sys
 from typing import Any
@@ -11,9 +12,20 @@ from rclpy.publisher import Publisher
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import conversions, markers
+from quad_mpc_ros.messages.corridor import HalfSpaces, read_corridor
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.markers import Trail, VisualisationConfig
-from quad_mpc_ros.messages.topics import COMMAND, MARKERS, ODOMETRY, PREDICTED_PATH, TF
+from quad_mpc_ros.messages.topics import (
+    COMMAND,
+    CORRIDOR,
+    MARKERS,
+    ODOMETRY,
+    PREDICTED_PATH,
+    TF,
+)
+from quad_mpc_ros.obstacles.files import scene_of_file
+from quad_mpc_ros.obstacles.free_region import corridor_edges
+from quad_mpc_ros.obstacles.markers import shape_marker
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
@@ -32,12 +44,15 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._command: CommandSample | None = None
         self._plan: Any = None
         self._heard = False
+        self._corridor: HalfSpaces | None = None
+        self._scene = scene_of_file(self.config.obstacles_file)
 
         self._markers = self.health.publisher(MARKERS)
         self._transforms = self._transform_publisher()
         self.health.subscription(ODOMETRY, self._on_odometry)
         self.health.subscription(COMMAND, self._on_command)
         self.health.subscription(PREDICTED_PATH, self._on_plan)
+        self.health.subscription(CORRIDOR, self._on_corridor, raw=True, expected=False)
         create_steady_timer(self, period, self._show)
 
     def _transform_publisher(self) -> Publisher | None:
@@ -63,6 +78,10 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
 
     def _on_plan(self, message: Any) -> None:
         self._plan = message
+
+    def _on_corridor(self, data: bytes) -> None:
+        with contextlib.suppress(ValueError):  # the mpc writes no others
+            self._corridor = read_corridor(data)
 
     def _show(self) -> None:
         if self._odometry is None or not self._heard:
@@ -92,8 +111,20 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         if self._plan is not None:
             p_WB = conversions.positions_from_path(self._plan)
             drawn.append(markers.predicted_marker(odometry, p_WB, new=new))
+            if self._corridor is not None and len(p_WB):
+                found = corridor_edges(self._corridor, p_WB)
+                drawn.append(markers.corridor_marker(odometry, found, new=new))
+        drawn += [
+            markers.filled_marker(
+                shape_marker(
+                    shape, number, stamp_ns=odometry.stamp_ns, frame_id=odometry.frame_id
+                ),
+                new=new,
+            )
+            for number, shape in enumerate(self._scene.shapes)
+        ]
         # Each is shown once: viewers drop what is not renewed.
-        self._command = self._plan = None
+        self._command = self._plan = self._corridor = None
         return drawn
 
     def report(self) -> Health:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,13 +14,16 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from quad_mpc_ros.analysis.figures import space, style, write_comparison, write_figures
+from quad_mpc_ros.analysis.figures import obstacles, space, style, write_comparison, write_figures
 from quad_mpc_ros.analysis.figures.panels import (
     Curve,
     attitude_panels,
+    clearance_panels,
     input_panels,
     velocity_panels,
 )
+from quad_mpc_ros.obstacles.scene import Scene
+from quad_mpc_ros.obstacles.shapes import Box, Cylinder, Shape, Sphere
 from quad_mpc_ros.recordings.flight import Flight
 
 FlightMaker = Callable[..., Flight]
@@ -75,6 +80,37 @@ def test_draws_flights_with_missing_data(
     assert all(path.stat().st_size > 5000 for path in paths)
     assert len(write_figures(make_flight(2), tmp_path / "hover")) == 5
     write_comparison({"hover": make_flight(2), "bare": bare}, tmp_path / "two.png")
+
+
+def test_obstacles_are_drawn_with_the_distance_to_them(circling: Flight, tmp_path: Path) -> None:
+    pillar = Cylinder(p_WO=np.array([0.0, 0.0, 1.0]), radius=0.3, height=2.0)
+    among = replace(circling, scene=Scene([pillar]))
+    paths = write_figures(among, tmp_path)
+    assert [path.stem for path in paths][-2:] == ["clearance", "path"]
+    plain = write_figures(circling, tmp_path / "plain")[-1]
+    assert not np.array_equal(imread(paths[-1]), imread(plain))
+    assert fraction_of(paths[-2], style.FLOWN) > 1e-3
+    # On a circle of 1 m about the pillar, 0.7 m from its surface.
+    (panel, *_) = clearance_panels(among)
+    assert panel.curve("flown").values == pytest.approx(0.7 - among.mpc.radius, abs=1e-3)
+    assert clearance_panels(circling) == []
+
+
+@pytest.mark.parametrize(
+    ("shape", "volume"),
+    [
+        (Box(p_WO=np.ones(3), size=np.array([0.5, 2.0, 3.0])), 3.0),
+        (Cylinder(p_WO=np.ones(3), radius=0.5, height=2.0), 0.5 * math.pi),
+        (Sphere(p_WO=np.ones(3), radius=1.0), 4.0 / 3.0 * math.pi),
+    ],
+)
+def test_faces_of_an_obstacle_enclose_its_volume(shape: Shape, volume: float) -> None:
+    """By the divergence theorem over triangles that look outwards; round ones are polygons."""
+    corners, triangles = obstacles.mesh([shape])
+    a, b, c = np.moveaxis(corners[triangles] - shape.p_WO, 1, 0)
+    enclosed = np.abs(np.einsum("ni,ni->n", a, np.cross(b, c))).sum() / 6.0
+    assert 0.85 * volume < enclosed <= volume + 1e-9
+    assert np.abs(shape.distance(corners)).max() < 1e-9
 
 
 def test_a_comparison_is_as_wide_as_its_flights(circling: Flight, tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ import dataclasses
 import math
 
 import numpy as np
-import piqp
 import pytest
+from fixtures.exact_qp import exactly_solved
 from fixtures.presets import agile
 from fixtures.stages import changed
 from numpy.testing import assert_allclose, assert_array_equal
@@ -20,6 +20,7 @@ from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, roll_forwa
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.mpc import Mpc
+from quad_mpc_ros.control.ocp.half_spaces import HalfSpaces
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
 from quad_mpc_ros.control.ocp.limits import Allowed, penalty
 from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
@@ -232,58 +233,6 @@ def a_soft_horizon(
     return pattern, stages
 
 
-def exactly_solved(
-    pattern: HorizonPattern, stages: HorizonStages, *, eased: bool = True
-) -> tuple[Array, Array, Array]:
-    """Return inputs, states and slacks by PIQP, in physical units; or with no slack allowed."""
-    n, nx, nu = stages.B.shape
-    nr, ns = stages.sizes[3:]
-    soft = pattern.soft
-    U, X, S = 0, n * nu, n * (nu + nx)
-    size = S + n * ns
-    P, c = np.zeros((size, size)), np.zeros(size)
-    A, b = np.zeros((n * nx, size)), np.zeros(n * nx)
-    G, h = np.zeros((n * nr, size)), stages.offsets.ravel().copy()
-    least, most = np.full(size, -np.inf), np.full(size, np.inf)
-    for i in range(n):
-        u, x, s = U + i * nu, X + i * nx, S + i * ns
-        P[u : u + nu, u : u + nu], c[u : u + nu] = np.diag(stages.R[i]), stages.r[i]
-        P[x : x + nx, x : x + nx], c[x : x + nx] = stages.H[i], stages.g[i]
-        P[s : s + ns, s : s + ns] = np.diag(stages.quadratic[i])
-        c[s : s + ns] = stages.linear[i]
-        rows = slice(i * nx, (i + 1) * nx)
-        A[rows, x : x + nx], A[rows, u : u + nu] = np.eye(nx), -stages.B[i]
-        b[rows] = stages.c[i]
-        if i == 0:
-            b[rows] += stages.A[0] @ stages.x0
-        else:
-            A[rows, x - nx : x] = -stages.A[i]
-        limits, normals = slice(i * nr, (i + 1) * nr), stages.normals[i]
-        if i > 0:
-            G[limits, u - nu : u] = normals[:, :nu]
-        G[limits, u : u + nu] = normals[:, nu : 2 * nu]
-        G[limits, x : x + nx] = normals[:, 2 * nu :]
-        if eased:
-            G[limits, s : s + ns] = -np.eye(ns)[soft.slack_of]
-        least[u : u + nu], most[u : u + nu] = stages.lower[i], stages.upper[i]
-        least[s : s + ns] = 0.0
-    solver = piqp.DenseSolver()
-    solver.settings.eps_abs = solver.settings.eps_rel = 1e-10
-    solver.setup(
-        P=np.asfortranarray(P),
-        c=c,
-        A=np.asfortranarray(A),
-        b=b,
-        G=np.asfortranarray(G),
-        h_u=h,
-        x_l=least,
-        x_u=most,
-    )
-    assert solver.solve() == piqp.PIQP_SOLVED
-    z = np.array(solver.result.x)
-    return z[:X].reshape(n, nu), z[X:S].reshape(n, nx), z[S:].reshape(n, ns)
-
-
 def solved(qp: HorizonQP, parameters: SolverParameters = EXACT) -> QpSolution:
     solution = QpSolver(qp, parameters).solve()
     assert solution.solved
@@ -333,13 +282,13 @@ def test_penalty_equals_price_of_true_excess() -> None:
     allowed["tilt"], allowed["speed"] = 0.5, 4.0
     allowed["throttle_min"], allowed["throttle_max"] = 0.1, 0.9
     allowed["rate_change_min"], allowed["rate_change_max"] = -1.0, 1.0
-    prices = np.array([10.0, 20.0, 30.0, 40.0])
+    prices, none = np.array([10.0, 20.0, 30.0, 40.0]), HalfSpaces.zeros(1, 0, row=-1, slack=-1)
 
     def cost(angle: float, speed: float, throttle: float, rate: float) -> float:
         states = StateRecord.zeros(2)
         states["R_WB"] = so3.exp(np.array([0.6 * angle, -0.8 * angle, 0.0]))
         states["v_WB_W"] = 0.0, speed, 0.0
-        return penalty(states, np.array([[throttle, 0.2, rate, 0.1]]), allowed, prices)
+        return penalty(states, np.array([[throttle, 0.2, rate, 0.1]]), allowed, prices, none)
 
     assert cost(0.5, 4.0, 0.9, 1.0) == pytest.approx(0.0, abs=1e-12)
     # Twice the price, as the cost is twice that of the QP, and with an excess a little more.

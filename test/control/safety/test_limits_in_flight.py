@@ -163,7 +163,7 @@ def test_a_late_plan_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatch) -> 
     loop.controller = Controller(config, deadline=0.5 / 50.0)
     original, late = Mpc.step, [False]
 
-    def step(mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow) -> MpcStep:
+    def step(mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow, _: None) -> MpcStep:
         outcome = original(mpc, odometry, window)
         return outcome._replace(step_time=0.0101 if late[0] else 0.0099)
 

@@ -1,5 +1,7 @@
 """Crashes and figures of flights that are drawn by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -7,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.experiments.campaigns.outcome import FIGURES, TruthLog
 from quad_mpc_ros.simulation.closed_loop import LoopStep
+from quad_mpc_ros.simulation.surroundings import Collision
 
 HOVER = np.array([0.0, 0.0, 2.0])
 
@@ -136,3 +139,10 @@ def test_figures():
 
 def test_a_vehicle_that_never_flew_has_no_lowest_altitude():
     assert flown(line(0.0, 0.0)).figures(settle_time=0.0)["altitude_min_m"] is None
+
+
+def test_a_flight_that_a_collision_ended_has_crashed():
+    truth = replace(flown(line(1.0, 1.0)), collision=Collision(0.07, np.zeros(3), 2.0))
+    assert crash_of(truth) == ("obstacle", 0.07)
+    earlier = replace(flown(line(1.0, 0.0, 0.0)), collision=Collision(0.27, np.zeros(3), 2.0))
+    assert crash_of(earlier)[0] == "ground"

@@ -6,13 +6,17 @@ import dataclasses
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.recordings.evaluation.metrics import summarise
+from quad_mpc_ros.obstacles.scene import Scene
+from quad_mpc_ros.obstacles.shapes import Box, Cylinder, Sphere
+from quad_mpc_ros.recordings.evaluation.metrics import summarise, with_neighbours
+from quad_mpc_ros.recordings.evaluation.verdict import verdict_on
 from quad_mpc_ros.recordings.flight import Flight
 
 FlightMaker = Callable[..., Flight]
@@ -38,6 +42,7 @@ KEYS = {
     "unanswered_odometries",
     "duration_s",
     *("crashed", "crash", "crash_time_s"),
+    *("clearance_min_m", "collided", "collision"),
     *("commanding", "margins", "estimated", "estimate_resets", "rejected_inputs"),
 }
 
@@ -62,6 +67,50 @@ def test_a_perfect_flight(make_flight: FlightMaker) -> None:
     for name in ("solver_failures", "fallbacks", "deadline_misses", "unanswered_odometries"):
         assert summary[name] == 0
     assert summary["rate_saturation_fraction"] == 0.0
+
+
+class TestObstacles:
+    """A vehicle of 0.2 m radius that flies east at 1 m/s, at a height of 2 m."""
+
+    @staticmethod
+    def flight(make_flight: FlightMaker, *, start: float = 0.0, y: float = 0.0) -> Flight:
+        x = start + 0.02 * np.arange(201)
+        p_WB = np.column_stack((x, np.full(201, y), np.full(201, 2.0)))
+        return make_flight(201, p_WB=p_WB, v_WB_B=np.tile([1.0, 0.0, 0.0], (201, 1)))
+
+    def test_clearance_is_from_surface_to_surface(self, make_flight: FlightMaker) -> None:
+        pillar = Cylinder(p_WO=np.array([2.0, 0.7, 1.5]), radius=0.2, height=3.0)
+        flight = replace(self.flight(make_flight), scene=Scene([pillar]))
+        summary = summarise(flight)
+        assert summary["clearance_min_m"] == pytest.approx(0.7 - 0.2 - 0.2, abs=1e-3)
+        assert (summary["collided"], summary["collision"]) == (False, None)
+
+    def test_a_collision_is_a_crash_with_where_and_how_fast(
+        self, make_flight: FlightMaker
+    ) -> None:
+        wall = Box(p_WO=np.array([3.0, 0.0, 1.5]), size=np.array([0.2, 4.0, 3.0]))
+        summary = summarise(replace(self.flight(make_flight), scene=Scene([wall])))
+        assert summary["collided"] and summary["crash"] == "obstacle"
+        assert summary["crash_time_s"] == summary["collision"]["time_s"]
+        assert summary["collision"]["position_m"][0] == pytest.approx(2.7, abs=0.021)
+        assert summary["collision"]["speed_m_s"] == 1.0
+
+    def test_what_moves_is_where_it_is_at_each_time(self, make_flight: FlightMaker) -> None:
+        ahead = Sphere(
+            p_WO=np.array([1.0, 0.0, 2.0]), radius=0.3, v_WO_W=np.array([1.0, 0.0, 0.0])
+        )
+        summary = summarise(replace(self.flight(make_flight), scene=Scene([ahead])))
+        assert summary["clearance_min_m"] == pytest.approx(1.0 - 0.3 - 0.2, abs=1e-6)
+
+    def test_other_vehicles_are_obstacles(self, make_flight: FlightMaker) -> None:
+        flight = self.flight(make_flight)
+        beside, behind = self.flight(make_flight, y=1.0), self.flight(make_flight, start=-0.3)
+        apart = with_neighbours(summarise(flight), flight, [beside])
+        assert apart["clearance_min_m"] == pytest.approx(0.6) and not apart["collided"]
+        touching = with_neighbours(summarise(flight), flight, [beside, behind])
+        assert touching["clearance_min_m"] == pytest.approx(-0.1) and touching["collided"]
+        assert not verdict_on(touching).good
+        assert "It touched another vehicle." in verdict_on(touching).wrong
 
 
 def test_position_error_is_the_distance_to_the_reference(make_flight: FlightMaker) -> None:
@@ -300,6 +349,7 @@ def test_missing_data_is_null(make_flight: FlightMaker, build: SimpleNamespace) 
         "unanswered_odometries": 0,
         "duration_s": 0.0,
         **dict.fromkeys(("crashed", "crash", "crash_time_s")),
+        **dict.fromkeys(("clearance_min_m", "collided", "collision")),
         "commanding": {"ticks": {}, "first_without_mpc": None},
         "margins": {
             "lockstep": False,

@@ -15,9 +15,12 @@ from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
+from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.messages import cdr, conversions
+from quad_mpc_ros.messages.corridor import written_corridor
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
 
@@ -90,6 +93,33 @@ def test_vehicle_trail_plan_and_thrust_are_shown(start: Start, peer: Any, tmp_pa
     installed = importlib.util.find_spec("tf2_msgs") is not None
     log = (tmp_path / "visualisation.log").read_text()
     assert ("no transform is broadcast" in log) != installed
+
+
+def test_the_corridor_and_a_file_of_obstacles_are_shown(
+    start: Start, peer: Any, tmp_path: Path
+) -> None:
+    """The plan ends at x = 0.5 m, and half-spaces at 1 m and 2 m hold it; the nearer one cuts."""
+    file = tmp_path / "obstacles.yaml"
+    file.write_text("obstacles: [{shape: cylinder, position: [2, 0, 1], radius: 0.2, height: 2}]")
+    publisher = peer.node.create_publisher(PointCloud2, "mpc/corridor", qos_profile_sensor_data)
+    normals, offsets = np.zeros((10, 2, 3)), np.tile([1.0, 2.0], (10, 1))
+    normals[..., 0] = 1.0
+    corridor = Corridor(stamp_ns=1, step=0.05, normals=normals, offsets=offsets)
+    flight = Flight(peer)
+    start("visualisation", "-p", f"obstacles_file:={file}")
+    flight.await_node()
+
+    def shown() -> dict[str, Any]:
+        publisher.publish(written_corridor(corridor, stamp_ns=1, frame_id="odom"))
+        flight.tick()
+        return {marker.ns: marker for array in flight.shown for marker in array.markers}
+
+    assert peer.wait(lambda: "corridor" in shown() and shown()["corridor"].points)
+    found = shown()
+    assert len(found["corridor"].points) == 2 * 12
+    assert max(point.x for point in found["corridor"].points) == pytest.approx(1.0, abs=1e-3)
+    assert found["obstacles"].type == found["obstacles"].CYLINDER
+    assert found["obstacles"].scale.z == 2.0
 
 
 def test_an_odometry_that_is_not_finite_is_not_shown(start: Start, peer: Any) -> None:

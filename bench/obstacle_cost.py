@@ -1,0 +1,120 @@
+"""What keeping clear costs: the step with eight half-spaces and without by turns, and the map.
+
+    python -P bench/obstacle_cost.py
+
+The step is :meth:`.mpc.Mpc.step` from states along a way around a pillar, each computed with its
+corridor and without it, one after the other. The guide and the local map are timed beside it, with
+100,000 points about the vehicle.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.mpc import Mpc
+from quad_mpc_ros.obstacles.avoidance import MovingPoints, ObstacleAvoidance
+
+_TICKS = 400
+
+
+class Cloud:
+    """Points that stand; a new revision each time it is asked to be seen again."""
+
+    spacing = 0.05
+
+    def __init__(self, points: Array) -> None:
+        self._points, self.revision = points, 0
+
+    def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
+        """Return those that are near."""
+        return self._points[np.linalg.norm(self._points - near, axis=1) <= radius]
+
+    def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
+        """Return nothing."""
+        return MovingPoints.none()
+
+    def age(self, stamp_ns: int) -> float:
+        """Return the age of a map."""
+        return 0.0
+
+
+def timed(call: Callable[..., Any], *arguments: Any) -> tuple[float, Any]:
+    """Return how long a call takes of this thread's CPU time [us], and what it returns."""
+    began = time.thread_time()
+    result = call(*arguments)
+    return 1e6 * (time.thread_time() - began), result
+
+
+def cloud(count: int) -> Array:
+    """Return so many points of pillars' surfaces within 8 m, none on the line along x."""
+    rng = np.random.default_rng(0)
+    centres = rng.uniform(-8.0, 8.0, size=(40, 2))
+    centres = np.vstack([centres[np.abs(centres[:, 1]) > 1.0], [4.0, 0.1]])
+    which, angle = rng.integers(len(centres), size=count), rng.uniform(0.0, 2.0 * np.pi, count)
+    across = 0.15 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.column_stack([centres[which] + across, rng.uniform(0.0, 3.0, count)])
+
+
+def main() -> None:
+    """Print the figures."""
+    config = MpcConfig().updated({"obstacles.half_spaces": 8})
+    obstacles = Cloud(cloud(100_000))
+    guide = ObstacleAvoidance(config, obstacles, radius=0.25)
+    within, without = Mpc(config), Mpc(config)
+    steps: list[tuple[float, float]] = []
+    guided_us: list[float] = []
+    mapped_us: list[float] = []
+    state, plan = np.zeros(6), None
+    state[2], state[3] = 1.2, 2.0
+    for tick in range(_TICKS):
+        stamp_ns = 10**9 + 20_000_000 * tick
+        start = np.array([2.0 * 0.02 * tick % 6.0, 0.0, 1.2])
+        if start[0] < 0.02:
+            state[:3], state[3:], plan = start, (2.0, 0.0, 0.0), None
+        seconds = np.arange(0.0, 2.01, 0.05)
+        line = start + seconds[:, None] * [2.0, 0.0, 0.0]
+        window = ReferenceWindow.through(seconds, line, stamp_ns=stamp_ns)
+        seen = OdometrySample(
+            stamp_ns=stamp_ns,
+            p_WB=state[:3].copy(),
+            q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+            v_WB_B=state[3:].copy(),
+            w_WB_B=np.zeros(3),
+        )
+        if tick % 5 == 0:  # scans come with every fifth odometry
+            obstacles.revision += 1
+        took, guided = timed(guide.guide, seen, window, plan)
+        (mapped_us if tick % 5 == 0 else guided_us).append(took)
+        if guided.corridor is not None:
+            inside = timed(within.step, seen, guided.window, guided.corridor)
+            outside = timed(without.step, seen, guided.window)
+            plan = inside[1].plan
+            if plan is not None:
+                steps.append((inside[0], outside[0]))
+                state[3:] = (plan.p_WB[2] - plan.p_WB[1]) / plan.step
+                state[:3] += 0.02 * state[3:]
+        else:
+            state[:3] = start
+    own, plain = np.array(steps)[10:].T
+    print(f"{len(own)} steps with a corridor")
+    for name, values in (("with 8 half-spaces", own), ("without", plain)):
+        p50, p99 = np.percentile(values, (50, 99))
+        print(f"step {name:20s} p50 {p50:6.0f} us, p99 {p99:6.0f} us")
+    print(f"ratio of medians {np.median(own) / np.median(plain):.2f}")
+    p50, p99 = np.percentile(guided_us, (50, 99))
+    print(f"guide, same map: p50 {p50:.0f} us, p99 {p99:.0f} us")
+    print(
+        f"guide, new map of 100,000 points: p50 {np.median(mapped_us):.0f} us, "
+        f"{1e-4 * np.median(mapped_us) * 10:.1f} % of a core at 10 Hz"
+    )
+
+
+if __name__ == "__main__":
+    main()

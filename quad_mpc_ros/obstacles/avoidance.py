@@ -1,0 +1,427 @@
+"""Keeping clear of what is in the way: what is flown in each tick, and within which corridor.
+
+Where the reference, the plan and the straight way to the reference keep clear, the reference is
+flown as it is. Else a way around is searched (:mod:`.search`), a guide follows it in time
+(:mod:`.guide`), and half-spaces (:mod:`.corridor`) hold the plan beside it. Where no way reaches
+the reference, the way ends at the nearest place there is, and the vehicle stops there.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.guide import Avoidance, Guided
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.corridor import Corridor
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.obstacles.corridor import corridor_about
+from quad_mpc_ros.obstacles.guide import STEP, Followed, Limits, followed, smoothed, window_of
+from quad_mpc_ros.obstacles.local_map import THINNED, LocalMap
+from quad_mpc_ros.obstacles.moving import Movers
+from quad_mpc_ros.obstacles.search import search, shortened
+from quad_mpc_ros.obstacles.sharing import Neighbours, Shared, shared_space
+
+_LOOK = 0.1  # m, between places at which a way is looked at
+_SEARCH_MARGIN = 0.05  # m, that ways keep beyond what the plan has to
+_COMFORT = 0.3  # m, within which ways give room to what is near if they can
+_FASTEST = 10.0  # m/s
+_AGAIN_NS = 100_000_000  # after which a way is searched anew
+_SWITCH = 0.5  # m, by which a place to stop has to be nearer for another to be left
+_BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
+# Of the speed of what moves: what its prediction is wrong by.
+_SPEED_ERROR = 0.1
+# Of what stands: how much it is elsewhere for each second since it was seen, and at most [s].
+_DRIFT, _OLDEST = 0.05, 2.0  # m/s
+_LOST = 0.3  # m/s, of neighbours whose plan is so old
+
+
+class MovingPoints(NamedTuple):
+    """Points that move: ``p_W`` (n, 3) [m] at the time asked for, ``v_W`` (n, 3) [m/s].
+
+    ``radius`` (n,) [m] is that of a ball about each, 0 for a point of a surface. ``body`` (n,)
+    says which belong to one body, which is passed on one side, negative for neighbours; ``age``
+    (n,) [s] is how old what was last heard of each is.
+    """
+
+    p_W: Array
+    v_W: Array
+    radius: Array
+    body: NDArray[np.int64]
+    age: Array
+
+    def without_neighbours(self) -> MovingPoints:
+        """Return those of bodies that are no neighbours."""
+        others = self.body >= 0
+        return (
+            self
+            if others.all()
+            else MovingPoints(
+                p_W=self.p_W[others],
+                v_W=self.v_W[others],
+                radius=self.radius[others],
+                body=self.body[others],
+                age=self.age[others],
+            )
+        )
+
+    @staticmethod
+    def none() -> MovingPoints:
+        """Return no points."""
+        empty = np.zeros((0, 3))
+        return MovingPoints(empty, empty, np.zeros(0), np.zeros(0, np.int64), np.zeros(0))
+
+
+class Obstacles(Protocol):
+    """What is known of obstacles, in the frame of the odometry.
+
+    Times are stamps in nanoseconds, of the odometry's clock.
+    """
+
+    @property
+    def revision(self) -> int:
+        """A number that changes when what :meth:`points` returns may have changed."""
+        ...
+
+    @property
+    def spacing(self) -> float:
+        """How far points of a surface are apart at most [m]; 0 where they are all there is."""
+        ...
+
+    def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
+        """Return points (n, 3) [m] of what stands, those within a ``radius`` of a place ``near``.
+
+        Some further away do no harm, and neither do many: they are thinned out.
+        """
+        ...
+
+    def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
+        """Return what moves, where it is predicted to be at a time."""
+        ...
+
+    def age(self, stamp_ns: int) -> float:
+        """Return how old the newest of what is known of things that stand is [s]; 0 for a map."""
+        ...
+
+
+class _Seen(NamedTuple):
+    """The vehicle when the command acts, and what is around it then."""
+
+    start_ns: int
+    p_W: Array
+    v_W: Array
+    here: LocalMap
+    movers: Movers
+    keep: float  # m, from the centre of the vehicle to points
+
+
+class _Way(NamedTuple):
+    """A way (n, 3), whether it leads to the reference, and when it was found."""
+
+    points: Array
+    arrives: bool
+    found_ns: int
+    revision: int
+
+
+class _Goal(NamedTuple):
+    """Where to rejoin the reference, when that is there [s], and how fast it is."""
+
+    p_W: Array
+    time: float
+    speed: float
+
+
+class ObstacleAvoidance:
+    """A :class:`quad_mpc_ros.control.guide.Guide` around obstacles."""
+
+    def __init__(
+        self,
+        config: MpcConfig,
+        obstacles: Obstacles,
+        *,
+        radius: float,
+        neighbours: Neighbours | None = None,
+    ) -> None:
+        """``radius`` [m] is that of a ball about the vehicle, and about each neighbour."""
+        self._obstacles, self._radius = obstacles, radius
+        self._neighbours = neighbours
+        self._here: LocalMap | None = None
+        self._way: _Way | None = None
+        _compile()
+        self.reconfigure(config)
+
+    def reconfigure(self, config: MpcConfig) -> None:
+        """Take over changed live parameters."""
+        self._config, self._own = config, config.obstacles
+        self._delay_ns = round(config.input_delay * 1e9)
+
+    def guide(
+        self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
+    ) -> Guided:
+        """Return what to fly from an odometry on, given the last plan."""
+        seen = self._look(odometry)
+        clearance = self._clearance(odometry.p_WB, seen)
+        own = self._planned(seen, plan)
+        shared = self._shared(seen, own)
+        if not math.isfinite(clearance) or self._is_free(seen, window, plan):
+            self._way = None
+            if shared is None:
+                return Guided(window, None, Avoidance("free", "", clearance))
+            beside = Avoidance("around", "a neighbour is near", clearance)
+            return Guided(window, self._corridor(seen, own, shared), beside)
+        goal = self._goal(seen, window)
+        way = self._way = self._found(seen, goal)
+        motion = self._motion(seen, way, goal)
+        corridor = self._corridor(seen, self._along(way, motion), shared)
+        state, reason = "around", "the reference is not clear"
+        if not way.arrives:
+            away = _apart(way.points[-1], goal.p_W)
+            state, reason = "stopped", f"no way leads nearer to the reference than {away:.1f} m"
+        flown = window_of(motion, window, start_ns=seen.start_ns)
+        return Guided(flown, corridor, Avoidance(state, reason, clearance))
+
+    # --- what is around
+
+    def _look(self, odometry: OdometrySample) -> _Seen:
+        R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
+        v_W = R_WB @ odometry.v_WB_B
+        p_W = odometry.p_WB + 1e-9 * self._delay_ns * v_W
+        stamp_ns, obstacles, own = odometry.stamp_ns, self._obstacles, self._own
+        revision = obstacles.revision
+        here = self._here
+        if here is None or not here.serves(p_W, revision=revision):
+            points = obstacles.points(stamp_ns, near=p_W, radius=own.range)
+            # As far as ways keep from what is near at any speed that is flown, and how old it is.
+            most = own.margin_growth * _FASTEST + _DRIFT * _OLDEST
+            far = self._radius + own.margin + most + _COMFORT
+            here = LocalMap(points, centre=p_W, radius=own.range, far=far, revision=revision)
+            self._here = here
+        moving = obstacles.moving(stamp_ns + self._delay_ns, near=p_W, radius=own.range)
+        if self._neighbours is not None:
+            moving = moving.without_neighbours()
+        speeds = np.linalg.norm(moving.v_W, axis=1)
+        keep = self._radius + own.margin + own.margin_growth * float(np.linalg.norm(v_W))
+        keep += _DRIFT * min(obstacles.age(stamp_ns), _OLDEST)
+        movers = Movers(
+            np.ascontiguousarray(moving.p_W),
+            np.ascontiguousarray(moving.v_W),
+            keep + moving.radius + _SPEED_ERROR * speeds * moving.age,
+            _SPEED_ERROR * float(speeds.max(initial=0.0)),
+            moving.body,
+        )
+        # A surface may be nearer than the points that are known of it.
+        spacing = max(obstacles.spacing, THINNED)
+        sparse = math.hypot(keep, 0.5 * math.sqrt(2.0) * spacing) - keep
+        return _Seen(
+            start_ns=stamp_ns + self._delay_ns,
+            p_W=p_W,
+            v_W=v_W,
+            here=here,
+            movers=movers,
+            keep=keep + sparse,
+        )
+
+    def _clearance(self, p_W: Array, seen: _Seen) -> float:
+        """Return how far the vehicle's surface is from the nearest point [m]."""
+        nearest = float(seen.here.distances(p_W[None])[0])
+        movers = seen.movers
+        if len(movers.keep):
+            apart = np.linalg.norm(movers.p_W - p_W, axis=1)
+            balls = movers.keep - (self._radius + self._own.margin)
+            nearest = min(nearest, float((apart - balls).min()))
+        return nearest - self._radius
+
+    def _is_free(self, seen: _Seen, window: ReferenceWindow, plan: Plan | None) -> bool:
+        """Whether the reference can be flown as it is."""
+        since = (window.stamp_ns - seen.start_ns) * 1e-9
+        times = np.arange(0.0, self._horizon + 1e-9, STEP)
+        offsets = window.offset_ns * 1e-9 + since
+        reference = _interpolated(times, offsets, window.p_WB)
+        # The vehicle does not fly further in the horizon than it can.
+        fastest = max(float(np.linalg.norm(seen.v_W)), self._own.speed_max)
+        reach = self._horizon * fastest
+        straight = [_between(seen.p_W, end, reach) for end in (reference[0], reference[-1])]
+        places = [reference, *straight]
+        if plan is not None:
+            elapsed = (seen.start_ns - plan.stamp_ns) * 1e-9
+            planned = plan.step * np.arange(len(plan.p_WB)) - elapsed
+            places.append(_interpolated(times, planned, plan.p_WB))
+        if float(seen.here.distances(np.vstack(places)).min()) < seen.keep:
+            return False
+        return not any(seen.movers.meet(times, place) for place in (places[0], *places[3:]))
+
+    @property
+    def _horizon(self) -> float:
+        return self._config.horizon_steps * self._config.horizon_step
+
+    # --- a way around
+
+    def _goal(self, seen: _Seen, window: ReferenceWindow) -> _Goal:
+        """Return where to rejoin the reference: as late as it is known, and clear."""
+        since = (window.stamp_ns - seen.start_ns) * 1e-9
+        times = np.maximum(window.offset_ns * 1e-9 + since, 0.0)
+        v = window.v_WB_W[-1] if len(window.v_WB_W) > 2 else np.zeros(3)
+        speed = float(np.linalg.norm(v))
+        places = window.p_WB
+        if speed > 0.1:
+            further = np.arange(_LOOK, _BEYOND, _LOOK) / speed
+            places = np.vstack([places, places[-1] + further[:, None] * v])
+            times = np.concatenate((times, times[-1] + further))
+        within = np.linalg.norm(places - seen.p_W, axis=1) < self._own.range - 0.5
+        clear = seen.here.distances(places) >= seen.keep + _SEARCH_MARGIN
+        good = np.flatnonzero(within & clear)
+        at_end = np.flatnonzero(good >= len(window.p_WB) - 1)
+        if len(good):
+            place = int(good[at_end[0]] if len(at_end) else good[-1])
+            return _Goal(places[place], float(times[place]), speed)
+        to_reference = places[0] - seen.p_W
+        distance = max(float(np.linalg.norm(to_reference)), 1e-6)
+        shortened_to = min(distance, self._own.range - 0.5) / distance
+        return _Goal(seen.p_W + shortened_to * to_reference, 0.0, 0.0)
+
+    def _found(self, seen: _Seen, goal: _Goal) -> _Way:
+        """Return the way of before where it will do, else one that is searched."""
+        way, keep = self._way, seen.keep + _SEARCH_MARGIN
+        if way is not None and seen.start_ns - way.found_ns < _AGAIN_NS:
+            if way.revision == seen.here.revision:
+                return way
+            if float(seen.here.distances(way.points).min()) >= seen.keep:
+                return way
+        found = self._searched(seen, goal.p_W)
+        if way is not None and not (found.arrives or way.arrives):
+            # Of places as near to the reference it stays with the one that it has.
+            before = way.points[-1]
+            nearer = _apart(before, goal.p_W) - _apart(found.points[-1], goal.p_W)
+            if nearer < _SWITCH and float(seen.here.distances(before[None])[0]) >= keep:
+                found = self._searched(seen, before)._replace(arrives=False)
+        return found
+
+    def _searched(self, seen: _Seen, goal: Array) -> _Way:
+        """Return a way that is searched."""
+        keep = seen.keep + _SEARCH_MARGIN
+        floor = min(self._own.floor, float(seen.p_W[2]), float(goal[2]))
+        cells, arrives = search(
+            seen.here.grid,
+            start=seen.p_W,
+            goal=goal,
+            keep=keep,
+            floor=floor - 0.1,
+            speed=max(float(np.linalg.norm(seen.v_W)), 1.0),
+            movers=seen.movers,
+        )
+        cells[0] = seen.p_W
+        if arrives:
+            cells = np.vstack([cells, goal]) if len(cells) == 1 else cells
+            cells[-1] = goal
+        corners = shortened(seen.here.grid, cells, keep) if len(cells) > 2 else cells
+        return _Way(smoothed(corners), arrives, seen.start_ns, seen.here.revision)
+
+    def _motion(self, seen: _Seen, way: _Way, goal: _Goal) -> Followed:
+        """Return how the guide follows a way."""
+        own = self._own
+        length = float(np.linalg.norm(np.diff(way.points, axis=0), axis=1).sum())
+        fastest = max(own.speed_max, goal.speed)
+        speed, end_speed = fastest, 0.0
+        if way.arrives and goal.speed > 0.1:  # no sooner than the reference is there
+            speed = min(fastest, max(length / max(goal.time, 1e-3), 0.3))
+            end_speed = min(goal.speed, speed)
+        limits = Limits(speed, end_speed, own.acceleration)
+        duration = self._horizon + 5 * STEP
+        return followed(way.points, limits, p_W=seen.p_W, v_W=seen.v_W, duration=duration)
+
+    # --- where the plan may be
+
+    @property
+    def _times(self) -> Array:
+        """The times of the stages' ends, and of the beginning (N + 1,) [s]."""
+        config = self._config
+        return np.asarray(config.horizon_step * np.arange(config.horizon_steps + 1), float)
+
+    def _along(self, way: _Way, motion: Followed) -> Array:
+        """Return the places (N + 1, 3) of a way that the guide has come to at the stages' ends."""
+        along = np.interp(self._times, STEP * np.arange(len(motion.along)), motion.along)
+        return _interpolated(along, np.arange(len(way.points)), way.points)
+
+    def _planned(self, seen: _Seen, plan: Plan | None) -> Array:
+        """Return where the plan of before is at the stages' ends; straight on without one."""
+        if plan is None:
+            return seen.p_W + self._times[:, None] * seen.v_W
+        since = (seen.start_ns - plan.stamp_ns) * 1e-9
+        at = plan.step * np.arange(len(plan.p_WB)) - since
+        return _interpolated(self._times, at, plan.p_WB)
+
+    def _shared(self, seen: _Seen, own_W: Array) -> Shared | None:
+        """Return this vehicle's half of the space between its plan and neighbours'."""
+        if self._neighbours is None:
+            return None
+        stamps_ns = [seen.start_ns + round(1e9 * time) for time in self._times[1:]]
+        plans = self._neighbours.plans(stamps_ns)
+        if len(plans.p_W) == 0:
+            return None
+        keep = 2.0 * self._radius + self._own.margin + _LOST * np.minimum(plans.age, _OLDEST)
+        return shared_space(own_W[1:], plans, keep=keep, heights_count=1.0 / self._own.downwash)
+
+    def _corridor(self, seen: _Seen, guide: Array, shared: Shared | None) -> Corridor:
+        """Return half-spaces about places (N + 1, 3): of neighbours, of what moves and stands."""
+        config, rows, used = self._config, self._own.half_spaces, 0
+        normals = np.zeros((config.horizon_steps, rows, 3))
+        offsets = np.full((config.horizon_steps, rows), np.inf)
+        if shared is not None:
+            most = rows if len(seen.here.points) == 0 else (rows + 1) // 2
+            used = min(shared.offsets.shape[1], most)
+            normals[:, :used] = shared.normals[:, :used]
+            offsets[:, :used] = shared.offsets[:, :used]
+        used += seen.movers.write_half_spaces(
+            self._times[1:], guide[1:], normals=normals[:, used:], offsets=offsets[:, used:]
+        )
+        still, bounds = corridor_about(guide, seen.here.points, radius=seen.keep, rows=rows - used)
+        normals[:, used:], offsets[:, used:] = still, bounds
+        return Corridor(
+            stamp_ns=seen.start_ns, step=config.horizon_step, normals=normals, offsets=offsets
+        )
+
+
+@functools.cache
+def _compile() -> None:
+    """Compile what is called in a tick, which in the air has no time for it."""
+    points = np.array([[0.5, 0.0, 0.0]])
+    here = LocalMap(points, centre=np.zeros(3), radius=1.0, far=0.8, revision=0)
+    goal = np.array([0.8, 0.0, 0.0])
+    way, _ = search(
+        here.grid,
+        start=np.zeros(3),
+        goal=goal,
+        keep=0.3,
+        floor=-1.0,
+        speed=1.0,
+        movers=Movers.none(),
+    )
+    limits = Limits(1.0, 0.0, 1.0)
+    corners = smoothed(shortened(here.grid, way, 0.3))
+    followed(corners, limits, p_W=np.zeros(3), v_W=np.zeros(3), duration=0.2)
+    corridor_about(np.vstack([np.zeros(3), goal]), points, radius=0.3, rows=2)
+
+
+def _apart(place: Array, other: Array) -> float:
+    """Return the distance of two places (3,) [m]."""
+    return float(np.linalg.norm(place - other))
+
+
+def _interpolated(times: Array, at: NDArray[Any], places: Array) -> Array:
+    """Return places (n, 3) at times, given those at others in order."""
+    return np.column_stack([np.interp(times, at, places[:, k]) for k in range(3)])
+
+
+def _between(start: Array, end: Array, reach: float) -> Array:
+    """Return places (n, 3) on the straight way from one to another, as far as it reaches."""
+    distance = float(np.linalg.norm(end - start))
+    share = min(1.0, reach / max(distance, 1e-9))
+    count = max(math.ceil(share * distance / _LOOK), 1) + 1
+    return start + np.linspace(0.0, share, count)[:, None] * (end - start)

@@ -1,0 +1,72 @@
+"""Balls that move, predicted at constant velocity: meetings, and half-spaces at their time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.lie import Array
+
+
+class Movers(NamedTuple):
+    """Balls that move: ``p_W`` (m, 3) now, ``v_W`` (m, 3), and the distance to keep from each.
+
+    That is ``keep`` (m,) [m] now, and grows by ``growth`` [m/s]. ``body`` (m,) says which belong
+    together and are passed on one side.
+    """
+
+    p_W: Array
+    v_W: Array
+    keep: Array
+    growth: float
+    body: NDArray[np.int64]
+
+    @staticmethod
+    def none() -> Movers:
+        """Return no balls."""
+        empty = np.zeros((0, 3))
+        return Movers(empty, empty, np.zeros(0), 0.0, np.zeros(0, np.int64))
+
+    def room(self, times: Array, places: Array) -> Array:
+        """Return how much further than kept places (n, 3) at times (n,) [s] are from each ball.
+
+        Shape (n, m), negative where one is too near.
+        """
+        away = self._at(times) - places[:, None]
+        kept = self.keep + self.growth * times[:, None]
+        return np.asarray(np.linalg.norm(away, axis=2) - kept)
+
+    def meet(self, times: Array, places: Array) -> bool:
+        """Whether a ball is too near to places (n, 3) at times (n,) [s] from now."""
+        return len(self.keep) > 0 and bool((self.room(times, places) < 0.0).any())
+
+    def write_half_spaces(
+        self, times: Array, places: Array, *, normals: Array, offsets: Array
+    ) -> int:
+        """Write a half-space of each body, the nearest first, and return how many there are.
+
+        At each of the times (n,) a plane is before the ball nearest to the place (n, 3) that the
+        guide has then: ``normals`` (n, K, 3), ``offsets`` (n, K). At most half of K are written.
+        """
+        if len(self.keep) == 0:
+            return 0
+        at, room = self._at(times), self.room(times, places)
+        bodies = np.unique(self.body).tolist()
+        nearest = sorted(bodies, key=lambda body: float(room[:, self.body == body].min()))
+        rows: int = min(len(bodies), (offsets.shape[1] + 1) // 2)
+        stages = np.arange(len(times))
+        for row, body in enumerate(nearest[:rows]):
+            own = np.flatnonzero(self.body == body)
+            ball = own[room[:, own].argmin(axis=1)]
+            away = at[stages, ball] - places
+            n = away / np.maximum(np.linalg.norm(away, axis=1), 1e-6)[:, None]
+            normals[:, row] = n
+            kept = self.keep[ball] + self.growth * times
+            offsets[:, row] = (n * at[stages, ball]).sum(axis=1) - kept
+        return rows
+
+    def _at(self, times: Array) -> Array:
+        """Return where they are at times (n,), (n, m, 3)."""
+        return np.asarray(self.p_W + times[:, None, None] * self.v_W)

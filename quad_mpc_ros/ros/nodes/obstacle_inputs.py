@@ -1,0 +1,169 @@
+"""What the MPC node hears of obstacles: clouds, markers, transforms, other vehicles."""
+
+from __future__ import annotations
+
+import functools
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from quad_mpc_ros.messages.diagnostics import OK, WARN
+from quad_mpc_ros.messages.obstacle_messages import read_markers, read_path, read_transforms
+from quad_mpc_ros.messages.point_cloud import read_point_cloud
+from quad_mpc_ros.messages.topics import (
+    OBSTACLE_MARKERS,
+    OBSTACLES,
+    ODOMETRY,
+    PREDICTED_PATH,
+    TF,
+    TF_STATIC,
+    Topic,
+)
+from quad_mpc_ros.obstacles.world import World
+from quad_mpc_ros.ros.lifecycle import ManagedNode
+from quad_mpc_ros.ros.messages import message_class, odometry_in
+
+_SILENT = 1.0  # s without a scan, after the first
+
+
+class ObstacleInputs:
+    """Hands what is heard on to a world, and counts what is refused.
+
+    Clouds are read in a thread of their own, the newest only, so that no tick waits for one. In
+    lockstep everything waits for the next odometry, so that a flight can be repeated.
+    """
+
+    def __init__(self, node: ManagedNode[Any], world: World, *, lockstep: bool) -> None:
+        self._node, self._world, self._lockstep = node, world, lockstep
+        self._waiting: list[Callable[[], None]] = []
+        self._counts = {"clouds": 0, "markers": 0, "plans": 0, "refused": 0}
+        self._newest: deque[bytes] = deque(maxlen=1)
+        self._refusals: deque[str] = deque(maxlen=10)
+        self._wakes = threading.Condition()
+        self._ended = False
+        self._thread: threading.Thread | None = None
+        if not lockstep:
+            self._thread = threading.Thread(target=self._read_clouds, name="clouds", daemon=True)
+            self._thread.start()
+        self._subscribe()
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._wakes:
+            self._ended = True
+            self._wakes.notify()
+        if self._thread is not None:
+            self._thread.join()
+
+    def before_odometry(self) -> None:
+        """Hand on what has waited for the next odometry."""
+        waiting, self._waiting = self._waiting, []
+        for receive in waiting:
+            receive()
+
+    def take_warnings(self) -> list[str]:
+        """Return what was refused since the last call."""
+        return [self._refusals.popleft() for _ in range(len(self._refusals))]
+
+    def values(self, stamp_ns: int) -> list[tuple[str, str]]:
+        """Return what was heard, for diagnostics."""
+        counts = [(f"obstacles.{name}", str(count)) for name, count in self._counts.items()]
+        heard = len(self._world.plans([stamp_ns]).age)
+        return [
+            *counts,
+            ("obstacles.silence_s", f"{self._world.silence(stamp_ns):.2f}"),
+            ("obstacles.neighbours", f"{heard} of {len(self._world.neighbours)}"),
+        ]
+
+    def fault(self, stamp_ns: int) -> tuple[bytes, str]:
+        """Return a level of diagnostics, and in words what is wrong."""
+        silence = self._world.silence(stamp_ns)
+        if silence > _SILENT:
+            return WARN, f"no usable cloud on {OBSTACLES.name} for {silence:.1f} s"
+        return OK, ""
+
+    def _subscribe(self) -> None:
+        node = self._node
+
+        def listen(topic: Topic, receive: Callable[[bytes], None]) -> None:
+            callback = self._postponed(receive) if self._lockstep else receive
+            node.managed_subscription(topic, callback, raw=True, expected=False)
+
+        listen(OBSTACLES, self._on_cloud)
+        listen(OBSTACLE_MARKERS, self._guarded("markers", self._on_markers))
+        for topic in (TF, TF_STATIC):
+            try:
+                message_class(topic.type_name)
+            except ImportError:
+                node.get_logger().info(
+                    "tf2_msgs is not installed: clouds and markers have to be in the frames of "
+                    "the odometry"
+                )
+                break
+            listen(topic, self._guarded(None, self._on_transforms))
+        for name in self._world.neighbours:
+            of_it = f"/{name.strip('/')}"
+            plan = functools.partial(self._on_plan, name)
+            state = functools.partial(self._on_neighbour, name)
+            listen(_named(PREDICTED_PATH, of_it), self._guarded("plans", plan))
+            listen(_named(ODOMETRY, of_it), self._guarded(None, state))
+
+    def _guarded(
+        self, counted: str | None, receive: Callable[[bytes], None]
+    ) -> Callable[[bytes], None]:
+        """Return what receives bytes and takes note of those that are of no use."""
+
+        def guarded(data: bytes) -> None:
+            try:
+                receive(data)
+                if counted is not None:
+                    self._counts[counted] += 1
+            except ValueError as error:
+                self._counts["refused"] += 1
+                self._refusals.append(f"refused: {error}")
+
+        return guarded
+
+    def _postponed(self, receive: Callable[[bytes], None]) -> Callable[[bytes], None]:
+        """Return what keeps bytes until the next odometry."""
+        return lambda data: self._waiting.append(functools.partial(receive, data))
+
+    def _on_cloud(self, data: bytes) -> None:
+        if self._thread is None:
+            self._read_cloud(data)
+            return
+        with self._wakes:
+            self._newest.append(data)
+            self._wakes.notify()
+
+    def _read_cloud(self, data: bytes) -> None:
+        self._guarded("clouds", lambda data: self._world.receive_cloud(read_point_cloud(data)))(
+            data
+        )
+
+    def _read_clouds(self) -> None:
+        while True:
+            with self._wakes:
+                self._wakes.wait_for(lambda: self._ended or self._newest)
+                if self._ended:
+                    return
+                data = self._newest.pop()
+            self._read_cloud(data)
+
+    def _on_markers(self, data: bytes) -> None:
+        self._world.receive_markers(read_markers(data))
+
+    def _on_transforms(self, data: bytes) -> None:
+        self._world.receive_transforms(read_transforms(data))
+
+    def _on_plan(self, name: str, data: bytes) -> None:
+        self._world.receive_neighbour(name, read_path(data))
+
+    def _on_neighbour(self, name: str, data: bytes) -> None:
+        self._world.receive_neighbour(name, odometry_in(data))
+
+
+def _named(topic: Topic, space: str) -> Topic:
+    return replace(topic, name=f"{space}/{topic.name}", single_source=False, optional=True)

@@ -1,0 +1,218 @@
+"""Half-spaces on the position: their rows, their QP by another solver, exact prices, any state."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fixtures.exact_qp import exactly_solved
+from fixtures.presets import agile
+from numpy.testing import assert_allclose, assert_array_equal
+
+from quad_mpc_ros.configuration.errors import ConfigurationError
+from quad_mpc_ros.control.config import MpcConfig, SolverParameters
+from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.corridor import Corridor
+from quad_mpc_ros.control.model.rollout import StateRecord
+from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.state import Input
+from quad_mpc_ros.control.mpc import Mpc, MpcStep
+from quad_mpc_ros.control.ocp.half_spaces import HalfSpaces, half_space_penalty
+from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
+from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
+from quad_mpc_ros.control.ocp.qp_solver import QpSolver
+
+ROWS = {"obstacles.half_spaces": 8}
+START_NS = 10**9
+PERIOD_NS = 20_000_000
+
+
+def odometry(
+    *, p_WB: Array, v_WB_W: Array, R_WB: Array | None = None, stamp_ns: int = START_NS
+) -> OdometrySample:
+    R_WB = np.eye(3) if R_WB is None else R_WB
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        p_WB=p_WB,
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+        v_WB_B=R_WB.T @ v_WB_W,
+        w_WB_B=np.zeros(3),
+    )
+
+
+def wall(config: MpcConfig, n: Array, b: float, *, stamp_ns: int = START_NS) -> Corridor:
+    """Return a corridor on one side of a plane, at every stage."""
+    normals = np.zeros((config.horizon_steps, 2, 3))
+    offsets = np.full((config.horizon_steps, 2), np.inf)
+    normals[:, 0], offsets[:, 0] = n, b
+    return Corridor(stamp_ns=stamp_ns, step=config.horizon_step, normals=normals, offsets=offsets)
+
+
+def converged(mpc: Mpc, seen: OdometrySample, goal: Array, corridor: Corridor | None) -> MpcStep:
+    """Return the step after many iterations about the same state."""
+    window = ReferenceWindow.hover(goal, stamp_ns=seen.stamp_ns)
+    for _ in range(25):
+        step = mpc.step(seen, window, corridor)
+    assert step.plan is not None
+    return step
+
+
+def test_rows_say_how_far_each_end_of_stage_is_from_the_plane() -> None:
+    config = agile().updated(ROWS)
+    n = np.array([0.6, 0.0, 0.8])
+    seen = odometry(p_WB=np.array([1.0, 2.0, 3.0]), v_WB_W=np.array([1.0, 0.5, 0.0]))
+    problem = ManifoldProblem(config)
+    state = DelayCompensation(config).predict(seen)
+    window = ReferenceWindow.hover(np.zeros(3), stamp_ns=START_NS)
+    problem.begin(state, window, wall(config, n, 4.0))
+    stages = problem.linearise()
+    width = stages.normals.shape[2]
+    assert_allclose(stages.normals[:, 0, 8:11], np.tile(n, (10, 1)))
+    assert_array_equal(stages.normals[:, 0, 11:], np.zeros((10, width - 11)))
+    # At hover thrust the first plan goes straight on, a little slower by drag.
+    p = np.array([1.0, 2.0, 3.0]) + 0.05 * np.arange(1, 11)[:, None] * [1.0, 0.5, 0.0]
+    assert_allclose(stages.offsets[:, 0], 4.0 - p @ n, atol=0.05)
+    assert stages.offsets[:, 1:].min() >= 1e9, "rows that hold nothing are free"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_solution_equals_that_of_another_solver(seed: int) -> None:
+    """The problem of a flight towards planes at random, by PIQP from the same stages."""
+    rng = np.random.default_rng(seed)
+    config = agile().updated(ROWS)
+    seen = odometry(p_WB=np.zeros(3), v_WB_W=3.0 * unit(rng))
+    normals = np.array([unit(rng) for _ in range(80)]).reshape(10, 8, 3)
+    offsets = rng.uniform(0.1, 1.0, size=(10, 8))
+    corridor = Corridor(stamp_ns=START_NS, step=0.05, normals=normals, offsets=offsets)
+    problem = ManifoldProblem(config)
+    window = ReferenceWindow.hover(2.0 * unit(rng), stamp_ns=START_NS)
+    problem.begin(DelayCompensation(config).predict(seen), window, corridor)
+    qp = HorizonQP(problem.pattern(within=True))
+    stages = problem.linearise()
+    qp.update(stages)
+    solution = QpSolver(qp, SolverParameters(tolerance=1e-9, max_iterations=100_000)).solve()
+    inputs, states, slacks = exactly_solved(qp.pattern, stages)
+    assert solution.solved
+    assert_allclose(solution.states, states, atol=1e-4)
+    assert_allclose(solution.inputs, inputs, atol=1e-3)
+    assert_allclose(qp.slacks(solution.z), slacks, atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_plan_keeps_to_its_side_of_a_plane_where_it_can(seed: int) -> None:
+    """The price is exact: the plan reaches the plane and is not beyond it."""
+    rng = np.random.default_rng(seed)
+    n = rng.normal(size=3)
+    n /= np.linalg.norm(n)
+    config = MpcConfig().updated(ROWS)
+    seen = odometry(p_WB=np.zeros(3), v_WB_W=0.3 * rng.normal(size=3))
+    plan = converged(Mpc(config), seen, 2.0 * n, wall(config, n, 0.4)).plan
+    free = converged(Mpc(config), seen, 2.0 * n, None).plan
+    assert plan is not None and free is not None
+    assert (free.p_WB @ n).max() > 0.6, "without the plane the plan goes beyond"
+    assert (plan.p_WB @ n).max() == pytest.approx(0.4, abs=0.01)
+
+
+def test_brakes_before_a_plane_as_late_as_limits_allow() -> None:
+    """Towards a wall at speed, the reference beyond it: the wall is kept if it can be."""
+    config = MpcConfig().updated({**ROWS, "limits.tilt_max": 0.8})
+    n = np.array([1.0, 0.0, 0.0])
+    seen = odometry(p_WB=np.zeros(3), v_WB_W=3.0 * n)
+    plan = converged(Mpc(config), seen, 4.0 * n, wall(config, n, 1.8)).plan
+    assert plan is not None
+    assert (plan.p_WB @ n).max() < 1.82
+
+
+def test_start_beyond_a_plane_is_led_back_and_solved() -> None:
+    config = MpcConfig().updated(ROWS)
+    n = np.array([0.0, 1.0, 0.0])
+    seen = odometry(p_WB=np.array([0.0, 1.0, 0.0]), v_WB_W=np.zeros(3))
+    step = converged(Mpc(config), seen, np.array([0.0, 1.0, 0.0]), wall(config, n, 0.5))
+    assert step.plan is not None
+    assert step.plan.p_WB[-1, 1] < 0.55
+    assert np.diff(step.plan.p_WB[:, 1]).max() < 0.05
+
+
+def test_commands_without_corridor_are_the_same_bits() -> None:
+    """With room for half-spaces, as long as no corridor is given."""
+    plain, ready = Mpc(MpcConfig()), Mpc(MpcConfig().updated(ROWS))
+    rng = np.random.default_rng(0)
+    for tick in range(20):
+        stamp_ns = START_NS + tick * PERIOD_NS
+        seen = odometry(p_WB=0.1 * rng.normal(size=3), v_WB_W=np.ones(3), stamp_ns=stamp_ns)
+        window = ReferenceWindow.hover(np.ones(3), stamp_ns=stamp_ns)
+        steps = [mpc.step(seen, window) for mpc in (plain, ready)]
+        assert steps[0].plan is not None and steps[1].plan is not None
+        assert steps[0].plan.inputs.tobytes() == steps[1].plan.inputs.tobytes()
+
+
+def test_half_spaces_hold_at_their_times() -> None:
+    """Those of a corridor that began earlier are taken so much later, the last one held."""
+    room = HalfSpaces.zeros(4, 3, row=0, slack=0)
+    normals = np.zeros((5, 1, 3))
+    normals[..., 0] = 1.0
+    offsets = np.arange(5.0)[:, None]
+    corridor = Corridor(stamp_ns=0, step=0.1, normals=normals, offsets=offsets)
+    room.take(corridor, stamp_ns=200_000_000, step=0.1)
+    assert_array_equal(room.offsets[:, 0], [2.0, 3.0, 4.0, 4.0])
+    assert room.offsets[:, 1:].min() >= 1e9
+
+
+def test_penalty_pays_for_the_plane_that_is_broken_most() -> None:
+    room = HalfSpaces.zeros(1, 3, row=0, slack=0)
+    room.price[:] = 10.0
+    room.normals[0, :2] = np.eye(3)[:2]
+    room.offsets[0, :2] = 1.0, 2.0
+
+    def cost(x: float, y: float) -> float:
+        states = StateRecord.zeros(2)
+        states["p_WB"] = x, y, 0.0
+        return half_space_penalty(room, states)
+
+    assert cost(1.0, 2.0) == 0.0
+    assert cost(1.0 + 1e-6, 0.0) == pytest.approx(2e-5, rel=1e-3)
+    assert cost(1.3, 2.1) == cost(1.3, 0.0) > cost(1.1, 2.1) > 0.0
+
+
+def test_formulation_paper_refuses_half_spaces() -> None:
+    with pytest.raises(ConfigurationError, match=r"half_spaces.*formulation paper"):
+        MpcConfig().updated({**ROWS, "formulation": "paper"})
+
+
+def a_random_case(seed: int) -> int:
+    """Fly three ticks from any state among random planes; return the most iterations."""
+    rng = np.random.default_rng(seed)
+    changes = dict(ROWS)
+    if rng.random() < 0.3:
+        changes["limits.tilt_max"] = 0.0
+    config = (agile() if rng.random() < 0.5 else MpcConfig()).updated(changes)
+    mpc, most = Mpc(config), 0
+    p_WB, v_WB_W = np.zeros(3), rng.uniform(0.0, 10.0) * unit(rng)
+    R_WB = so3.exp(rng.uniform(0.0, 1.5) * unit(rng))
+    goal = rng.choice([0.5, 5.0, 40.0]) * unit(rng)
+    mpc.sent(Input(throttle=0.3, w_WB_B=np.zeros(3)), stamp_ns=START_NS - PERIOD_NS)
+    for tick in range(3):
+        stamp_ns = START_NS + tick * PERIOD_NS
+        normals = rng.normal(size=(config.horizon_steps, 8, 3))
+        normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+        offsets = rng.uniform(-1.0, 3.0, size=(config.horizon_steps, 8))
+        offsets[rng.random(offsets.shape) < 0.3] = np.inf
+        corridor = Corridor(
+            stamp_ns=stamp_ns, step=config.horizon_step, normals=normals, offsets=offsets
+        )
+        seen = odometry(p_WB=p_WB, v_WB_W=v_WB_W, R_WB=R_WB, stamp_ns=stamp_ns)
+        step = mpc.step(seen, ReferenceWindow.hover(goal, stamp_ns=stamp_ns), corridor)
+        assert step.plan is not None, (seed, step.solution.status)
+        most = max(most, step.iterations)
+        p_WB = p_WB + 0.02 * v_WB_W
+    return most
+
+
+def unit(rng: np.random.Generator) -> Array:
+    v = rng.normal(size=3)
+    return v / np.linalg.norm(v)
+
+
+def test_no_problem_of_random_states_and_planes_fails() -> None:
+    """Planes at random are often contradictory, and never infeasible."""
+    assert max(a_random_case(seed) for seed in range(150)) < 3000

@@ -1,0 +1,215 @@
+"""Clouds, markers, plans and transforms from the bytes that others write, and from broken ones."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from fixtures.messages import STORE, encoded
+from numpy.typing import NDArray
+
+from quad_mpc_ros.messages.obstacle_messages import (
+    CUBE_LIST,
+    read_markers,
+    read_path,
+    read_transforms,
+)
+from quad_mpc_ros.messages.point_cloud import PointCloud, read_point_cloud, written_point_cloud
+from quad_mpc_ros.ros.messages import message_class, new_message
+
+CLOUD, MARKERS = "sensor_msgs/msg/PointCloud2", "visualization_msgs/msg/MarkerArray"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+T = STORE.types
+KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+RANDOM = np.random.default_rng(4)
+
+
+def header(frame_id: str = "odom", sec: int = 12, nanosec: int = 345) -> Any:
+    stamp = T["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    return T["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
+
+
+def cloud_message(
+    points: NDArray[Any], *, shape: tuple[int, int], big_endian: bool, padding: int
+) -> Any:
+    """Return a cloud of the fields of a structured array (n,), with bytes behind each row."""
+    height, width = shape
+    step, row_step = points.dtype.itemsize, width * points.dtype.itemsize + padding
+    rows = np.zeros((height, row_step), np.uint8)
+    rows[:, : width * step] = points.view(np.uint8).reshape(height, width * step)
+    types = {np.dtype(kind).newbyteorder("=").str[1:]: number for number, kind in KINDS.items()}
+    fields = [
+        T["sensor_msgs/msg/PointField"](
+            name=name,
+            offset=offset,
+            datatype=types[dtype.newbyteorder("=").str[1:]],
+            count=1,
+        )
+        for name, (dtype, offset) in points.dtype.fields.items()  # type: ignore[union-attr]
+    ]
+    return T[CLOUD](
+        header=header("camera"),
+        height=height,
+        width=width,
+        fields=fields,
+        is_bigendian=big_endian,
+        point_step=step,
+        row_step=row_step,
+        data=rows.ravel(),
+        is_dense=False,
+    )
+
+
+def serialized(message: Any, kind: str, *, little_endian: bool = True) -> bytes:
+    return bytes(STORE.serialize_cdr(message, kind, little_endian=little_endian))
+
+
+@pytest.mark.parametrize("kind", KINDS.values())
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("little_endian", [True, False])
+@pytest.mark.parametrize("layout", ["plain", "reversed and far apart"])
+def test_every_layout_of_a_cloud_is_read(
+    kind: str, order: str, little_endian: bool, layout: str
+) -> None:
+    count, dtype = 60, f"{order}{kind}"
+    if layout == "plain":
+        fields = np.dtype([("x", dtype), ("y", dtype), ("z", dtype), ("intensity", "f4")])
+    else:
+        offsets = {"names": ["ring", "z", "y", "x"], "formats": ["u2", dtype, dtype, dtype]}
+        fields = np.dtype({**offsets, "offsets": [1, 37, 21, 5], "itemsize": 50})
+    points = np.zeros(count, fields)
+    for axis in "xyz":
+        points[axis] = RANDOM.integers(0, 100, count)
+    message = cloud_message(points, shape=(5, 12), big_endian=order == ">", padding=7)
+    cloud = read_point_cloud(serialized(message, CLOUD, little_endian=little_endian))
+    expected = np.column_stack([points[axis].astype(float) for axis in "xyz"])
+    assert np.array_equal(cloud.p_SQ, expected)
+    assert (cloud.stamp_ns, cloud.frame_id, cloud.given) == (12_000_000_345, "camera", count)
+
+
+def test_points_that_were_not_measured_are_left_out() -> None:
+    points = RANDOM.normal(size=(50, 3)).astype(np.float32)
+    points[3, 0], points[7, 1], points[9, 2], points[11, 0] = np.nan, np.inf, -np.inf, 1e9
+    cloud = read_point_cloud(
+        written_point_cloud(PointCloud(stamp_ns=1, frame_id="odom", p_SQ=points, given=50))
+    )
+    assert np.array_equal(cloud.p_SQ, np.delete(points, [3, 7, 9, 11], axis=0))
+    assert cloud.given == 50
+
+
+def test_what_is_written_other_readers_read() -> None:
+    points = RANDOM.normal(size=(7, 3))
+    data = written_point_cloud(PointCloud(stamp_ns=-1, frame_id="base_link", p_SQ=points, given=7))
+    message = STORE.deserialize_cdr(data, CLOUD)
+    assert serialized(message, CLOUD) == data
+    assert np.allclose(message.data.view("<f4").reshape(-1, 3), points)
+    assert encoded(message_class(CLOUD)())  # and it is one of rclpy's types
+
+
+def test_a_cloud_without_points_saw_nothing() -> None:
+    empty = PointCloud(stamp_ns=5, frame_id="odom", p_SQ=np.zeros((0, 3)), given=0)
+    assert read_point_cloud(written_point_cloud(empty)).p_SQ.shape == (0, 3)
+    assert read_point_cloud(encoded(new_message(CLOUD))).given == 0
+
+
+def changed_cloud(**fields: Any) -> bytes:
+    points = np.ones(6, np.dtype([("x", "f4"), ("y", "f4"), ("z", "f4")]))
+    message = cloud_message(points, shape=(1, 6), big_endian=False, padding=0)
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return serialized(message, CLOUD)
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "0 bytes"),
+        (b"\x00\x03\x00\x00" + bytes(100), "do not begin as a message"),
+        (changed_cloud()[:40], "a sequence of 3 elements"),
+        (changed_cloud()[:20], "20 bytes, which end early"),
+        (changed_cloud(width=7), "a cloud of 1 rows of 7 points"),
+        (changed_cloud(height=2**31, width=2**31), "a cloud of 2147483648 rows"),
+        (changed_cloud(point_step=8), "z ends behind its 8 bytes"),
+        (changed_cloud(fields=[]), "without x, y, z"),
+        (changed_cloud(data=np.full(72, 255, np.uint8)), "6 points of which none is finite"),
+    ],
+)
+def test_a_cloud_of_no_use_is_refused_in_one_line(data: bytes, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason) as caught:
+        read_point_cloud(data)
+    assert "\n" not in str(caught.value)
+
+
+def marker_message(number: int) -> Any:
+    """Return a marker with everything that a marker can have, of another length each time."""
+    point, vector = T["geometry_msgs/msg/Point"], T["geometry_msgs/msg/Vector3"]
+    colour = T["std_msgs/msg/ColorRGBA"]
+    octets = np.arange(number % 5, dtype=np.uint8)
+    uv = T["visualization_msgs/msg/UVCoordinate"]
+    return T["visualization_msgs/msg/Marker"](
+        header=header("map" * (number % 3)),
+        ns="n" * number,
+        id=-number,
+        type=CUBE_LIST,
+        action=number % 4,
+        pose=T["geometry_msgs/msg/Pose"](
+            position=point(*RANDOM.normal(size=3)),
+            orientation=T["geometry_msgs/msg/Quaternion"](*RANDOM.normal(size=4)),
+        ),
+        scale=vector(*RANDOM.normal(size=3)),
+        color=colour(0.1, 0.2, 0.3, 0.4),
+        lifetime=T["builtin_interfaces/msg/Duration"](sec=number, nanosec=5),
+        frame_locked=bool(number % 2),
+        points=[point(*RANDOM.normal(size=3)) for _ in range(number % 4)],
+        colors=[colour(0.1, 0.2, 0.3, 0.4) for _ in range(number % 3)],
+        texture_resource="t" * (number % 6),
+        texture=T["sensor_msgs/msg/CompressedImage"](header("f"), "png", octets),
+        uv_coordinates=[uv(0.5, 0.5) for _ in range(number % 2)],
+        text="text" * (number % 2),
+        mesh_resource="m" * (number % 7),
+        mesh_file=T["visualization_msgs/msg/MeshFile"]("file", octets),
+        mesh_use_embedded_materials=True,
+    )
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_markers_are_read_one_after_another(little_endian: bool) -> None:
+    messages = [marker_message(number) for number in range(1, 30)]
+    data = serialized(T[MARKERS](messages), MARKERS, little_endian=little_endian)
+    for marker, message in zip(read_markers(data), messages, strict=True):
+        pose = message.pose
+        assert (
+            marker.name == (message.ns, message.id) and marker.frame_id == message.header.frame_id
+        )
+        assert (marker.kind, marker.action) == (message.type, message.action)
+        assert marker.stamp_ns == 12_000_000_345
+        assert marker.lifetime_ns == message.lifetime.sec * 10**9 + 5
+        assert marker.p.tolist() == [pose.position.x, pose.position.y, pose.position.z]
+        assert marker.q_xyzw[3] == pose.orientation.w
+        assert marker.scale.tolist() == [message.scale.x, message.scale.y, message.scale.z]
+        assert marker.points.tolist() == [[p.x, p.y, p.z] for p in message.points]
+
+
+def test_a_plan_is_read_with_its_times() -> None:
+    stamped = []
+    for number in range(4):
+        pose = T["geometry_msgs/msg/Pose"](
+            T["geometry_msgs/msg/Point"](float(number), 2.0, 3.0),
+            T["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        )
+        stamped.append(T["geometry_msgs/msg/PoseStamped"](header(nanosec=number), pose))
+    path = read_path(serialized(T["nav_msgs/msg/Path"](header(), stamped), "nav_msgs/msg/Path"))
+    assert path.times_ns.tolist() == [12_000_000_000 + number for number in range(4)]
+    assert path.p[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0] and path.frame_id == "odom"
+
+
+def test_transforms_are_read_without_the_old_slash() -> None:
+    moved = T["geometry_msgs/msg/Transform"](
+        T["geometry_msgs/msg/Vector3"](1.0, 2.0, 3.0),
+        T["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.6, 0.8),
+    )
+    stamped = T["geometry_msgs/msg/TransformStamped"](header("/base_link"), "/camera", moved)
+    (found,) = read_transforms(serialized(T[TRANSFORMS]([stamped]), TRANSFORMS))
+    assert (found.parent, found.child) == ("base_link", "camera")
+    assert found.p.tolist() == [1.0, 2.0, 3.0] and found.q_xyzw.tolist() == [0.0, 0.0, 0.6, 0.8]
