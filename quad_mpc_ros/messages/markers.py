@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,6 +51,7 @@ class VisualisationConfig(LiftParameters):
     thrust_length: float = parameter(
         0.3, doc="Length of the thrust arrow at hover.", unit="m", above=0.0
     )
+    gates: str = parameter("", doc="The course of gates that is drawn: its file.")
     fence: DrawnFence = field(default_factory=DrawnFence)
     broadcast_tf: bool = parameter(
         True,
@@ -108,6 +110,7 @@ _PREDICTED = _Look(
     lifetime_ns=_SHORT_LIFETIME_NS,
 )
 _FENCE = _Look(name="fence", kind=LINE_LIST, scale=(0.02, 0.0, 0.0), rgb=(0.84, 0.37, 0.0))
+_GATES = _Look(name="gates", kind=LINE_LIST, scale=(0.05, 0.0, 0.0), rgb=(0.9, 0.62, 0.0))
 _THRUST = _Look(
     name="thrust",
     kind=ARROW,
@@ -154,6 +157,12 @@ def fence_marker(odometry: OdometrySample, fence: BoxParameters, *, new: NewMess
         if (a ^ b).bit_count() == 1
     ]
     return _marker(_FENCE, odometry, np.array(edges).reshape(-1, 3), new=new)
+
+
+def gates_marker(odometry: OdometrySample, outlines: Sequence[Array], *, new: NewMessage) -> Any:
+    """Return the outlines of gates, each points (n, 3) [m] on it."""
+    edges = [np.stack((points[:-1], points[1:]), axis=1) for points in outlines]
+    return _marker(_GATES, odometry, np.vstack(edges).reshape(-1, 3), new=new)
 
 
 def _marker(

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration import UserError, files
 from quad_mpc_ros.configuration.errors import os_reason, shown
 from quad_mpc_ros.configuration.spelling import did_you_mean
 from quad_mpc_ros.control.lie import Array, so3
@@ -128,39 +128,47 @@ class Course:
 
 
 def read_course(given: str | Path) -> Course:
-    """Return the course of a file, or of the text of one: a text of several lines, or in braces.
+    """Return the course of a file, of the name of a shipped one, or of its text in braces.
 
     Raises :class:`UserError` for what cannot be read and for a course that cannot be flown: the
     file, the entry, what was given, what is expected.
     """
-    text, source = str(given), "gates"
-    if "\n" not in text and not text.lstrip().startswith("{"):
-        path, source = Path(text).expanduser(), text
+    content, source = _content(str(given))
+    return course_from(content, source=source)
+
+
+def course_text(given: str | Path) -> str:
+    """Return the text of a course in one line, as a parameter that needs no file later.
+
+    Raises as :func:`read_course`.
+    """
+    content, source = _content(str(given))
+    course_from(content, source=source)
+    text: str = yaml.safe_dump(dict(content), default_flow_style=True, width=math.inf)
+    return text.strip()
+
+
+def _content(given: str) -> tuple[Mapping[Any, Any], str]:
+    """Return what stands in a file, and what errors call it."""
+    text, source = given, "gates"
+    if not given.lstrip().startswith("{"):
+        source = given
+        path = Path(given).expanduser()
+        if not path.is_file():
+            path = files.shipped_gates().get(given, path)
         try:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = os_reason(error) if isinstance(error, OSError) else "not UTF-8"
-            raise UserError(f"{source}: cannot be read: {reason}") from error
+            known = ", ".join(files.shipped_gates())
+            raise UserError(f"{source}: cannot be read: {reason} (shipped: {known})") from error
     try:
         content = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise UserError(f"{source}: not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(content, Mapping):
         raise UserError(f"{source}: given {shown(content)}, expected start, end and gates")
-    return course_from(content, source=source)
-
-
-def course_text(given: str | Path) -> str:
-    """Return the text of a file in one line, as a parameter that needs no file later.
-
-    Raises as :func:`read_course`.
-    """
-    course = read_course(given)
-    text = str(given)
-    if course.source == text:
-        text = Path(text).expanduser().read_text(encoding="utf-8")
-    flow = yaml.safe_dump(yaml.safe_load(text), default_flow_style=True, width=math.inf)
-    return flow.strip()
+    return content, source
 
 
 def course_from(content: Mapping[Any, Any], *, source: str = "gates") -> Course:

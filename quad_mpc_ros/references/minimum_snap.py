@@ -38,7 +38,7 @@ class LegParameters(TrajectoryParameters):
 
     max_speed: float = parameter(
         5.0,
-        doc="waypoints, minimum_snap, the ways in and out of csv and bag, and what services and "
+        doc="waypoints, minimum_snap, gates, the ways in and out of csv and bag, and what services and "
         "goals ask for: highest speed.",
         unit="m/s",
         above=0.0,
@@ -46,7 +46,7 @@ class LegParameters(TrajectoryParameters):
     )
     max_acceleration: float = parameter(
         2.0,
-        doc="waypoints, minimum_snap, the ways in and out of csv and bag, and what services and "
+        doc="waypoints, minimum_snap, gates, the ways in and out of csv and bag, and what services and "
         "goals ask for: highest acceleration.",
         unit="m/s^2",
         above=0.0,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.analysis.figures import space, style
+from quad_mpc_ros.recordings.evaluation.race import flown_course
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -30,10 +31,12 @@ def write_path(flight: Flight, path: Path) -> Path:
     """
     figure = style.new_figure(_WIDTH, _HEIGHT)
     points = [flight.p_WB, *([] if flight.reference is None else [flight.reference.p_WB])]
-    lower, upper = space.room(np.vstack(points))
+    course = flown_course(flight)
+    lower, upper = space.room(np.vstack([*points, space.gate_points(course)]))
     axes = space.draw_room(figure, lower, upper)
     _draw_reference(axes, flight)
     _draw_flight(figure, axes, flight, ground=float(lower[2]))
+    space.draw_gates(axes, course, zorder=_MARKS)
     side = float(np.max(upper - lower))
     way = space.way_along(flight.p_WB)
     space.draw_vehicles(

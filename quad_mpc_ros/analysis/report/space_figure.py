@@ -12,6 +12,7 @@ from quad_mpc_ros.analysis.figures import space, style
 from quad_mpc_ros.analysis.report.plotting import lay_out, plotly, subplots
 from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, ReportedRun
 from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.recordings.evaluation.race import flown_course
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -50,6 +51,7 @@ def drawn_horizons(flight: Flight) -> tuple[Array, Array]:
 def _room(runs: Sequence[ReportedRun]) -> dict[str, Any]:
     """Return the layout of a scene, the same for all runs, in which a metre is a metre."""
     points = [run.flight.p_WB for run in runs]
+    points += [space.gate_points(flown_course(run.flight)) for run in runs]
     points += [run.flight.reference.p_WB for run in runs if run.flight.reference is not None]
     lower, upper = space.room(np.vstack(points))
     sides = (upper - lower) / float(np.max(upper - lower))
@@ -88,8 +90,20 @@ def _traces(run: ReportedRun, *, fastest: float, first: bool) -> list[Any]:
         showscale=first,
         colorbar={"title": {"text": "speed [m/s]"}, "len": 0.7, "thickness": 12},
     )
+    traces += _gates(flight, legend=first)
     start = _marks("start", flight.p_WB[:1], colour=style.INK, symbol="square", legend=first)
     return [*traces, flown, start]
+
+
+def _gates(flight: Flight, *, legend: bool) -> list[Any]:
+    """Return the openings of the course's gates as one line, apart by rows of NaN."""
+    course = flown_course(flight)
+    if course is None:
+        return []
+    gap = np.full((1, 3), np.nan)
+    openings = [part for gate in course.once().values() for part in (gate.corners(), gap)]
+    line = {"color": style.BOUND, "width": 4}
+    return [_scatter("gates", np.vstack(openings), legend=legend, mode="lines", line=line)]
 
 
 def _line(name: str, p_WB: Array, time: Array, *, colour: str, width: int, legend: bool) -> Any:

@@ -18,6 +18,7 @@ from quad_mpc_ros.recordings.evaluation.commanding import (
 )
 from quad_mpc_ros.recordings.evaluation.crash import crash_figures, crash_of
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
+from quad_mpc_ros.recordings.evaluation.race import race_figures
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoints
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -35,7 +36,8 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
     ``waypoint_error_m``, just before each switch of a reference that jumps; ``attitude_rmse_rad``,
     of the angle |Log(R' R_r)|; ``step_time_us`` and ``iterations`` as percentiles; ``fallbacks``,
     the commands that were not the MPC's; ``crashed``, with ``crash`` and ``crash_time_s``, as a
-    campaign judges it but by the odometry, None without a reference.
+    campaign judges it but by the odometry, None without a reference; ``gates`` and ``lap_time_s``
+    of a course, see :mod:`quad_mpc_ros.recordings.evaluation.race`.
 
     Args:
         flight: A recorded or simulated flight.
@@ -80,6 +82,7 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         "deadline_misses": int(np.sum(latency_ms > 1e3 / flight.mpc.control_rate)),
         "rate_saturation_fraction": _saturation(flight),
         **_crash(flight),
+        **race_figures(flight),
         "estimate_resets": last_count(flight, "estimate_resets"),
         "rejected_inputs": last_count(flight, "rejected_inputs"),
         "commanding": commanding(flight),

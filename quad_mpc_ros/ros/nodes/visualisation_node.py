@@ -14,6 +14,7 @@ from quad_mpc_ros.messages import conversions, markers
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.markers import Trail, VisualisationConfig
 from quad_mpc_ros.messages.topics import COMMAND, MARKERS, ODOMETRY, PREDICTED_PATH, TF
+from quad_mpc_ros.references.gates import read_course
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
@@ -32,6 +33,8 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._command: CommandSample | None = None
         self._plan: Any = None
         self._heard = False
+        course = read_course(self.config.gates) if self.config.gates else None
+        self._gates = [] if course is None else [gate.corners() for gate in course.once().values()]
 
         self._markers = self.health.publisher(MARKERS)
         self._transforms = self._transform_publisher()
@@ -84,6 +87,8 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         ]
         if config.fence.is_closed:
             drawn.append(markers.fence_marker(odometry, config.fence, new=new))
+        if self._gates:
+            drawn.append(markers.gates_marker(odometry, self._gates, new=new))
         if self._command is not None:
             throttle, length = self._command.throttle, config.thrust_length
             drawn.append(
