@@ -29,7 +29,8 @@ class Passage:
         time: When [s]; None where the path never comes by.
         miss: Distance from the centre, in the plane of a gate that has one [m].
         passed: Whether the vehicle's centre went through the opening.
-        clipped: Whether its edge was nearer than the vehicle's radius, on either side.
+        clipped: Whether its edge was nearer than the vehicle's radius, on either side; a ball
+            has no edge to clip.
     """
 
     time: float | None
@@ -98,7 +99,7 @@ def _nearest(gate: Gate, seconds: Array, p_WB: Array, *, radius: float) -> list[
             time=float(times[place]),
             miss=float(miss[place]),
             passed=bool(room[place] >= 0.0),
-            clipped=bool(abs(room[place]) < radius),
+            clipped=gate.R_WG is not None and bool(abs(room[place]) < radius),
         )
         for place in places.tolist()
     ]
