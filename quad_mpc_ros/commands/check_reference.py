@@ -14,8 +14,8 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.references.configured import judged_trajectory
-from quad_mpc_ros.references.gate_path import configured_course
 from quad_mpc_ros.references.feasibility import Verdict, rates_beyond
+from quad_mpc_ros.references.gate_path import configured_course
 
 _FIGURE = "reference.png"
 

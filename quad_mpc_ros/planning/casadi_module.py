@@ -14,5 +14,5 @@ def casadi() -> Any:
         return importlib.import_module("casadi")
     except ImportError as error:
         raise UserError(
-            "plan: CasADi is not installed: pip install casadi, or quad_mpc_ros with the extra plan"
+            "plan: CasADi is not installed, expected pip install casadi (the extra plan)"
         ) from error

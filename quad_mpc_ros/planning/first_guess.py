@@ -89,9 +89,9 @@ def _straight(start: Array, legs: Sequence[CourseLeg], *, acceleration: float) -
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class PosedMotion:
-    """A motion of the whole vehicle at nodes (K + 1,), as flatness gives it.
+    """A motion of the whole vehicle at n nodes, as flatness gives it.
 
-    ``p``, ``v`` (K + 1, 3), ``q_wxyz`` (K + 1, 4), ``w`` (K + 1, 3), ``thrust`` (K + 1,) over mass.
+    ``p``, ``v``, ``w`` (n, 3), ``q_wxyz`` (n, 4), ``thrust`` (n,) over mass.
     """
 
     p: Array
@@ -144,9 +144,7 @@ def _smoothed_force(point: Nodes, times: Array, vehicle: PlannedVehicle) -> Arra
     """Return the force over mass (n, 3) at times, a running mean; hovering at both ends."""
     count = max(int(point.times[-1] / _FINE), 2)
     fine = np.linspace(0.0, point.times[-1], count)
-    held = np.clip(
-        np.searchsorted(point.times, fine, side="right") - 1, 0, len(point.inputs) - 1
-    )
+    held = np.clip(np.searchsorted(point.times, fine, side="right") - 1, 0, len(point.inputs) - 1)
     force = point.inputs[held] + vehicle.gravity * _UP
     half = max(round(_SMOOTHED / _FINE), 1)
     padded = np.vstack((np.tile(vehicle.gravity * _UP, (half, 1)), force))

@@ -61,9 +61,7 @@ def legs_of(course: Course, *, margin: float) -> list[CourseLeg]:
     end = course.end
     if end is not None:
         goal = _end_goal(end)
-        legs.append(
-            CourseLeg(p_WB=end.p_WB, goal=goal, at_rest=end.at_rest, weight=_ROUTE_WEIGHT)
-        )
+        legs.append(CourseLeg(p_WB=end.p_WB, goal=goal, at_rest=end.at_rest, weight=_ROUTE_WEIGHT))
     if end is None or not end.at_rest:
         way = places[-1] - places[-2]
         beyond = places[-1] + 4.0 * way / np.linalg.norm(way)

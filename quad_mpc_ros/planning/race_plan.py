@@ -14,7 +14,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.planning.first_guess import PosedMotion, flown_by_a_point, with_attitudes
 from quad_mpc_ros.planning.legs import CourseLeg, legs_of
 from quad_mpc_ros.planning.limits import MODELS, PlannedVehicle, planned_vehicle
-from quad_mpc_ros.planning.model import F, P, Q, V, W, Model, rates_model, rotors_model
+from quad_mpc_ros.planning.model import F, Model, P, Q, V, W, rates_model, rotors_model
 from quad_mpc_ros.planning.transcription import Dynamics, Nodes, Progress, Solved, solve
 from quad_mpc_ros.planning.transcription import unpacked as nodes_of
 from quad_mpc_ros.references.config import ReferenceConfig
@@ -168,9 +168,7 @@ def _size(nodes: Nodes) -> int:
     return nodes.states.size + len(nodes.states) + nodes.inputs.size
 
 
-def _dynamics(
-    course: Course, vehicle: PlannedVehicle, model: Model, *, lowest: float
-) -> Dynamics:
+def _dynamics(course: Course, vehicle: PlannedVehicle, model: Model, *, lowest: float) -> Dynamics:
     low, high = (np.array(bounds) for bounds in model.state_bounds)
     low[P][2] = lowest
     rest = np.full(model.nx, np.nan)

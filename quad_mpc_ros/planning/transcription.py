@@ -105,9 +105,7 @@ def solve(
         if leg.goal is not None:
             reached = leg.goal.expressions(states[0:3, end], states[3:6, end])
             rows.add(reached, leg.goal.lower, leg.goal.upper)
-    cost = sum(
-        leg.weight * states[nx, int(end) - 1] for leg, end in zip(legs, ends, strict=True)
-    )
+    cost = sum(leg.weight * states[nx, int(end) - 1] for leg, end in zip(legs, ends, strict=True))
     change = (inputs[:, 1:] - inputs[:, :-1]) / ca.DM(dynamics.scale)
     lower, upper = _bounds(legs, dynamics, guess)
     options: dict[str, Any] = {
@@ -130,9 +128,7 @@ def solve(
         options["iteration_callback"] = watch
     problem = {"x": variables, "f": cost + dynamics.smoothing * ca.sumsqr(change), "g": rows.all()}
     solver = ca.nlpsol(name, "ipopt", problem, options)
-    found = solver(
-        x0=_packed(guess), lbx=lower, ubx=upper, lbg=rows.bounds(0), ubg=rows.bounds(1)
-    )
+    found = solver(x0=_packed(guess), lbx=lower, ubx=upper, lbg=rows.bounds(0), ubg=rows.bounds(1))
     stats = solver.stats()
     return Solved(
         nodes=unpacked(np.array(found["x"]).ravel(), guess),
@@ -202,9 +198,7 @@ def _add_motion(
     bounded = None
     if len(lower):
         each = dynamics.path.map(steps)
-        bounded = ca.vertcat(
-            each(states[:nx, :-1], inputs), each(states[:nx, 1:], inputs)
-        )
+        bounded = ca.vertcat(each(states[:nx, :-1], inputs), each(states[:nx, 1:], inputs))
         lower, upper = np.tile(lower, 2), np.tile(upper, 2)
     for k in range(steps):
         kept = nx if k + 1 in legs_end else nx + 1
@@ -213,9 +207,7 @@ def _add_motion(
             rows.add(bounded[:, k], lower, upper)
 
 
-def _bounds(
-    legs: Sequence[CourseLeg], dynamics: Dynamics, guess: Nodes
-) -> tuple[Array, Array]:
+def _bounds(legs: Sequence[CourseLeg], dynamics: Dynamics, guess: Nodes) -> tuple[Array, Array]:
     steps, sides = len(guess.inputs), []
     nx = len(dynamics.first)
     for side, length in enumerate((SHORTEST, LONGEST)):
@@ -235,9 +227,7 @@ def _fix(states: Array, node: int, values: Array) -> None:
     states[node, : len(values)][given] = values[given]
 
 
-def _watch(
-    name: str, progress: Progress, *, sizes: tuple[int, int], nodes: Nodes, nx: int
-) -> Any:
+def _watch(name: str, progress: Progress, *, sizes: tuple[int, int], nodes: Nodes, nx: int) -> Any:
     """Return what IPOPT calls after every iteration."""
     ca = casadi()
     variables, rows = sizes

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.gates import Course, Gate
@@ -76,6 +77,7 @@ def passages(course: Course, *, seconds: Array, p_WB: Array, radius: float = 0.0
 def _nearest(gate: Gate, seconds: Array, p_WB: Array, *, radius: float) -> list[Passage]:
     """Return every passage of a gate that a path has, in order of time."""
     p, step = p_WB[:-1] - gate.p_WG, np.diff(p_WB, axis=0)
+    places: NDArray[np.int64]
     if gate.R_WG is None:
         length = np.sum(step * step, axis=1)
         share = -np.sum(p * step, axis=1) / np.maximum(length, np.finfo(float).tiny)
@@ -105,7 +107,7 @@ def _nearest(gate: Gate, seconds: Array, p_WB: Array, *, radius: float) -> list[
     ]
 
 
-def _least_of_each_visit(miss: Array, tolerance: float) -> Array:
+def _least_of_each_visit(miss: Array, tolerance: float) -> NDArray[np.int64]:
     """Return where a distance (n,) is least: once a visit, and where it is least nearby else."""
     around = np.pad(miss, 1, constant_values=np.inf)
     least = np.flatnonzero((miss <= around[:-2]) & (miss < around[2:]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,7 +92,7 @@ def _points(course: Course, straight: list[bool]) -> Array:
     if course.end is not None:
         points.append(course.end.p_WB)
     kept = [points[0]]
-    kept += [b for a, b in zip(points[:-1], points[1:], strict=True) if _apart(a, b)]
+    kept += [b for a, b in itertools.pairwise(points) if _apart(a, b)]
     return np.array(kept)
 
 
@@ -102,9 +103,7 @@ def _apart(one: Array, other: Array) -> bool:
 def _planned(config: GateParameters, course: Course) -> Path | PlannedMotion:
     """Return the plan of the configured file, which must pass the course."""
     plan = csv_path(config)
-    duration = (
-        1e-9 * plan.period_ns if isinstance(plan, PlannedMotion) else plan.duration
-    )
+    duration = 1e-9 * plan.period_ns if isinstance(plan, PlannedMotion) else plan.duration
     seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLED))
     if isinstance(plan, PlannedMotion):
         p_WB = plan.at(np.round(1e9 * seconds).astype(np.int64).tolist()).p_WB

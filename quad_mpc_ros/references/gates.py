@@ -5,7 +5,7 @@ A course is YAML, in the world (ENU, m, rad):
     start: [-5.0, 4.5, 1.2]                  # or {position: [x, y, z], yaw: heading of the nose}
     end: [4.75, -0.9, 1.2]                   # or {position: …, tolerance: 0.3, at_rest: false}
     laps: 1                                  # how often the gates are passed in their order
-    order: [1, 2, 3, 1]                      # of the gates by number, from 1; all of them if absent
+    order: [1, 2, 3, 1]                      # of the gates by number, from 1; else all of them
     gates:
       - {position: [-1.1, -1.6, 3.6], tolerance: 0.3}
       - {position: [9.2, 6.6, 1.0], yaw: -0.35, width: 2.4, height: 2.4, direction: both}
@@ -39,6 +39,7 @@ _LARGEST = 100.0  # m, of an opening
 _END_TOLERANCE = 0.3  # m
 _SAME_PLACE = 1e-3  # m
 _OFF_UNIT = 1e-3  # of a quaternion's length
+_TURNED = 0.2  # cosine: more than 100 degrees off the way, before and after the gate
 _COURSE_KEYS = ("start", "end", "laps", "order", "gates")
 _GATE_KEYS = ("position", "yaw", "quaternion", "width", "height", "tolerance", "direction")
 _DIRECTIONS = ("forward", "both")
@@ -74,7 +75,7 @@ class Gate:
             return np.asarray(self.half_width - np.linalg.norm(across, axis=1))
         left = np.array([self.half_width, self.half_height]) - np.abs(offset[:, 1:])
         outside = np.linalg.norm(np.minimum(left, 0.0), axis=1)
-        return np.where(outside > 0.0, -outside, left.min(axis=1))
+        return np.asarray(np.where(outside > 0.0, -outside, left.min(axis=1)))
 
     def corners(self) -> Array:
         """Return the corners (n, 3) [m] of the opening in their order; of a circle points on it.
@@ -396,6 +397,3 @@ def _check_way(entries: _Entries, course: Course) -> None:
                 f"one along the way from {names[i]}{after}: it is turned round; add or subtract "
                 "pi, or set direction: both",
             )
-
-
-_TURNED = 0.2  # cosine: more than 100 degrees off the way, before and after the gate

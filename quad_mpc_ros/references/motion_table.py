@@ -119,7 +119,9 @@ class PlannedMotion:
         if not rests.any():
             return moving
         resting = dataclasses.replace(at_rest(moving.p_WB), q_WB_xyzw=moving.q_WB_xyzw)
-        return combined(lambda a, b: np.where(rests[:, None], a, b), resting, moving)
+        return combined(
+            lambda *parts: np.select([rests[:, None]], parts[:1], parts[1]), resting, moving
+        )
 
     def jumps(self, start_ns: int, end_ns: int) -> list[int]:
         """Return none."""

@@ -45,9 +45,7 @@ def write_reference(
     style.save(figure, path)
 
 
-def _draw_path(
-    figure: Any, place: Any, samples: TrajectorySamples, course: Course | None
-) -> None:
+def _draw_path(figure: Any, place: Any, samples: TrajectorySamples, course: Course | None) -> None:
     thinned = slice(None, None, max(len(samples.p_WB) // _MOST_POINTS, 1))
     p_WB, q_WB_xyzw = samples.p_WB[thinned], samples.q_WB_xyzw[thinned]
     lower, upper = space.room(np.vstack((p_WB, space.gate_points(course))))
