@@ -139,6 +139,7 @@ setup(
         "browser": ["playwright"],  # its test in a Chromium that is installed
         "docs": ["sphinx>=8.2", "furo", "myst-parser>=4"],  # make docs
         "test": [
+            "casadi>=3.6.5",
             "pytest<9",  # what launch_testing of Jazzy can use
             "pytest-timeout",
             "pytest-xdist",

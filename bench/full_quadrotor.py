@@ -100,7 +100,7 @@ def check(plan: RacePlan, config: FlightConfig) -> Check:
 
         begin = np.concatenate((x[:6], R0.ravel(), x[10:13]))
         grid = np.linspace(0.0, h, 5)
-        found = solve_ivp(rate, (0.0, h), begin, t_eval=grid, rtol=1e-8, atol=1e-9).y.T
+        found = solve_ivp(rate, (0.0, h), begin, t_eval=grid, rtol=1e-6, atol=1e-7).y.T
         R_after = Rotation.from_quat(np.roll(after[6:10], -1)).as_matrix()
         turned = Rotation.from_matrix(R_after.T @ found[-1, 6:15].reshape(3, 3)).magnitude()
         off = (

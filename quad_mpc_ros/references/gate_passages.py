@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.gates import Course, Gate
 
-# What choosing a passage costs: one outside of the opening, its distance coming on top, and none.
-_MISSED, _ABSENT = 1e6, 1e9
-_FARTHEST = 1e3  # m: misses beyond it count alike
+# What choosing a passage costs: one outside of the opening, its distance [m] coming on top, and
+# none. One more through its opening is worth any number of these differences.
+_FARTHEST = 1e4  # m: misses beyond it count alike
+_MISSED, _ABSENT = 1e8, 1e8 + 2.0 * _FARTHEST
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,9 +70,13 @@ def passages(course: Course, *, seconds: Array, p_WB: Array, radius: float = 0.0
     if end is None:
         last = chosen[-1]
         return Lap(passages=chosen, time=last.time if last.passed else None)
-    inside = np.linalg.norm(p_WB - end.p_WB, axis=1) <= end.tolerance
-    place = np.flatnonzero(inside & (seconds > after))
-    return Lap(passages=chosen, time=float(seconds[place[0]]) if len(place) else None)
+    distance = np.linalg.norm(p_WB - end.p_WB, axis=1)
+    reached = np.flatnonzero((distance <= end.tolerance) & (seconds > after))
+    if not len(reached):
+        return Lap(passages=chosen, time=None)
+    span = slice(max(int(reached[0]) - 1, 0), int(reached[0]) + 1)
+    time = float(np.interp(-end.tolerance, -distance[span], seconds[span]))
+    return Lap(passages=chosen, time=max(time, after))
 
 
 def _nearest(gate: Gate, seconds: Array, p_WB: Array, *, radius: float) -> list[Passage]:
@@ -135,7 +140,7 @@ def _in_order(found: list[list[Passage]]) -> tuple[Passage, ...]:
             before = [entry for entry in chains if entry[0] < each.time]
             if before:
                 _, cost, chain = min(before, key=lambda entry: entry[1])
-                own = each.time if each.passed else _MISSED + min(each.miss, _FARTHEST) * 1e3
+                own = each.time if each.passed else _MISSED + min(each.miss, _FARTHEST)
                 longer.append((each.time, cost + own, (*chain, each)))
         chains = []
         for entry in sorted(longer, key=lambda entry: entry[:2]):

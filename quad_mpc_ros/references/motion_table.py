@@ -66,7 +66,7 @@ class MotionTable:
             )
 
     def text(self) -> str:
-        """Return the table as a file, six digits after the point."""
+        """Return the table as a file."""
         units = {**_POSITION_UNITS, **MOTION_UNITS}
         rows = np.column_stack(
             (
@@ -75,7 +75,7 @@ class MotionTable:
             )
         )
         lines = [", ".join(f"{name} [{unit}]" for name, unit in units.items())]
-        lines += [", ".join(f"{value:.6f}" for value in row) for row in rows.tolist()]
+        lines += [", ".join(f"{value:.9f}" for value in row) for row in rows.tolist()]
         return "\n".join(lines) + "\n"
 
 
