@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -88,15 +90,16 @@ def run(options: argparse.Namespace) -> int:
     )
     part = _Part(options, config)
     started = time.monotonic()
-    plan = plan_race(
-        course,
-        *config,
-        model=options.model,
-        gate_margin=options.gate_margin,
-        step=options.step,
-        progress=part.take,
-        resumed=part.found,
-    )
+    with _interrupts(part):
+        plan = plan_race(
+            course,
+            *config,
+            model=options.model,
+            gate_margin=options.gate_margin,
+            step=options.step,
+            progress=part.take,
+            resumed=part.found,
+        )
     part.close()
     seconds = time.monotonic() - started
     write_new("--out", options.out, plan.table.text(), overwrite=options.overwrite)
@@ -110,6 +113,20 @@ def run(options: argparse.Namespace) -> int:
     print(_table(plan, verdict, seconds=seconds))
     print(f"\nplan     {options.out}\npicture  {picture}")
     return 0 if verdict.feasible else EXIT_FAILED
+
+
+@contextmanager
+def _interrupts(part: _Part) -> Iterator[None]:
+    """Let Ctrl-C end the search between two iterations: inside of one the optimiser eats it."""
+
+    def note(number: int, frame: object) -> None:
+        part.interrupted = True
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 class _Part:
@@ -128,12 +145,17 @@ class _Part:
         self._progress = PlanProgress()
         self._due = time.monotonic() + _SAVED_EVERY
         self.found = self._read()
+        self.interrupted = False
 
     def take(self, stage: str, iteration: int, planned: float, variables: Array) -> None:
         """Show how far it is, and keep the variables of the vehicle now and then."""
         self._progress.show(stage, iteration, planned)
-        if stage != "vehicle" or time.monotonic() < self._due:
-            return
+        if stage == "vehicle" and (self.interrupted or time.monotonic() >= self._due):
+            self._keep(variables)
+        if self.interrupted:
+            raise KeyboardInterrupt
+
+    def _keep(self, variables: Array) -> None:
         self._due = time.monotonic() + _SAVED_EVERY
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)

@@ -18,6 +18,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.planning.casadi_module import casadi
 from quad_mpc_ros.planning.legs import CourseLeg
 
+_STOPPED = "User_Requested_Stop"
 SHORTEST, LONGEST = 0.02, 60.0  # s, of a leg
 Progress = Callable[[str, int, float, Array], None]
 """Takes what is solved, the iteration, the time planned so far [s] and the variables."""
@@ -91,7 +92,10 @@ def solve(
     most_iterations: int,
     progress: Progress | None = None,
 ) -> Solved:
-    """Return the motion of least weighted time along the legs, from a first guess."""
+    """Return the motion of least weighted time along the legs, from a first guess.
+
+    What ``progress`` raises ends the search and is raised here.
+    """
     ca = casadi()
     nx, nu = len(dynamics.first), len(dynamics.scale)
     steps, ends = len(guess.inputs), guess.ends
@@ -130,6 +134,10 @@ def solve(
     solver = ca.nlpsol(name, "ipopt", problem, options)
     found = solver(x0=_packed(guess), lbx=lower, ubx=upper, lbg=rows.bounds(0), ubg=rows.bounds(1))
     stats = solver.stats()
+    if watch is not None and watch.raised is not None:
+        raise watch.raised
+    if stats["return_status"] == _STOPPED:  # CasADi asked Python for signals, and there was one
+        raise KeyboardInterrupt
     return Solved(
         nodes=unpacked(np.array(found["x"]).ravel(), guess),
         optimal=bool(stats["success"]),
@@ -238,6 +246,7 @@ def _watch(name: str, progress: Progress, *, sizes: tuple[int, int], nodes: Node
         def __init__(self) -> None:
             super().__init__()
             self._iteration = 0
+            self.raised: BaseException | None = None
             self.construct(f"watch_{name}", {})
 
         def get_n_in(self) -> int:
@@ -252,8 +261,12 @@ def _watch(name: str, progress: Progress, *, sizes: tuple[int, int], nodes: Node
 
         def eval(self, values: Any) -> list[int]:
             found = np.array(values[0]).ravel()
-            progress(name, self._iteration, float(unpacked(found, nodes).durations.sum()), found)
+            planned = float(unpacked(found, nodes).durations.sum())
+            try:
+                progress(name, self._iteration, planned, found)
+            except BaseException as error:  # what leaves here CasADi would swallow
+                self.raised = error
             self._iteration += 1
-            return [0]
+            return [int(self.raised is not None)]
 
     return Watch()

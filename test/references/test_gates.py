@@ -115,7 +115,10 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "laps": ({"laps": 0}, "laps: given 0, expected a whole number from 1"),
     "order": ({"order": [1, 4]}, "order: given 4, expected a whole number from 1 to 3"),
     "inside the ground": ({"gates__1__position": [10.0, 3.0, -0.2]}, "a centre above the ground"),
-    "start in the ground": ({"start": [0.0, 0.0, -1.0]}, "start: given [0.0, 0.0, -1.0], expected"),
+    "start in the ground": (
+        {"start": [0.0, 0.0, -1.0]},
+        "start: given [0.0, 0.0, -1.0], expected",
+    ),
     "too far": ({"gates__1__position": [1e6, 0.0, 1.0]}, "3 numbers from -10000 to 10000"),
     "same place": ({"end": [15.0, 0.0, 1.5]}, "another place than that of gates[3]"),
     "twice in a row": ({"order": [1, 1, 2]}, "another place than that of gates[1]"),
