@@ -168,7 +168,7 @@ def test_stacked_openings_do_not_overlap() -> None:
 def test_refuses_what_is_no_course(text: str | bytes, told: str, tmp_path: Path) -> None:
     file = tmp_path / "course.yaml"
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(UserError, match="course.yaml") as error:
+    with pytest.raises(UserError, match=r"course\.yaml") as error:
         read_course(file)
     assert told in str(error.value)
 
