@@ -35,6 +35,8 @@ def write_path(flight: Flight, path: Path) -> Path:
     lower, upper = space.room(np.vstack([*points, space.gate_points(course)]))
     axes = space.draw_room(figure, lower, upper)
     _draw_reference(axes, flight)
+    if course is None:
+        _draw_waypoints(axes, flight)
     _draw_flight(figure, axes, flight, ground=float(lower[2]))
     space.draw_gates(axes, course, zorder=_MARKS)
     side = float(np.max(upper - lower))
@@ -64,8 +66,6 @@ def write_path(flight: Flight, path: Path) -> Path:
 
 
 def _draw_reference(axes: Any, flight: Flight) -> None:
-    from matplotlib.patheffects import withStroke
-
     if flight.reference is None:
         return
     axes.plot(
@@ -76,8 +76,13 @@ def _draw_reference(axes: Any, flight: Flight) -> None:
         label="reference",
         zorder=_REFERENCE,
     )
+
+
+def _draw_waypoints(axes: Any, flight: Flight) -> None:
+    from matplotlib.patheffects import withStroke
+
     places = waypoint_positions(flight)
-    if not len(places):
+    if flight.reference is None or not len(places):
         return
     axes.scatter(
         *places.T,

@@ -163,9 +163,23 @@ def draw_gates(axes: Any, course: Course | None, *, zorder: int) -> None:
     """Draw the openings of a course's gates, with their numbers; nothing without a course."""
     if course is None:
         return
-    for number, gate in course.once().items():
-        axes.plot(*gate.corners().T, color=style.BOUND, linewidth=1.4, zorder=zorder)
-        axes.text(*gate.p_WG, str(number), color=style.BOUND, fontsize=8, zorder=zorder)
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=2.5, foreground="white")]
+    for place, (number, gate) in enumerate(course.once().items()):
+        corners = gate.corners()
+        label = None if place else "gate"
+        axes.plot(*corners.T, color=style.BOUND, linewidth=1.6, label=label, zorder=zorder)
+        axes.text(
+            *corners[corners[:, 2].argmax()],
+            f" {number}",
+            color=style.BOUND,
+            fontsize=9,
+            fontweight="bold",
+            verticalalignment="bottom",
+            path_effects=halo,
+            zorder=zorder,
+        )
 
 
 def _apart(p_WB: Array, places: Iterable[int], *, distance: float) -> list[int]:
