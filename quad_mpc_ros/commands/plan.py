@@ -23,6 +23,7 @@ from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.planning.limits import MODELS
 from quad_mpc_ros.planning.race_plan import RacePlan, plan_race
+from quad_mpc_ros.recordings.evaluation.race import VEHICLE_RADIUS
 from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_config
 from quad_mpc_ros.references.feasibility import Verdict, judged
 from quad_mpc_ros.references.gates import course_text, read_course
@@ -69,6 +70,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="distance kept from the edges of the gates (default: 0.1 m)",
     )
     parser.add_argument(
+        "--radius",
+        type=float,
+        default=VEHICLE_RADIUS,
+        metavar="M",
+        help="of the vehicle: kept, too, from the frames of gates in a plane (default: "
+        f"{VEHICLE_RADIUS:g} m)",
+    )
+    parser.add_argument(
         "--step",
         type=float,
         default=0.05,
@@ -96,6 +105,7 @@ def run(options: argparse.Namespace) -> int:
             *config,
             model=options.model,
             gate_margin=options.gate_margin,
+            radius=options.radius,
             step=options.step,
             progress=part.take,
             resumed=part.found,
@@ -106,7 +116,7 @@ def run(options: argparse.Namespace) -> int:
     verdict = judged(plan.trajectory(), config.reference)
     times = [round(1e9 * each) for each in verdict.over_time.seconds]
     with results_in(options.out.parent):
-        title = f"{course.source}: {plan.race_time:.2f} s"
+        title = f"{course.source}: {plan.lap.time or plan.race_time:.2f} s"
         samples = plan.trajectory().at(times)
         write_reference(title, samples, verdict, picture, course=course)
     part.remove()
@@ -138,6 +148,7 @@ class _Part:
             course_text(options.gates),
             options.model,
             options.gate_margin,
+            options.radius,
             options.step,
             *(sorted(each.flattened().items()) for each in config),
         )
@@ -186,7 +197,7 @@ class _Part:
 
 def _table(plan: RacePlan, verdict: Verdict, *, seconds: float) -> str:
     facts = [
-        ("race", f"{plan.race_time:.3f} s, at rest after {plan.nodes.times[-1]:.3f} s"),
+        ("lap", f"{plan.lap.time or 0.0:.3f} s, at rest after {plan.nodes.times[-1]:.3f} s"),
         ("planned in", f"{seconds:.1f} s, {plan.iterations} iterations"),
         ("highest speed", f"{verdict.over_time.speed.max():.2f} m/s"),
         ("needs", "within the limits" if verdict.feasible else verdict.reason()),

@@ -42,21 +42,23 @@ class CourseLeg:
     weight: float
 
 
-def legs_of(course: Course, *, margin: float) -> list[CourseLeg]:
-    """Return the legs of a course; ``margin`` [m] is kept from the edges of the openings.
+def legs_of(course: Course, *, margin: float, radius: float) -> list[CourseLeg]:
+    """Return the legs of a course.
 
-    Raises :class:`UserError` for an opening that the margin fills.
+    ``margin`` [m] is kept from the edges of the gates, and where they have a frame the vehicle's
+    ``radius`` [m] more. Raises :class:`UserError` for an opening that these fill.
     """
     places = course.places()
     legs = []
     for i, gate in enumerate(course.gates):
-        room = min(gate.half_width, gate.half_height) - margin
-        if room <= 0.0:
+        kept = margin if gate.R_WG is None else margin + radius
+        half = min(gate.half_width, gate.half_height)
+        if half <= kept:
             raise UserError(
                 f"{course.source}: gates[{course.numbers[i]}]: unreachable: half of its opening "
-                f"is {room + margin:g} m, the margin {margin:g} m; lower --gate-margin"
+                f"is {half:g} m, what is kept from its edge {kept:g} m; lower --gate-margin"
             )
-        goal = _gate_goal(gate, margin=margin, way=places[i + 1] - places[i])
+        goal = _gate_goal(gate, margin=kept, way=places[i + 1] - places[i])
         legs.append(CourseLeg(p_WB=gate.p_WG, goal=goal, at_rest=False, weight=_ROUTE_WEIGHT))
     end = course.end
     if end is not None:

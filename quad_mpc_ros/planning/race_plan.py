@@ -69,6 +69,7 @@ def plan_race(
     *,
     model: str = "rates",
     gate_margin: float = 0.0,
+    radius: float = 0.0,
     step: float = 0.05,
     progress: Progress | None = None,
     resumed: Array | None = None,
@@ -83,6 +84,7 @@ def plan_race(
         model: ``rates``: body rates and thrust are commanded and lag; ``rotors``: the thrusts of
             the rotors change at once, as in published plans.
         gate_margin: What is kept from the edges of the gates [m].
+        radius: Of the vehicle; kept from the frames of gates that have one, too [m].
         step: The longest step between nodes [s].
         progress: Is told the stage, the iteration, the time so far [s] and the variables.
         resumed: The variables of a plan that was interrupted.
@@ -105,6 +107,7 @@ def plan_race(
     if model not in MODELS:
         raise ArgumentError("model", model, " or ".join(MODELS))
     gate_margin = number(gate_margin, "gate_margin", above=-1e-9, below=100.0)
+    radius = number(radius, "radius", above=-1e-9, below=10.0)
     step = number(step, "step", above=0.004, below=0.5)
     course = gates if isinstance(gates, Course) else read_course(gates)
     vehicle = planned_vehicle(mpc, simulator, reference)
@@ -112,7 +115,7 @@ def plan_race(
         raise ArgumentError(
             "model", model, "rates: the configuration has no rotors (simulator.plant: rotors)"
         )
-    legs = legs_of(course, margin=gate_margin)
+    legs = legs_of(course, margin=gate_margin, radius=radius)
     equations = _equations(model, vehicle)
     solved = _solved(
         course, legs, vehicle, equations, step=step, progress=progress, resumed=resumed

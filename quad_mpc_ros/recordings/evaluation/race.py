@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from quad_mpc_ros.configuration import UserError
-from quad_mpc_ros.control.model.vehicle import ARM
 from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.gate_passages import passages
 from quad_mpc_ros.references.gates import Course, read_course
 
-_RADIUS = 1.6 * ARM  # m: rotors included, where the vehicle's is not recorded
+VEHICLE_RADIUS = 0.2
+"""Of a ball that holds a vehicle, rotors and all, by default [m]."""
 
 
 def flown_course(flight: Flight) -> Course | None:
@@ -31,7 +31,9 @@ def race_figures(flight: Flight) -> dict[str, Any]:
     course = flown_course(flight)
     if course is None:
         return {"gates": None, "lap_time_s": None}
-    lap = passages(course, seconds=flight.time, p_WB=flight.p_WB, radius=_RADIUS)
+    recorded = recorded_parameters(flight.parameters, ReferenceConfig)
+    radius = float(recorded.get("radius", VEHICLE_RADIUS))
+    lap = passages(course, seconds=flight.time, p_WB=flight.p_WB, radius=radius)
     return {
         "gates": [
             {

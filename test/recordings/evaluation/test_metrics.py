@@ -37,7 +37,7 @@ KEYS = {
     "odometries",
     "unanswered_odometries",
     "duration_s",
-    *("crashed", "crash", "crash_time_s"),
+    *("crashed", "crash", "crash_time_s", "gates", "lap_time_s"),
     *("commanding", "margins", "estimated", "estimate_resets", "rejected_inputs"),
 }
 
@@ -299,7 +299,7 @@ def test_missing_data_is_null(make_flight: FlightMaker, build: SimpleNamespace) 
         "odometries": 1,
         "unanswered_odometries": 0,
         "duration_s": 0.0,
-        **dict.fromkeys(("crashed", "crash", "crash_time_s")),
+        **dict.fromkeys(("crashed", "crash", "crash_time_s", "gates", "lap_time_s")),
         "commanding": {"ticks": {}, "first_without_mpc": None},
         "margins": {
             "lockstep": False,
