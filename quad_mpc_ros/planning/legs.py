@@ -12,6 +12,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.planning.casadi_module import casadi
 from quad_mpc_ros.references.gates import Course, Finish, Gate
 
+_INSIDE = 1e-4  # m: what is planned at an edge is not to be judged outside of it
 _THROUGH = 0.3  # m/s, least speed through the plane of a gate
 _ROUTE_WEIGHT, _RUN_OUT_WEIGHT = 1.0, 0.05
 
@@ -51,7 +52,7 @@ def legs_of(course: Course, *, margin: float, radius: float) -> list[CourseLeg]:
     places = course.places()
     legs = []
     for i, gate in enumerate(course.gates):
-        kept = margin if gate.R_WG is None else margin + radius
+        kept = _INSIDE + (margin if gate.R_WG is None else margin + radius)
         half = min(gate.half_width, gate.half_height)
         if half <= kept:
             raise UserError(
