@@ -45,12 +45,12 @@ class Check:
     def good(self) -> bool:
         """Whether all of it is small."""
         return (
-            self.position < 0.02
-            and self.velocity < 0.02
-            and self.attitude < 0.01
-            and self.rotor < 0.01
-            and self.throttle < 0.005
-            and self.rate < 0.05
+            self.position < 0.001
+            and self.velocity < 0.005
+            and self.attitude < 0.001
+            and self.rotor < 0.002
+            and self.throttle < 0.002
+            and self.rate < 0.01
             and self.height < 0.0
             and self.missed == 0
         )

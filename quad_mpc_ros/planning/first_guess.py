@@ -53,7 +53,7 @@ def flown_by_a_point(
     low[2] = lowest
     dynamics = Dynamics(
         step=ca.Function("step", [x, u, h], [after]),
-        path=ca.Function("path", [x, u], [ca.sumsqr(force) / most**2]),
+        path=ca.Function("path", [x, u, h], [ca.sumsqr(force) / most**2]),
         state_bounds=(low, free),
         input_bounds=(np.full(3, -2.0 * most), np.full(3, 2.0 * most)),
         path_bounds=(np.zeros(1), np.ones(1)),

@@ -26,11 +26,12 @@ from quad_mpc_ros.planning.limits import PlannedVehicle, RotorLimits
 
 P, V, Q, W, F = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13), slice(13, 14)
 """Where position, velocity, quaternion, body rates and thrust over mass stand in a state."""
-RATES, THRUST = slice(0, 3), slice(3, 4)
-"""Where they stand in the inputs of ``rates``."""
+THRUST = slice(3, 4)
+"""Where the thrust over mass stands in the inputs of ``rates``, after the body rates."""
 
 _SHORTEST_LAG = 0.002  # s
 _ROUNDING = 1e-6  # below the root
+_LOOKED_AT = (0.0, 0.2, 0.5, 1.0)  # of a step, where the thrusts of the rotors are bounded
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,8 +39,8 @@ class Model:
     """Functions of a state (nx,), inputs (nu,) and a time [s], and bounds.
 
     ``step(x, u, h)`` is the state after ``h``; ``acceleration(x, u)`` (3,) that of the world;
-    ``path(x, u)`` (nc,) is bounded by ``path_bounds``, as are the inputs by ``input_bounds`` and
-    the states by ``state_bounds``, each (lower, upper). ``hover`` are the inputs of hovering,
+    ``path(x, u, h)`` (nc,) of a step is bounded by ``path_bounds``, as are the inputs by
+    ``input_bounds`` and the states by ``state_bounds``, each (lower, upper). ``hover`` are the inputs of hovering,
     ``scale`` natural sizes of the inputs.
     """
 
@@ -82,14 +83,20 @@ def rates_model(vehicle: PlannedVehicle) -> Model:
     end = ca.vertcat(body[0:6], body[6:10] / ca.norm_2(body[6:10]), after(h))
     path, bounds = ca.SX(0, 1), (np.zeros(0), np.zeros(0))
     if vehicle.rotors is not None:
-        path, bounds = _rotor_thrusts(x, (u[0:3] - x[10:13]) / lags[:3], vehicle, vehicle.rotors)
+        within = [
+            _rotor_thrusts(after(share * h), wanted, lags, vehicle, vehicle.rotors)
+            for share in _LOOKED_AT
+        ]
+        path = ca.vertcat(*within)
+        count = path.shape[0]
+        bounds = np.full(count, vehicle.rotors.least), np.full(count, vehicle.rotors.greatest)
     least, greatest = vehicle.least, vehicle.greatest
     upper = np.append(vehicle.omega_max, greatest)
     lower = np.append(-vehicle.omega_max, least)
     return Model(
         step=ca.Function("step", [x, u, h], [end]),
         acceleration=ca.Function("a", [x, u], [_motion(x[0:10], x[10:14], vehicle)[3:6]]),
-        path=ca.Function("path", [x, u], [path]),
+        path=ca.Function("path", [x, u, h], [path]),
         path_bounds=bounds,
         input_bounds=(lower, upper),
         state_bounds=(np.append(_free_body(-1.0), lower), np.append(_free_body(1.0), upper)),
@@ -119,7 +126,7 @@ def rotors_model(vehicle: PlannedVehicle, rotors: RotorLimits) -> Model:
     return Model(
         step=ca.Function("step", [x, u, h], [end]),
         acceleration=ca.Function("a", [x, u], [acceleration]),
-        path=ca.Function("path", [x, u], [thrust]),
+        path=ca.Function("path", [x, u, h], [thrust]),
         path_bounds=(np.array([vehicle.least]), np.array([vehicle.greatest])),
         input_bounds=(np.full(count, rotors.least), np.full(count, rotors.greatest)),
         state_bounds=(np.append(_free_body(-1.0), -bound), np.append(_free_body(1.0), bound)),
@@ -157,14 +164,15 @@ def _motion(y: Any, turning: Any, vehicle: PlannedVehicle) -> Any:
 
 
 def _rotor_thrusts(
-    x: Any, turn: Any, vehicle: PlannedVehicle, rotors: RotorLimits
-) -> tuple[Any, tuple[Array, Array]]:
-    """Return the rotors' thrusts under an angular acceleration (3,), and their bounds."""
+    lagging: Any, wanted: Any, lags: Array, vehicle: PlannedVehicle, rotors: RotorLimits
+) -> Any:
+    """Return the rotors' thrusts that let rates and thrust over mass follow what is wanted."""
     ca = casadi()
-    inertia, count = ca.DM(rotors.inertia), rotors.allocation.shape[1]
-    torque = inertia @ turn + ca.cross(x[W], inertia @ x[W])
-    thrusts = ca.DM(np.linalg.pinv(rotors.allocation)) @ ca.vertcat(vehicle.mass * x[F], torque)
-    return thrusts, (np.full(count, rotors.least), np.full(count, rotors.greatest))
+    inertia, w = ca.DM(rotors.inertia), lagging[0:3]
+    turn = ((wanted - lagging) / lags)[0:3]
+    torque = inertia @ turn + ca.cross(w, inertia @ w)
+    share = ca.DM(np.linalg.pinv(rotors.allocation))
+    return share @ ca.vertcat(vehicle.mass * lagging[THRUST], torque)
 
 
 def _runge_kutta(rate: Any, y: Any, h: Any) -> Any:

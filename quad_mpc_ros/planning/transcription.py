@@ -56,8 +56,8 @@ class Nodes:
 class Dynamics:
     """What moves, as the transcription needs it.
 
-    ``step(x, u, h)`` and ``path(x, u)`` are CasADi functions; the bounds (lower, upper) are those
-    of states, inputs and path; ``first`` and ``last`` fix the first state and one at rest where
+    ``step(x, u, h)`` and ``path(x, u, h)`` are CasADi functions; bounds (lower, upper) are those of
+    states, inputs and path; ``first`` and ``last`` fix the first state and one at rest where
     they are finite. ``scale`` (nu,) are natural sizes of the inputs, ``smoothing`` [s] what a
     change of an input by its size costs, squared.
     """
@@ -205,9 +205,8 @@ def _add_motion(
     lower, upper = dynamics.path_bounds
     bounded = None
     if len(lower):
-        each = dynamics.path.map(steps)
-        bounded = ca.vertcat(each(states[:nx, :-1], inputs), each(states[:nx, 1:], inputs))
-        lower, upper = np.tile(lower, 2), np.tile(upper, 2)
+        lengths = states[nx, :-1] * ca.DM(shares).T
+        bounded = dynamics.path.map(steps)(states[:nx, :-1], inputs, lengths)
     for k in range(steps):
         kept = nx if k + 1 in legs_end else nx + 1
         rows.add(gaps[:kept, k], np.zeros(kept), np.zeros(kept))
