@@ -40,8 +40,8 @@ class Model:
 
     ``step(x, u, h)`` is the state after ``h``; ``acceleration(x, u)`` (3,) that of the world;
     ``path(x, u, h)`` (nc,) of a step is bounded by ``path_bounds``, as are the inputs by
-    ``input_bounds`` and the states by ``state_bounds``, each (lower, upper). ``hover`` are the inputs of hovering,
-    ``scale`` natural sizes of the inputs.
+    ``input_bounds`` and the states by ``state_bounds``, each (lower, upper). ``hover`` are the
+    inputs of hovering, ``scale`` natural sizes of the inputs.
     """
 
     step: Any

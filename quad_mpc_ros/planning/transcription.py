@@ -56,7 +56,7 @@ class Nodes:
 class Dynamics:
     """What moves, as the transcription needs it.
 
-    ``step(x, u, h)`` and ``path(x, u, h)`` are CasADi functions; bounds (lower, upper) are those of
+    ``step(x, u, h)`` and ``path(x, u, h)`` are CasADi functions; bounds (lower, upper) are of
     states, inputs and path; ``first`` and ``last`` fix the first state and one at rest where
     they are finite. ``scale`` (nu,) are natural sizes of the inputs, ``smoothing`` [s] what a
     change of an input by its size costs, squared.
