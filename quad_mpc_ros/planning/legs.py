@@ -13,7 +13,8 @@ from quad_mpc_ros.planning.casadi_module import casadi
 from quad_mpc_ros.references.gates import Course, Finish, Gate
 
 _INSIDE = 1e-4  # m: what is planned at an edge is not to be judged outside of it
-_THROUGH = 0.3  # m/s, least speed through the plane of a gate
+_THROUGH = 1.0  # m/s, least speed through the plane of a gate
+BESIDE = 0.03  # m: so far in front of a gate is the node before that in it, and behind it the next
 _ROUTE_WEIGHT, _RUN_OUT_WEIGHT = 1.0, 0.05
 
 
@@ -22,12 +23,14 @@ class Goal:
     """What holds at the end of a leg.
 
     Expressions of position and velocity (3,) each lie between bounds: ``expressions(p, v)``
-    returns (n,), ``lower`` and ``upper`` are (n,).
+    returns (n,), ``lower`` and ``upper`` are (n,). ``depth(p)`` is how far a position is behind
+    the plane of a gate [m]; None of a ball.
     """
 
     expressions: Any
     lower: Array
     upper: Array
+    depth: Any = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,4 +116,5 @@ def _gate_goal(gate: Gate, *, margin: float, way: Array) -> Goal:
         expressions=expressions,
         lower=np.array([0.0, *low, _THROUGH]),
         upper=np.array([0.0, *across, np.inf]),
+        depth=lambda p: ca.dot(through, p - place),
     )
