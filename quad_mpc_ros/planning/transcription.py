@@ -16,7 +16,7 @@ import numpy as np
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.planning.casadi_module import casadi
-from quad_mpc_ros.planning.legs import CourseLeg
+from quad_mpc_ros.planning.legs import BESIDE, CourseLeg, Goal
 
 _STOPPED = "User_Requested_Stop"
 SHORTEST, LONGEST = 0.02, 60.0  # s, of a leg
@@ -107,8 +107,7 @@ def solve(
     _add_motion(rows, dynamics, states, inputs, counts=guess.counts)
     for leg, end in zip(legs, ends.tolist(), strict=True):
         if leg.goal is not None:
-            reached = leg.goal.expressions(states[0:3, end], states[3:6, end])
-            rows.add(reached, leg.goal.lower, leg.goal.upper)
+            _add_goal(rows, leg.goal, states, end)
     cost = sum(leg.weight * states[nx, int(end) - 1] for leg, end in zip(legs, ends, strict=True))
     change = (inputs[:, 1:] - inputs[:, :-1]) / ca.DM(dynamics.scale)
     lower, upper = _bounds(legs, dynamics, guess)
@@ -212,6 +211,16 @@ def _add_motion(
         rows.add(gaps[:kept, k], np.zeros(kept), np.zeros(kept))
         if bounded is not None:
             rows.add(bounded[:, k], lower, upper)
+
+
+def _add_goal(rows: _Rows, goal: Goal, states: Any, end: int) -> None:
+    """Add what holds at the end of a leg; a gate is not just touched, but passed from its front."""
+    rows.add(goal.expressions(states[0:3, end], states[3:6, end]), goal.lower, goal.upper)
+    if goal.depth is None:
+        return
+    rows.add(goal.depth(states[0:3, end - 1]), np.array([-np.inf]), np.array([-BESIDE]))
+    if end + 1 < states.shape[1]:
+        rows.add(goal.depth(states[0:3, end + 1]), np.array([BESIDE]), np.array([np.inf]))
 
 
 def _bounds(legs: Sequence[CourseLeg], dynamics: Dynamics, guess: Nodes) -> tuple[Array, Array]:
