@@ -9,8 +9,8 @@ Two of them have the position, the velocity, the quaternion q_WB (w, x, y, z) an
   with first-order lags as in the MPC's model. The thrust over mass is a state. Where rotors are
   known, each one's thrust is bounded, too.
 
-Inputs are held over a step. What lags is solved for exactly, the rest is a Runge-Kutta step of
-order 4, or several.
+Inputs are held over a step. What lags is solved for exactly, the rest by Runge-Kutta steps of
+order 4.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ THRUST = slice(3, 4)
 """Where the thrust over mass stands in the inputs of ``rates``, after the body rates."""
 
 _SHORTEST_LAG = 0.002  # s
+_PARTS = 2  # Runge-Kutta steps in one
 _ROUNDING = 1e-6  # below the root
 _LOOKED_AT = (0.0, 0.2, 0.5, 1.0)  # of a step, where the thrusts of the rotors are bounded
 
@@ -74,9 +75,9 @@ def rates_model(vehicle: PlannedVehicle) -> Model:
     def after(time: Any) -> Any:
         return wanted + (lagging - wanted) * ca.exp(-time / lags)
 
-    body, count = x[0:10], 2
-    for number in range(count):
-        begin, length = h * (number / count), h / count
+    body = x[0:10]
+    for number in range(_PARTS):
+        begin, length = h * (number / _PARTS), h / _PARTS
         body = _runge_kutta(
             lambda y, time, begin=begin: _motion(y, after(begin + time), vehicle), body, length
         )
@@ -119,7 +120,9 @@ def rotors_model(vehicle: PlannedVehicle, rotors: RotorLimits) -> Model:
         )
         return ca.vertcat(_motion(y[0:10], ca.vertcat(y[W], thrust), vehicle), turn)
 
-    end = _runge_kutta(rate, x, h)
+    end = x
+    for _ in range(_PARTS):
+        end = _runge_kutta(rate, end, h / _PARTS)
     end = ca.vertcat(end[0:6], end[6:10] / ca.norm_2(end[6:10]), end[W])
     acceleration = _motion(x[0:10], ca.vertcat(x[W], thrust), vehicle)[3:6]
     bound = vehicle.omega_max

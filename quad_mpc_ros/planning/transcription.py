@@ -214,7 +214,7 @@ def _add_motion(
 
 
 def _add_goal(rows: _Rows, goal: Goal, states: Any, end: int) -> None:
-    """Add what holds at the end of a leg; a gate is not just touched, but passed from its front."""
+    """Add what holds at the end of a leg; a gate is passed from its front, not just touched."""
     rows.add(goal.expressions(states[0:3, end], states[3:6, end]), goal.lower, goal.upper)
     if goal.depth is None:
         return
