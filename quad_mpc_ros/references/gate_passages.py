@@ -91,8 +91,9 @@ def _nearest(gate: Gate, seconds: Array, p_WB: Array, *, radius: float) -> list[
         miss = np.linalg.norm(offset, axis=1)
         places = _least_of_each_visit(miss, gate.half_width)
     else:
-        p, step = p @ gate.R_WG, step @ gate.R_WG
-        x, x_after = p[:, 0], p[:, 0] + step[:, 0]
+        inside = (p_WB - gate.p_WG) @ gate.R_WG
+        p, step = inside[:-1], np.diff(inside, axis=0)
+        x, x_after = inside[:-1, 0], inside[1:, 0]  # one number a place: its sign counts twice
         forward, backward = (x < 0.0) & (x_after >= 0.0), (x > 0.0) & (x_after <= 0.0)
         places = np.flatnonzero(forward | backward if gate.both_ways else forward)
         share = np.zeros(len(p))

@@ -46,6 +46,23 @@ def test_time_and_distance_in_the_plane() -> None:
     assert lap.time == pytest.approx(5.0)
 
 
+@given(st.integers(0, 2**32 - 1))
+def test_a_place_in_the_plane_is_passed_once(seed: int) -> None:
+    """Whatever rounding makes of its distance from the plane."""
+    random = np.random.default_rng(seed)
+    yaw = random.uniform(-1.0, 1.0)
+    gate = {"position": random.uniform(1, 5, 3).tolist(), "yaw": yaw, "tolerance": 1.0}
+    beyond = {"position": [50.0, 0.0, 1.0], "tolerance": 1.0}
+    made = course_from({"start": [-20.0, 0.0, 1.0], "gates": [gate, beyond]}, source="here")
+    axes = made.gates[0].R_WG
+    assert axes is not None
+    across = random.uniform(-0.5, 0.5, 2) @ axes.T[1:]
+    ways = np.array([-0.3, 0.0, 0.4])[:, None] * axes[:, 0]
+    p_WB = made.gates[0].p_WG + across + ways
+    lap = passages(made, seconds=np.arange(3.0), p_WB=p_WB)
+    assert lap.passages[0].time == pytest.approx(1.0)
+
+
 def test_ball_is_passed_where_it_is_nearest() -> None:
     lap = flown(course(ball(3.004, 0.2), ball(6.0, -0.4)), straight())
     assert_allclose([passage.time for passage in lap.passages], [3.004, 6.0], atol=1e-9)
