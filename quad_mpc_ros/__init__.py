@@ -7,6 +7,7 @@ These names are the library. None of them needs ROS; each is imported when it is
   :class:`.CommandSample`;
 - to simulate: :func:`.simulate`, :class:`.SimulatorConfig`, :class:`.ReferenceConfig`, with
   :func:`.load_config` for presets and parameter files;
+- to plan a race through gates: :func:`.plan_race` (the extra ``plan``);
 - to read and judge a flight: :class:`.Recording`, :class:`.Flight`, :func:`.summarise`;
 - to identify a vehicle: :func:`.identify`;
 - rotations: :mod:`so3 <quad_mpc_ros.control.lie.so3>`.
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from quad_mpc_ros.control.lie import so3
     from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
     from quad_mpc_ros.control.model.vehicle import Vehicle
+    from quad_mpc_ros.planning.race_plan import plan_race
     from quad_mpc_ros.recordings.evaluation.metrics import summarise
     from quad_mpc_ros.recordings.evaluation.simulated import load_config, simulate
     from quad_mpc_ros.recordings.flight import Flight
@@ -57,6 +59,7 @@ __all__ = [
     "Vehicle",
     "identify",
     "load_config",
+    "plan_race",
     "simulate",
     "so3",
     "summarise",
@@ -76,6 +79,7 @@ _MODULES = {
     "Vehicle": "control.model.vehicle",
     "identify": "analysis.identification.fit",
     "load_config": "recordings.evaluation.simulated",
+    "plan_race": "planning.race_plan",
     "simulate": "recordings.evaluation.simulated",
     "so3": "control.lie",
     "summarise": "recordings.evaluation.metrics",

@@ -24,6 +24,7 @@ COMMANDS = {
     "tune": "search controller parameters by campaigns, with Optuna: a Pareto front",
     "check-reference": "judge a reference before it is flown: throttle and body rates against the "
     "limits",
+    "plan": "plan the race of least time through gates, for a vehicle",
     "preflight": "look at the running nodes before a flight: vehicle, limits, topics, odometry",
     "report": "show recorded runs, or campaigns, on one page: path, errors, solver; crashes",
     "identify": "fit lags, delay, thrust and drag of the vehicle to a recorded flight",

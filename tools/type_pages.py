@@ -387,7 +387,7 @@ def _installed(folder: Path) -> Path:
     (wheel,) = (folder / "dist").glob("*.whl")
     environment = folder / "environment"
     subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
-    extras = "ros,report,rotorpy,betaflight,mujoco,campaign"
+    extras = "ros,report,rotorpy,betaflight,mujoco,campaign,plan"
     pip = [str(environment / "bin" / "pip"), "install", "--quiet", f"{wheel}[{extras}]"]
     subprocess.run(pip, check=True)
     return environment

@@ -1,4 +1,4 @@
-"""Draw the figures of README, docs/reproduction.md and docs/references.md.
+"""Draw the figures of README, docs/reproduction.md, docs/references.md and docs/racing.md.
 
 python tools/update_images.py
 """
@@ -17,6 +17,7 @@ from quad_mpc_ros.cli import main
 from quad_mpc_ros.recordings.recording import Recording, flown_points
 from quad_mpc_ros.references.config import TRAJECTORIES, ReferenceConfig
 from quad_mpc_ros.references.configured import judged_trajectory
+from quad_mpc_ros.references.gate_path import configured_course
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
@@ -27,6 +28,7 @@ REFERENCE_DPI = 100
 REFERENCE_CHANGES: dict[str, dict[str, object]] = {
     "minimum_snap": {"max_acceleration": 8.0},
     "bag": {"time_scaling": "auto"},
+    "gates": {"gates": "seven_gates", "max_acceleration": 6.0},
 }
 
 
@@ -60,7 +62,30 @@ def update_references() -> None:
             trajectory, verdict = judged_trajectory(config, read_bag=flown_points)
             times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]
             picture = IMAGES / f"reference_{name}.png"
-            write_reference(name, trajectory.at(times), verdict, picture, dpi=REFERENCE_DPI)
+            write_reference(
+                name,
+                trajectory.at(times),
+                verdict,
+                picture,
+                course=configured_course(config),
+                dpi=REFERENCE_DPI,
+            )
+
+
+def update_races() -> None:
+    """Plan the shipped courses and fly them."""
+    with tempfile.TemporaryDirectory() as scratch:
+        for name in ("split_s", "seven_gates"):
+            plan, run = Path(scratch, f"{name}.csv"), Path(scratch, name)
+            vehicle = ["--config", "vehicles/cpc"]
+            main(["plan", name, *vehicle, "--out", str(plan)])
+            if name == "split_s":
+                drawn = plan.with_suffix(".png").read_bytes()
+                (IMAGES / f"race_{name}_plan.png").write_bytes(drawn)
+            flown = ["--gates", name, "--set", f"reference.file={plan}", "--duration", "19"]
+            main(["simulate", *vehicle, *flown, "--out", str(run)])
+            picture = Path(run, "figures", "path.png")
+            (IMAGES / f"race_{name}.png").write_bytes(picture.read_bytes())
 
 
 def _helix(folder: Path) -> Path:
@@ -77,6 +102,11 @@ def _helix(folder: Path) -> Path:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--references", action="store_true", help="only those of the references")
-    if not parser.parse_args().references:
+    parser.add_argument("--races", action="store_true", help="only those of the races")
+    options = parser.parse_args()
+    if not (options.references or options.races):
         update_flights()
-    update_references()
+    if options.references or not options.races:
+        update_references()
+    if options.races or not options.references:
+        update_races()

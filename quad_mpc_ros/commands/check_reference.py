@@ -7,6 +7,7 @@ import argparse
 from quad_mpc_ros.analysis.figures.reference_figure import write_reference
 from quad_mpc_ros.commands import EXIT_FAILED
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
+from quad_mpc_ros.commands.run_configuration import reference_assignments
 from quad_mpc_ros.commands.run_options import add_configuration_options, add_out
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.control.config import MpcConfig
@@ -14,6 +15,7 @@ from quad_mpc_ros.recordings.evaluation.simulated import load_config
 from quad_mpc_ros.recordings.recording import flown_points
 from quad_mpc_ros.references.configured import judged_trajectory
 from quad_mpc_ros.references.feasibility import Verdict, rates_beyond
+from quad_mpc_ros.references.gate_path import configured_course
 
 _FIGURE = "reference.png"
 
@@ -30,9 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Judge, show and draw; return the exit code."""
-    assignments = list(options.assignments)
-    if options.reference is not None:
-        assignments.insert(0, f"reference.trajectory={options.reference}")
+    assignments = [*reference_assignments(options), *options.assignments]
     loaded = load_config(*(options.config or ["default"]), assignments=assignments)
     config = loaded.reference
     trajectory, verdict = judged_trajectory(config, read_bag=flown_points)
@@ -40,7 +40,13 @@ def run(options: argparse.Namespace) -> int:
     figure = out / _FIGURE
     times = [round(1e9 * seconds) for seconds in verdict.over_time.seconds]
     with results_in(out):
-        write_reference(config.trajectory, trajectory.at(times), verdict, figure)
+        write_reference(
+            config.trajectory,
+            trajectory.at(times),
+            verdict,
+            figure,
+            course=configured_course(config),
+        )
     print(f"{config.trajectory}\n\n{_verdict_table(verdict)}")
     for remark in _beyond_the_controller(verdict, loaded.mpc):
         print(remark)

@@ -72,6 +72,16 @@ class CountProgress(_Line):
         self.write(f"  {done} of {total} flights, {crashed} crashed{when}")
 
 
+class PlanProgress(_Line):
+    """Prints what an optimiser is at."""
+
+    def show(self, stage: str, iteration: int, planned: float) -> None:
+        """Show the stage, its iteration, and how long the plan takes so far [s]."""
+        if self.due:
+            since = time.monotonic() - self.started
+            self.write(f"  {stage}: iteration {iteration}, {planned:.3f} s   after {since:.0f} s")
+
+
 class StudyProgress(_Line):
     """Prints how far a study is, the best objectives so far, and the time left."""
 

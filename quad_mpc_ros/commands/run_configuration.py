@@ -21,6 +21,7 @@ from quad_mpc_ros.recordings.config import RecorderConfig
 from quad_mpc_ros.recordings.recording import SCENE_NAME, flown_points
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory
+from quad_mpc_ros.references.gates import course_text
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.closed_loop import start_on
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant, plant_entry
@@ -62,7 +63,7 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
     made = [*_assignments(options, lockstep=lockstep), _duration(options, sources)]
     made += _of_obstacles(options)
     loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA)
-    reference = cast(ReferenceConfig, loaded["reference"])
+    reference = _with_course(cast(ReferenceConfig, loaded["reference"]))
     trajectory = configured_trajectory(reference, read_bag=flown_points)
     if _starts_on_reference(options, trajectory, reference):
         start = _start_on(trajectory, cast(SimulatorConfig, loaded["simulator"]))
@@ -126,6 +127,13 @@ def _with_own_file(
     return mpc.updated(where) if same else mpc, simulator.updated(where)
 
 
+def _with_course(reference: ReferenceConfig) -> ReferenceConfig:
+    """Return the parameters with the course itself in place of its file: the bag has it, too."""
+    if not reference.gates:
+        return reference
+    return dataclasses.replace(reference, gates=course_text(reference.gates))
+
+
 def _warn_of_different_vehicles(loaded: Mapping[str, Configuration]) -> None:
     """Warn of nodes that have another vehicle than the MPC."""
     ours = loaded["mpc"].vehicle_values()
@@ -164,8 +172,16 @@ def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
     ]
     if options.plant is not None:
         made.append(f"simulator.plant={options.plant}")
-    if options.reference is not None:
-        made.append(f"reference.trajectory={options.reference}")
+    return made + reference_assignments(options)
+
+
+def reference_assignments(options: argparse.Namespace) -> list[str]:
+    """Return ``--reference`` and ``--gates`` as assignments, to come before the explicit ones."""
+    made = []
+    if options.gates is not None:
+        made.append(f"reference.gates={files.value_text(options.gates)}")
+    if options.reference is not None or options.gates is not None:
+        made.append(f"reference.trajectory={options.reference or 'gates'}")
     return made
 
 

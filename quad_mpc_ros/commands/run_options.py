@@ -25,7 +25,19 @@ def add_configuration_options(
         metavar="NAME",
         help=f"trajectory to fly: {', '.join(TRAJECTORIES)} (default: {reference})",
     )
+    add_gates(parser)
     add_set(parser, "set one parameter, for example mpc.horizon_steps=20")
+
+
+def add_gates(parser: argparse.ArgumentParser) -> None:
+    """Add ``--gates``."""
+    parser.add_argument(
+        "--gates",
+        metavar="FILE",
+        help="course of gates, or the name of a shipped one (split_s, seven_gates): it is drawn "
+        "and judged, and flown unless --reference says otherwise; along a plan with --set "
+        "reference.file=race.csv",
+    )
 
 
 def add_config(parser: argparse.ArgumentParser, which: str = "") -> None:

@@ -161,6 +161,11 @@ def shipped_campaigns() -> dict[str, Path]:
     return {path.stem: path for path in sorted(_config_directory().glob("campaigns/*.yaml"))}
 
 
+def shipped_gates() -> dict[str, Path]:
+    """Return the shipped courses of gates by name."""
+    return {path.stem: path for path in sorted(_config_directory().glob("gates/*.yaml"))}
+
+
 def _config_directory() -> Path:
     """Return ``config`` of a source tree, or ``share/quad_mpc_ros/config`` of an installation.
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -51,6 +52,7 @@ class VisualisationConfig(LiftParameters):
     thrust_length: float = parameter(
         0.3, doc="Length of the thrust arrow at hover.", unit="m", above=0.0
     )
+    gates: str = parameter("", doc="The course of gates that is drawn: its file.")
     fence: DrawnFence = field(default_factory=DrawnFence)
     obstacles_file: str = parameter(
         "", doc="File of obstacles to draw, usually that of the mpc (obstacles.file)."
@@ -120,6 +122,7 @@ _CORRIDOR = _Look(
     rgb=(0.0, 0.62, 0.45),
     lifetime_ns=_SHORT_LIFETIME_NS,
 )
+_GATES = _Look(name="gates", kind=LINE_LIST, scale=(0.05, 0.0, 0.0), rgb=(0.9, 0.62, 0.0))
 _THRUST = _Look(
     name="thrust",
     kind=ARROW,
@@ -187,6 +190,12 @@ def filled_marker(marker: Marker, *, new: NewMessage) -> Any:
     conversions.fill_time(message.lifetime, marker.lifetime_ns)
     message.points = [_point(point, new) for point in marker.points.tolist()]
     return message
+
+
+def gates_marker(odometry: OdometrySample, outlines: Sequence[Array], *, new: NewMessage) -> Any:
+    """Return the outlines of gates, each points (n, 3) [m] on it."""
+    edges = [np.stack((points[:-1], points[1:]), axis=1) for points in outlines]
+    return _marker(_GATES, odometry, np.vstack(edges).reshape(-1, 3), new=new)
 
 
 def _marker(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from quad_mpc_ros.configuration import BagError, Configuration, files
 from quad_mpc_ros.configuration.renamed import with_present_names
-from quad_mpc_ros.recordings.writer import BagWriter
+
+if TYPE_CHECKING:  # a simulated flight needs no bag
+    from quad_mpc_ros.recordings.writer import BagWriter
 
 _PREFIX = "parameters:"
 _KEY = "yaml"

@@ -25,9 +25,10 @@ from quad_mpc_ros.references.ellipse import Ellipse, EllipseParameters
 from quad_mpc_ros.references.excitation import ExcitationParameters, excitation
 from quad_mpc_ros.references.feasibility import LimitParameters
 from quad_mpc_ros.references.flip import FlipParameters, flip
+from quad_mpc_ros.references.gate_path import GateParameters, gates_path
 from quad_mpc_ros.references.lemniscate import Lemniscate, LemniscateParameters
 from quad_mpc_ros.references.path import Path
-from quad_mpc_ros.references.point_table import TableParameters, bag_path, csv_path
+from quad_mpc_ros.references.point_table import bag_path, csv_path
 from quad_mpc_ros.references.split_s import SplitSParameters, split_s
 from quad_mpc_ros.references.square import SquareParameters, smooth_square, square
 from quad_mpc_ros.references.trajectory import Trajectory
@@ -75,6 +76,7 @@ TRAJECTORIES: dict[str, TrajectoryEntry[ReferenceConfig]] = {
     "excitation": TrajectoryEntry(make=excitation),
     "csv": TrajectoryEntry(make=csv_path),
     "bag": TrajectoryEntry(make=bag_path),
+    "gates": TrajectoryEntry(make=gates_path),
 }
 
 
@@ -98,7 +100,7 @@ class ChoiceParameters(ExtensibleConfiguration, ManagedConfiguration, VehiclePar
 # The parameters are listed in the order of the bases, the last one first.
 @dataclass(frozen=True, kw_only=True)
 class ReferenceConfig(
-    TableParameters,
+    GateParameters,
     ExcitationParameters,
     FlipParameters,
     SplitSParameters,

@@ -38,16 +38,16 @@ class LegParameters(TrajectoryParameters):
 
     max_speed: float = parameter(
         5.0,
-        doc="waypoints, minimum_snap, the ways in and out of csv and bag, and what services and "
-        "goals ask for: highest speed.",
+        doc="waypoints, minimum_snap, gates, the ways in and out of csv and bag, and what "
+        "services and goals ask for: highest speed.",
         unit="m/s",
         above=0.0,
         maximum=1e3,
     )
     max_acceleration: float = parameter(
         2.0,
-        doc="waypoints, minimum_snap, the ways in and out of csv and bag, and what services and "
-        "goals ask for: highest acceleration.",
+        doc="waypoints, minimum_snap, gates, the ways in and out of csv and bag, and what "
+        "services and goals ask for: highest acceleration.",
         unit="m/s^2",
         above=0.0,
         maximum=1e3,

@@ -8,7 +8,8 @@ header:
     0.50, 0.1, 0.0, 1.0, 0.0
 
 Positions are in the world (ENU). ``yaw [rad]`` may be left out, and the columns may be in any
-order. Empty lines and lines that begin with ``#`` are skipped.
+order. Empty lines and lines that begin with ``#`` are skipped. With the columns of a whole motion
+(:mod:`quad_mpc_ros.references.motion_table`) in place of yaw, it is flown as it is.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from quad_mpc_ros.references.minimum_snap import (
     LegParameters,
     leg_within,
 )
+from quad_mpc_ros.references.motion_table import MOTION_UNITS, MotionTable, PlannedMotion
 from quad_mpc_ros.references.path import Chain, Path, SplinePath, Turned
 
 LEAST_POINTS = 6
@@ -36,6 +38,7 @@ _SLOW = 0.5  # m/s
 _YAW_TOLERANCE = 0.01  # rad
 _UNITS = {"time": "s", "x": "m", "y": "m", "z": "m", "yaw": "rad"}
 _OPTIONAL = {"yaw"}
+_ALL_UNITS = {**_UNITS, **MOTION_UNITS}
 _HEADER = ", ".join(f"{name} [{unit}]" for name, unit in _UNITS.items())
 
 
@@ -43,7 +46,11 @@ _HEADER = ", ".join(f"{name} [{unit}]" for name, unit in _UNITS.items())
 class TableParameters(LegParameters):
     """Where the points come from, and how near to them it is flown."""
 
-    file: str = parameter("", doc="csv: the table to fly. bag: the recorded run to fly again.")
+    file: str = parameter(
+        "",
+        doc="csv: the table to fly. bag: the recorded run to fly again. gates: a plan of quad_mpc "
+        "plan; without one a smooth path is flown.",
+    )
     path_tolerance: float = parameter(
         0.005,
         doc="csv, bag: how far the smooth curve may be from the points, root mean square.",
@@ -87,9 +94,12 @@ BagReader = Callable[[FilePath], PointTable]
 """Returns the odometry of a recorded run. Bags are read above this layer, so it is handed in."""
 
 
-def csv_path(config: TableParameters) -> Path:
-    """Return the path along the configured file."""
-    return table_path(read_csv(_file(config, "csv")), config)
+def csv_path(config: TableParameters) -> Path | PlannedMotion:
+    """Return the path along the configured file, or the motion in it."""
+    table = read_csv(_file(config, "csv"))
+    if isinstance(table, MotionTable):
+        return PlannedMotion(table, offset=np.array([*config.origin, 0.0]))
+    return table_path(table, config)
 
 
 def bag_path(config: TableParameters, read_bag: BagReader | None = None) -> Path:
@@ -172,8 +182,11 @@ def _smoothed(
     return SplinePath(curve, duration=float(seconds[-1]))
 
 
-def read_csv(path: FilePath) -> PointTable:
-    """Return the points of a file; raises :class:`UserError` with the line and the reason."""
+def read_csv(path: FilePath) -> PointTable | MotionTable:
+    """Return the points or the motion of a file.
+
+    Raises :class:`UserError` with the line and the reason.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -200,12 +213,27 @@ def read_csv(path: FilePath) -> PointTable:
                 f"{path}: line {number}: time {values['time'][-1]:g} s is not after "
                 f"{values['time'][-2]:g} s, that of the point before"
             )
-    return PointTable(
+    points = PointTable(
         source=str(path),
         seconds=np.array(values["time"]),
-        p_WB=np.column_stack([values[axis] for axis in "xyz"]),
+        p_WB=_columns(values, "x", "y", "z"),
         yaw=np.array(values["yaw"]) if "yaw" in values else None,
     )
+    if "vx" not in values:
+        return points
+    return MotionTable(
+        source=str(path),
+        seconds=points.seconds,
+        p_WB=points.p_WB,
+        v_WB_W=_columns(values, "vx", "vy", "vz"),
+        a_WB_W=_columns(values, "ax", "ay", "az"),
+        q_WB_xyzw=_columns(values, "qx", "qy", "qz", "qw"),
+        w_WB_B=_columns(values, "wx", "wy", "wz"),
+    )
+
+
+def _columns(values: dict[str, list[float]], *names: str) -> Array:
+    return np.column_stack([values[name] for name in names])
 
 
 def _column_names(path: FilePath, number: int, cells: list[str]) -> list[str]:
@@ -213,18 +241,24 @@ def _column_names(path: FilePath, number: int, cells: list[str]) -> list[str]:
     for cell in cells:
         name, _, unit = cell.partition("[")
         name, unit = name.strip(), unit.strip().removesuffix("]").strip()
-        if name not in _UNITS or name in names:
+        if name not in _ALL_UNITS or name in names:
             kind = "twice" if name in names else "unknown"
             raise UserError(f"{path}: line {number}: column {cell!r} {kind}, expected {_HEADER}")
-        if unit != _UNITS[name]:
+        if unit != _ALL_UNITS[name]:
             raise UserError(
-                f"{path}: line {number}: column {cell!r}, expected '{name} [{_UNITS[name]}]'"
+                f"{path}: line {number}: column {cell!r}, expected '{name} [{_ALL_UNITS[name]}]'"
             )
         names.append(name)
     missing = [name for name in _UNITS if name not in names and name not in _OPTIONAL]
     if missing:
         raise UserError(
             f"{path}: line {number}: no column {', '.join(missing)}, expected {_HEADER}"
+        )
+    missing = [name for name in MOTION_UNITS if name not in names]
+    if missing and len(missing) < len(MOTION_UNITS):
+        raise UserError(
+            f"{path}: line {number}: no column {', '.join(missing)}, expected all columns of a "
+            f"motion or none of {', '.join(MOTION_UNITS)}"
         )
     return names
 

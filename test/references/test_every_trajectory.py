@@ -51,6 +51,7 @@ CASES: dict[str, dict[str, object]] = {
     "excitation quick": {"excitation_duration": 7.0, "excitation_frequency": 3.0},
     "csv": {},
     "bag": {"origin": [3.0, 0.0], "max_acceleration": 5.0},
+    "gates": {"gates": "split_s", "file": "", "max_acceleration": 5.0},
 }
 PERIODIC = ("hover", "circle", "ellipse", "lemniscate")
 ENDING = [case for case in CASES if case.split()[0] not in PERIODIC]

@@ -44,7 +44,8 @@ MISTAKES = {
     "empty": ([], "empty, expected a header time [s], x [m]"),
     "no header": (ROWS, "line 1: column '0.0' unknown, expected time [s]"),
     "column missing": (["time [s], x [m], y [m]", *ROWS], "line 1: no column z"),
-    "unknown column": ([f"{HEADER}, vx [m/s]", *ROWS], "line 1: column 'vx [m/s]' unknown"),
+    "unknown column": ([f"{HEADER}, vt [m/s]", *ROWS], "line 1: column 'vt [m/s]' unknown"),
+    "part of a motion": ([f"{HEADER}, vx [m/s]", *ROWS], "line 1: no column vy, vz, ax"),
     "column twice": ([f"{HEADER}, x [m]", *ROWS], "line 1: column 'x [m]' twice"),
     "wrong unit": (
         ["time [s], x [ft], y [m], z [m]", *ROWS],

@@ -151,6 +151,7 @@ def test_the_whole_trajectory_has_every_step(step: float) -> None:
 
 CASES = {
     **{name: {"trajectory": name} for name in TRAJECTORIES if name not in ("csv", "bag")},
+    "gates": {"trajectory": "gates", "gates": "seven_gates"},
     "square, shown ahead": {"preview": True},
     "jumping waypoints": {"trajectory": "waypoints", "waypoint_legs": "jump", "preview": True},
 }

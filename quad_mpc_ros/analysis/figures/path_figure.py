@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.analysis.figures import obstacles, space, style
+from quad_mpc_ros.recordings.evaluation.race import flown_course
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -31,11 +32,16 @@ def write_path(flight: Flight, path: Path) -> Path:
     figure = style.new_figure(_WIDTH, _HEIGHT)
     points = [flight.p_WB, *([] if flight.reference is None else [flight.reference.p_WB])]
     shapes = obstacles.drawn_shapes(flight)
-    lower, upper = space.room(np.vstack([*points, obstacles.extent(shapes)]))
+    course = flown_course(flight)
+    extents = obstacles.extent(shapes), space.gate_points(course)
+    lower, upper = space.room(np.vstack([*points, *extents]))
     axes = space.draw_room(figure, lower, upper)
     obstacles.draw(axes, shapes, zorder=_OBSTACLES)
     _draw_reference(axes, flight)
+    if course is None:
+        _draw_waypoints(axes, flight)
     _draw_flight(figure, axes, flight, ground=float(lower[2]))
+    space.draw_gates(axes, course, zorder=_MARKS)
     side = float(np.max(upper - lower))
     way = space.way_along(flight.p_WB)
     space.draw_vehicles(
@@ -63,8 +69,6 @@ def write_path(flight: Flight, path: Path) -> Path:
 
 
 def _draw_reference(axes: Any, flight: Flight) -> None:
-    from matplotlib.patheffects import withStroke
-
     if flight.reference is None:
         return
     axes.plot(
@@ -75,8 +79,13 @@ def _draw_reference(axes: Any, flight: Flight) -> None:
         label="reference",
         zorder=_REFERENCE,
     )
+
+
+def _draw_waypoints(axes: Any, flight: Flight) -> None:
+    from matplotlib.patheffects import withStroke
+
     places = waypoint_positions(flight)
-    if not len(places):
+    if flight.reference is None or not len(places):
         return
     axes.scatter(
         *places.T,

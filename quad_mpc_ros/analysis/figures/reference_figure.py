@@ -12,6 +12,7 @@ from quad_mpc_ros.analysis.figures.over_time import draw_panel, label_time
 from quad_mpc_ros.analysis.figures.panels import Curve, Panel
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.references.feasibility import Verdict
+from quad_mpc_ros.references.gates import Course
 from quad_mpc_ros.references.trajectory import TrajectorySamples
 
 _WIDTH, _HEIGHT = 10.0, 4.6  # inch
@@ -24,24 +25,30 @@ _START, _PATH, _VEHICLES = 4, 2, 3
 
 
 def write_reference(
-    title: str, samples: TrajectorySamples, verdict: Verdict, path: Path, *, dpi: int = 150
+    title: str,
+    samples: TrajectorySamples,
+    verdict: Verdict,
+    path: Path,
+    *,
+    course: Course | None = None,
+    dpi: int = 150,
 ) -> None:
-    """Draw a reference, sampled along its whole way, and the verdict on it.
+    """Draw a reference, sampled along its whole way, its gates, and the verdict on it.
 
     Raises ``OSError`` when the file cannot be written.
     """
     figure = style.new_figure(_WIDTH, _HEIGHT, dpi=dpi)
     grid = figure.add_gridspec(5, 2, width_ratios=(1.15, 1.0))
-    _draw_path(figure, grid[:, 0], samples)
+    _draw_path(figure, grid[:, 0], samples, course)
     _draw_needs(figure, [figure.add_subplot(grid[row, 1]) for row in range(5)], verdict)
     figure.suptitle(title, x=0.01, ha="left", fontsize=11, color=style.INK, fontweight="bold")
     style.save(figure, path)
 
 
-def _draw_path(figure: Any, place: Any, samples: TrajectorySamples) -> None:
+def _draw_path(figure: Any, place: Any, samples: TrajectorySamples, course: Course | None) -> None:
     thinned = slice(None, None, max(len(samples.p_WB) // _MOST_POINTS, 1))
     p_WB, q_WB_xyzw = samples.p_WB[thinned], samples.q_WB_xyzw[thinned]
-    lower, upper = space.room(p_WB)
+    lower, upper = space.room(np.vstack((p_WB, space.gate_points(course))))
     axes = space.draw_room(figure, lower, upper, place=place, zoom=_ZOOM)
     speed = np.linalg.norm(samples.v_WB_W[thinned], axis=1)
     if speed.max() > 0.0:
@@ -60,6 +67,7 @@ def _draw_path(figure: Any, place: Any, samples: TrajectorySamples) -> None:
         side=side,
         zorder=_VEHICLES,
     )
+    space.draw_gates(axes, course, zorder=_START)
     axes.scatter(
         *p_WB[0], marker="s", s=30, color=style.INK, depthshade=False, label="start", zorder=_START
     )

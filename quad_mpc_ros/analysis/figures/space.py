@@ -10,6 +10,7 @@ import numpy as np
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.vehicle import ARM, outline
+from quad_mpc_ros.references.gates import Course
 
 _ELEVATION, _AZIMUTH = 22.0, -60.0  # deg, of the eye
 _AROUND = 0.08  # of the axes, for numbers and labels beside the room
@@ -149,6 +150,36 @@ def draw_vehicles(
     axes.add_collection(
         Line3DCollection(arms_W.reshape(-1, 2, 3), color=style.INK, linewidth=1.2, zorder=zorder)
     )
+
+
+def gate_points(course: Course | None) -> Array:
+    """Return the corners (n, 3) [m] of all gates of a course; none without one."""
+    if course is None:
+        return np.zeros((0, 3))
+    return np.vstack([gate.corners() for gate in course.once().values()])
+
+
+def draw_gates(axes: Any, course: Course | None, *, zorder: int) -> None:
+    """Draw the openings of a course's gates, with their numbers; nothing without a course."""
+    if course is None:
+        return
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=2.5, foreground="white")]
+    for place, (number, gate) in enumerate(course.once().items()):
+        corners = gate.corners()
+        label = None if place else "gate"
+        axes.plot(*corners.T, color=style.BOUND, linewidth=1.6, label=label, zorder=zorder)
+        axes.text(
+            *corners[corners[:, 2].argmax()],
+            f" {number}",
+            color=style.BOUND,
+            fontsize=9,
+            fontweight="bold",
+            verticalalignment="bottom",
+            path_effects=halo,
+            zorder=zorder,
+        )
 
 
 def _apart(p_WB: Array, places: Iterable[int], *, distance: float) -> list[int]:

@@ -32,6 +32,8 @@ def metrics_table(runs: Sequence[ReportedRun]) -> str:
         name: [_number(reduce(getitem, path.split("."), run.summary), style) for run in runs]
         for name, path, style in _METRICS
     }
+    if any(run.summary["gates"] for run in runs):
+        rows["gates passed"] = [_gates(run.summary["gates"]) for run in runs]
     rows["error at waypoints [m]"] = [
         ", ".join(f"{error:.3g}" for error in run.summary["waypoint_error_m"]) or _ABSENT
         for run in runs
@@ -96,6 +98,7 @@ _METRICS = (
     ("position error, RMSE [m]", "position_rmse_m", "{:.3g}"),
     ("position error, max [m]", "position_max_m", "{:.3g}"),
     ("attitude error, RMSE [rad]", "attitude_rmse_rad", "{:.3g}"),
+    ("lap [s]", "lap_time_s", "{:.3f}"),
     ("commands", "commands", "{}"),
     ("odometries", "odometries", "{}"),
     ("odometries unanswered", "unanswered_odometries", "{}"),
@@ -116,6 +119,10 @@ _METRICS = (
     ("odometry to command, p99 [ms]", "odom_to_command_ms.p99", "{:.3f}"),
     ("odometry to command, max [ms]", "odom_to_command_ms.max", "{:.3f}"),
 )
+
+
+def _gates(gates: Sequence[Mapping[str, Any]] | None) -> str:
+    return f"{sum(gate['passed'] for gate in gates)} of {len(gates)}" if gates else _ABSENT
 
 
 def _number(value: Any, style: str) -> str:

@@ -19,6 +19,7 @@ from quad_mpc_ros.recordings.evaluation.commanding import (
 )
 from quad_mpc_ros.recordings.evaluation.crash import collision_of, crash_figures, crash_of
 from quad_mpc_ros.recordings.evaluation.percentiles import percentiles
+from quad_mpc_ros.recordings.evaluation.race import race_figures
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoints
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -39,6 +40,8 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
     campaign judges it but by the odometry, None without a reference; ``clearance_min_m``, from the
     vehicle's surface to the nearest obstacle's, ``collided``, and in ``collision`` when, where and
     how fast it did, None where obstacles are not known.
+    campaign judges it but by the odometry, None without a reference; ``gates`` and ``lap_time_s``
+    of a course, see :mod:`quad_mpc_ros.recordings.evaluation.race`.
 
     Args:
         flight: A recorded or simulated flight.
@@ -84,6 +87,7 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         "rate_saturation_fraction": _saturation(flight),
         **_crash(flight),
         **_obstacles(flight),
+        **race_figures(flight),
         "estimate_resets": last_count(flight, "estimate_resets"),
         "rejected_inputs": last_count(flight, "rejected_inputs"),
         "commanding": commanding(flight),

@@ -28,6 +28,7 @@ def _flight_rows(s: Mapping[str, Any]) -> list[str]:
         "position error": _unless_absent(s["position_rmse_m"], "RMSE {:.3f} m")
         + _unless_absent(s["position_max_m"], ", max {:.3f} m", absent=""),
         "error at waypoints": _waypoint_errors(s["waypoint_error_m"]),
+        **_race_row(s),
         "attitude error": _unless_absent(s["attitude_rmse_rad"], "RMSE {:.3f} rad"),
         "rates at bound": _unless_absent(s["rate_saturation_fraction"], "{:.1%} of the commands"),
         "safety": f"{s['fallbacks']} fallbacks, {s['solver_failures']} solver failures, "
@@ -42,6 +43,18 @@ def _flight_rows(s: Mapping[str, Any]) -> list[str]:
         for label, text in rows.items()
         for line in labelled(label, text, indent=_LABEL, width=_WIDTH)
     ]
+
+
+def _race_row(s: Mapping[str, Any]) -> dict[str, str]:
+    gates = s.get("gates")
+    if not gates:
+        return {}
+    passed = sum(gate["passed"] for gate in gates)
+    misses = [gate["miss_m"] for gate in gates if gate["miss_m"] is not None]
+    text = f"{passed} of {len(gates)} passed, {sum(gate['clipped'] for gate in gates)} clipped"
+    if misses:
+        text += f", at most {max(misses):.3f} m from the centre"
+    return {"gates": text + _unless_absent(s["lap_time_s"], "; lap {:.3f} s", absent="")}
 
 
 def _timing_rows(s: Mapping[str, Any]) -> list[str]:

@@ -26,6 +26,7 @@ from quad_mpc_ros.messages.topics import (
 from quad_mpc_ros.obstacles.files import scene_of_file
 from quad_mpc_ros.obstacles.free_region import corridor_edges
 from quad_mpc_ros.obstacles.markers import shape_marker
+from quad_mpc_ros.references.gates import read_course
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
@@ -46,6 +47,8 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         self._heard = False
         self._corridor: HalfSpaces | None = None
         self._scene = scene_of_file(self.config.obstacles_file)
+        course = read_course(self.config.gates) if self.config.gates else None
+        self._gates = [] if course is None else [gate.corners() for gate in course.once().values()]
 
         self._markers = self.health.publisher(MARKERS)
         self._transforms = self._transform_publisher()
@@ -103,6 +106,8 @@ class VisualisationNode(ReportingNode[VisualisationConfig]):
         ]
         if config.fence.is_closed:
             drawn.append(markers.fence_marker(odometry, config.fence, new=new))
+        if self._gates:
+            drawn.append(markers.gates_marker(odometry, self._gates, new=new))
         if self._command is not None:
             throttle, length = self._command.throttle, config.thrust_length
             drawn.append(

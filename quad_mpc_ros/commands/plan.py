@@ -1,0 +1,212 @@
+"""``quad_mpc plan``: the race of least time through gates, as a file to fly."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from quad_mpc_ros.analysis.figures.reference_figure import write_reference
+from quad_mpc_ros.commands import EXIT_FAILED
+from quad_mpc_ros.commands.output import check_writable, results_in, write_new
+from quad_mpc_ros.commands.progress import PlanProgress
+from quad_mpc_ros.commands.run_options import add_config, add_set
+from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.configuration.text_tables import text_table
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.planning.limits import MODELS
+from quad_mpc_ros.planning.race_plan import RacePlan, plan_race
+from quad_mpc_ros.recordings.evaluation.race import VEHICLE_RADIUS
+from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_config
+from quad_mpc_ros.references.feasibility import Verdict, judged
+from quad_mpc_ros.references.gates import course_text, read_course
+
+_SAVED_EVERY = 2.0  # s
+_PART = ".part"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what is planned, for which vehicle, and where it is written."""
+    parser.description = (
+        "Plan the race of least time through gates within the limits of a vehicle, as a table "
+        "that reference.file names, and a picture of it. Interrupted, it goes on when the same "
+        "command is given again. Exit code 0 for a plan within the limits, 2 for bad input."
+    )
+    parser.add_argument(
+        "gates", metavar="FILE", help="course of gates, or the name of a shipped one (split_s)"
+    )
+    add_config(parser, "of the vehicle (vehicles/cpc, …)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("race.csv"), help="the plan (default: race.csv)"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace a plan that exists")
+    parser.add_argument(
+        "--model",
+        choices=MODELS,
+        default=MODELS[0],
+        help="rates: body rates and thrust are commanded and lag; rotors: the thrusts of the "
+        "rotors change at once, as in published plans (default: rates)",
+    )
+    parser.add_argument(
+        "--margin",
+        type=float,
+        default=0.05,
+        metavar="SHARE",
+        help="share of the way from hovering to each limit that is left to the controller: "
+        "reference.limit_margin (default: 0.05)",
+    )
+    parser.add_argument(
+        "--gate-margin",
+        type=float,
+        default=0.1,
+        metavar="M",
+        help="distance kept from the edges of the gates (default: 0.1 m)",
+    )
+    parser.add_argument(
+        "--radius",
+        type=float,
+        default=VEHICLE_RADIUS,
+        metavar="M",
+        help="of the vehicle: kept, too, from the frames of gates in a plane (default: "
+        f"{VEHICLE_RADIUS:g} m)",
+    )
+    parser.add_argument(
+        "--step",
+        type=float,
+        default=0.05,
+        metavar="S",
+        help="longest step between nodes of the plan (default: 0.05 s)",
+    )
+    add_set(parser, "set one parameter of mpc, simulator or reference")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Plan, write, draw; return the exit code."""
+    check_writable("--out", options.out, overwrite=options.overwrite)
+    picture = options.out.with_suffix(".png")
+    check_writable("--out", picture, overwrite=options.overwrite)
+    course = read_course(options.gates)
+    margin = f"reference.limit_margin={options.margin!r}"
+    config = load_config(
+        *(options.config or ["default"]), assignments=[margin, *options.assignments]
+    )
+    part = _Part(options, config)
+    started = time.monotonic()
+    with _interrupts(part):
+        plan = plan_race(
+            course,
+            *config,
+            model=options.model,
+            gate_margin=options.gate_margin,
+            radius=options.radius,
+            step=options.step,
+            progress=part.take,
+            resumed=part.found,
+        )
+    part.close()
+    seconds = time.monotonic() - started
+    write_new("--out", options.out, plan.table.text(), overwrite=options.overwrite)
+    verdict = judged(plan.trajectory(), config.reference)
+    times = [round(1e9 * each) for each in verdict.over_time.seconds]
+    with results_in(options.out.parent):
+        title = f"{course.source}: {plan.lap.time or plan.race_time:.2f} s"
+        samples = plan.trajectory().at(times)
+        write_reference(title, samples, verdict, picture, course=course)
+    part.remove()
+    print(_table(plan, verdict, seconds=seconds))
+    print(f"\nplan     {options.out}\npicture  {picture}")
+    return 0 if verdict.feasible else EXIT_FAILED
+
+
+@contextmanager
+def _interrupts(part: _Part) -> Iterator[None]:
+    """Let Ctrl-C end the search between two iterations: inside of one the optimiser eats it."""
+
+    def note(number: int, frame: object) -> None:
+        part.interrupted = True
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class _Part:
+    """What is known of a plan that is not finished, beside its file, to go on from."""
+
+    def __init__(self, options: argparse.Namespace, config: FlightConfig) -> None:
+        self._path = options.out.with_name(options.out.name + _PART)
+        given = (
+            course_text(options.gates),
+            options.model,
+            options.gate_margin,
+            options.radius,
+            options.step,
+            *(sorted(each.flattened().items()) for each in config),
+        )
+        self._key = hashlib.sha256(repr(given).encode()).hexdigest()
+        self._progress = PlanProgress()
+        self._due = time.monotonic() + _SAVED_EVERY
+        self.found = self._read()
+        self.interrupted = False
+
+    def take(self, stage: str, iteration: int, planned: float, variables: Array) -> None:
+        """Show how far it is, and keep the variables of the vehicle now and then."""
+        self._progress.show(stage, iteration, planned)
+        if stage == "vehicle" and (self.interrupted or time.monotonic() >= self._due):
+            self._keep(variables)
+        if self.interrupted:
+            raise KeyboardInterrupt
+
+    def _keep(self, variables: Array) -> None:
+        self._due = time.monotonic() + _SAVED_EVERY
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with self._path.open("wb") as file:
+                np.savez(file, key=self._key, variables=variables)
+        except OSError as error:
+            raise UserError(f"{self._path}: cannot be written: {error.strerror}") from error
+
+    def close(self) -> None:
+        """End the line of progress."""
+        self._progress.close()
+
+    def remove(self) -> None:
+        """Leave nothing beside the finished plan."""
+        self._path.unlink(missing_ok=True)
+
+    def _read(self) -> Array | None:
+        try:
+            with np.load(self._path, allow_pickle=False) as kept:
+                if str(kept["key"]) != self._key:
+                    return None
+                variables = np.asarray(kept["variables"], dtype=np.float64)
+        except (OSError, ValueError, KeyError, EOFError):
+            return None
+        print(f"going on from {self._path}", file=sys.stderr)
+        return variables
+
+
+def _table(plan: RacePlan, verdict: Verdict, *, seconds: float) -> str:
+    facts = [
+        ("lap", f"{plan.lap.time or 0.0:.3f} s, at rest after {plan.nodes.times[-1]:.3f} s"),
+        ("planned in", f"{seconds:.1f} s, {plan.iterations} iterations"),
+        ("highest speed", f"{verdict.over_time.speed.max():.2f} m/s"),
+        ("needs", "within the limits" if verdict.feasible else verdict.reason()),
+    ]
+    rows: list[Sequence[str]] = [("", "time", "from centre")]
+    for number, passage in zip(plan.course.numbers, plan.lap.passages, strict=True):
+        if passage.time is None or passage.miss is None:
+            rows.append((f"gate {number}", "-", "-"))
+        else:
+            rows.append((f"gate {number}", f"{passage.time:.3f} s", f"{passage.miss:.3f} m"))
+    lines = text_table(facts, align="ll", widths=(16, 0), gap="")
+    return "\n".join((*lines, "", *text_table(rows, align="lrr", widths=(10, 12, 14), gap="")))

@@ -1,0 +1,133 @@
+"""``quad_mpc plan``, and flights along what it writes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import matplotlib.image
+import pytest
+import yaml
+
+from quad_mpc_ros.cli import main
+from quad_mpc_ros.commands import EXIT_INTERRUPTED
+from quad_mpc_ros.commands import plan as command
+from quad_mpc_ros.recordings.evaluation.race import flown_course
+from quad_mpc_ros.recordings.recording import Recording
+
+pytest.importorskip("casadi")
+
+COURSE = {
+    "start": [0.0, 0.0, 1.0],
+    "gates": [
+        {"position": [5.0, 0.0, 1.5], "yaw": 0.3, "width": 1.5, "height": 1.5},
+        {"position": [7.0, 5.0, 1.5], "tolerance": 0.3},
+    ],
+    "end": [3.0, 7.0, 1.0],
+}
+VEHICLE = ["--config", "vehicles/cpc"]
+QUICK = ["--step", "0.08"]
+
+
+@pytest.fixture
+def course(tmp_path: Path) -> Path:
+    file = tmp_path / "course.yaml"
+    file.write_text(yaml.safe_dump(COURSE))
+    return file
+
+
+def test_plan_is_written_drawn_checked_and_flown(
+    course: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "race.csv"
+    assert main(["plan", str(course), *VEHICLE, *QUICK, "--out", str(out)]) == 0
+    told = capsys.readouterr()
+    assert "gate 2" in told.out and "within the limits" in told.out
+    assert matplotlib.image.imread(out.with_suffix(".png")).std() > 0.01
+    assert sorted(path.name for path in tmp_path.glob("race*")) == ["race.csv", "race.png"]
+
+    flown = ["--gates", str(course), "--set", f"reference.file={out}"]
+    margin = ["--set", "reference.limit_margin=0.05"]
+    check = ["check-reference", *VEHICLE, *flown, *margin, "--out", str(tmp_path / "check")]
+    assert main(check) == 0
+    run = tmp_path / "run"
+    assert main(["simulate", *VEHICLE, *flown, "--duration", "4", "--out", str(run)]) == 0
+    summary = json.loads((run / "summary.json").read_text())
+    assert [gate["passed"] for gate in summary["gates"]] == [True, True]
+    assert set(summary["gates"][0]) == {"gate", "time_s", "miss_m", "passed", "clipped"}
+    assert 1.0 < summary["lap_time_s"] < 4.0
+    assert "2 of 2 passed" in capsys.readouterr().out
+
+    course.unlink()  # the bag has the course itself
+    recorded = flown_course(Recording(run / "bag").flight())
+    assert recorded is not None and recorded.numbers == (1, 2)
+
+
+def test_without_a_plan_a_smooth_path_is_flown(course: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    options = ["--gates", str(course), "--duration", "12", "--out", str(run)]
+    assert main(["simulate", *VEHICLE, *options]) == 0
+    summary = json.loads((run / "summary.json").read_text())
+    assert all(gate["passed"] for gate in summary["gates"])
+
+
+def test_interrupted_it_goes_on(
+    course: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "race.csv"
+    given = ["plan", str(course), *VEHICLE, *QUICK, "--out", str(out)]
+    take = command._Part.take
+
+    def interrupted(self: object, stage: str, iteration: int, *rest: object) -> None:
+        if stage == "vehicle" and iteration == 12:
+            os.kill(os.getpid(), signal.SIGINT)
+        take(self, stage, iteration, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(command._Part, "take", interrupted)
+    assert main(given) == EXIT_INTERRUPTED
+    assert not out.exists() and (tmp_path / "race.csv.part").exists()
+    monkeypatch.setattr(command._Part, "take", take)
+    capsys.readouterr()
+    assert main(given) == 0
+    assert "going on from" in capsys.readouterr().err
+    assert out.exists() and not (tmp_path / "race.csv.part").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "told"),
+    [
+        ({"gates": COURSE["gates"][:1]}, [], "given 1, expected 2 to 100 passages"),
+        ({"start": [0.0, float("nan"), 1.0]}, [], "start: given [0.0, nan, 1.0], expected 3"),
+        ({}, ["--gate-margin", "0.3"], "gates[2]: unreachable"),
+        ({}, ["--margin", "0.99"], "reference.limit_margin: given 0.99"),
+        ({}, ["--out", "/dev/null/race.csv"], "--out: /dev/null/race.csv cannot be written"),
+    ],
+)
+def test_bad_input_is_told_in_a_sentence(
+    changes: dict[str, object],
+    options: list[str],
+    told: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    file = tmp_path / "course.yaml"
+    file.write_text(yaml.safe_dump({**COURSE, **changes}))
+    out = [] if "--out" in options else ["--out", str(tmp_path / "race.csv")]
+    assert main(["plan", str(file), *VEHICLE, *out, *options]) == 2
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "race.csv").exists()
+
+
+@pytest.mark.parametrize("name", ["simulate", "check-reference"])
+def test_bad_gates_do_not_fly(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert main([name, "--gates", str(tmp_path / "none.yaml"), "--out", str(out)]) == 2
+    assert "none.yaml: cannot be read" in capsys.readouterr().err
+    assert not out.exists()
