@@ -14,6 +14,7 @@ from fixtures.installed_ros import Running, importable, running, wait_for
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
+from rcl_interfaces.srv import GetParameters
 from rosbags.highlevel import AnyReader
 
 pytestmark = pytest.mark.timeout(400)  # of a busy machine
@@ -43,6 +44,19 @@ def nodes() -> Iterator[rclpy.node.Node]:
 
 def names(node: rclpy.node.Node) -> set[str]:
     return {f"{space.rstrip('/')}/{name}" for name, space in node.get_node_names_and_namespaces()}
+
+
+def is_spinning(node: rclpy.node.Node, name: str) -> bool:
+    """Whether another node answers: it is there before that, while it still starts."""
+    client = node.create_client(GetParameters, f"{name}/get_parameters")
+    try:
+        if not client.wait_for_service(0.1):
+            return False
+        future = client.call_async(GetParameters.Request())
+        rclpy.spin_until_future_complete(node, future, timeout_sec=5.0)
+        return future.done()
+    finally:
+        node.destroy_client(client)
 
 
 def bags(folder: Path) -> list[Path]:
@@ -148,8 +162,10 @@ def test_controller_and_bridges_start_in_namespaces_and_end(
             beside = "reference" if space == "alone" else f"{space}_bridge"
             expected = {f"/{space}/mpc", f"/{space}/{beside}"}
             wait_for(
-                lambda expected=expected: expected <= names(nodes),
-                what=f"there: {expected}",
+                lambda expected=expected: (
+                    expected <= names(nodes) and all(is_spinning(nodes, name) for name in expected)
+                ),
+                what=f"spinning: {expected}",
                 while_running=run,
             )
             assert len(run.pids) == (2 if space == "alone" else 1)

@@ -25,11 +25,17 @@ VEHICLE = {
     "mass": 1.0,
     "thrust_curve": [0.0, 5.0, 0.0],
 }
-FLYING = {"drag": 1.0, "omega_max": [3.8, 3.8, 3.4]}
 LAGS = {"rate_time_constant": 0.12, "thrust_time_constant": 0.05, "input_delay": 0.045}
+RATES = [3.8, 3.8, 3.4]
 CONFIG = {
-    "mpc": {**VEHICLE, **FLYING, **LAGS},
-    "reference": {**VEHICLE, **FLYING, "takeoff_height": 2.5, "height": 2.5},
+    "mpc": {**VEHICLE, "drag": 1.0, **LAGS, "omega_max": RATES},
+    "reference": {
+        **VEHICLE,
+        "drag": 1.0,
+        "advanced.trajectory_omega_max": RATES,
+        "takeoff_height": 2.5,
+        "height": 2.5,
+    },
     "px4_bridge": VEHICLE,
 }
 PX4 = {
