@@ -41,12 +41,8 @@ KEYS = {
     "odometries",
     "unanswered_odometries",
     "duration_s",
-<<<<<<< HEAD
-    *("crashed", "crash", "crash_time_s"),
-    *("clearance_min_m", "collided", "collision"),
-=======
     *("crashed", "crash", "crash_time_s", "gates", "lap_time_s"),
->>>>>>> gates
+    *("clearance_min_m", "collided", "collision"),
     *("commanding", "margins", "estimated", "estimate_resets", "rejected_inputs"),
 }
 
@@ -352,12 +348,8 @@ def test_missing_data_is_null(make_flight: FlightMaker, build: SimpleNamespace) 
         "odometries": 1,
         "unanswered_odometries": 0,
         "duration_s": 0.0,
-<<<<<<< HEAD
-        **dict.fromkeys(("crashed", "crash", "crash_time_s")),
-        **dict.fromkeys(("clearance_min_m", "collided", "collision")),
-=======
         **dict.fromkeys(("crashed", "crash", "crash_time_s", "gates", "lap_time_s")),
->>>>>>> gates
+        **dict.fromkeys(("clearance_min_m", "collided", "collision")),
         "commanding": {"ticks": {}, "first_without_mpc": None},
         "margins": {
             "lockstep": False,
