@@ -76,10 +76,11 @@ def number(
     name: str,
     *,
     above: float = -math.inf,
+    least: float = -math.inf,
     below: float = math.inf,
     finite: bool = True,
 ) -> float:
-    """Return a real number between two bounds, neither of which it may be."""
+    """Return a real number above ``above``, of at least ``least`` and below ``below``."""
     if type(given) is not float:
         if not isinstance(given, Real) or isinstance(given, bool):
             raise ArgumentError(name, given, "a number")
@@ -87,8 +88,9 @@ def number(
             given = float(given)
         except OverflowError:
             raise ArgumentError(name, given, "a finite number") from None
-    if finite and not above < given < below:  # NaN compares with nothing
+    if finite and not (above < given < below and given >= least):  # NaN compares with nothing
         bounds = [f" above {above:g}"] if above > -math.inf else []
+        bounds += [f" of at least {least:g}"] if least > -math.inf else []
         bounds += [f" below {below:g}"] if below < math.inf else []
         raise ArgumentError(name, given, f"a finite number{' and'.join(bounds)}")
     return given

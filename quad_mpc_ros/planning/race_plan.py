@@ -110,8 +110,8 @@ def plan_race(
     instance(reference, "reference", ReferenceConfig)
     if model not in MODELS:
         raise ArgumentError("model", model, " or ".join(MODELS))
-    gate_margin = number(gate_margin, "gate_margin", above=-1e-9, below=100.0)
-    radius = number(radius, "radius", above=-1e-9, below=10.0)
+    gate_margin = number(gate_margin, "gate_margin", least=0.0, below=100.0)
+    radius = number(radius, "radius", least=0.0, below=10.0)
     step = number(step, "step", above=0.004, below=0.5)
     course = gates if isinstance(gates, Course) else read_course(gates)
     vehicle = planned_vehicle(mpc, simulator, reference)
