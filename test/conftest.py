@@ -8,7 +8,7 @@ import os
 import socket
 import tempfile
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -53,9 +53,18 @@ def _free_domains(most: int) -> list[int]:
 # Another one after each test, by turns: of what a test leaves in its process, as long as anything
 # refers to it, the participant lives on, and counts as a node without endpoints; of a process that
 # was killed others hear for 20 s. What ended so soon made no nodes.
-_domains = itertools.cycle(_free_domains(30))
-os.environ["ROS_DOMAIN_ID"] = str(next(_domains))
+_domains: Iterator[int] = iter(())
+_MOST_DOMAINS = 20  # a process: so that several may test at once
 _SOON = 0.005  # s
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Take domains, but where other processes run the tests."""
+    global _domains
+    distributes = getattr(config.option, "numprocesses", None)
+    if not distributes or hasattr(config, "workerinput"):
+        _domains = itertools.cycle(_free_domains(_MOST_DOMAINS))
+        os.environ["ROS_DOMAIN_ID"] = str(next(_domains))
 
 
 @pytest.hookimpl(wrapper=True)

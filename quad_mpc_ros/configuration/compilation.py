@@ -47,9 +47,19 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
     Floating point is strict: a flight is the same, bit for bit, in every process of a machine.
     """
+    return _compiled(function, nogil=False)
+
+
+def compiled_beside_others(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Compile as :func:`compiled`; while it runs, Python's other threads run as well."""
+    return _compiled(function, nogil=True)
+
+
+def _compiled(function: Callable[_P, _T], *, nogil: bool) -> Callable[_P, _T]:
     folder = cache_folder(Path(function.__code__.co_filename).resolve().parent)
+    kept = folder is not None
     with _cached_in(folder):
-        dispatcher = numba.njit(cache=folder is not None, error_model="numpy")(function)
+        dispatcher = numba.njit(cache=kept, error_model="numpy", nogil=nogil)(function)
     FUNCTIONS.append(dispatcher)
     return cast(Callable[_P, _T], dispatcher)
 

@@ -27,6 +27,7 @@ from quad_mpc_ros.obstacles.local_map import THINNED, LocalMap
 from quad_mpc_ros.obstacles.moving import Movers
 from quad_mpc_ros.obstacles.search import search, shortened
 from quad_mpc_ros.obstacles.sharing import Neighbours, Shared, shared_space
+from quad_mpc_ros.obstacles.surroundings import Standing, Surroundings
 
 _LOOK = 0.1  # m, between places at which a way is looked at
 _SEARCH_MARGIN = 0.05  # m, that ways keep beyond what the plan has to
@@ -78,27 +79,15 @@ class MovingPoints(NamedTuple):
         return MovingPoints(empty, empty, np.zeros(0), np.zeros(0, np.int64), np.zeros(0))
 
 
-class Obstacles(Protocol):
+class Obstacles(Standing, Protocol):
     """What is known of obstacles, in the frame of the odometry.
 
     Times are stamps in nanoseconds, of the odometry's clock.
     """
 
     @property
-    def revision(self) -> int:
-        """A number that changes when what :meth:`points` returns may have changed."""
-        ...
-
-    @property
     def spacing(self) -> float:
         """How far points of a surface are apart at most [m]; 0 where they are all there is."""
-        ...
-
-    def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
-        """Return points (n, 3) [m] of what stands, those within a ``radius`` of a place ``near``.
-
-        Some further away do no harm, and neither do many: they are thinned out.
-        """
         ...
 
     def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
@@ -152,7 +141,7 @@ class ObstacleAvoidance:
         """``radius`` [m] is that of a ball about the vehicle, and about each neighbour."""
         self._obstacles, self._radius = obstacles, radius
         self._neighbours = neighbours
-        self._here: LocalMap | None = None
+        self.surroundings = Surroundings(obstacles)
         self._way: _Way | None = None
         _compile()
         self.reconfigure(config)
@@ -194,15 +183,10 @@ class ObstacleAvoidance:
         v_W = R_WB @ odometry.v_WB_B
         p_W = odometry.p_WB + 1e-9 * self._delay_ns * v_W
         stamp_ns, obstacles, own = odometry.stamp_ns, self._obstacles, self._own
-        revision = obstacles.revision
-        here = self._here
-        if here is None or not here.serves(p_W, revision=revision):
-            points = obstacles.points(stamp_ns, near=p_W, radius=own.range)
-            # As far as ways keep from what is near at any speed that is flown, and how old it is.
-            most = own.margin_growth * _FASTEST + _DRIFT * _OLDEST
-            far = self._radius + own.margin + most + _COMFORT
-            here = LocalMap(points, centre=p_W, radius=own.range, far=far, revision=revision)
-            self._here = here
+        # As far as ways keep from what is near at any speed that is flown, and how old it is.
+        most = own.margin_growth * _FASTEST + _DRIFT * _OLDEST
+        far = self._radius + own.margin + most + _COMFORT
+        here = self.surroundings.at(p_W, stamp_ns, radius=own.range, far=far)
         moving = obstacles.moving(stamp_ns + self._delay_ns, near=p_W, radius=own.range)
         if self._neighbours is not None:
             moving = moving.without_neighbours()

@@ -16,6 +16,11 @@ class Avoiding(NamedTuple):
     world: World
     guide: ObstacleAvoidance
 
+    def reset_estimate(self) -> None:
+        """Forget what was seen and made of it: the frame of the odometry has moved."""
+        self.world.reset_estimate()
+        self.guide.surroundings.forget()
+
 
 def avoiding(config: MpcConfig) -> Avoiding | None:
     """Return world and guide; None where ``obstacles.half_spaces`` is 0, to know of no obstacles.

@@ -14,7 +14,6 @@ THINNED = 0.1
 
 _CELL = 0.2  # m
 _UP = 2.4  # m, that ways lead up or down at most
-_MOVED = 1.0  # m, after which the surroundings are others
 
 
 class LocalMap:
@@ -30,16 +29,11 @@ class LocalMap:
         self.centre, self.radius, self.revision = centre.copy(), radius, revision
         self._far = far
         self._tree = None
-        if len(
-            self.points
-        ):  # asked a few times only: a tree that is made soon, not a balanced one
+        if len(self.points):  # asked a few times only: made soon, not balanced
             self._tree = cKDTree(self.points, balanced_tree=False, compact_nodes=False)
         self._grid: Grid | None = None
-
-    def serves(self, p_W: Array, *, revision: int) -> bool:
-        """Whether it is still what is around a place (3,)."""
-        moved = float(np.linalg.norm(p_W - self.centre))
-        return revision == self.revision and moved < _MOVED
+        self.is_searched = False
+        """Whether the grid has been asked for."""
 
     def distances(self, places: Array) -> Array:
         """Return the distances (n,) [m] of places (n, 3) to the nearest points, or infinity."""
@@ -50,8 +44,13 @@ class LocalMap:
     @property
     def grid(self) -> Grid:
         """The grid of distances, made when it is first asked for."""
-        if self._grid is None:
-            half = self.radius, min(_UP, self.radius)
-            self._grid = Grid.about(self.centre, half=half, cell=_CELL, far=self._far)
-            fill(self.points, self._grid)
-        return self._grid
+        self.is_searched = True
+        return self._grid or self.make_grid()
+
+    def make_grid(self) -> Grid:
+        """Make the grid of distances."""
+        half = self.radius, min(_UP, self.radius)
+        grid = Grid.about(self.centre, half=half, cell=_CELL, far=self._far)
+        fill(self.points, grid)
+        self._grid = grid
+        return grid

@@ -119,8 +119,8 @@ class Markers:
 
     @property
     def standing_points(self) -> list[Array]:
-        """Points (n, 3) [m] on the surfaces of what stands."""
-        return [known.points for known in self._known.values() if len(known.points)]
+        """Points (n, 3) [m] on the surfaces of what stands; another thread may ask."""
+        return [known.points for known in list(self._known.values()) if len(known.points)]
 
     def moving(self, stamp_ns: int) -> list[Moved]:
         """Return what moves, where it is predicted to be at a time."""

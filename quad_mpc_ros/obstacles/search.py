@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.compilation import compiled, compiled_beside_others
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.obstacles.moving import Movers
 
@@ -25,11 +25,11 @@ _CLIMB = 1.5
 class Grid(NamedTuple):
     """Distances (nx, ny, nz) [m] from the centres of cells to the nearest point, at most ``far``.
 
-    ``origin`` (3,) is the centre of the first cell, ``cell`` the width of one [m]. To be further
+    They are in single precision. ``origin`` (3,) is the centre of the first cell, ``cell`` the width of one [m]. To be further
     away than ``far`` [m] is no better.
     """
 
-    distances: Array
+    distances: NDArray[np.float32]
     origin: Array
     cell: float
     far: float
@@ -40,32 +40,31 @@ class Grid(NamedTuple):
         across, up = (round(extent / cell) for extent in half)
         corner = np.floor(centre / cell) - (across, across, up)
         shape = 2 * across + 1, 2 * across + 1, 2 * up + 1
-        return Grid(np.full(shape, far), (corner + 0.5) * cell, cell, far)
+        return Grid(np.full(shape, far, np.float32), (corner + 0.5) * cell, cell, far)
 
 
-@compiled
+@compiled_beside_others
 def fill(points: Array, grid: Grid) -> None:
     """Write the distances to points (n, 3) into an empty grid."""
     nx, ny, nz = grid.distances.shape
     far, least = grid.far / grid.cell, grid.distances
-    for i in range(nx):
-        for j in range(ny):
-            for m in range(nz):
-                least[i, j, m] = far * far  # squared, in cells
+    farthest = np.float32(far * far)
+    least[:] = farthest  # squared, in cells
     for k in range(len(points)):
         x = (points[k, 0] - grid.origin[0]) / grid.cell
         y = (points[k, 1] - grid.origin[1]) / grid.cell
-        z = (points[k, 2] - grid.origin[2]) / grid.cell
+        z = np.float32((points[k, 2] - grid.origin[2]) / grid.cell)
+        lowest, highest = max(0, math.ceil(z - far)), min(nz, math.floor(z + far) + 1)
         for i in range(max(0, math.ceil(x - far)), min(nx, math.floor(x + far) + 1)):
             for j in range(max(0, math.ceil(y - far)), min(ny, math.floor(y + far) + 1)):
-                across = (i - x) ** 2 + (j - y) ** 2
-                if across >= far * far:
+                across = np.float32((i - x) ** 2 + (j - y) ** 2)
+                if across >= farthest:
                     continue
-                up = math.sqrt(far * far - across)
-                for m in range(max(0, math.ceil(z - up)), min(nz, math.floor(z + up) + 1)):
-                    squared = across + (m - z) ** 2
-                    if squared < least[i, j, m]:
-                        least[i, j, m] = squared
+                column = least[i, j]
+                for m in range(lowest, highest):  # without a branch: several cells at once
+                    up = np.float32(m) - z
+                    squared = across + up * up
+                    column[m] = squared if squared < column[m] else column[m]
     for i in range(nx):
         for j in range(ny):
             for m in range(nz):

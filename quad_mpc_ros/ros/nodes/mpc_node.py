@@ -71,8 +71,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._refused = "; ".join(refused)
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
-        avoided = avoiding(config)
-        guide = None if avoided is None else avoided.guide
+        self._avoided = avoiding(config)
+        guide = None if self._avoided is None else self._avoided.guide
         with reported(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds, guide=guide)
         self._standby = Standby()
@@ -99,12 +99,14 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
-        self._world = None if avoided is None else avoided.world
         self._obstacle_inputs: ObstacleInputs | None = None
         self._corridor: Publisher | None = None
-        if self._world is not None:
+        if self._avoided is not None:
             self._corridor = self.health.publisher(topics.CORRIDOR)
-            self._obstacle_inputs = ObstacleInputs(self, self._world, lockstep=config.lockstep)
+            world, surroundings = self._avoided.world, self._avoided.guide.surroundings
+            self._obstacle_inputs = ObstacleInputs(
+                self, world, surroundings, lockstep=config.lockstep
+            )
         if not config.lockstep:
             self.managed_alarm(1.0 / config.control_rate, self._on_watch)
 
@@ -177,9 +179,9 @@ class MpcNode(ManagedNode[MpcConfig]):
             return
         self._standby.receive_odometry(odometry, now_ns=now_ns)
         self._commanders.hear()
-        if self._obstacle_inputs is not None and self._world is not None:
+        if self._obstacle_inputs is not None and self._avoided is not None:
             self._obstacle_inputs.before_odometry()
-            self._world.receive_odometry(odometry)
+            self._avoided.world.receive_odometry(odometry)
         if self.active:
             self._finish(self._controller.receive_odometry(odometry, now_ns=now_ns))
         else:
@@ -230,8 +232,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         except ValueError as error:
             self._warn(str(error))
             return
-        if self._world is not None:
-            self._world.reset_estimate()
+        if self._avoided is not None:
+            self._avoided.reset_estimate()
 
     def _on_watch(self) -> float:
         """Act if odometry is missing, and return the time to the next check [s]."""

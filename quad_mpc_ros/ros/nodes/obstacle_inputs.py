@@ -21,6 +21,7 @@ from quad_mpc_ros.messages.topics import (
     TF_STATIC,
     Topic,
 )
+from quad_mpc_ros.obstacles.surroundings import Surroundings
 from quad_mpc_ros.obstacles.world import World
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import message_class, odometry_in
@@ -31,20 +32,25 @@ _SILENT = 1.0  # s without a scan, after the first
 class ObstacleInputs:
     """Hands what is heard on to a world, and counts what is refused.
 
-    Clouds are read in a thread of their own, the newest only, so that no tick waits for one. In
-    lockstep everything waits for the next odometry, so that a flight can be repeated.
+    Clouds are read in a thread of their own, the newest only, and there the local map is made from
+    what is known, so that no tick waits for one. In lockstep everything waits for the next
+    odometry, so that a flight can be repeated.
     """
 
-    def __init__(self, node: ManagedNode[Any], world: World, *, lockstep: bool) -> None:
+    def __init__(
+        self, node: ManagedNode[Any], world: World, surroundings: Surroundings, *, lockstep: bool
+    ) -> None:
         self._node, self._world, self._lockstep = node, world, lockstep
+        self._surroundings = surroundings
         self._waiting: list[Callable[[], None]] = []
         self._counts = {"clouds": 0, "markers": 0, "plans": 0, "refused": 0}
         self._newest: deque[bytes] = deque(maxlen=1)
         self._refusals: deque[str] = deque(maxlen=10)
         self._wakes = threading.Condition()
-        self._ended = False
+        self._ended = self._map_is_due = False
         self._thread: threading.Thread | None = None
         if not lockstep:
+            surroundings.wake = self._wake
             self._thread = threading.Thread(target=self._read_clouds, name="clouds", daemon=True)
             self._thread.start()
         self._subscribe()
@@ -143,14 +149,22 @@ class ObstacleInputs:
             data
         )
 
+    def _wake(self) -> None:
+        with self._wakes:
+            self._map_is_due = True
+            self._wakes.notify()
+
     def _read_clouds(self) -> None:
         while True:
             with self._wakes:
-                self._wakes.wait_for(lambda: self._ended or self._newest)
+                self._wakes.wait_for(lambda: self._ended or self._newest or self._map_is_due)
                 if self._ended:
                     return
-                data = self._newest.pop()
-            self._read_cloud(data)
+                self._map_is_due = False
+                data = self._newest.pop() if self._newest else None
+            if data is not None:
+                self._read_cloud(data)
+            self._surroundings.renew()
 
     def _on_markers(self, data: bytes) -> None:
         self._world.receive_markers(read_markers(data))
