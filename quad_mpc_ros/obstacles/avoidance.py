@@ -35,6 +35,7 @@ _COMFORT = 0.3  # m, within which ways give room to what is near if they can
 _FASTEST = 10.0  # m/s
 _AGAIN_NS = 100_000_000  # after which a way is searched anew
 _SWITCH = 0.5  # m, by which a place to stop has to be nearer for another to be left
+_ASTRAY = 0.3  # m, that the vehicle may be away from where it is led
 _BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
 # Of the speed of what moves: what its prediction is wrong by.
 _SPEED_ERROR = 0.1
@@ -119,6 +120,13 @@ class _Way(NamedTuple):
     revision: int
 
 
+class _Lead(NamedTuple):
+    """How the guide moves from a time on."""
+
+    start_ns: int
+    motion: Followed
+
+
 class _Goal(NamedTuple):
     """Where to rejoin the reference, when that is there [s], and how fast it is."""
 
@@ -143,6 +151,7 @@ class ObstacleAvoidance:
         self._neighbours = neighbours
         self.surroundings = Surroundings(obstacles)
         self._way: _Way | None = None
+        self._lead: _Lead | None = None
         _compile()
         self.reconfigure(config)
 
@@ -160,7 +169,7 @@ class ObstacleAvoidance:
         own = self._planned(seen, plan)
         shared = self._shared(seen, own)
         if not math.isfinite(clearance) or self._is_free(seen, window, plan):
-            self._way = None
+            self._way = self._lead = None
             if shared is None:
                 return Guided(window, None, Avoidance("free", "", clearance))
             beside = Avoidance("around", "a neighbour is near", clearance)
@@ -318,7 +327,26 @@ class ObstacleAvoidance:
             end_speed = min(goal.speed, speed)
         limits = Limits(speed, end_speed, own.acceleration)
         duration = self._horizon + 5 * STEP
-        return followed(way.points, limits, p_W=seen.p_W, v_W=seen.v_W, duration=duration)
+        p_W, v_W = self._led(seen)
+        motion = followed(way.points, limits, p_W=p_W, v_W=v_W, duration=duration)
+        self._lead = _Lead(seen.start_ns, motion)
+        return motion
+
+    def _led(self, seen: _Seen) -> tuple[Array, Array]:
+        """Return where the guide has come to since the last tick, and how fast it is.
+
+        Where the vehicle is, if that is too far away from it.
+        """
+        if self._lead is not None:
+            since = (seen.start_ns - self._lead.start_ns) * 1e-9
+            motion = self._lead.motion
+            at = STEP * np.arange(len(motion.p_W))
+            now = np.array([since])
+            p_W = _interpolated(now, at, motion.p_W)[0]
+            v_W = _interpolated(now, at, motion.v_W)[0]
+            if since < at[-1] and _apart(p_W, seen.p_W) < _ASTRAY:
+                return p_W, v_W
+        return seen.p_W, seen.v_W
 
     # --- where the plan may be
 
