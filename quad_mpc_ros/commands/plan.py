@@ -213,10 +213,10 @@ def _table(plan: RacePlan, verdict: Verdict, *, seconds: float) -> str:
         ("needs", "within the limits" if verdict.feasible else verdict.reason()),
     ]
     rows: list[Sequence[str]] = [("", "time", "from centre")]
-    for number, passage in zip(plan.course.numbers, plan.lap.passages, strict=True):
+    for gate, passage in zip(plan.course.numbers, plan.lap.passages, strict=True):
         if passage.time is None or passage.miss is None:
-            rows.append((f"gate {number}", "-", "-"))
+            rows.append((f"gate {gate}", "-", "-"))
         else:
-            rows.append((f"gate {number}", f"{passage.time:.3f} s", f"{passage.miss:.3f} m"))
+            rows.append((f"gate {gate}", f"{passage.time:.3f} s", f"{passage.miss:.3f} m"))
     lines = text_table(facts, align="ll", widths=(16, 0), gap="")
     return "\n".join((*lines, "", *text_table(rows, align="lrr", widths=(10, 12, 14), gap="")))

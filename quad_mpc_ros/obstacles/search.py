@@ -25,8 +25,8 @@ _CLIMB = 1.5
 class Grid(NamedTuple):
     """Distances (nx, ny, nz) [m] from the centres of cells to the nearest point, at most ``far``.
 
-    They are in single precision. ``origin`` (3,) is the centre of the first cell, ``cell`` the width of one [m]. To be further
-    away than ``far`` [m] is no better.
+    They are in single precision. ``origin`` (3,) is the centre of the first cell, ``cell`` the
+    width of one [m]. To be further away than ``far`` [m] is no better.
     """
 
     distances: NDArray[np.float32]

@@ -10,10 +10,13 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.timer import Timer
 
+from quad_mpc_ros.ros.spin import until_the_end
+
 
 def create_steady_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
     """Create a timer [s] that neither simulated time nor a clock that is set can disturb."""
-    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    steady = Clock(clock_type=ClockType.STEADY_TIME)
+    return node.create_timer(period, until_the_end(node, callback), clock=steady)
 
 
 class Metronome:

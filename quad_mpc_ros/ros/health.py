@@ -25,6 +25,7 @@ from quad_mpc_ros.messages.topics import DIAGNOSTICS, Topic
 from quad_mpc_ros.ros.clocks import create_steady_timer
 from quad_mpc_ros.ros.messages import message_class, qos_of
 from quad_mpc_ros.ros.parameters import ParameterNode, declare
+from quad_mpc_ros.ros.spin import until_the_end
 from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, VehicleWatch, vehicle_text
 
 C = TypeVar("C", bound=Configuration)
@@ -90,7 +91,7 @@ class HealthReporter:
         endpoints[topic.name] = self._node.create_subscription(
             message_class(topic.type_name),
             topic.name,
-            callback,
+            until_the_end(self._node, callback),
             qos_of(topic),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=raw,

@@ -28,7 +28,7 @@ from quad_mpc_ros.ros.parameters import ManagedParameters, ParameterNode
 from quad_mpc_ros.ros.preflight.own import own_findings
 from quad_mpc_ros.ros.realtime import settle_memory
 from quad_mpc_ros.ros.repeated_warnings import RepeatedWarnings
-from quad_mpc_ros.ros.spin import stop
+from quad_mpc_ros.ros.spin import stop, until_the_end
 
 C = TypeVar("C", bound=ManagedConfiguration)
 
@@ -189,7 +189,7 @@ class ManagedNode(ParameterNode, LifecycleNode, Generic[C]):
                 callback()
 
         create = functools.partial(create_steady_timer, self) if steady else self.create_timer
-        timer = create(period, guarded)
+        timer = create(period, until_the_end(self, guarded))
         self._made.callback(self.destroy_timer, timer)
 
     def managed_alarm(self, delay: float, callback: Callable[[], float]) -> None:

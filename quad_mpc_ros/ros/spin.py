@@ -9,7 +9,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ParamSpec
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -29,10 +29,13 @@ from quad_mpc_ros.ros.parameter_files import (
 )
 from quad_mpc_ros.ros.realtime import free_memory, settle_memory
 
+_P = ParamSpec("_P")
+
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 # A signal that comes just before the executor waits does not wake it; then it ends this late.
 _SPIN_TIMEOUT = 1.0
+_HEARD = (signal.SIGINT, signal.SIGTERM)
 _SWITCH_INTERVAL = 0.0005  # s; Python's own are 5 ms, a quarter of a control period
 
 
@@ -51,8 +54,8 @@ def run(
         The exit code: 2 for a wrong parameter, file or argument, which is one line on stderr, and
         130 when it was asked to end while it was still starting.
     """
-    with _heard_once(process_ends=args is None) as finishing:
-        return _run([create], args, finishing, message_info=message_info, only_ros=True)
+    with _heard_once(process_ends=args is None) as interrupts:
+        return _run([create], args, interrupts, message_info=message_info, only_ros=True)
 
 
 def run_together(creates: Sequence[Callable[[], Node]], args: list[str] | None = None) -> int:
@@ -62,14 +65,14 @@ def run_together(creates: Sequence[Callable[[], Node]], args: list[str] | None =
     is not to delay another. Who of them runs is decided anew every half a millisecond.
     """
     sys.setswitchinterval(_SWITCH_INTERVAL)
-    with _heard_once(process_ends=args is None) as finishing:
-        return _run(creates, args, finishing)
+    with _heard_once(process_ends=args is None) as interrupts:
+        return _run(creates, args, interrupts)
 
 
 def _run(
     creates: Sequence[Callable[[], Node]],
     args: list[str] | None,
-    finishing: Callable[[], None],
+    interrupts: _Interrupts,
     *,
     message_info: bool = False,
     only_ros: bool = False,
@@ -98,6 +101,7 @@ def _run(
             nodes[0].get_logger().warning(unread)
         settle_memory()
         threads += map(_spinning, nodes[1:], executors[1:])
+        interrupts.spinning()
         _spin(nodes[0], executors[0])
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -112,7 +116,7 @@ def _run(
         if starting:
             return EXIT_INTERRUPTED
     finally:
-        finishing()
+        interrupts.finishing()
         uninstall_signal_handlers()  # returns when the signal thread has ended
         if threads:
             rclpy.try_shutdown()  # which ends their spinning
@@ -134,36 +138,49 @@ def _begin(args: list[str] | None) -> None:
         raise UserError(f"ROS refuses the arguments: {reason}") from error
 
 
-@contextmanager
-def _heard_once(*, process_ends: bool) -> Iterator[Callable[[], None]]:
-    """Let the first SIGINT interrupt and no further one: what is written out then stays whole.
+class _Interrupts:
+    """What SIGINT does: it interrupts what starts, once. Spinning is ended by rclpy's handler.
 
-    Yields what is to be called when finishing begins, from when on no signal is heard. A process
-    that goes on hears signals afterwards as before, and so does what it starts, which inherits
-    what is ignored. One that ends with its node hears none any more.
+    For an exception in the middle of a callback would be a page of traceback, and half a message.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: None
-        return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    heard = False
 
-    def interrupt_once(_number: int, _frame: object) -> None:
-        nonlocal heard
-        if not heard:
-            heard = True
+    def __init__(self) -> None:
+        self._interrupts = True
+
+    def __call__(self, _number: int, _frame: object) -> None:
+        """Hear a signal."""
+        if self._interrupts:
+            self._interrupts = False
             raise KeyboardInterrupt
 
-    def hear_no_more() -> None:
-        nonlocal heard
-        heard = True
-        for number in before:
-            signal.signal(number, signal.SIG_IGN)
+    def spinning(self) -> None:
+        """Interrupt no more: all is started."""
+        self._interrupts = False
 
+    def finishing(self) -> None:
+        """Hear no more signals: what is written out stays whole."""
+        self._interrupts = False
+        if threading.current_thread() is threading.main_thread():
+            for number in _HEARD:
+                signal.signal(number, signal.SIG_IGN)
+
+
+@contextmanager
+def _heard_once(*, process_ends: bool) -> Iterator[_Interrupts]:
+    """Let the first SIGINT end a start, or the spinning, and no further one.
+
+    A process that goes on hears signals afterwards as before, and so does what it starts, which
+    inherits what is ignored. One that ends with its node hears none any more.
+    """
+    interrupts = _Interrupts()
+    if threading.current_thread() is not threading.main_thread():
+        yield interrupts
+        return
+    before = {number: signal.getsignal(number) for number in _HEARD}
     if before[signal.SIGINT] is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, interrupt_once)
+        signal.signal(signal.SIGINT, interrupts)
     try:
-        yield hear_no_more
+        yield interrupts
     finally:
         if process_ends:
             # A lifecycle node of rclpy keeps its part of DDS, threads and all, until it is
@@ -177,6 +194,19 @@ def _heard_once(*, process_ends: bool) -> Iterator[Callable[[], None]]:
 def stop() -> None:
     """Let the spinning node end after the callback that runs now."""
     rclpy.try_shutdown()
+
+
+def until_the_end(node: Node, callback: Callable[_P, None]) -> Callable[_P, None]:
+    """Return a callback of a node that may fail when ROS has ended: nothing is published then."""
+
+    def guarded(*arguments: _P.args, **named: _P.kwargs) -> None:
+        try:
+            callback(*arguments, **named)
+        except Exception:
+            if node.context.ok():
+                raise
+
+    return guarded
 
 
 def _spinning(node: Any, executor: Any) -> threading.Thread:

@@ -42,7 +42,7 @@ def test_distances_of_cells_are_those_to_the_nearest_point(seed: int) -> None:
     points = np.random.default_rng(seed).uniform(-3.5, 3.5, size=(60, 3))
     grid = filled(points)
     exact = np.linalg.norm(centres(grid)[..., None, :] - points, axis=-1).min(axis=-1)
-    np.testing.assert_allclose(grid.distances, np.minimum(exact, FAR), atol=1e-9)
+    np.testing.assert_allclose(grid.distances, np.minimum(exact, FAR), atol=1e-6)
     place = np.array([0.31, -0.47, 0.13])
     around = np.linalg.norm(points - place, axis=1).min()
     assert distance_at(grid, *place) == pytest.approx(min(around, FAR), abs=0.2)

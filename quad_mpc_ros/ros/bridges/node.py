@@ -8,7 +8,6 @@ import importlib.util
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from std_srvs.srv import SetBool
 
 from quad_mpc_ros.configuration import UserError
@@ -27,7 +26,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.serial_line import SerialLine
-from quad_mpc_ros.ros.clocks import SteadyTime
+from quad_mpc_ros.ros.clocks import SteadyTime, create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
 from quad_mpc_ros.ros.preflight.finding import Level
@@ -92,8 +91,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             self.create_service(SetBool, f"~/{name}", functools.partial(self._serve, ask))
         self._line = SerialLine(self._bridge.line) if self._bridge.line is not None else None
         if self._line is not None:
-            steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self.create_timer(_LINE_PERIOD, self._on_line, clock=steady)
+            create_steady_timer(self, _LINE_PERIOD, self._on_line)
 
     def _refuse_clashes(self, command: Topic) -> None:
         """Refuse two types under one name: DDS would use only the first."""

@@ -267,9 +267,9 @@ class MpcNode(ManagedNode[MpcConfig]):
                 self._warn(refusal)
 
     def _publish_ground(self) -> None:
-        """Publish changes of whether the vehicle stands."""
+        """Publish changes of whether the vehicle stands; at the end of ROS nobody hears it."""
         state = self._controller.ground_state.value
-        if state != self._ground_message.data:
+        if state != self._ground_message.data and self.context.ok():
             self._ground_message.data = state
             self._ground.publish(self._ground_message)
 

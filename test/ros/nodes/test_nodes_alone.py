@@ -57,6 +57,25 @@ def test_ends_cleanly_on_a_signal(
     assert "Traceback" not in (tmp_path / f"{node}.log").read_text()
 
 
+@pytest.mark.parametrize("node", ["mpc", "reference", "simulator", "recorder"])
+def test_ends_cleanly_in_the_middle_of_a_flight(
+    node: str, start: Start, peer: Any, tmp_path: Path
+) -> None:
+    names = ("simulator", "reference", "recorder", "mpc")
+    processes = {name: start(name, *_arguments(name, tmp_path)) for name in names}
+    logs = {name: tmp_path / f"{name}.log" for name in names}
+    assert peer.wait(lambda: "the MPC flies" in logs["mpc"].read_text(), timeout=90.0)
+    assert peer.wait(lambda: "active" in logs["recorder"].read_text().split(), timeout=30.0)
+    peer.spin(0.5)
+
+    processes[node].send_signal(signal.SIGINT)
+
+    assert processes[node].wait(15) == 0
+    log = logs[node].read_text()
+    assert "Traceback" not in log
+    assert "FATAL" not in log
+
+
 def test_warns_of_two_odometry_sources_and_zero_lags(
     start: Start, peer: Any, tmp_path: Path
 ) -> None:

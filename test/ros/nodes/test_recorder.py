@@ -87,6 +87,8 @@ def test_topics_by_name_and_by_regex(start: Start, peer: Any, tmp_path: Path) ->
     )
     wanted = [publishers[topic] for topic in ("/named", "/uav1/a", "/uav1/b")]
     assert peer.wait(lambda: all(publisher.get_subscription_count() for publisher in wanted))
+    log = tmp_path / "recorder.log"  # before it says so it has not started, which ends with 130
+    assert peer.wait(lambda: "active" in log.read_text().split())
     assert end(recorder) == 0
     assert set(BagReader(bag).topics) == {"/named", "/uav1/a", "/uav1/b"}
 
