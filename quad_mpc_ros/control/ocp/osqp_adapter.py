@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ from quad_mpc_ros.control.lie import Array
 
 SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
 OUT_OF_TIME = int(osqp.SolverStatus.OSQP_TIME_LIMIT_REACHED)
+_INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
 OUT_OF_ITERATIONS = int(osqp.SolverStatus.OSQP_MAX_ITER_REACHED)
 
 
@@ -54,10 +56,16 @@ class OsqpAdapter:
         self._solver.update(q=q, l=lower, u=upper, Px=P, Ax=A)
 
     def solve(self, x: Array, y: Array) -> OsqpResult:
-        """Solve, warm started in primal ``x`` and dual ``y``."""
+        """Solve, warm started in primal ``x`` and dual ``y``.
+
+        While it solves OSQP hears SIGINT in place of who else would: it is raised again, or
+        Ctrl-C would be lost.
+        """
         self._solver.warm_start(x=x, y=y)
         result = self._solver.solve(raise_error=False)
         info = result.info
+        if info.status_val == _INTERRUPTED:
+            signal.raise_signal(signal.SIGINT)
         return OsqpResult(
             status=info.status_val,
             status_text=info.status,
