@@ -126,6 +126,16 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
     rate_noise: float = parameter(
         0.0, doc="Standard deviation of its body rates.", unit="rad/s", minimum=0.0
     )
+    velocity_drift: float = parameter(
+        0.0,
+        doc="Standard deviation along each axis of the world of an error of its velocity that "
+        "lasts, as that of an autopilot's estimator does: a Gauss-Markov process.",
+        unit="m/s",
+        minimum=0.0,
+    )
+    velocity_drift_time: float = parameter(
+        1.0, doc="Correlation time of velocity_drift.", unit="s", above=0.0
+    )
     position_bias: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), doc="Error of the odometry's position, in the world.", unit="m", length=3
     )

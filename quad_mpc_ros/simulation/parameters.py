@@ -27,6 +27,7 @@ class Stream(IntEnum):
     NOISE = 1
     DROPOUT = 2
     JITTER = 3
+    DRIFT = 4
 
 
 @dataclass(frozen=True, kw_only=True)

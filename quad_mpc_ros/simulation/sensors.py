@@ -1,16 +1,17 @@
-"""The odometries of a flight: noise, bias, losses and delay."""
+"""The odometries of a flight: noise, bias, drift, losses and delay."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.parameters import Stream, white_noise
@@ -23,10 +24,11 @@ _VOLTAGE_PERIOD_NS = 200_000_000  # of the measurements of a battery
 
 
 class Sensors:
-    """Adds white noise and biases to the odometry and loses some.
+    """Adds white noise, biases and drift to the odometry and loses some.
 
     Position errs in the world, velocity, body rate and attitude in the body; the attitude by a
-    rotation R exp(bias + noise), so that the quaternion stays of unit length.
+    rotation R exp(bias + noise), so that the quaternion stays of unit length. The velocity's
+    drift, in the world, is a first-order Gauss-Markov process, sampled exactly.
     """
 
     def __init__(self, config: SimulatorConfig) -> None:
@@ -42,7 +44,8 @@ class Sensors:
         self._bias = np.concatenate(
             (config.position_bias, config.attitude_bias, config.velocity_bias, np.zeros(3))
         )
-        self._exact = not (self._noise.any() or self._bias.any())
+        self._drift = _Drift(config)
+        self._exact = not (self._noise.any() or self._bias.any() or config.velocity_drift > 0.0)
         self._dropout = config.odom_dropout
         self._white_noise = white_noise(config.random(Stream.NOISE), self._noise.size)
         self._dropout_random = config.random(Stream.DROPOUT)
@@ -54,7 +57,9 @@ class Sensors:
             return truth
         errors = self._bias + self._noise * next(self._white_noise)
         of_p, of_R, of_v, of_w = errors.reshape(-1, 3)
-        R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw) @ so3.exp(of_R)
+        R_true = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw)
+        R_WB = R_true @ so3.exp(of_R)
+        of_v = of_v + R_true.T @ self._drift.at(truth.stamp_ns)
         return OdometrySample(
             stamp_ns=truth.stamp_ns,
             p_WB=truth.p_WB + of_p,
@@ -70,6 +75,27 @@ class Sensors:
         first, self._first = self._first, False
         drawn = self._dropout > 0.0 and self._dropout_random.random() < self._dropout
         return bool(drawn and not first)
+
+
+class _Drift:
+    """A first-order Gauss-Markov process along each axis of the world, stationary."""
+
+    def __init__(self, config: SimulatorConfig) -> None:
+        self._deviation, self._time = config.velocity_drift, config.velocity_drift_time
+        self._white_noise = white_noise(config.random(Stream.DRIFT), 3)
+        self._stamp_ns: int | None = None
+        self._v_W = np.zeros(3)
+
+    def at(self, stamp_ns: int) -> Array:
+        """Return its value (3,) [m/s] at a time no earlier than that of the call before."""
+        if self._deviation > 0.0:
+            before_ns, self._stamp_ns = self._stamp_ns, stamp_ns
+            kept = 0.0
+            if before_ns is not None:
+                kept = math.exp(-1e-9 * (stamp_ns - before_ns) / self._time)
+            fresh = self._deviation * math.sqrt(1.0 - kept**2) * next(self._white_noise)
+            self._v_W = kept * self._v_W + fresh
+        return self._v_W
 
 
 def odometry_stamps(config: SimulatorConfig) -> Iterator[int]:
