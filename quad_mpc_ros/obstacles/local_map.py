@@ -29,7 +29,11 @@ class LocalMap:
         self.points = np.ascontiguousarray(thinned.points, dtype=np.float64)
         self.centre, self.radius, self.revision = centre.copy(), radius, revision
         self._far = far
-        self._tree = cKDTree(self.points) if len(self.points) else None
+        self._tree = None
+        if len(
+            self.points
+        ):  # asked a few times only: a tree that is made soon, not a balanced one
+            self._tree = cKDTree(self.points, balanced_tree=False, compact_nodes=False)
         self._grid: Grid | None = None
 
     def serves(self, p_W: Array, *, revision: int) -> bool:

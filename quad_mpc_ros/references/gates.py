@@ -1,6 +1,6 @@
 """Courses of gates: the file, and what makes one that can be flown.
 
-A course is YAML, in the world (ENU, m, rad):
+A course is YAML, in the world (ENU, m, rad)::
 
     start: [-5.0, 4.5, 1.2]                  # or {position: [x, y, z], yaw: heading of the nose}
     end: [4.75, -0.9, 1.2]                   # or {position: …, tolerance: 0.3, at_rest: false}

@@ -26,7 +26,7 @@ from quad_mpc_ros.simulation.mujoco.plant import MujocoPlant
 from quad_mpc_ros.simulation.plant import Plant
 from quad_mpc_ros.simulation.rotorpy_plant import RotorpyParameters, RotorpyPlant
 from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
-from quad_mpc_ros.simulation.surroundings import SurroundingsParameters
+from quad_mpc_ros.simulation.surroundings import ObstacleSensorParameters
 
 P_contra = TypeVar("P_contra", contravariant=True)
 
@@ -191,7 +191,7 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
     duration: float = parameter(
         0.0, doc="Stop and exit after this much flight; 0 is never.", unit="s", minimum=0.0
     )
-    obstacles: SurroundingsParameters = field(default_factory=SurroundingsParameters)
+    obstacles: ObstacleSensorParameters = field(default_factory=ObstacleSensorParameters)
 
     @classmethod
     def share(cls, common: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:

@@ -26,7 +26,7 @@ _BETWEEN = 5  # places looked at between two odometries
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurroundingsParameters(Configuration):
+class ObstacleSensorParameters(Configuration):
     """Obstacles, and what is told of them."""
 
     owner = "simulator.obstacles"
@@ -70,7 +70,7 @@ class Seen(NamedTuple):
     markers: tuple[Marker, ...] = ()
 
 
-def scene_of(config: SurroundingsParameters) -> Scene | None:
+def scene_of(config: ObstacleSensorParameters) -> Scene | None:
     """Return what the file of the parameters states, None without one.
 
     Raises :class:`UserError` for a file of no use.
@@ -85,7 +85,7 @@ class Surroundings:
     """A scene around a vehicle; times from the start of the flight."""
 
     def __init__(
-        self, config: SurroundingsParameters, *, radius: float, scene: Scene | None = None
+        self, config: ObstacleSensorParameters, *, radius: float, scene: Scene | None = None
     ) -> None:
         """Take what is there: the scene, or else the file of the parameters.
 

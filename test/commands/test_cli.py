@@ -43,7 +43,7 @@ def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[
 def test_an_argument_too_many_leads_to_the_help_of_the_command(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    taken = ["some"] if name in ("replay", "resolve", "identify", "report") else []
+    taken = ["some"] if name in ("replay", "resolve", "identify", "report", "plan") else []
     taken += ["--out", "file"] if name in ("identify", "save-vehicle") else []
     with pytest.raises(SystemExit) as end:
         main([name, *taken, "--nonsense"])

@@ -81,7 +81,7 @@ def test_files_come_with_the_package_or_with_the_page(typed) -> None:
         if re.search(r"\.(yaml|py|csv)$", word)
         or (option in ("--config", "campaign", "tune") and not word.startswith("-"))
     ]
-    for word in named:
+    for word in (name.rpartition("=")[2] for name in named):
         inside = any(word.startswith(f"{folder}/") for folder in made)
         of_the_sources = (ROOT / word).is_file() and pages.OF_THE_CHECKOUT.match(typed.command)
         assert word in known or inside or of_the_sources or "many.yaml" in word, word

@@ -40,7 +40,7 @@ def as_it_was(_: int) -> MpcConfig:
 def flown(change: Change, monkeypatch: pytest.MonkeyPatch) -> list[LoopStep]:
     """Fly four seconds of the lemniscate, with a configuration of its own after each tick."""
     controller = Controller(CONFIG)
-    monkeypatch.setattr(closed_loop, "warmed_up", lambda _: controller)
+    monkeypatch.setattr(closed_loop, "warmed_up", lambda _, guide: controller)
     steps = []
     for tick, step in enumerate(
         closed_loop.fly(

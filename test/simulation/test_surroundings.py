@@ -13,7 +13,7 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages.obstacle_messages import ADD, DELETE
 from quad_mpc_ros.obstacles.files import scene_of
 from quad_mpc_ros.obstacles.scene import Scene
-from quad_mpc_ros.simulation.surroundings import Surroundings, SurroundingsParameters, scan
+from quad_mpc_ros.simulation.surroundings import ObstacleSensorParameters, Surroundings, scan
 
 SECOND = 1_000_000_000
 
@@ -73,14 +73,14 @@ class TestRays:
         assert scan(scene(PILLAR), at([-4, 0, 1.5]), seconds=0.0, reach=6.0) is None
 
     def test_it_looks_ten_times_a_second(self) -> None:
-        config = SurroundingsParameters(sensor="rays")
+        config = ObstacleSensorParameters(sensor="rays")
         around = Surroundings(config, radius=0.2, scene=scene(PILLAR))
         seen = [around.look(at([0, 0, 1.5]), n * 20_000_000).cloud for n in range(100)]
         assert sum(cloud is not None for cloud in seen) == 20
 
 
 def test_markers_come_and_go_with_the_range_and_move() -> None:
-    config = SurroundingsParameters(sensor="markers", sensor_rate=10.0)
+    config = ObstacleSensorParameters(sensor="markers", sensor_rate=10.0)
     around = Surroundings(config, radius=0.2, scene=scene(PILLAR, MOVING))
     first = around.look(at([0, 0, 1.5]), 0).markers
     assert [(m.name[1], m.action) for m in first] == [(0, ADD)]
@@ -94,7 +94,7 @@ def test_markers_come_and_go_with_the_range_and_move() -> None:
 
 class TestCollisions:
     def test_is_found_where_and_when_the_surface_is_touched(self) -> None:
-        around = Surroundings(SurroundingsParameters(), radius=0.25, scene=scene(PILLAR))
+        around = Surroundings(ObstacleSensorParameters(), radius=0.25, scene=scene(PILLAR))
         hits = []
         for number in range(200):
             time_ns = number * 20_000_000
@@ -107,7 +107,7 @@ class TestCollisions:
 
     def test_a_fast_vehicle_does_not_pass_through_a_thin_wall(self) -> None:
         thin = scene("shape: box, position: [3, 0, 1.5], size: [0.02, 4, 3]")
-        around = Surroundings(SurroundingsParameters(), radius=0.1, scene=thin)
+        around = Surroundings(ObstacleSensorParameters(), radius=0.1, scene=thin)
         places = [
             around.collision(at([x, 0, 1.5]), n * 20_000_000)
             for n, x in enumerate(np.arange(0.1, 6.0, 0.6))
@@ -115,12 +115,12 @@ class TestCollisions:
         assert any(place is not None for place in places)
 
     def test_what_has_not_appeared_yet_is_not_touched(self) -> None:
-        around = Surroundings(SurroundingsParameters(), radius=0.2, scene=scene(MOVING))
+        around = Surroundings(ObstacleSensorParameters(), radius=0.2, scene=scene(MOVING))
         assert around.collision(at([3, -3, 1]), 0) is None
         assert around.collision(at([3, -3, 1]), SECOND // 2) is not None
 
     def test_without_a_file_nothing_is_there(self) -> None:
-        around = Surroundings(SurroundingsParameters(), radius=0.2)
+        around = Surroundings(ObstacleSensorParameters(), radius=0.2)
         assert around.collision(at([0, 0, 1]), 0) is None
         assert around.look(at([0, 0, 1]), 0).cloud is None
 

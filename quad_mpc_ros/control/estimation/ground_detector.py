@@ -27,7 +27,7 @@ from quad_mpc_ros.control.estimation.ground_state import (
     HEIGHT,
     LEFT_GROUND,
     NO_LIFT,
-    Allowed,
+    AllowedCommand,
     Evidence,
     GroundState,
     Learning,
@@ -119,17 +119,17 @@ class GroundDetector:
             self._motion.reset_estimate(reset)
 
     @property
-    def allowed(self) -> Allowed:
+    def allowed(self) -> AllowedCommand:
         """What of a command goes to the motors."""
         match self.state:
             case GroundState.ON_GROUND | GroundState.CRASHED:
-                return Allowed.IDLE
+                return AllowedCommand.IDLE
             case GroundState.UNKNOWN | GroundState.TOUCHING_DOWN if self.idle_wanted:
-                return Allowed.IDLE
+                return AllowedCommand.IDLE
             case GroundState.LIFTING_OFF | GroundState.TOUCHING_DOWN:
-                return Allowed.THROTTLE
+                return AllowedCommand.THROTTLE
             case _:
-                return Allowed.ALL
+                return AllowedCommand.ALL
 
     @property
     def learning(self) -> Learning:

@@ -101,7 +101,7 @@ def next_state(state: GroundState, evidence: set[Evidence]) -> GroundState:
     return state
 
 
-class Allowed(enum.Enum):
+class AllowedCommand(enum.Enum):
     """What of a command goes to the motors."""
 
     IDLE = "motors idle, no rates"

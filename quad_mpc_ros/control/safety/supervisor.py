@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
-from quad_mpc_ros.control.estimation.ground_state import Allowed, GroundState
+from quad_mpc_ros.control.estimation.ground_state import AllowedCommand, GroundState
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.lie.kernels import infinity_norm
 from quad_mpc_ros.control.model.corridor import Corridor
@@ -320,9 +320,9 @@ class Supervisor:
             return None
         allowed = self._ground.allowed
         if self._ground.state is GroundState.UNKNOWN and source is not Source.MPC:
-            allowed = Allowed.ALL  # it may be in the air, and may not be seen to fall
-        if allowed is not Allowed.ALL:
-            wanted = grounded(wanted, self._config, lifts=allowed is Allowed.THROTTLE)
+            allowed = AllowedCommand.ALL  # it may be in the air, and may not be seen to fall
+        if allowed is not AllowedCommand.ALL:
+            wanted = grounded(wanted, self._config, lifts=allowed is AllowedCommand.THROTTLE)
         if self._sent is not None:
             elapsed = max(now_ns - self._sent.sent_ns, 0) * 1e-9
             wanted = rate_limited(wanted, self._sent.command, self._config.slew, duration=elapsed)

@@ -31,6 +31,9 @@ _SUMMARY = (
     "estimate_resets",
     "rejected_inputs",
     "rate_saturation_fraction",
+    "clearance_min_m",
+    "collided",
+    "lap_time_s",
 )
 _ITERATIONS = ("p50", "p99", "max")
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import (
     TRANSITIONS,
-    Allowed,
+    AllowedCommand,
     Evidence,
     GroundState,
     Learning,
@@ -143,7 +143,7 @@ def test_reference_above_prevents_standing(judge: Judge) -> None:
 
 def test_it_stands_until_it_has_risen(standing: Judge) -> None:
     assert set(standing.see(1.0, thrust=0.9, window=ABOVE)) == {GroundState.LIFTING_OFF}
-    assert standing.ground.allowed is Allowed.THROTTLE
+    assert standing.ground.allowed is AllowedCommand.THROTTLE
     said = [standing.see(thrust=1.1, height=0.01 * k, window=ABOVE)[0] for k in range(60)]
     assert said[0] is GroundState.LIFTING_OFF
     assert 0.1 < 0.01 * said.index(GroundState.FLYING) < 0.3
@@ -223,7 +223,7 @@ def test_recognises_a_reference_that_asks_for_idle_motors() -> None:
 
 def test_idles_on_request_where_nothing_is_known(judge: Judge) -> None:
     judge.ground.idle_wanted = True
-    assert judge.ground.allowed is Allowed.IDLE
+    assert judge.ground.allowed is AllowedCommand.IDLE
     assert judge.see(1.0, window=IDLE)[-1] is GroundState.ON_GROUND
     assert set(judge.see(5.0, height=-0.5, window=IDLE)) == {GroundState.ON_GROUND}
 
@@ -235,7 +235,7 @@ def test_idling_in_the_air_ends_as_it_falls(judge: Judge, height: float) -> None
     judge.ground.idle_wanted, speed, start = True, 0.0, height
     states = []
     while height > start - 0.5:
-        idle = judge.ground.allowed is Allowed.IDLE
+        idle = judge.ground.allowed is AllowedCommand.IDLE
         speed -= 9.81 * PERIOD * idle
         height += speed * PERIOD
         velocity = np.array([0.0, 0.0, speed])

@@ -35,7 +35,8 @@ def test_craft_has_the_configured_numbers(name: str) -> None:
     assert_allclose(craft.inverse_inertia @ tensor, np.eye(3), atol=1e-9)
     alike = (config, config.rotors, config.airframe, config.battery)
     own = {"mass", "thrust_coefficient", "rotor_inertia", "rotor_drag", "translational_lift"}
-    own |= {"capacity", "center_B", "inertia", "inverse_inertia", "longest_step_ns"}
+    own |= {"capacity", "center_B", "inertia", "inverse_inertia", "longest_step_ns", "radius"}
+    assert craft.radius == config.rotors.radius  # of the propellers, not of the vehicle
     for field in set(Craft.dtype.names or ()) - own:
         (value,) = [getattr(group, field) for group in alike if hasattr(group, field)]
         assert_array_equal(getattr(craft, field), value, err_msg=field)
