@@ -166,7 +166,9 @@ class DelayCompensation:
         if previous_ns is None or not 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
             self._see(odometry)
             measured = self._followed.measured
-            self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W)
+            self._ekf.start(
+                p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B
+            )
             self.status = EstimateStatus(resets=self._health.resets)
         elif self._follows:
             self._go_on(odometry, previous_ns)
@@ -346,13 +348,8 @@ def _ahead(
     known, x = followed.filter, followed.filter.motion.x
     predicted.state = followed.measured
     predicted.state.throttle = x[MOTION.throttle]
-    if known.enabled:
-        kernels.store_vector(
-            kernels.vector(x[MOTION.position : MOTION.velocity]), predicted.state.p_WB
-        )
-        kernels.store_vector(
-            kernels.vector(x[MOTION.velocity : MOTION.disturbance]), predicted.state.v_WB_W
-        )
+    for k in range(3):
+        predicted.state.v_WB_W[k] -= x[MOTION.bias + k]
     ekf.write_estimated(known, predicted.parameters)
     if end_ns > begin_ns:
         acting = acting_between(

@@ -57,7 +57,7 @@ from quad_mpc_ros.control.model.parameters import ModelParameters, modelled_thru
 from quad_mpc_ros.control.model.rollout import StateRecord
 
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the model within a step
-_UNMODELLED = 10.0  # m/s^2, of a vehicle that something else moves
+_UNMODELLED = 40.0  # m/s^2, of a vehicle that something else moves
 _BIAS_TIME = 1.0  # s, for which an error of the velocity lasts
 _RATE_WALK = 0.2  # rad/s / sqrt(s), of the model's rates
 _SMOOTHING = 0.1  # s, the low-pass of commands and rates
@@ -156,7 +156,7 @@ class VehicleEkf:
         state.motion.x[MOTION.scale] = 1.0
         _assume(state, closer)
         self.reset()
-        self.start(p_WB=np.zeros(3), v_WB_W=np.zeros(3))
+        self.start(p_WB=np.zeros(3), v_WB_W=np.zeros(3), w_WB_B=np.zeros(3))
 
     def reset(self) -> None:
         """Return to the configured parameters, with the covariance of the start.
@@ -171,6 +171,7 @@ class VehicleEkf:
         x[MOTION.disturbance : MOTION.scale] = 0.0
         x[MOTION.scale] = min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
         x[MOTION.lag], x[MOTION.drag] = nominal.thrust_time_constant, nominal.drag
+        x[MOTION.lateness] = 0.0
         state.motion.P[:] = state.walks.motion.P
         state.turning.x[:] = 0.0
         state.turning.x[ROLL_PITCH] = 0.5 * sum(nominal.rate_time_constants.tolist()[:2])
@@ -219,14 +220,15 @@ class VehicleEkf:
         drift.p_WB[:], drift.v_WB_W[:] = reset.points(drift.p_WB), reset.vectors(drift.v_WB_W)
         drift.off[:] = reset.vectors(drift.off)
 
-    def start(self, *, p_WB: Array, v_WB_W: Array) -> None:
-        """Begin with a position and a velocity (3,) as measured; what was learned is kept."""
+    def start(self, *, p_WB: Array, v_WB_W: Array, w_WB_B: Array) -> None:
+        """Begin with position, velocity and rates (3,) as measured; what was learned is kept."""
         state = self._filter
         state.motion.x[MOTION.throttle] = self._initial_throttle
         state.motion.P[MOTION.throttle, :] = state.motion.P[:, MOTION.throttle] = 0.0
         state.position_noise.known = state.velocity_noise.known = 0
         measurement_noise.begin_drift(state.drift, p_WB, v_WB_W)
         restart(state, p_WB, v_WB_W)
+        _begin_turning(state, w_WB_B)
 
 
 @compiled
@@ -340,13 +342,10 @@ def update_turning(state: Filter, after: StateRecord, acting: Acting, mode: Upda
     x, P, walks, n = state.turning.x, state.turning.P, state.walks.turning, TURNING.size
     if P[ROLL_PITCH, ROLL_PITCH] + P[YAW, YAW] <= 0.0:
         return
-    duration, slow = acting.durations.sum(), _slowed(state.slow, acting, after.w_WB_B)
     if mode in (UpdateMode.HOLD, UpdateMode.REJECT):
-        for k in range(3):
-            x[TURNING.rate + k] = state.slow.measured[k]
-            P[TURNING.rate + k, :] = 0.0
-            P[:, TURNING.rate + k] = 0.0
+        _begin_turning(state, after.w_WB_B)
         return
+    duration, slow = acting.durations.sum(), _slowed(state.slow, acting, after.w_WB_B)
     F, H = np.empty((n, n)), np.empty((3, n))
     predict_turning(state.nominal, state.rate_lags[0], state.turning, slow, F, H)
     Q = np.zeros(n)
@@ -364,6 +363,27 @@ def update_turning(state: Filter, after: StateRecord, acting: Acting, mode: Upda
     R = _RATE_NOISE**2 / duration
     kalman.update(x, P, kalman.innovation(P, H, R, nu), considered)
     _constrain_turning(state, considered)
+
+
+@compiled
+def _begin_turning(state: Filter, w_WB_B: Array) -> None:
+    """Take rates (3,) as measured.
+
+    The low-pass begins with as much of commands as of rates: what a first-order lag makes of the
+    former are the latter then, behind the low-pass too.
+    """
+    x, P, slow = state.turning.x, state.turning.P, state.slow
+    slow.command[0] = state.motion.x[MOTION.throttle]
+    for k in range(3):
+        i = TURNING.rate + k
+        x[i] = slow.measured[k] = slow.last[k] = w_WB_B[k]
+        P[i, :] = 0.0
+        P[:, i] = 0.0
+    offsets = slow.command.copy()
+    offsets[1:] = 0.0
+    add_offsets(state, offsets)
+    for k in range(3):
+        slow.command[1 + k] = w_WB_B[k] - offsets[1 + k]
 
 
 @compiled
@@ -553,7 +573,7 @@ def _considered(state: Filter, mode: UpdateMode, lag_shows: bool) -> Array:
     v, d = MOTION.velocity, MOTION.disturbance
     speed = x[v] ** 2 + x[v + 1] ** 2 + x[v + 2] ** 2
     pushed = max(abs(x[d]), abs(x[d + 1])) >= state.bounds.disturbance_max
-    considered[MOTION.lag] = not lag_shows
+    considered[MOTION.lag] = considered[MOTION.lateness] = not lag_shows
     # What a bound of the disturbance leaves is not to be taken for drag.
     considered[MOTION.drag] = speed <= _OBSERVABLE_SPEED**2 or pushed
     return considered
@@ -612,6 +632,7 @@ def _assume(state: Filter, closer: float) -> None:
         (MOTION.scale, error_state.SCALE, 1.0),
         (MOTION.lag, of_lag, nominal.thrust_time_constant),
         (MOTION.drag, error_state.DRAG, 1.0),
+        (MOTION.lateness, error_state.THRUST_LATENESS, 1.0),
     ):
         motion.P[i, i], motion.x[i] = variances_at(assumed, scale)
     initial = measurement_noise.drift_variance_in(state.drift, 0.0)

@@ -23,6 +23,7 @@ class Motion(NamedTuple):
     scale: int  # of the thrust
     lag: int  # s, the thrust's time constant
     drag: int  # 1/s, the mean over the axes
+    lateness: int  # s, by which the thrust answers later than by its time constant
     throttle: int
     bias: int  # m/s, what the measured velocity has beyond the true one
     size: int
@@ -39,7 +40,7 @@ class Turning(NamedTuple):
     size: int
 
 
-MOTION = Motion(0, 3, 6, 9, 10, 11, 12, 13, 16)
+MOTION = Motion(0, 3, 6, 9, 10, 11, 12, 13, 14, 17)
 TURNING = Turning(0, 3, 5, 7, 9, 10)
 ROLL_PITCH, YAW = TURNING.lag, TURNING.lag + 1
 
@@ -79,6 +80,7 @@ DRAG = Assumed(0.3, 0.05)  # 1/s
 OFFSET = Assumed(0.3, 0.06)
 OFFSET_BY_THRUST = Assumed(0.05, 0.001)
 LATENESS = Assumed(0.01, 0.01)
+THRUST_LATENESS = Assumed(0.03, 0.01)
 
 VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)

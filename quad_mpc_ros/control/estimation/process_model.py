@@ -57,7 +57,7 @@ def predict_motion(
         R,
         (x[MOTION.throttle], w[0], w[1], w[2]),
     )
-    derivatives, shape = no_motion(), kernels.vector(drag_shape)
+    derivatives, shape, throttle = no_motion(), kernels.vector(drag_shape), x[MOTION.throttle]
     for k in range(len(acting.durations)):
         command = acting.commands[k, 0], w[0], w[1], w[2]
         body = propagated_with_derivatives(
@@ -67,6 +67,30 @@ def predict_motion(
     kernels.store_vector(body.v, x[MOTION.velocity : MOTION.disturbance])
     x[MOTION.throttle] = body.actuators[0]
     _write_jacobian(derivatives, F)
+    _add_lateness(model, estimate, (throttle, body.actuators[0]), body, duration, F)
+
+
+@compiled
+def _add_lateness(
+    model: ModelParameters,
+    estimate: MotionEstimate,
+    throttles: tuple[float, float],
+    after: Body,
+    duration: float,
+    F: Array,
+) -> None:
+    """Add what thrust that is late changes, from a throttle to another over a duration.
+
+    By dt_late the velocity lacks dt_late times the change of the thrust, to first order.
+    """
+    x, late = estimate.x, estimate.x[MOTION.lateness]
+    change = modelled_thrust(model, throttles[1]) - modelled_thrust(model, throttles[0])
+    lacking = kernels.scaled(-model.thrust_scale * change, kernels.column(after.R, 2))
+    for k in range(3):
+        p, v = MOTION.position + k, MOTION.velocity + k
+        F[v, MOTION.lateness], F[p, MOTION.lateness] = lacking[k], 0.5 * duration * lacking[k]
+        x[p] += late * F[p, MOTION.lateness]
+        x[v] += late * F[v, MOTION.lateness]
 
 
 @compiled

@@ -63,7 +63,7 @@ def flown(seed: int, drift: float) -> list[tuple[float, ...]]:
     )
     phases, found = rng.uniform(0.0, 2.0 * math.pi, 3), []
     measured = state_of(v_WB_W=b)
-    ekf.start(p_WB=np.zeros(3), v_WB_W=b)
+    ekf.start(p_WB=np.zeros(3), v_WB_W=b, w_WB_B=np.zeros(3))
     for k in range(STEPS):
         t = k * PERIOD
         w = tuple(np.array([0.8, 0.7, 0.3]) * np.cos(np.array([2.1, 2.7, 1.3]) * t + phases))

@@ -48,7 +48,7 @@ class Ekf(VehicleEkf):
     def begin(self, v_WB_W: Array) -> None:
         """Begin at the origin."""
         self._last = measured(p_WB=np.zeros(3), v_WB_W=v_WB_W)
-        self.start(p_WB=np.zeros(3), v_WB_W=v_WB_W)
+        self.start(p_WB=np.zeros(3), v_WB_W=v_WB_W, w_WB_B=np.zeros(3))
 
     def update(
         self,
