@@ -348,8 +348,13 @@ def _ahead(
     known, x = followed.filter, followed.filter.motion.x
     predicted.state = followed.measured
     predicted.state.throttle = x[MOTION.throttle]
-    for k in range(3):
-        predicted.state.v_WB_W[k] -= x[MOTION.bias + k]
+    if known.enabled:
+        kernels.store_vector(
+            kernels.vector(x[MOTION.position : MOTION.velocity]), predicted.state.p_WB
+        )
+        kernels.store_vector(
+            kernels.vector(x[MOTION.velocity : MOTION.disturbance]), predicted.state.v_WB_W
+        )
     ekf.write_estimated(known, predicted.parameters)
     if end_ns > begin_ns:
         acting = acting_between(

@@ -171,7 +171,6 @@ class VehicleEkf:
         x[MOTION.disturbance : MOTION.scale] = 0.0
         x[MOTION.scale] = min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
         x[MOTION.lag], x[MOTION.drag] = nominal.thrust_time_constant, nominal.drag
-        x[MOTION.lateness] = 0.0
         state.motion.P[:] = state.walks.motion.P
         state.turning.x[:] = 0.0
         state.turning.x[ROLL_PITCH] = 0.5 * sum(nominal.rate_time_constants.tolist()[:2])
@@ -206,6 +205,7 @@ class VehicleEkf:
         state.motion.x[:] = now
         position, velocity = now[: MOTION.velocity], now[MOTION.velocity : MOTION.disturbance]
         restart(state, position.copy(), velocity + now[MOTION.bias : MOTION.size])
+        _take_rates(state)
 
     def turn(self, reset: EstimateReset) -> None:
         """Take an announced step of the world's coordinates."""
@@ -342,10 +342,10 @@ def update_turning(state: Filter, after: StateRecord, acting: Acting, mode: Upda
     x, P, walks, n = state.turning.x, state.turning.P, state.walks.turning, TURNING.size
     if P[ROLL_PITCH, ROLL_PITCH] + P[YAW, YAW] <= 0.0:
         return
-    if mode in (UpdateMode.HOLD, UpdateMode.REJECT):
-        _begin_turning(state, after.w_WB_B)
-        return
     duration, slow = acting.durations.sum(), _slowed(state.slow, acting, after.w_WB_B)
+    if mode in (UpdateMode.HOLD, UpdateMode.REJECT):
+        _take_rates(state)
+        return
     F, H = np.empty((n, n)), np.empty((3, n))
     predict_turning(state.nominal, state.rate_lags[0], state.turning, slow, F, H)
     Q = np.zeros(n)
@@ -366,24 +366,30 @@ def update_turning(state: Filter, after: StateRecord, acting: Acting, mode: Upda
 
 
 @compiled
-def _begin_turning(state: Filter, w_WB_B: Array) -> None:
-    """Take rates (3,) as measured.
-
-    The low-pass begins with as much of commands as of rates: what a first-order lag makes of the
-    former are the latter then, behind the low-pass too.
-    """
-    x, P, slow = state.turning.x, state.turning.P, state.slow
-    slow.command[0] = state.motion.x[MOTION.throttle]
+def _take_rates(state: Filter) -> None:
+    """Take the rates as measured, behind the low-pass, and keep what was learned."""
+    x, P = state.turning.x, state.turning.P
     for k in range(3):
         i = TURNING.rate + k
-        x[i] = slow.measured[k] = slow.last[k] = w_WB_B[k]
+        x[i] = state.slow.measured[k]
         P[i, :] = 0.0
         P[:, i] = 0.0
-    offsets = slow.command.copy()
-    offsets[1:] = 0.0
-    add_offsets(state, offsets)
+
+
+@compiled
+def _begin_turning(state: Filter, w_WB_B: Array) -> None:
+    """Begin with rates (3,) as measured.
+
+    Rates that follow commands and offsets through a lag do so behind the low-pass too, if it
+    begins with rates and commands that are alike, but for the offset, and without thrust.
+    """
+    slow = state.slow
+    slow.command[:] = 0.0
+    add_offsets(state, slow.command)
     for k in range(3):
-        slow.command[1 + k] = w_WB_B[k] - offsets[1 + k]
+        slow.measured[k] = slow.last[k] = w_WB_B[k]
+        slow.command[1 + k] = w_WB_B[k] - slow.command[1 + k]
+    _take_rates(state)
 
 
 @compiled
@@ -432,7 +438,9 @@ def write_estimated(state: Filter, parameters: ModelParameters) -> None:
     parameters.a, parameters.b, parameters.c = nominal.a, nominal.b, nominal.c
     parameters.gravity = nominal.gravity
     parameters.translational_lift = nominal.translational_lift
-    parameters.thrust_time_constant, parameters.thrust_scale = x[MOTION.lag], x[MOTION.scale]
+    longest = error_state.LAG_FACTOR * nominal.thrust_time_constant
+    parameters.thrust_time_constant = min(x[MOTION.lag], longest)
+    parameters.thrust_scale = x[MOTION.scale]
     parameters.drag = x[MOTION.drag]
     for k in range(3):
         parameters.rotor_drag[k] = nominal.rotor_drag[k]
@@ -573,7 +581,7 @@ def _considered(state: Filter, mode: UpdateMode, lag_shows: bool) -> Array:
     v, d = MOTION.velocity, MOTION.disturbance
     speed = x[v] ** 2 + x[v + 1] ** 2 + x[v + 2] ** 2
     pushed = max(abs(x[d]), abs(x[d + 1])) >= state.bounds.disturbance_max
-    considered[MOTION.lag] = considered[MOTION.lateness] = not lag_shows
+    considered[MOTION.lag] = not lag_shows
     # What a bound of the disturbance leaves is not to be taken for drag.
     considered[MOTION.drag] = speed <= _OBSERVABLE_SPEED**2 or pushed
     return considered
@@ -585,6 +593,7 @@ def _constrain_motion(state: Filter, considered: Array) -> None:
     x, P, nominal = state.motion.x, state.motion.P, state.nominal
     lag, drag, d = nominal.thrust_time_constant, nominal.drag, MOTION.disturbance
     factor, farthest = error_state.LAG_FACTOR, state.bounds.disturbance_max
+    latest = lag * factor + (error_state.LATEST if lag > 0.0 else 0.0)
     least, most = error_state.DRAG_FACTORS
     most = max(most * drag, drag + error_state.DRAG_MORE)
     for i, low, high in (
@@ -592,13 +601,13 @@ def _constrain_motion(state: Filter, considered: Array) -> None:
         (d + 1, -farthest, farthest),
         (d + 2, -VERTICAL_BOUND, VERTICAL_BOUND),
         (MOTION.drag, least * drag, most),
-        (MOTION.lag, lag / factor, lag * factor),
+        (MOTION.lag, lag / factor, latest),
         (MOTION.scale, SCALE_BOUNDS[0], SCALE_BOUNDS[1]),
     ):
         kalman.constrain(x, P, i, (low, high), considered)
     # What went along with one may be beyond its own by now.
     x[MOTION.drag] = kernels.clamp(x[MOTION.drag], least * drag, most)
-    x[MOTION.lag] = kernels.clamp(x[MOTION.lag], lag / factor, lag * factor)
+    x[MOTION.lag] = kernels.clamp(x[MOTION.lag], lag / factor, latest)
     for k in range(3):
         bound = VERTICAL_BOUND if k == 2 else farthest
         x[d + k] = kernels.clamp(x[d + k], -bound, bound)
@@ -630,9 +639,8 @@ def _assume(state: Filter, closer: float) -> None:
         (d + 1, error_state.DISTURBANCE, 1.0),
         (d + 2, error_state.VERTICAL, 1.0),
         (MOTION.scale, error_state.SCALE, 1.0),
-        (MOTION.lag, of_lag, nominal.thrust_time_constant),
+        (MOTION.lag, error_state.THRUST_LAG, nominal.thrust_time_constant),
         (MOTION.drag, error_state.DRAG, 1.0),
-        (MOTION.lateness, error_state.THRUST_LATENESS, 1.0),
     ):
         motion.P[i, i], motion.x[i] = variances_at(assumed, scale)
     initial = measurement_noise.drift_variance_in(state.drift, 0.0)

@@ -21,9 +21,8 @@ class Motion(NamedTuple):
     velocity: int  # m/s, in the world
     disturbance: int  # m/s^2, in the world
     scale: int  # of the thrust
-    lag: int  # s, the thrust's time constant
+    lag: int  # s, by which the thrust is behind: a time constant, and a delay beyond its longest
     drag: int  # 1/s, the mean over the axes
-    lateness: int  # s, by which the thrust answers later than by its time constant
     throttle: int
     bias: int  # m/s, what the measured velocity has beyond the true one
     size: int
@@ -40,7 +39,7 @@ class Turning(NamedTuple):
     size: int
 
 
-MOTION = Motion(0, 3, 6, 9, 10, 11, 12, 13, 14, 17)
+MOTION = Motion(0, 3, 6, 9, 10, 11, 12, 13, 16)
 TURNING = Turning(0, 3, 5, 7, 9, 10)
 ROLL_PITCH, YAW = TURNING.lag, TURNING.lag + 1
 
@@ -75,16 +74,17 @@ VERTICAL = Assumed(0.5, 0.3)
 VERTICAL_TIME = 4.0  # s
 SCALE = Assumed(0.2, 0.015)
 LAG = Assumed(0.5, 0.1)  # of the time constants, as shares of what is configured
+THRUST_LAG = Assumed(1.0, 0.1)  # a delay that is not modelled is taken for a lag
 YAW_LAG = Assumed(1.5, 0.1)  # yaw is turned by drag of the rotors, several times slower as a rule
 DRAG = Assumed(0.3, 0.05)  # 1/s
 OFFSET = Assumed(0.3, 0.06)
 OFFSET_BY_THRUST = Assumed(0.05, 0.001)
 LATENESS = Assumed(0.01, 0.01)
-THRUST_LATENESS = Assumed(0.03, 0.01)
 
 VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)
 LAG_FACTOR = 2.0  # of the thrust's time constant, either way; the rates' are no shorter than this
+LATEST = 0.1  # s, by which the thrust is later than by its longest time constant
 SLOWEST_YAW = 6.0  # factor on its time constant
 DRAG_FACTORS, DRAG_MORE = (0.1, 3.0), 0.8  # of the configured drag, and 1/s beyond it at least
 OFFSET_BOUND, OFFSET_BY_THRUST_BOUND = 3.0, 0.2

@@ -79,18 +79,22 @@ def _add_lateness(
     duration: float,
     F: Array,
 ) -> None:
-    """Add what thrust that is late changes, from a throttle to another over a duration.
+    """Add what thrust changes that is late by more than its longest time constant, over a duration.
 
-    By dt_late the velocity lacks dt_late times the change of the thrust, to first order.
+    From a throttle to another: by D the velocity lacks D times the change of the thrust, to first
+    order. What it is behind is a time constant up to the longest, or a delay beyond it.
     """
-    x, late = estimate.x, estimate.x[MOTION.lateness]
+    x, late = estimate.x, estimate.x[MOTION.lag] - model.thrust_time_constant
+    if late <= 0.0:
+        return
+    F[MOTION.throttle, MOTION.lag] = 0.0
     change = modelled_thrust(model, throttles[1]) - modelled_thrust(model, throttles[0])
     lacking = kernels.scaled(-model.thrust_scale * change, kernels.column(after.R, 2))
     for k in range(3):
         p, v = MOTION.position + k, MOTION.velocity + k
-        F[v, MOTION.lateness], F[p, MOTION.lateness] = lacking[k], 0.5 * duration * lacking[k]
-        x[p] += late * F[p, MOTION.lateness]
-        x[v] += late * F[v, MOTION.lateness]
+        F[v, MOTION.lag], F[p, MOTION.lag] = lacking[k], 0.5 * duration * lacking[k]
+        x[p] += late * F[p, MOTION.lag]
+        x[v] += late * F[v, MOTION.lag]
 
 
 @compiled
