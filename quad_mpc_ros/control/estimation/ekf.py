@@ -63,8 +63,8 @@ _RATE_WALK = 0.2  # rad/s / sqrt(s), of the model's rates
 _SMOOTHING = 0.1  # s, the low-pass of commands and rates
 _RATE_NOISE = 0.02  # rad/s / sqrt(Hz), of a measured rate against the model
 _TURN_JUMP = 0.2  # rad, an attitude that the rates do not lead to
-# Drag is told from wind above this speed [m/s], a lag where thrust changes by so much [m/s^2], at
-# rest and per m/s.
+# Drag is told from wind above this speed across the thrust [m/s], a lag where thrust changes by so
+# much [m/s^2], at rest and per m/s.
 _OBSERVABLE_SPEED = 1.0
 _HIDDEN, _HIDDEN_BY_SPEED = 0.05, 0.05
 # From a command to what it does by default [s], and by how much closer at most vehicles are
@@ -303,7 +303,7 @@ def update_motion(
         x[:] = was
         restart(state, after.p_WB, after.v_WB_W)
         return UpdateMode.REJECT
-    considered = _considered(state, mode, lag_shows)
+    considered = _considered(state, mode, after.R_WB, lag_shows)
     kalman.update(x, P, seen, considered)
     _update_position(state, after.p_WB, considered)
     if mode == UpdateMode.LEARN:
@@ -572,14 +572,16 @@ def _turns_evenly(before: StateRecord, after: StateRecord, duration: float) -> b
 
 
 @compiled
-def _considered(state: Filter, mode: UpdateMode, lag_shows: bool) -> Array:
+def _considered(state: Filter, mode: UpdateMode, R_WB: Array, lag_shows: bool) -> Array:
     """Return which states of the motion (n,) are considered, not estimated."""
     considered, x = np.zeros(MOTION.size), state.motion.x
     if mode != UpdateMode.LEARN:
         considered[LEARNED_OF_MOTION[0] : LEARNED_OF_MOTION[1]] = 1.0
         return considered
-    v, d = MOTION.velocity, MOTION.disturbance
-    speed = x[v] ** 2 + x[v + 1] ** 2 + x[v + 2] ** 2
+    d, v = MOTION.disturbance, kernels.vector(x[MOTION.velocity : MOTION.disturbance])
+    # Along the thrust, as in a climb, drag is not told from thrust.
+    along = kernels.dot(v, kernels.column(kernels.matrix(R_WB), 2))
+    speed = kernels.dot(v, v) - along**2
     pushed = max(abs(x[d]), abs(x[d + 1])) >= state.bounds.disturbance_max
     considered[MOTION.lag] = not lag_shows
     # What a bound of the disturbance leaves is not to be taken for drag.

@@ -14,7 +14,14 @@ ROOM = ROOT / "quad_mpc_ros" / "control" / "estimation"
 LINES = (ROOT / "docs" / "estimation.md").read_text().split("## Constants")[-1].splitlines()
 ROWS = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in LINES if "| `" in line]
 FILES = sorted({row[0] for row in ROWS})
-OF_THE_GROUND = {"contact", "crash", "filtered_motion", "ground", "ground_state", "twist_frame"}
+OF_THE_GROUND = {
+    "crash",
+    "ground_detector",
+    "ground_motion",
+    "ground_state",
+    "kept_height",
+    "twist_frame",
+}
 # What names a unit or a place in the state is no choice.
 NO_CHOICE = {"_SECOND", "MOTION", "TURNING", "ROLL_PITCH", "YAW"}
 NO_CHOICE |= {"LEARNED_OF_MOTION"}
