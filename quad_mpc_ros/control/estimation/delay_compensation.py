@@ -166,9 +166,7 @@ class DelayCompensation:
         if previous_ns is None or not 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
             self._see(odometry)
             measured = self._followed.measured
-            self._ekf.start(
-                p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B
-            )
+            self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B)
             self.status = EstimateStatus(resets=self._health.resets)
         elif self._follows:
             self._go_on(odometry, previous_ns)

@@ -68,7 +68,7 @@ class Assumed(NamedTuple):
     walk: float
 
 
-DISTURBANCE = Assumed(1.0, 0.5)  # along the ground; m/s^2
+DISTURBANCE = Assumed(1.0, 0.7)  # along the ground; m/s^2
 # Upwards it is correlated over some seconds: what lasts for longer is a matter of the thrust.
 VERTICAL = Assumed(0.5, 0.3)
 VERTICAL_TIME = 4.0  # s

@@ -79,10 +79,10 @@ def _add_lateness(
     duration: float,
     F: Array,
 ) -> None:
-    """Add what thrust changes that is late by more than its longest time constant, over a duration.
+    """Add what a thrust lacks that is later than by its longest time constant.
 
-    From a throttle to another: by D the velocity lacks D times the change of the thrust, to first
-    order. What it is behind is a time constant up to the longest, or a delay beyond it.
+    Over a duration, in which the throttle went from one to another: with a delay D the velocity
+    lacks D times the change of the thrust, to first order.
     """
     x, late = estimate.x, estimate.x[MOTION.lag] - model.thrust_time_constant
     if late <= 0.0:
