@@ -57,7 +57,7 @@ from quad_mpc_ros.control.model.parameters import ModelParameters, modelled_thru
 from quad_mpc_ros.control.model.rollout import StateRecord
 
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the model within a step
-_UNMODELLED = 40.0  # m/s^2, of a vehicle that something else moves
+_UNMODELLED = 100.0  # m/s^2, of a vehicle that something else moves
 _BIAS_TIME = 1.0  # s, for which an error of the velocity lasts
 _RATE_WALK = 0.2  # rad/s / sqrt(s), of the model's rates
 _SMOOTHING = 0.1  # s, the low-pass of commands and rates
@@ -286,7 +286,9 @@ def update_motion(
     white = measurement_noise.variance_in(state.velocity_noise)
     drifting = measurement_noise.drift_variance_in(state.drift, given_variance)
     _add_memory(x, F, mode, duration)
-    kalman.predict(P, F, _motion_noise(state, mode, white, drifting, duration))
+    kalman.predict(P, F, _motion_noise(state, white, drifting, duration))
+    if mode == UpdateMode.HOLD:
+        _add_unmodelled(P, duration)
 
     H = np.zeros((3, MOTION.size))
     nu = np.empty(3)
@@ -540,9 +542,7 @@ def _add_memory(x: Array, F: Array, mode: UpdateMode, duration: float) -> None:
 
 
 @compiled
-def _motion_noise(
-    state: Filter, mode: UpdateMode, white: float, drifting: float, duration: float
-) -> Array:
+def _motion_noise(state: Filter, white: float, drifting: float, duration: float) -> Array:
     """Return the process noise over a duration, the variances (n,)."""
     P, walks, Q = state.motion.P, state.walks.motion, np.zeros(MOTION.size)
     quieter = measurement_noise.USUAL / math.sqrt(white)
@@ -553,10 +553,20 @@ def _motion_noise(
             Q[i] = walks.x[i] * duration
     for k in range(3):
         Q[MOTION.velocity + k] = _ACCELERATION_NOISE**2 * duration
-        if mode == UpdateMode.HOLD:
-            Q[MOTION.velocity + k] += (_UNMODELLED * duration) ** 2
         Q[MOTION.bias + k] = drifting * -math.expm1(-2.0 * duration / _BIAS_TIME)
     return Q
+
+
+@compiled
+def _add_unmodelled(P: Array, duration: float) -> None:
+    """Add what an unknown acceleration makes of position and velocity over a duration."""
+    by_p, by_v = 0.5 * duration**2 * _UNMODELLED, duration * _UNMODELLED
+    for k in range(3):
+        p, v = MOTION.position + k, MOTION.velocity + k
+        P[p, p] += by_p**2
+        P[v, v] += by_v**2
+        P[p, v] += by_p * by_v
+        P[v, p] += by_p * by_v
 
 
 @compiled
