@@ -75,7 +75,8 @@ class TickStats:
     drag: float = 0.0  # in the model by now, mean over the axes [1/s]
     rate_offset_x: float = 0.0  # what roll rate has beyond its command by now [rad/s]
     rate_offset_y: float = 0.0  # the same of pitch rate
-    estimate: str = "held"  # status of the estimate: learning, held, jumped, at bounds, reset
+    # Status of the estimate: hold, velocity only, learn, reject, at bounds, reset.
+    estimate: str = "hold"
     estimate_resets: int = 0  # how often it was reset so far
     odom_age_ms: float  # age of the odometry by its stamp when the tick began [ms]
     reference_age_ms: float  # age of the reference since it arrived [ms]

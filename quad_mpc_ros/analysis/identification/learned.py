@@ -14,7 +14,7 @@ from quad_mpc_ros.analysis.identification import vehicle_file
 from quad_mpc_ros.analysis.identification.result import Estimate
 from quad_mpc_ros.configuration import UserError, per_axis
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimation.velocity_filter import SCALE_BOUNDS
+from quad_mpc_ros.control.estimation.error_state import SCALE_BOUNDS
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.tick import TickStats
 

@@ -1,12 +1,12 @@
 """Delay compensation: from an odometry to the state in which the next command will act.
 
 A command sent now acts after the delay of the input. The state is rolled forward over that time
-through the commands already sent, with the parameters that the disturbance EKF estimates, which
-follows the vehicle from odometry to odometry.
+through the commands already sent, with the parameters that the EKF estimates, which follows the
+vehicle from odometry to odometry.
 
 All that is known of the vehicle is in one record, and a tick makes two calls into compiled code:
 one from the previous odometry to this one, one from this to the state in which the command acts.
-The update mode is chosen before the first, its outcome is judged between the two.
+The conditions of the update are judged before the first, its outcome between the two.
 """
 
 from __future__ import annotations
@@ -22,21 +22,15 @@ from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimation import disturbance_ekf, rate_offsets, velocity_bias
+from quad_mpc_ros.control.estimation import ekf
 from quad_mpc_ros.control.estimation.command_history import CommandHistory, acting_between
-from quad_mpc_ros.control.estimation.disturbance_ekf import DisturbanceEkf, EkfMemory, Filters
+from quad_mpc_ros.control.estimation.ekf import EkfMemory, Filter, VehicleEkf, is_at_bounds
+from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import Learning
-from quad_mpc_ros.control.estimation.velocity_bias import VelocityBias
-from quad_mpc_ros.control.estimation.velocity_filter import (
-    HELD,
-    LEARNED,
-    PAUSED,
-    REFUSED,
-    is_at_bounds,
-)
-from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
+from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import StateRecord, read_odometry, roll_forward
@@ -59,20 +53,19 @@ _MEMORY_NS, _MEMORIES = 1_000_000_000, 5
 class Followed(Record):
     """What is known of the vehicle."""
 
-    # Its states at an odometry and at the one before, but for their throttle.
+    # Its states at an odometry and at the one before as measured, but for their throttle.
     measured: StateRecord
     before: StateRecord
-    bias: VelocityBias
-    filters: Filters
+    filter: Filter
 
 
 class EstimateStatus(NamedTuple):
-    """Status of the estimate: ``learning``, ``held``, ``at bounds``, ``jumped``, ``reset``.
+    """Status of the estimate: the update mode, or ``at bounds`` or ``reset``.
 
     ``resets`` is how often it was reset so far.
     """
 
-    text: str = "held"
+    text: str = UpdateMode.HOLD.text
     resets: int = 0
 
 
@@ -91,17 +84,17 @@ class DelayCompensation:
         self._follows = self._learns or config.thrust_time_constant > 0.0
         self._buffer = Followed.zeros()
         self._followed = followed = self._buffer[()]
-        followed.bias.enabled = int(self._learns)
         nominal = parameters_of(
             vehicle,
             rate_time_constant=config.rate_time_constant,
             thrust_time_constant=config.thrust_time_constant,
         )
-        self._ekf = DisturbanceEkf(
+        self._ekf = VehicleEkf(
             nominal[()],
             throttle=hover.throttle,
             delay=config.input_delay,
-            filters=followed.filters,
+            enabled=self._learns,
+            state=followed.filter,
         )
         self._ground = ground
         self._health = EstimateHealth()
@@ -110,8 +103,7 @@ class DelayCompensation:
         self._sent = hover.vector()
         self._sent_ns: int | None = None
         self._engaged, self._was_idle = True, False
-        # Stamps of the last odometry, and of that from which on is known what acted.
-        self._seen_ns: int | None = None
+        # Stamp of the last odometry, if what has acted since is known.
         self._previous_ns: int | None = None
         self.reconfigure(config)
 
@@ -159,9 +151,7 @@ class DelayCompensation:
 
     def reset_estimate(self, reset: EstimateReset) -> None:
         """Move what is remembered of odometries, and what was learned in the world."""
-        if self._seen_ns is not None and self._seen_ns < reset.stamp_ns:
-            velocity_bias.reset_estimate(self._followed.bias, reset)
-        self._ekf.turn(reset.vectors(np.eye(3)).T)
+        self._ekf.turn(reset)
         self._memories.clear()  # of the former directions
         if self._previous_ns is not None and self._previous_ns < reset.stamp_ns:
             state = self._followed.measured
@@ -175,13 +165,14 @@ class DelayCompensation:
         # Not across a long silence, nor from a clock to one that was set.
         if previous_ns is None or not 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
             self._see(odometry)
-            self._ekf.start(self._followed.measured.v_WB_W)
-            self.status = EstimateStatus("held", self._health.resets)
+            measured = self._followed.measured
+            self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B)
+            self.status = EstimateStatus(resets=self._health.resets)
         elif self._follows:
             self._go_on(odometry, previous_ns)
         else:
             self._see(odometry)
-        self._seen_ns = self._previous_ns = stamp_ns
+        self._previous_ns = stamp_ns
         return self._predicted(stamp_ns, begin_ns=stamp_ns)
 
     def foresee(self, stamp_ns: int) -> PredictedState | None:
@@ -213,20 +204,18 @@ class DelayCompensation:
 
     def _see(self, odometry: OdometrySample) -> None:
         """Take an odometry, whatever was before."""
-        seen_ns = self._seen_ns
         _read(
             buffer=self._buffer,
             p_WB=odometry.p_WB,
             q_WB_xyzw=odometry.q_WB_xyzw,
             v_WB_B=odometry.v_WB_B,
             w_WB_B=odometry.w_WB_B,
-            duration=0.0 if seen_ns is None else (odometry.stamp_ns - seen_ns) * 1e-9,
         )
 
     def _go_on(self, odometry: OdometrySample, previous_ns: int) -> None:
         """Take an odometry, and bring the EKF from the one before to it."""
         stamp_ns = odometry.stamp_ns
-        outcome, at_bounds = _follow(
+        mode, at_bounds = _follow(
             buffer=self._buffer,
             p_WB=odometry.p_WB,
             q_WB_xyzw=odometry.q_WB_xyzw,
@@ -236,16 +225,17 @@ class DelayCompensation:
             acts_ns=self._history.acts_ns,
             commands=self._history.commands,
             stamps_ns=(previous_ns, stamp_ns),
-            mode=self._mode(previous_ns),
+            conditions=self._conditions(previous_ns),
         )
-        self._judge(outcome, at_bounds, stamp_ns, duration=1e-9 * (stamp_ns - previous_ns))
+        self._judge(mode, at_bounds, stamp_ns, duration=1e-9 * (stamp_ns - previous_ns))
 
-    def _judge(self, outcome: int, at_bounds: bool, stamp_ns: int, *, duration: float) -> None:
+    def _judge(self, mode: UpdateMode, at_bounds: bool, stamp_ns: int, *, duration: float) -> None:
         """Note what an odometry did to the estimate; reset one that fails for long."""
-        text = "held"
-        if outcome in (LEARNED, REFUSED):
-            refused = outcome == REFUSED
-            text = "jumped" if refused else "at bounds" if at_bounds else "learning"
+        text = UpdateMode(mode).text
+        if mode in (UpdateMode.LEARN, UpdateMode.REJECT):
+            refused = mode == UpdateMode.REJECT
+            if at_bounds and not refused:
+                text = "at bounds"
             if self._health.fails(
                 stamp_ns, duration=duration, refused=refused, at_bounds=at_bounds
             ):
@@ -255,23 +245,20 @@ class DelayCompensation:
                 text = "reset"
         self.status = EstimateStatus(text, self._health.resets)
 
-    def _mode(self, previous_ns: int) -> int:
-        """Return the update mode for what happened since the odometry before."""
-        if not (self._learns and self._engaged):
-            return HELD
-        learning = Learning.LEARN if self._ground is None else self._ground.learning
-        if self._ground is not None and self._ground.state.stands:
-            self._recall()
-        if learning is Learning.HOLD:
-            return HELD
+    def _conditions(self, previous_ns: int) -> Conditions:
+        """Return the conditions of an update since the odometry before."""
+        learning = Learning.LEARN
+        if self._ground is not None and self._learns and self._engaged:
+            learning = self._ground.learning
+            if self._ground.state.stands:
+                self._recall()
+        flies, may_touch = learning is not Learning.HOLD, learning is Learning.PAUSE
         # Before that what acted is not known, or has not acted for long enough.
         known = self._history.knows(previous_ns - (_SETTLING_NS if self._was_idle else 0))
-        if not known:
-            return HELD
-        if learning is Learning.PAUSE:
-            return PAUSED  # the ground might carry some of it
-        self._remember(previous_ns)
-        return LEARNED
+        acts = self._learns and self._engaged and known
+        if acts and learning is Learning.LEARN:
+            self._remember(previous_ns)
+        return Conditions(acts, flies, may_touch)
 
     def _remember(self, now_ns: int) -> None:
         """Keep the estimate, once a second."""
@@ -293,14 +280,17 @@ def _read(
     q_WB_xyzw: Array,
     v_WB_B: Array,
     w_WB_B: Array,
-    duration: float,
 ) -> None:
-    """Read an odometry that is ``duration`` [s] after the one before, 0 for the first."""
+    """Read an odometry."""
     followed = buffer[()]
     followed.before = followed.measured
-    measured = followed.measured
-    read_odometry(p_WB=p_WB, q_WB_xyzw=q_WB_xyzw, v_WB_B=v_WB_B, w_WB_B=w_WB_B, state=measured)
-    velocity_bias.correct(followed.bias, p_WB=p_WB, v_WB_W=measured.v_WB_W, duration=duration)
+    read_odometry(
+        p_WB=p_WB,
+        q_WB_xyzw=q_WB_xyzw,
+        v_WB_B=v_WB_B,
+        w_WB_B=w_WB_B,
+        state=followed.measured,
+    )
 
 
 @compiled
@@ -314,36 +304,27 @@ def _follow(
     acts_ns: NDArray[np.int64],
     commands: Array,
     stamps_ns: tuple[int, int],
-    mode: int,
-) -> tuple[int, bool]:
+    conditions: Conditions,
+) -> tuple[UpdateMode, bool]:
     """Go on to an odometry from the one before, under what acted of a history between the two.
 
     Returns:
-        What became of it, see :func:`.disturbance_ekf.update`, and whether the estimate is as far
-        as it may go.
+        The update mode, and whether the estimate is as far as it may go.
     """
     start_ns, end_ns = stamps_ns
-    _read(
-        buffer=buffer,
-        p_WB=p_WB,
-        q_WB_xyzw=q_WB_xyzw,
-        v_WB_B=v_WB_B,
-        w_WB_B=w_WB_B,
-        duration=(end_ns - start_ns) * 1e-9,
-    )
+    _read(buffer=buffer, p_WB=p_WB, q_WB_xyzw=q_WB_xyzw, v_WB_B=v_WB_B, w_WB_B=w_WB_B)
     followed = buffer[()]
-    filters = followed.filters
-    outcome = disturbance_ekf.update(
-        filters=filters,
+    mode = ekf.update(
+        state=followed.filter,
         before=followed.before,
         after=followed.measured,
         acting=acting_between(
             acts_ns=acts_ns, commands=commands, start_ns=start_ns, end_ns=end_ns
         ),
-        mode=mode,
+        conditions=conditions,
         given_variance=v_variance,
     )
-    return outcome, is_at_bounds(filters.velocity, filters.bounds)
+    return mode, is_at_bounds(followed.filter)
 
 
 @compiled
@@ -362,17 +343,23 @@ def _ahead(
     ``sent`` (4,) is what was commanded last, ``since_sent`` [s] ago.
     """
     followed, predicted = buffer[()], prediction[()]
-    filters = followed.filters
+    known, x = followed.filter, followed.filter.motion.x
     predicted.state = followed.measured
-    predicted.state.throttle = filters.velocity.throttle
-    predicted.parameters = filters.nominal
-    disturbance_ekf.write_estimated(filters, predicted.parameters)
+    predicted.state.throttle = x[MOTION.throttle]
+    if known.enabled:
+        kernels.store_vector(
+            kernels.vector(x[MOTION.position : MOTION.velocity]), predicted.state.p_WB
+        )
+        kernels.store_vector(
+            kernels.vector(x[MOTION.velocity : MOTION.disturbance]), predicted.state.v_WB_W
+        )
+    ekf.write_estimated(known, predicted.parameters)
     if end_ns > begin_ns:
         acting = acting_between(
             acts_ns=acts_ns, commands=commands, start_ns=begin_ns, end_ns=end_ns
         )
         for k in range(len(acting.commands)):
-            rate_offsets.add(filters.rate_offsets, filters.nominal, acting.commands[k])
+            ekf.add_offsets(known, acting.commands[k])
         roll_forward(
             predicted.parameters,
             commands=acting.commands,
@@ -382,5 +369,5 @@ def _ahead(
             end=predicted.state,
         )
     predicted.sent[:] = sent
-    rate_offsets.add(filters.rate_offsets, filters.nominal, predicted.sent)
+    ekf.add_offsets(known, predicted.sent)
     predicted.since_sent = since_sent

@@ -1,110 +1,190 @@
-"""The process model of the disturbance EKF: velocity and throttle under the acting commands.
+"""The process model of the filter: the MPC's own, between two odometries, with its derivatives.
 
-Between two odometries the vehicle is rolled forward by what is estimated of it, and with it the
-derivatives of the velocity by what is learned: by the thrust's scale k, its time constant, and the
-mean mu of the drag,
-
-    dv/dk = sum of dt T(s)/m z_B,   dv/dtau_s = sum of dt k T'(s)/m ds/dtau_s z_B,
-    dv/dmu = -dt R S R' v,          S = D/mean(D)
-
-with z_B the mean thrust axis of the time between.
+Position, velocity and throttle follow the commands that acted, delayed and lagged, by what is
+estimated of the vehicle. The attitude turns evenly from one that was measured to the next, so the
+rates' part in it is known. The rates of the model follow their commands and offsets.
 """
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
-
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.control.lie import Array, kernels
-from quad_mpc_ros.control.model.actuators import (
-    actuators_in,
-    first_order_lag,
-    first_order_lag_slopes,
+from quad_mpc_ros.control.estimation.command_history import Acting
+from quad_mpc_ros.control.estimation.error_state import (
+    MOTION,
+    ROLL_PITCH,
+    TURNING,
+    YAW,
+    MotionEstimate,
+    TurningEstimate,
 )
-from quad_mpc_ros.control.model.parameters import ModelParameters
-from quad_mpc_ros.control.model.rollout import Body, propagated
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.parameter_jacobians import (
+    BY,
+    OF_NO_TIME,
+    MotionDerivatives,
+    followed_rate,
+    no_motion,
+    propagated_with_derivatives,
+)
+from quad_mpc_ros.control.model.parameters import ModelParameters, modelled_thrust
+from quad_mpc_ros.control.model.rollout import Body, StateRecord
 
 # Longest stretch predicted at once [s].
-_LONGEST = 0.0025
-
-
-class Throttle(NamedTuple):
-    """The throttle that nobody measures, and its derivative by the thrust's time constant."""
-
-    value: float
-    slope: float
-
-
-class MotionPrediction(NamedTuple):
-    """Where the commands lead: state, throttle, and derivatives of the velocity."""
-
-    body: Body
-    throttle: Throttle
-    v_by_scale: kernels.Vector
-    v_by_lag: kernels.Vector
-    v_by_drag: kernels.Vector
+_LONGEST = 0.005
 
 
 @compiled
-def predict(
-    estimated: ModelParameters,
-    commands: Array,
-    durations: Array,
-    throttle: Throttle,
-    start: Body,
-    R_after: kernels.Matrix,
-) -> MotionPrediction:
-    """Move a state on through commands (n, 4), each for one of the durations (n,) [s].
+def predict_motion(
+    model: ModelParameters,
+    drag_shape: Array,
+    estimate: MotionEstimate,
+    acting: Acting,
+    before: StateRecord,
+    after: StateRecord,
+    F: Array,
+) -> None:
+    """Move the estimate on, by ``model`` as estimated, and write its Jacobian F.
 
-    ``R_after`` is the attitude measured at the end, for the mean thrust axis.
+    ``before`` and ``after`` are the states measured. Of a disturbance and a bias F has ones.
     """
-    axis = _mean_axis(kernels.column(start.R, 2), kernels.column(R_after, 2))
-    value, slope = throttle.value, throttle.slope
-    body, v_by_scale, v_by_lag = start, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for k in range(len(durations)):
-        dt, command = durations[k], actuators_in(commands[k])
-        decay, share = first_order_lag(estimated.thrust_time_constant, dt)
-        decay_slope, share_slope = first_order_lag_slopes(estimated.thrust_time_constant, dt)
-        off = value - command[0]
-        mean, mean_slope = command[0] + share * off, share * slope + share_slope * off
-        value, slope = command[0] + decay * off, decay * slope + decay_slope * off
-        push = dt * ((estimated.a * mean + estimated.b) * mean + estimated.c)
-        push_slope = (
-            dt * estimated.thrust_scale * (2.0 * estimated.a * mean + estimated.b) * mean_slope
-        )
-        v_by_scale = kernels.plus(v_by_scale, kernels.scaled(push, axis))
-        v_by_lag = kernels.plus(v_by_lag, kernels.scaled(push_slope, axis))
-        body = propagated(estimated, command, dt, _LONGEST, body)
-    shape, half = _drag_shape(estimated), -0.5 * durations.sum()
-    v_by_drag = kernels.plus(
-        kernels.scaled(half, _slowing(shape, start.R, start.v)),
-        kernels.scaled(half, _slowing(shape, R_after, body.v)),
+    x, duration = estimate.x, acting.durations.sum()
+    R = kernels.matrix(before.R_WB)
+    turn = kernels.log(kernels.multiply(kernels.transposed(R), kernels.matrix(after.R_WB)))
+    w = kernels.scaled(1.0 / duration, turn)
+    body = Body(
+        kernels.vector(x[MOTION.position : MOTION.velocity]),
+        kernels.vector(x[MOTION.velocity : MOTION.disturbance]),
+        R,
+        (x[MOTION.throttle], w[0], w[1], w[2]),
     )
-    return MotionPrediction(body, Throttle(value, slope), v_by_scale, v_by_lag, v_by_drag)
+    derivatives, shape, throttle = no_motion(), kernels.vector(drag_shape), x[MOTION.throttle]
+    for k in range(len(acting.durations)):
+        command = acting.commands[k, 0], w[0], w[1], w[2]
+        body = propagated_with_derivatives(
+            model, shape, command, acting.durations[k], _LONGEST, body, derivatives
+        )
+    kernels.store_vector(body.p, x[MOTION.position : MOTION.velocity])
+    kernels.store_vector(body.v, x[MOTION.velocity : MOTION.disturbance])
+    x[MOTION.throttle] = body.actuators[0]
+    _write_jacobian(derivatives, F)
+    _add_lateness(model, estimate, (throttle, body.actuators[0]), body, duration, F)
 
 
 @compiled
-def _slowing(shape: kernels.Vector, R_WB: kernels.Matrix, v: kernels.Vector) -> kernels.Vector:
-    """Return R S R' v, what a drag of 1 1/s on average takes of a velocity per second."""
-    u = kernels.apply_transposed(R_WB, v)
-    return kernels.apply(R_WB, (shape[0] * u[0], shape[1] * u[1], shape[2] * u[2]))
+def _add_lateness(
+    model: ModelParameters,
+    estimate: MotionEstimate,
+    throttles: tuple[float, float],
+    after: Body,
+    duration: float,
+    F: Array,
+) -> None:
+    """Add what a thrust lacks that is later than by its longest time constant.
+
+    Over a duration, in which the throttle went from one to another: with a delay D the velocity
+    lacks D times the change of the thrust, to first order.
+    """
+    x, late = estimate.x, estimate.x[MOTION.lag] - model.thrust_time_constant
+    if late <= 0.0:
+        return
+    F[MOTION.throttle, MOTION.lag] = 0.0
+    change = modelled_thrust(model, throttles[1]) - modelled_thrust(model, throttles[0])
+    lacking = kernels.scaled(-model.thrust_scale * change, kernels.column(after.R, 2))
+    for k in range(3):
+        p, v = MOTION.position + k, MOTION.velocity + k
+        F[v, MOTION.lag], F[p, MOTION.lag] = lacking[k], 0.5 * duration * lacking[k]
+        x[p] += late * F[p, MOTION.lag]
+        x[v] += late * F[v, MOTION.lag]
 
 
 @compiled
-def _drag_shape(modelled: ModelParameters) -> kernels.Vector:
-    """Return the drag along each axis of the body over their mean, alike where there is none."""
-    mean, off = modelled.drag, kernels.vector(modelled.uneven_drag)
-    if mean <= 0.0:
-        return 1.0, 1.0, 1.0
-    return 1.0 + off[0] / mean, 1.0 + off[1] / mean, 1.0 + off[2] / mean
+def _write_jacobian(derivatives: MotionDerivatives, F: Array) -> None:
+    """Write the rows of position, velocity and throttle; others are those of one."""
+    identity(F)
+    p, v, s = derivatives
+    for k in range(3):
+        for n in range(3):
+            F[MOTION.position + k, MOTION.velocity + n] = p[BY.velocity + n, k]
+            F[MOTION.velocity + k, MOTION.velocity + n] = v[BY.velocity + n, k]
+            F[MOTION.position + k, MOTION.disturbance + n] = p[BY.disturbance + n, k]
+            F[MOTION.velocity + k, MOTION.disturbance + n] = v[BY.disturbance + n, k]
+        for column, n in (
+            (MOTION.scale, BY.scale),
+            (MOTION.lag, BY.lag),
+            (MOTION.drag, BY.drag),
+            (MOTION.throttle, BY.throttle),
+        ):
+            F[MOTION.position + k, column] = p[n, k]
+            F[MOTION.velocity + k, column] = v[n, k]
+    F[MOTION.throttle, MOTION.throttle] = s[BY.throttle]
+    F[MOTION.throttle, MOTION.lag] = s[BY.lag]
 
 
 @compiled
-def _mean_axis(before: kernels.Vector, after: kernels.Vector) -> kernels.Vector:
-    """Return the mean of a direction that turned evenly from one to another (Simpson)."""
-    middle = kernels.plus(before, after)
-    length = math.sqrt(kernels.dot(middle, middle))
-    if length < 1e-6:
-        return after
-    return kernels.scaled(1.0 / 6.0, kernels.plus(middle, kernels.scaled(4.0 / length, middle)))
+def predict_unmodelled(
+    model: ModelParameters, estimate: MotionEstimate, acting: Acting, F: Array
+) -> None:
+    """Move the estimate on at its velocity, whatever moves it, and its throttle by the model."""
+    x, duration = estimate.x, acting.durations.sum()
+    identity(F)
+    for k in range(3):
+        F[MOTION.position + k, MOTION.velocity + k] = duration
+        x[MOTION.position + k] += duration * x[MOTION.velocity + k]
+    throttle, derivatives = x[MOTION.throttle], OF_NO_TIME
+    for k in range(len(acting.durations)):
+        throttle, derivatives = followed_rate(
+            model.thrust_time_constant,
+            acting.commands[k, 0],
+            0.0,
+            acting.durations[k],
+            throttle,
+            derivatives,
+        )
+    x[MOTION.throttle] = throttle
+    F[MOTION.throttle, MOTION.throttle] = derivatives.by_rate
+    F[MOTION.throttle, MOTION.lag] = derivatives.by_lag
+
+
+@compiled
+def predict_turning(
+    nominal: ModelParameters,
+    shares: Array,
+    estimate: TurningEstimate,
+    acting: Acting,
+    F: Array,
+    H: Array,
+) -> None:
+    """Move the rates of the model on, and write Jacobian F and measurement H (3, n).
+
+    ``shares`` (3,) is what each axis has of the time constant that it shares. A rate is measured
+    as late as it is, H x = w - D dw/dt.
+    """
+    x, duration = estimate.x, acting.durations.sum()
+    identity(F)
+    H[:] = 0.0
+    for axis in range(3):
+        rate, lag = TURNING.rate + axis, YAW if axis == 2 else ROLL_PITCH
+        w, by = x[rate], OF_NO_TIME
+        for k in range(len(acting.durations)):
+            thrust = modelled_thrust(nominal, acting.commands[k, 0])
+            command = acting.commands[k, 1 + axis]
+            if axis < 2:
+                by_thrust = x[TURNING.offset_by_thrust + axis]
+                command += x[TURNING.offset + axis] + by_thrust * thrust
+            time_constant = shares[axis] * x[lag]
+            w, by = followed_rate(time_constant, command, thrust, acting.durations[k], w, by)
+        F[rate, rate], F[rate, lag] = by.by_rate, shares[axis] * by.by_lag
+        H[axis, rate] = 1.0
+        if axis < 2:
+            F[rate, TURNING.offset + axis] = by.by_offset
+            F[rate, TURNING.offset_by_thrust + axis] = by.by_offset_by_thrust
+            H[axis, TURNING.lateness] = -(w - x[rate]) / duration
+        x[rate] = w
+
+
+@compiled
+def identity(F: Array) -> None:
+    """Write ones."""
+    F[:] = 0.0
+    for k in range(len(F)):
+        F[k, k] = 1.0

@@ -50,7 +50,7 @@ class _Turning(NamedTuple):
     p: Array
 
 
-class _Air(NamedTuple):
+class AirSlopes(NamedTuple):
     """Derivatives of what uneven air does, by velocity half way, turn of the body and thrust.
 
     ``by_push`` is that of the acceleration by the thrust over mass. ``kept`` is what the velocity
@@ -98,19 +98,19 @@ def jacobians(
             x, midpoint = substep(model, d, command, x)
             mean_kept = followed(d.share, kept, (0.0, 0.0, 0.0, 0.0))
             mean_gained = followed(d.share, gained, let)
-            air = _air(model, d, midpoint)
+            air = air_slopes(model, d, midpoint)
             _turn_on(d, midpoint, air, mean_kept, mean_gained, lagging, turning)
             slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[0] + model.b)
             push = kernels.scaled(slope, kernels.column(midpoint.R, 2))
             slowed = kernels.scaled(slope, air.by_push)
-            by_throttle = _push_on(
+            by_throttle = push_on(
                 d,
                 air,
                 kernels.scaled(mean_kept[0], push),
                 kernels.scaled(mean_kept[0], slowed),
                 by_throttle,
             )
-            by_command = _push_on(
+            by_command = push_on(
                 d,
                 air,
                 kernels.scaled(mean_gained[0], push),
@@ -141,11 +141,11 @@ def _begin(turning: _Turning) -> None:
 
 
 @compiled
-def _air(model: ModelParameters, d: Discretisation, midpoint: Midpoint) -> _Air:
+def air_slopes(model: ModelParameters, d: Discretisation, midpoint: Midpoint) -> AirSlopes:
     """Return the derivatives of what uneven air does, zero for air that is not."""
     none = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if not d.uneven:
-        return _Air(False, none, none, (0.0, 0.0, 0.0), 0.0, 0.0)
+        return AirSlopes(False, none, none, (0.0, 0.0, 0.0), 0.0, 0.0)
     u, drag, rotors, R = midpoint.v_B, model.uneven_drag, model.rotor_drag, midpoint.R
     speed = rotor_speed(model, midpoint.push)
     by_push = 0.5 * speed / midpoint.push if midpoint.push > 0.0 else 0.0
@@ -158,7 +158,7 @@ def _air(model: ModelParameters, d: Discretisation, midpoint: Midpoint) -> _Air:
     turned = kernels.multiply(slope, (0.0, -u[2], u[1], u[2], 0.0, -u[0], -u[1], u[0], 0.0))
     xx, xy, xz, yx, yy, yz, zx, zy, zz = turned
     by_turn = xx, xy + z, xz - y, yx - z, yy, yz + x, zx + y, zy - x, zz
-    return _Air(
+    return AirSlopes(
         True,
         kernels.multiply(kernels.multiply(R, slope), kernels.transposed(R)),
         kernels.multiply(R, by_turn),
@@ -171,9 +171,9 @@ def _air(model: ModelParameters, d: Discretisation, midpoint: Midpoint) -> _Air:
 
 
 @compiled
-def _push_on(
+def push_on(
     d: Discretisation,
-    air: _Air,
+    air: AirSlopes,
     acceleration: kernels.Vector,
     direct: kernels.Vector,
     moved: tuple[kernels.Vector, kernels.Vector],
@@ -199,7 +199,7 @@ def _push_on(
 def _turn_on(
     d: Discretisation,
     midpoint: Midpoint,
-    air: _Air,
+    air: AirSlopes,
     mean_kept: Actuators,
     mean_gained: Actuators,
     lagging: bool,
@@ -231,7 +231,7 @@ def _turn_on(
         )
         moved = kernels.vector(dv[n]), kernels.vector(dp[n])
         direct = kernels.apply(air.by_turn, turned) if air.uneven else (0.0, 0.0, 0.0)
-        v, p = _push_on(d, air, acceleration, direct, moved)
+        v, p = push_on(d, air, acceleration, direct, moved)
         kernels.store_vector(v, dv[n])
         kernels.store_vector(p, dp[n])
         kernels.store_vector(
@@ -239,7 +239,7 @@ def _turn_on(
         )
     for n in range(_TURNING, _COLUMNS if air.uneven else _TURNING):
         moved = kernels.vector(dv[n]), kernels.vector(dp[n])
-        v, p = _push_on(d, air, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), moved)
+        v, p = push_on(d, air, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), moved)
         kernels.store_vector(v, dv[n])
         kernels.store_vector(p, dp[n])
 

@@ -1,0 +1,135 @@
+"""The Kalman filter of the textbooks, compiled: predict, gate, update; consider and constrain.
+
+    predict   P <- F P F' + Q
+    gate      nu = z - h(x),  S = H P H' + R,  nu' S^-1 nu <= the chi-square quantile
+    update    K = P H' S^-1,  x <- x + K nu,  P <- (I - K H) P (I - K H)' + K R K'
+
+The update is in Joseph's form, which holds for any K, so that rows of K may be zero: states that
+may not be learned now are *considered* (Schmidt, "Application of state-space methods to
+navigation problems", 1966). They stay, and their uncertainty counts in S and in what else is
+estimated. A state beyond a bound is projected back to it in the norm of P^-1 (Simon, Chia,
+"Kalman filtering with state equality constraints", 2002): what is correlated with it goes along.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.control.lie import Array, kernels
+
+GATE = 30.66
+"""Quantile of chi-square with 3 degrees of freedom: one of a million innovations is beyond it."""
+
+
+class Innovation(NamedTuple):
+    """What a measurement (3,) says beyond the prediction: nu, its S (3, 3), and P H' (n, 3)."""
+
+    nu: Array
+    S: Array
+    PHt: Array
+
+
+@compiled
+def predict(P: Array, F: Array, Q: Array) -> None:
+    """Carry a covariance (n, n) on by F (n, n), sparse, and noise of variances Q (n,)."""
+    carried = product(F, np.ascontiguousarray(product(F, P).T))
+    for i in range(len(P)):
+        for j in range(i):
+            P[i, j] = P[j, i] = 0.5 * (carried[i, j] + carried[j, i])
+        P[i, i] = carried[i, i] + Q[i]
+
+
+@compiled
+def innovation(P: Array, H: Array, R: float, nu: Array) -> Innovation:
+    """Return the innovation nu (3,) by H (3, n), sparse, and noise of variance R on each axis."""
+    HP = product(H, P)
+    S = product(H, HP.T)
+    for k in range(len(S)):
+        S[k, k] += R
+    return Innovation(nu, S, HP.T)
+
+
+@compiled
+def squared_distance(seen: Innovation, allowed: float) -> float:
+    """Return nu' S^-1 nu, the normalised innovation squared.
+
+    With ``allowed`` variance more than S has along each axis.
+    """
+    S, square = seen.S.copy(), 0.0
+    for k in range(3):
+        S[k, k] += allowed
+    inverse = _inverse(S)
+    for i in range(3):
+        for j in range(3):
+            square += seen.nu[i] * inverse[i, j] * seen.nu[j]
+    return square
+
+
+@compiled
+def update(x: Array, P: Array, seen: Innovation, considered: Array) -> None:
+    """Correct by an innovation; states (n,) that are ``considered``, not zero, are not moved."""
+    PHt, S, inverse, n = seen.PHt, seen.S, _inverse(seen.S), len(x)
+    K, KS = np.zeros((n, 3)), np.zeros((n, 3))
+    for i in range(n):
+        if considered[i] == 0.0:
+            for k in range(3):
+                K[i, k] = PHt[i, 0] * inverse[0, k] + PHt[i, 1] * inverse[1, k]
+                K[i, k] += PHt[i, 2] * inverse[2, k]
+                x[i] += K[i, k] * seen.nu[k]
+            for k in range(3):
+                KS[i, k] = K[i, 0] * S[0, k] + K[i, 1] * S[1, k] + K[i, 2] * S[2, k]
+    # Joseph's form, with H P = (P H')' and S = H P H' + R: P - K H P - P H' K' + K S K'.
+    for i in range(n):
+        for j in range(i + 1):
+            change = 0.0
+            for k in range(3):
+                change += (KS[i, k] - PHt[i, k]) * K[j, k] - K[i, k] * PHt[j, k]
+            P[i, j] += change
+            P[j, i] = P[i, j]
+
+
+@compiled
+def constrain(x: Array, P: Array, i: int, bounds: tuple[float, float], considered: Array) -> bool:
+    """Project a state that is beyond its bounds back to them; return whether it was.
+
+    Those that are not ``considered`` (n,) go along.
+    """
+    off = kernels.clamp(x[i], bounds[0], bounds[1]) - x[i]
+    if off == 0.0:
+        return False
+    bound, variance = x[i] + off, P[i, i]
+    if variance > 0.0:
+        for j in range(len(x)):
+            if considered[j] == 0.0:
+                x[j] += P[j, i] / variance * off
+    x[i] = bound
+    return True
+
+
+@compiled
+def product(A: Array, B: Array) -> Array:
+    """Return A B; A is sparse."""
+    rows, columns = len(A), B.shape[1]
+    result = np.zeros((rows, columns))
+    for i in range(rows):
+        for k in range(len(B)):
+            a = A[i, k]
+            if a != 0.0:
+                for j in range(columns):
+                    result[i, j] += a * B[k, j]
+    return result
+
+
+@compiled
+def _inverse(S: Array) -> Array:
+    """Return the inverse of a symmetric matrix (3, 3)."""
+    inverse = np.empty((3, 3))
+    a, b, c = kernels.vector(S[0]), kernels.vector(S[1]), kernels.vector(S[2])
+    rows = kernels.cross(b, c), kernels.cross(c, a), kernels.cross(a, b)
+    determinant = kernels.dot(a, rows[0])
+    for k in range(3):
+        kernels.store_vector(kernels.scaled(1.0 / determinant, rows[k]), inverse[k])
+    return inverse

@@ -1,0 +1,65 @@
+"""What an odometry may change, by what happened since the one before: the first row that holds.
+
+| commands act | flies | little thrust, or saturated | for long | gate passed | mode |
+|---|---|---|---|---|---|
+| no | | | | | hold |
+| | no | | | | hold |
+| yes | yes | yes | yes | | hold |
+| yes | yes | | | no | reject |
+| yes | yes | yes | no | yes | velocity only |
+| yes | yes | no | | yes | learn |
+
+*hold*: position and velocity are followed by themselves, by no model of what moves the vehicle.
+*velocity only*: by the model; what is learned of the vehicle is considered, not changed.
+*learn*: all. *reject*: position and velocity begin anew from the odometry.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+from quad_mpc_ros.configuration.compilation import compiled
+
+
+class UpdateMode(enum.IntEnum):
+    """What an odometry may change."""
+
+    HOLD = 0
+    VELOCITY_ONLY = 1
+    LEARN = 2
+    REJECT = 3
+
+    @property
+    def text(self) -> str:
+        """Its name in mpc/stats."""
+        return self.name.lower().replace("_", " ")
+
+
+class Conditions(NamedTuple):
+    """What happened since the odometry before.
+
+    Commands of the controller act, for long enough and without a gap; the vehicle is certain to
+    fly, and has for long enough; the ground might carry some of it.
+    """
+
+    acts: bool
+    flies: bool
+    may_touch: bool
+
+
+# s, beyond which the model without anything learned leads astray.
+LONGEST_PAUSE = 0.5
+
+
+@compiled
+def update_mode(
+    conditions: Conditions, saturated: bool, paused_for: float, passed: bool
+) -> UpdateMode:
+    """Return the update mode; ``paused_for`` [s] is how long it has been velocity only."""
+    pauses = conditions.may_touch or saturated
+    if not (conditions.acts and conditions.flies) or (pauses and paused_for > LONGEST_PAUSE):
+        return UpdateMode.HOLD
+    if not passed:
+        return UpdateMode.REJECT
+    return UpdateMode.VELOCITY_ONLY if pauses else UpdateMode.LEARN

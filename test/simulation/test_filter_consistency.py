@@ -1,0 +1,105 @@
+"""The filter in closed loop on plants that are not its model: NIS, NEES, and white innovations."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
+from quad_mpc_ros.control.estimation.error_state import MOTION
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.ocp.problem import PredictedState
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.simulation.closed_loop import fly
+from quad_mpc_ros.simulation.config import SimulatorConfig
+
+FLIGHTS, SETTLED = 4, 150  # odometries
+KINEMATIC = slice(MOTION.position, MOTION.disturbance)
+
+
+class Seen(NamedTuple):
+    """Of each odometry: NIS of position and velocity, innovation (3,), NEES."""
+
+    position_nis: float
+    velocity_nis: float
+    innovation: Array
+    motion_nees: float
+
+
+def flown(plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch) -> list[Seen]:
+    followed, predict = [], DelayCompensation.predict
+
+    def recording(self: DelayCompensation, odometry: OdometrySample) -> PredictedState:
+        predicted = predict(self, odometry)
+        followed.append(self._followed.filter.copy())
+        return predicted
+
+    patch.setattr(DelayCompensation, "predict", recording)
+    simulator = SimulatorConfig(
+        plant=plant,
+        position_noise=0.01,
+        velocity_noise=0.05,
+        attitude_noise=0.003,
+        rate_noise=0.02,
+        gust_intensity=0.5,
+        duration=8.0,
+        initial_position=(0.0, 0.0, 2.0),
+        seed=seed,
+    )
+    steps = list(
+        fly(
+            mpc=MpcConfig(),
+            simulator=simulator,
+            reference=ReferenceConfig(trajectory=trajectory, height=2.0, angular_frequency=1.2),
+            on_reference=True,
+        )
+    )
+    found = []
+    for step, state in zip(steps, followed[-len(steps) :], strict=True):
+        R_WB = so3.rotation_from_quaternion_xyzw(step.truth.q_WB_xyzw)
+        truth = np.array([*step.truth.p_WB, *(R_WB @ step.truth.v_WB_B)])
+        error, P = state.motion.x[KINEMATIC] - truth, state.motion.P[KINEMATIC, KINEMATIC]
+        found.append(
+            Seen(
+                float(state.position_nis),
+                float(state.velocity_nis),
+                np.array(state.velocity_innovation),
+                float(error @ np.linalg.solve(P, error)),
+            )
+        )
+    return found[SETTLED:]
+
+
+@pytest.mark.parametrize("trajectory", ["hover", "lemniscate"])
+@pytest.mark.parametrize("plant", ["internal", "rotors"])
+def test_innovations_and_errors_are_as_the_covariance_says(
+    plant: str, trajectory: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Averages over flights lie below the 97.5 % bound of chi-square, nine times of ten.
+
+    And are not less than half of what is expected: the noise is that of the filter, the plant and
+    the gusts are not, for which it is prepared.
+    """
+    flights = []
+    for seed in range(FLIGHTS):
+        with monkeypatch.context() as patch:
+            flights.append(flown(plant, trajectory, seed, patch))
+    for figure, freedom in (("position_nis", 3), ("velocity_nis", 3), ("motion_nees", 6)):
+        every = np.array([[getattr(seen, figure) for seen in flight] for flight in flights])
+        average = every.mean(axis=0)
+        high = chi2.ppf(0.975, FLIGHTS * freedom) / FLIGHTS
+        assert np.mean(average > high) < 0.1, figure
+        assert average.mean() > 0.5 * freedom, figure
+    nu = np.array([[seen.innovation for seen in flight] for flight in flights])
+
+    def correlation(lag: int) -> float:
+        return float((nu[:, lag:] * nu[:, :-lag]).sum() / (nu**2).sum())
+
+    # White; three deviations of none are 0.055.
+    assert abs(correlation(5)) < 0.055
+    assert -0.25 < correlation(1) < 0.055
