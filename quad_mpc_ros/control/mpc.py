@@ -24,6 +24,7 @@ from quad_mpc_ros.control.safety.fallbacks import Learned
 
 FORMULATIONS: dict[str, Callable[[MpcConfig], TrackingProblem]] = {
     "manifold": ManifoldProblem,
+    "contouring": ManifoldProblem,
     "paper": PaperProblem,
 }
 

@@ -65,6 +65,7 @@ class TickStats:
     avoidance: str = "off"  # of obstacles: off, free (the reference), around, stopped
     avoidance_reason: str = ""  # why not free
     clearance_m: float = math.inf  # from the vehicle's surface to the nearest known obstacle [m]
+    behind_s: float = 0.0  # of the reference's clock, with formulation contouring [s]
     disturbance_x: float = 0.0  # estimated acceleration of the disturbance, world [m/s^2]
     disturbance_y: float = 0.0  # the same
     disturbance_z: float = 0.0  # the same
@@ -102,6 +103,7 @@ def figures_of(
     reference_stamp_ns: int,
     ground: str,
     avoidance: Avoidance,
+    behind: float,
 ) -> TickStats:
     """Return the figures of a tick; ``step`` is None when the MPC did not run."""
     return TickStats(
@@ -115,6 +117,7 @@ def figures_of(
         avoidance=avoidance.state,
         avoidance_reason=avoidance.reason,
         clearance_m=avoidance.clearance,
+        behind_s=behind,
         **counts._asdict(),
         **_solver_figures(step),
     )
