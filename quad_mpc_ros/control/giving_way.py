@@ -65,7 +65,8 @@ class DelayedReference:
             self._way = window
             return window
         behind_ns = round(1e9 * self.behind)
-        first = max(int(way.offset_ns.searchsorted(-behind_ns, side="right")) - 1, 0)
+        ahead = int(way.offset_ns.searchsorted(min(-behind_ns, 0), side="right"))
+        first = max(ahead - 1, 0)
         self._way = way = _from(way, first)
         return dataclasses.replace(way, offset_ns=way.offset_ns + behind_ns)
 

@@ -10,9 +10,12 @@ What is tracked is the path where progress is, at the speed that it has, and goi
 
     e_p = p_i - p(θ_i),   e_v = v_i - s_i v(θ_i),   J += sum_{i=0..N-1} w (ν_i - 1)^2
 
-so that the errors have slopes in progress, de_p/dθ = -v, de_v/dθ = -s a and de_v/ds = -v. The
-attitude that is tracked and the inputs that deviations count from are those of the progress that
-an iteration begins with; the next one has those of what became of it.
+so that the errors have slopes in progress, de_p/dθ = -v, de_v/dθ = -s a and de_v/ds = -v. That is
+model predictive contouring control (Lam, Manzie, Good, CDC 2010; of quadrotors Romero, Sun, Foehn,
+Scaramuzza, T-RO 2022) with one weight on distance from the path and lag along it: where progress is
+free, what is left of the lag is what it is worth. The attitude that is tracked and the inputs that
+deviations count from are those of the progress that a tick begins with; the next one has those of
+what became of it.
 """
 
 from __future__ import annotations
@@ -35,7 +38,7 @@ PATH_TIME, SPEED, SIZE = STATE_SIZE, STATE_SIZE + 1, STATE_SIZE + 2
 """Where progress and its speed are in the state of the problem, and the size of that."""
 SPEED_INPUT, INPUTS = INPUT_SIZE, INPUT_SIZE + 1
 """Where the speed is in the input of the problem, and the size of that."""
-STATE_NATURAL, INPUT_NATURAL = np.array([0.1, 0.3]), np.array([0.3])
+STATE_NATURAL, INPUT_NATURAL = np.array([0.1, 0.3]), np.array([0.1])
 """Natural sizes of the two states and of the input."""
 
 
