@@ -85,13 +85,13 @@ class DelayedReference:
         way = self._way
         if way is None or way is window:
             return window
-        shift_ns, begins_ns = way.stamp_ns - window.stamp_ns, int(window.offset_ns[0])
-        offsets_ns = way.offset_ns + shift_ns
-        kept = int(offsets_ns.searchsorted(begins_ns, side="left"))
+        begins_ns = int(window.offset_ns[0])
+        offsets_ns = way.offset_ns + (way.stamp_ns - window.stamp_ns)
         is_elsewhere = way.frame_id != window.frame_id or offsets_ns[-1] < begins_ns
-        if is_elsewhere or kept == 0 or _has_jumped(way, window):
+        if is_elsewhere or _has_jumped(way, window):
             self.behind = 0.0
             return window
+        kept = int(offsets_ns.searchsorted(begins_ns, side="left"))
         joined: dict[str, Any] = {
             name: np.concatenate((getattr(way, name)[:kept], getattr(window, name)))
             for name in _SAMPLES
@@ -109,9 +109,9 @@ def _from(window: ReferenceWindow, first: int) -> ReferenceWindow:
 
 def _has_jumped(way: ReferenceWindow, window: ReferenceWindow) -> bool:
     """Whether a window begins elsewhere than the way before was to be by then."""
-    begins_ns = window.stamp_ns + int(window.offset_ns[0])
-    p_W, _ = way.pose_at(begins_ns)
-    return float(np.linalg.norm(window.p_WB[0] - p_W)) > _JUMP
+    both_ns = max(each.stamp_ns + int(each.offset_ns[0]) for each in (way, window))
+    (p_before, _), (p_after, _) = way.pose_at(both_ns), window.pose_at(both_ns)
+    return float(np.linalg.norm(p_after - p_before)) > _JUMP
 
 
 def _is_over(way: ReferenceWindow, window: ReferenceWindow, behind: float) -> bool:

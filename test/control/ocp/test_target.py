@@ -125,7 +125,8 @@ def test_target_of_a_slower_time_is_that_of_the_slower_reference(speed: float) -
     w_WB_W = [np.einsum("iab,ijb->ija", t["R_WB"], t["inputs"][..., 1:]) for t in (slow, expected)]
     difference = w_WB_W[0] - w_WB_W[1]
     difference -= np.sum(difference * up, axis=-1, keepdims=True) * up
-    assert np.abs(difference).max() < 0.1
+    # The way that the tilt turns is taken to first order.
+    assert np.abs(difference).max() < 0.15 * np.abs(w_WB_W[1]).max()
 
 
 def test_target_compensates_disturbance_by_tilt_and_throttle() -> None:
