@@ -216,6 +216,9 @@ class ContouringParameters(Configuration):
 
 _keeping = functools.partial(_live_advanced, minimum=0.0)
 
+GATE_HALF_SPACES = 8
+"""Half-spaces on the position that hold the opening of a gate."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class WorldParameters(Configuration):
@@ -443,6 +446,11 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
     limits: LimitParameters = dataclasses.field(default_factory=LimitParameters)
     contouring: ContouringParameters = dataclasses.field(default_factory=ContouringParameters)
+    gates: str = parameter(
+        "",
+        doc="contouring: file of the course whose openings are held by half-spaces, or its text "
+        "in braces; none is to trust the reference.",
+    )
     obstacles: ObstacleParameters = dataclasses.field(default_factory=ObstacleParameters)
     realtime: RealtimeParameters = dataclasses.field(default_factory=RealtimeParameters)
 
@@ -450,6 +458,16 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     def on_manifold(self) -> bool:
         """Whether the horizon has lags, estimates and limits, as all but the paper's has."""
         return self.formulation != "paper"
+
+    @property
+    def holds_gates(self) -> bool:
+        """Whether the openings of gates are held."""
+        return self.formulation == "contouring" and bool(self.gates)
+
+    @property
+    def half_spaces(self) -> int:
+        """Half-spaces on the position that a stage of the plan has room for."""
+        return max(self.obstacles.half_spaces, GATE_HALF_SPACES if self.holds_gates else 0)
 
     @property
     def unmodelled_lags(self) -> list[str]:

@@ -89,7 +89,7 @@ class ManifoldProblem:
         workspace = sqp.Workspace.zeros(self._steps, limits, progress=self._gives_way)
         self._anywhere = self._here = self._room(limits, workspace)
         within = LimitLayout(
-            config.limits, half_spaces=config.obstacles.half_spaces, inputs=self._inputs
+            config.limits, half_spaces=config.half_spaces, inputs=self._inputs
         )
         self._within = self._room(within, self._anywhere.workspace.within(within))
         self._window: ReferenceWindow | None = None

@@ -19,7 +19,7 @@ from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.corridor import written_corridor
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
-from quad_mpc_ros.obstacles.configured import avoiding
+from quad_mpc_ros.obstacles.configured import guidance
 from quad_mpc_ros.ros import realtime
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.commanders import Commanders
@@ -71,8 +71,7 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._refused = "; ".join(refused)
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
-        avoided = avoiding(config)
-        guide = None if avoided is None else avoided.guide
+        self._world, self._gates, guide = guidance(config)
         with reported(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds, guide=guide)
         self._standby = Standby()
@@ -99,7 +98,6 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.ENGAGED, self._on_engaged, expected=False)
         self.managed_subscription(topics.LANDED, self._on_landed, expected=False)
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
-        self._world = None if avoided is None else avoided.world
         self._obstacle_inputs: ObstacleInputs | None = None
         self._corridor: Publisher | None = None
         if self._world is not None:
