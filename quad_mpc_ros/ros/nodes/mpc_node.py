@@ -9,10 +9,12 @@ from typing import Any
 
 from rclpy.publisher import Publisher
 
+from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.ladder import Source
+from quad_mpc_ros.control.safety.validation import is_frame
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
@@ -100,8 +102,11 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
         self._obstacle_inputs: ObstacleInputs | None = None
         self._corridor: Publisher | None = None
-        if self._world is not None:
+        if guide is not None:
             self._corridor = self.health.publisher(topics.CORRIDOR)
+        if self._gates is not None:
+            self.managed_subscription(topics.GATES, self._on_gates, expected=False)
+        if self._world is not None:
             self._obstacle_inputs = ObstacleInputs(self, self._world, lockstep=config.lockstep)
         if not config.lockstep:
             self.managed_alarm(1.0 / config.control_rate, self._on_watch)
@@ -230,6 +235,18 @@ class MpcNode(ManagedNode[MpcConfig]):
             return
         if self._world is not None:
             self._world.reset_estimate()
+
+    def _on_gates(self, message: Any) -> None:
+        """Take where the gates are by now."""
+        poses, given = conversions.poses_from_message(message), message.header.frame_id
+        frame_id = self._controller.config.odometry.frame_id
+        if not is_frame(given, frame_id):
+            self._warn(f"gates are in frame '{given}', expected '{frame_id}'")
+        elif self._gates is not None:
+            try:
+                self._gates.move(*poses)
+            except UserError as error:
+                self._warn(str(error))
 
     def _on_watch(self) -> float:
         """Act if odometry is missing, and return the time to the next check [s]."""
