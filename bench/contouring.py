@@ -2,8 +2,8 @@
 
     python bench/contouring.py --flights 50
 
-Each flight has a mass within 10 % of the planned one, wind of 3 m/s from anywhere, 10 ms more delay
-than modelled, and drag that nobody told of: 0.15 kg/s, half of what such a vehicle has.
+Each flight has a mass within 10 % of the planned one, wind of 3 m/s from anywhere, 10 ms more
+delay than modelled, and drag that nobody told of: 0.15 kg/s, half of what such a vehicle has.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ def flown(formulation: str, trajectory: Any, assignments: list[str]) -> dict[str
         assignments=[
             f"mpc.formulation={formulation}",
             f"reference.gates={COURSE}",
+            f"mpc.gates={COURSE}",
             "simulator.duration=24.0",
             *assignments,
         ],
@@ -66,7 +67,8 @@ def told(name: str, flights: list[dict[str, Any]]) -> None:
         f"{max(laps, default=math.nan):.2f} s; farthest from a centre {max(misses):.3f} m; "
         f"iterations p99 {max(flight['iterations']['p99'] for flight in flights)}, failed "
         f"{sum(flight['solver_failures'] for flight in flights)}, "
-        f"step p50 {np.median([step['p50'] for step in steps]):.0f} us",
+        f"step p50 {np.median([step['p50'] for step in steps]):.0f} us, p99 "
+        f"{np.median([step['p99'] for step in steps]):.0f} us",
         flush=True,
     )
 

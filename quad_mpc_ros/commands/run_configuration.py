@@ -80,7 +80,9 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
     out = prepared_out(options.out or default_out(reference.trajectory))
     _warn_of_different_vehicles(loaded)
     mpc, simulator = _with_own_file(
-        _with_course(cast(MpcConfig, loaded["mpc"])), cast(SimulatorConfig, loaded["simulator"]), out
+        _with_course(cast(MpcConfig, loaded["mpc"])),
+        cast(SimulatorConfig, loaded["simulator"]),
+        out,
     )
     return RunConfig(
         mpc=mpc,

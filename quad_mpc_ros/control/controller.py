@@ -379,6 +379,7 @@ class Controller:
         odom_age_ns, reference_age_ns = self._supervisor.inputs.ages_ns(now_ns)
         reference = self._supervisor.inputs.reference
         self._plan = plan
+        behind = 0.0 if self._delayed is None else self._delayed.behind
         self._last_tick = Tick(
             command=command,
             decision=decision,
@@ -394,9 +395,10 @@ class Controller:
                 reference_stamp_ns=0 if reference is None else reference.stamp_ns,
                 ground=self._ground.state.value,
                 avoidance=Avoidance() if self._guided is None else self._guided.avoidance,
-                behind=0.0 if self._delayed is None else self._delayed.behind,
+                behind=behind,
             ),
             guided=self._guided,
+            behind=behind,
             plan=plan,
         )
         return self._last_tick

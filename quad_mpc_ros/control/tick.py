@@ -34,12 +34,14 @@ class Tick:
         figures: Callable[[], TickStats],
         plan: Plan | None,
         guided: Guided | None = None,
+        behind: float = 0.0,
     ) -> None:
         self.command = command
         self.decision = decision
         self.stamp_ns = stamp_ns
         self.plan = plan
         self.guided = guided  # what was flown in place of the reference, where something guides
+        self.behind = behind  # of the reference's clock, with formulation contouring [s]
         self._figures = figures
 
     @functools.cached_property

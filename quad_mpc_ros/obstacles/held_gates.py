@@ -1,9 +1,9 @@
 """Holding the openings of a course's gates: half-spaces where the plan comes near an edge.
 
 A reference that passes the gates keeps a plan inside of them, as long as it follows closely. Where
-the last plan leads nearer to an edge than what is kept, or past it, for the vehicle is carried away
-or the gate has moved, the stages before and after the passage may move no further across than what
-is left at the gate. Elsewhere there is no corridor, and nothing of it is solved.
+the last plan leads nearer to an edge than what is kept, or past it, for the vehicle is carried
+away or the gate has moved, the stages before and after the passage may move no further across than
+what is left at the gate. Elsewhere there is no corridor, and nothing of it is solved.
 """
 
 from __future__ import annotations

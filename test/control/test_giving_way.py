@@ -38,9 +38,7 @@ def slow_plan(speed: float, *, stamp_ns: int, steps: int = 10) -> Plan:
     )
 
 
-def fly(
-    delayed: DelayedReference, ticks: int, *, speed: float, every: int = 1
-) -> ReferenceWindow:
+def fly(delayed: DelayedReference, ticks: int, *, speed: float, every: int = 1) -> ReferenceWindow:
     """Answer odometries by plans at a speed; return the last window. One comes ``every`` ticks."""
     newest = SERVER.window(0)
     for k in range(ticks):

@@ -1,4 +1,4 @@
-"""Gates held by half-spaces: none where the plan is inside, and flights through gates that moved."""
+"""Gates held by half-spaces: none where a plan is inside, and flights through gates that moved."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_gates_are_held_in_their_order() -> None:
             v_WB_B=np.array([10.0, 0.0, 0.0]),
         )
         result = held.guide(odometry, window, straight(0.9, 2.0))
-        assert (result.corridor is not None) == (0 < k and x <= 4.9)
+        assert (result.corridor is not None) == (k > 0 and x <= 4.9)
 
 
 @pytest.mark.parametrize(
@@ -151,10 +151,11 @@ def test_flies_through_a_gate_that_has_moved(shift: tuple[float, float, float]) 
     )
     course_now = course_from(course)
     moved = [gate.p_WG + np.array(shift) * (n == 1) for n, gate in enumerate(course_now.gates)]
-    turned = np.array([[0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)] for yaw in (0, 0.3, 0)])
+    turned = np.array(
+        [[0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)] for yaw in (0, 0.3, 0)]
+    )
     gates = tuple(
-        dataclasses.replace(gate, p_WG=p)
-        for gate, p in zip(course_now.gates, moved, strict=True)
+        dataclasses.replace(gate, p_WG=p) for gate, p in zip(course_now.gates, moved, strict=True)
     )
     there = dataclasses.replace(course_now, gates=gates)
 

@@ -88,9 +88,7 @@ class ManifoldProblem:
         limits = LimitLayout(config.limits, inputs=self._inputs)
         workspace = sqp.Workspace.zeros(self._steps, limits, progress=self._gives_way)
         self._anywhere = self._here = self._room(limits, workspace)
-        within = LimitLayout(
-            config.limits, half_spaces=config.half_spaces, inputs=self._inputs
-        )
+        within = LimitLayout(config.limits, half_spaces=config.half_spaces, inputs=self._inputs)
         self._within = self._room(within, self._anywhere.workspace.within(within))
         self._window: ReferenceWindow | None = None
         self._samples = SampleRecord.zeros(0)

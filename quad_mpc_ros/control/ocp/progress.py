@@ -12,10 +12,10 @@ What is tracked is the path where progress is, at the speed that it has, and goi
 
 so that the errors have slopes in progress, de_p/dθ = -v, de_v/dθ = -s a and de_v/ds = -v. That is
 model predictive contouring control (Lam, Manzie, Good, CDC 2010; of quadrotors Romero, Sun, Foehn,
-Scaramuzza, T-RO 2022) with one weight on distance from the path and lag along it: where progress is
-free, what is left of the lag is what it is worth. The attitude that is tracked and the inputs that
-deviations count from are those of the progress that a tick begins with; the next one has those of
-what became of it.
+Scaramuzza, T-RO 2022) with one weight on distance from the path and lag along it: where progress
+is free, what is left of the lag is what it is worth. The attitude that is tracked and the inputs
+that deviations count from are those of the progress that a tick begins with; the next one has
+those of what became of it.
 """
 
 from __future__ import annotations
