@@ -91,7 +91,8 @@ def main() -> None:
         for formulation, done in flights.items():
             done.append(flown(formulation, plan.trajectory(), changes(seed)))
     for formulation, done in flights.items():
-        told(formulation, done)
+        if done:
+            told(formulation, done)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A reference that the vehicle cannot follow: by the clock it is left, by contouring it is late."""
+"""A reference that cannot be followed: by the clock its way is left, by contouring one is late."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WEAK = 0.7
 def flown(formulation: str, *, weak: bool = True, behind_max: float = 10.0) -> Flight:
     trajectory = configured_trajectory(REFERENCE)
     samples = trajectory.at([*range(0, trajectory.period_ns, 5_000_000)])
-    force = np.linalg.norm(samples.a_WB_W + [0.0, 0.0, 9.81], axis=1).max()
+    force = np.linalg.norm(samples.a_WB_W + np.array([0.0, 0.0, 9.81]), axis=1).max()
     mpc = agile(formulation=formulation)
     throttle = mpc.vehicle().throttle_for(WEAK * mpc.mass * float(force))
     mpc = dataclasses.replace(
