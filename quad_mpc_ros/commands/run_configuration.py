@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
 from quad_mpc_ros.commands.run_options import DEFAULT_DURATION, check_duration
@@ -28,6 +28,8 @@ from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant, plant_en
 
 HALF_SPACES = 8
 """A stage, where something is to be kept clear of."""
+
+_HasGates = TypeVar("_HasGates", MpcConfig, ReferenceConfig)
 
 SCHEMA: files.Schema = {
     "mpc": MpcConfig,
@@ -78,7 +80,9 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
     out = prepared_out(options.out or default_out(reference.trajectory))
     _warn_of_different_vehicles(loaded)
     mpc, simulator = _with_own_file(
-        cast(MpcConfig, loaded["mpc"]), cast(SimulatorConfig, loaded["simulator"]), out
+        _with_course(cast(MpcConfig, loaded["mpc"])),
+        cast(SimulatorConfig, loaded["simulator"]),
+        out,
     )
     return RunConfig(
         mpc=mpc,
@@ -127,11 +131,11 @@ def _with_own_file(
     return mpc.updated(where) if same else mpc, simulator.updated(where)
 
 
-def _with_course(reference: ReferenceConfig) -> ReferenceConfig:
+def _with_course(config: _HasGates) -> _HasGates:
     """Return the parameters with the course itself in place of its file: the bag has it, too."""
-    if not reference.gates:
-        return reference
-    return dataclasses.replace(reference, gates=course_text(reference.gates))
+    if not config.gates:
+        return config
+    return dataclasses.replace(config, gates=course_text(config.gates))
 
 
 def _warn_of_different_vehicles(loaded: Mapping[str, Configuration]) -> None:
@@ -172,6 +176,8 @@ def _assignments(options: argparse.Namespace, *, lockstep: bool) -> list[str]:
     ]
     if options.plant is not None:
         made.append(f"simulator.plant={options.plant}")
+    if options.gates is not None:
+        made.append(f"mpc.gates={files.value_text(options.gates)}")
     return made + reference_assignments(options)
 
 

@@ -181,7 +181,43 @@ class LimitParameters(Configuration):
         return [name for name in names if getattr(self, name) > 0.0]
 
 
+@dataclass(frozen=True, kw_only=True)
+class ContouringParameters(Configuration):
+    """How ``contouring`` gives way: it slows down on the reference's way before it leaves it."""
+
+    owner = "mpc.contouring"
+
+    progress_weight: float = _live(
+        10.0,
+        doc="contouring: weight on the speed at which the reference's time passes, less 1. The "
+        "less, the sooner time is given up for accuracy.",
+        above=0.0,
+    )
+    speed_min: float = _live_advanced(
+        0.2,
+        doc="contouring: lowest speed at which the reference's time passes.",
+        minimum=0.0,
+        below=1.0,
+    )
+    speed_max: float = _live_advanced(
+        1.05,
+        doc="contouring: highest speed at which the reference's time passes.",
+        minimum=1.0,
+        maximum=2.0,
+    )
+    behind_max: float = _live_advanced(
+        10.0,
+        doc="contouring: how far the vehicle may be behind the reference's time.",
+        unit="s",
+        above=0.0,
+        maximum=60.0,
+    )
+
+
 _keeping = functools.partial(_live_advanced, minimum=0.0)
+
+GATE_HALF_SPACES = 8
+"""Half-spaces on the position that hold the opening of a gate."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -295,8 +331,9 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     )
     formulation: str = parameter(
         "manifold",
-        doc="Model in the horizon: manifold, or paper (its Eq. 4).",
-        choices=("manifold", "paper"),
+        doc="Model in the horizon: manifold, contouring (manifold, and progress along the "
+        "reference gives way where the vehicle cannot follow), or paper (its Eq. 4).",
+        choices=("manifold", "contouring", "paper"),
     )
     horizon_steps: int = parameter(12, doc="Steps N of the horizon.", minimum=1, maximum=200)
     horizon_step: float = parameter(
@@ -408,13 +445,34 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     oscillation: OscillationParameters = dataclasses.field(default_factory=OscillationParameters)
     slew: SlewParameters = dataclasses.field(default_factory=SlewParameters)
     limits: LimitParameters = dataclasses.field(default_factory=LimitParameters)
+    contouring: ContouringParameters = dataclasses.field(default_factory=ContouringParameters)
+    gates: str = parameter(
+        "",
+        doc="contouring: file of the course whose openings are held by half-spaces, or its text "
+        "in braces; none is to trust the reference.",
+    )
     obstacles: ObstacleParameters = dataclasses.field(default_factory=ObstacleParameters)
     realtime: RealtimeParameters = dataclasses.field(default_factory=RealtimeParameters)
 
     @property
+    def on_manifold(self) -> bool:
+        """Whether the horizon has lags, estimates and limits, as all but the paper's has."""
+        return self.formulation != "paper"
+
+    @property
+    def holds_gates(self) -> bool:
+        """Whether the openings of gates are held."""
+        return self.formulation == "contouring" and bool(self.gates)
+
+    @property
+    def half_spaces(self) -> int:
+        """Half-spaces on the position that a stage of the plan has room for."""
+        return max(self.obstacles.half_spaces, GATE_HALF_SPACES if self.holds_gates else 0)
+
+    @property
     def unmodelled_lags(self) -> list[str]:
         """The names of the lags that are zero, as they are of no real vehicle."""
-        if self.formulation != "manifold":
+        if not self.on_manifold:
             return []
         names = ("rate_time_constant", "thrust_time_constant", "input_delay")
         return [name for name in names if min(per_axis(getattr(self, name))) == 0.0]
@@ -436,7 +494,7 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
                 getattr(self, name),
                 f"a number {side} the hover throttle {hover:.4f}",
             )
-        if self.obstacles.half_spaces > 0 and self.formulation != "manifold":
+        if self.obstacles.half_spaces > 0 and not self.on_manifold:
             raise ConfigurationError(
                 f"{self.owner}.obstacles.half_spaces",
                 self.obstacles.half_spaces,

@@ -18,6 +18,7 @@ from quad_mpc_ros.configuration.arguments import instance, number, stamp
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import GroundState
+from quad_mpc_ros.control.giving_way import DelayedReference
 from quad_mpc_ros.control.guide import Avoidance, Guide, Guided
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
@@ -85,6 +86,8 @@ class Controller:
         self._guide = guide
         self._plan: Plan | None = None
         self._guided: Guided | None = None
+        gives_way = config.formulation == "contouring"
+        self._delayed = DelayedReference(config.contouring.behind_max) if gives_way else None
         endless = isinstance(deadline, float) and deadline == math.inf
         self._deadline = math.inf if endless else number(deadline, "deadline", above=0.0)
         self._ground = GroundDetector(config.gravity)
@@ -119,6 +122,8 @@ class Controller:
         self._supervisor.reconfigure(config)
         if self._guide is not None:
             self._guide.reconfigure(config)
+        if self._delayed is not None:
+            self._delayed.behind_max = config.contouring.behind_max
 
     def engage(self, engaged: bool) -> None:
         """Set whether commands act on the vehicle: armed, and in the mode that takes them."""
@@ -140,6 +145,8 @@ class Controller:
         self._ground.reset_estimate(instance(reset, "reset", EstimateReset))
         self._mpc.reset_estimate(reset)
         self._supervisor.reset_estimate(reset)
+        if self._delayed is not None:
+            self._delayed.reset_estimate(reset)
 
     def take_warnings(self) -> list[str]:
         """Return the warnings for the log since the last call."""
@@ -312,6 +319,9 @@ class Controller:
         window, fault = self._supervisor.inputs.reference_at(stamp_ns, now_ns=now_ns)
         if window is None:
             return None, fault
+        if self._delayed is not None:
+            window = self._delayed.at(window, stamp_ns)
+            self._supervisor.fly_around(window, None)
         try:
             if odometry is not None:
                 flown = self._guided_by(odometry, window)
@@ -330,6 +340,8 @@ class Controller:
         )
         if odometry is None:
             fault = fault or self._supervisor.foreseen_fault(step.state)
+        if self._delayed is not None and step.plan is not None and not fault:
+            self._delayed.take(step.plan, stamp_ns=stamp_ns)
         return step, fault
 
     def _guided_by(self, odometry: OdometrySample, window: ReferenceWindow) -> Guided:
@@ -367,6 +379,7 @@ class Controller:
         odom_age_ns, reference_age_ns = self._supervisor.inputs.ages_ns(now_ns)
         reference = self._supervisor.inputs.reference
         self._plan = plan
+        behind = 0.0 if self._delayed is None else self._delayed.behind
         self._last_tick = Tick(
             command=command,
             decision=decision,
@@ -382,8 +395,10 @@ class Controller:
                 reference_stamp_ns=0 if reference is None else reference.stamp_ns,
                 ground=self._ground.state.value,
                 avoidance=Avoidance() if self._guided is None else self._guided.avoidance,
+                behind=behind,
             ),
             guided=self._guided,
+            behind=behind,
             plan=plan,
         )
         return self._last_tick

@@ -24,6 +24,7 @@ from quad_mpc_ros.control.safety.fallbacks import Learned
 
 FORMULATIONS: dict[str, Callable[[MpcConfig], TrackingProblem]] = {
     "manifold": ManifoldProblem,
+    "contouring": ManifoldProblem,
     "paper": PaperProblem,
 }
 
@@ -69,7 +70,7 @@ class Mpc:
         self._problem = FORMULATIONS[config.formulation](config)
         self._anywhere = self._prepared(within=False)
         # A solver of its own: without a corridor the other one computes the same bits as ever.
-        has_room = config.obstacles.half_spaces > 0
+        has_room = config.half_spaces > 0
         self._within = self._prepared(within=True) if has_room else self._anywhere
         self._failed = False
 
@@ -82,7 +83,7 @@ class Mpc:
     ) -> MpcStep:
         """Compute the plan for an odometry (twist in the body frame) and a reference window.
 
-        It stays in a ``corridor``, if ``obstacles.half_spaces`` has rows for it.
+        It stays in a ``corridor``, if the configuration has half-spaces for it.
         """
         started = time.perf_counter()
         state = self._delay_compensation.predict(odometry)

@@ -34,12 +34,14 @@ class Tick:
         figures: Callable[[], TickStats],
         plan: Plan | None,
         guided: Guided | None = None,
+        behind: float = 0.0,
     ) -> None:
         self.command = command
         self.decision = decision
         self.stamp_ns = stamp_ns
         self.plan = plan
         self.guided = guided  # what was flown in place of the reference, where something guides
+        self.behind = behind  # of the reference's clock, with formulation contouring [s]
         self._figures = figures
 
     @functools.cached_property
@@ -65,6 +67,7 @@ class TickStats:
     avoidance: str = "off"  # of obstacles: off, free (the reference), around, stopped
     avoidance_reason: str = ""  # why not free
     clearance_m: float = math.inf  # from the vehicle's surface to the nearest known obstacle [m]
+    behind_s: float = 0.0  # of the reference's clock, with formulation contouring [s]
     disturbance_x: float = 0.0  # estimated acceleration of the disturbance, world [m/s^2]
     disturbance_y: float = 0.0  # the same
     disturbance_z: float = 0.0  # the same
@@ -103,6 +106,7 @@ def figures_of(
     reference_stamp_ns: int,
     ground: str,
     avoidance: Avoidance,
+    behind: float,
 ) -> TickStats:
     """Return the figures of a tick; ``step`` is None when the MPC did not run."""
     return TickStats(
@@ -116,6 +120,7 @@ def figures_of(
         avoidance=avoidance.state,
         avoidance_reason=avoidance.reason,
         clearance_m=avoidance.clearance,
+        behind_s=behind,
         **counts._asdict(),
         **_solver_figures(step),
     )

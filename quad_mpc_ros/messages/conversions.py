@@ -154,6 +154,13 @@ def pose_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[n
     return message.header.frame_id, _vector(pose.position), _quaternion(pose.orientation)
 
 
+def poses_from_message(message: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return positions (n, 3) and quaternions (n, 4) of a ``geometry_msgs/PoseArray``."""
+    positions = [_vector(pose.position) for pose in message.poses]
+    quaternions = [_quaternion(pose.orientation) for pose in message.poses]
+    return np.array(positions).reshape(-1, 3), np.array(quaternions).reshape(-1, 4)
+
+
 def twist_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
     """Return frame, velocity (3,) and turn rate (3,) of a ``geometry_msgs/TwistStamped``."""
     twist = message.twist

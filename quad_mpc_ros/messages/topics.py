@@ -66,6 +66,9 @@ OBSTACLE_MARKERS = Topic(
     optional=True,
 )
 
+# Where the gates of a course are by now, by their numbers, as a camera finds them.
+GATES = Topic(name="gates", type_name="geometry_msgs/msg/PoseArray", reliable=True, optional=True)
+
 REFERENCE = Topic(
     name="reference",
     type_name="trajectory_msgs/msg/MultiDOFJointTrajectory",
@@ -117,6 +120,7 @@ RECORDED = (
     GROUND_STATE,
     BATTERY,
     OBSTACLE_MARKERS,
+    GATES,
     PREDICTED_PATH,
     CORRIDOR,
     REFERENCE_PATH,

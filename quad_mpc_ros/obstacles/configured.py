@@ -1,37 +1,52 @@
-"""A world and the guide around what is in it, as the parameters of the MPC have them."""
+"""What leads around obstacles and through gates, as the parameters of the MPC have it."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.guide import Guide
 from quad_mpc_ros.obstacles.avoidance import ObstacleAvoidance
 from quad_mpc_ros.obstacles.files import scene_of_file
+from quad_mpc_ros.obstacles.held_gates import GuidedThrough, HeldGates
+from quad_mpc_ros.obstacles.surroundings import Surroundings
 from quad_mpc_ros.obstacles.world import World
+from quad_mpc_ros.references.gates import read_course
 
 
-class Avoiding(NamedTuple):
-    """What is told of obstacles, and what leads around them."""
+class Guidance(NamedTuple):
+    """What is told of obstacles and of gates, and what leads around them and through them.
 
-    world: World
-    guide: ObstacleAvoidance
+    Each is None where there is nothing of the kind; ``surroundings`` is what is made of the world.
+    """
+
+    world: World | None = None
+    surroundings: Surroundings | None = None
+    gates: HeldGates | None = None
+    guide: Guide | None = None
 
     def reset_estimate(self) -> None:
         """Forget what was seen and made of it: the frame of the odometry has moved."""
-        self.world.reset_estimate()
-        self.guide.surroundings.forget()
+        if self.world is not None and self.surroundings is not None:
+            self.world.reset_estimate()
+            self.surroundings.forget()
 
 
-def avoiding(config: MpcConfig) -> Avoiding | None:
-    """Return world and guide; None where ``obstacles.half_spaces`` is 0, to know of no obstacles.
+def guidance(config: MpcConfig) -> Guidance:
+    """Return what guides a controller.
 
+    Obstacles do with ``obstacles.half_spaces`` above 0, gates with ``formulation`` contouring.
     Raises :class:`UserError` for a file that cannot be used.
     """
+    gates = None
+    if config.holds_gates:
+        gates = HeldGates(read_course(config.gates), radius=config.radius)
     own = config.obstacles
     if own.half_spaces == 0:
-        return None
+        return Guidance(gates=gates, guide=gates)
     frame_id = config.odometry.frame_id
     world = World(own, scene_of_file(own.file), frame_id=frame_id, radius=config.radius)
     neighbours = world if own.neighbours else None
-    guide = ObstacleAvoidance(config, world, radius=config.radius, neighbours=neighbours)
-    return Avoiding(world, guide)
+    around = ObstacleAvoidance(config, world, radius=config.radius, neighbours=neighbours)
+    guide: Guide = around if gates is None else GuidedThrough(around, gates)
+    return Guidance(world, around.surroundings, gates, guide)

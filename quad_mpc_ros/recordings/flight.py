@@ -50,6 +50,17 @@ class ReferenceTrack:
     w_WB_B: Array
     throttle: Array
 
+    def sampled(self, time: Array, at: Array) -> ReferenceTrack:
+        """Return it at other times (m,) than those that it is of (n,) [s], linear in between."""
+        values = {
+            name: np.stack(
+                [np.interp(at, time, column) for column in track.reshape(len(time), -1).T], axis=-1
+            ).reshape(len(at), *track.shape[1:])
+            for name, track in vars(self).items()
+        }
+        left, _, right = np.linalg.svd(values["R_WB"])  # the nearest rotation
+        return ReferenceTrack(**{**values, "R_WB": left @ right})
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CommandTrack:
@@ -126,6 +137,18 @@ class Flight:
     def time(self) -> Array:
         """Time of each odometry from the first one (n,) [s]."""
         return self.time_of(self.stamp_ns)
+
+    @cached_property
+    def followed(self) -> ReferenceTrack | None:
+        """The reference as late as the vehicle was allowed to be (``behind_s``), its errors' zero.
+
+        By the clock, and that of ``reference`` itself, but with formulation contouring.
+        """
+        behind = self.stats.get("behind_s", np.zeros(0))
+        if self.reference is None or not behind.any():
+            return self.reference
+        time = self.time
+        return self.reference.sampled(time, time - np.interp(time, self.tick_time, behind))
 
     @property
     def tick_time(self) -> Array:

@@ -12,7 +12,7 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.obstacles.configured import avoiding
+from quad_mpc_ros.obstacles.configured import guidance
 from quad_mpc_ros.obstacles.scene import Scene
 from quad_mpc_ros.obstacles.world import World
 from quad_mpc_ros.references.config import ReferenceConfig
@@ -98,8 +98,8 @@ def fly(
     plant = plant or make_plant(simulator)
     if controller is None:
         mpc = mpc or MpcConfig()
-        world, guide = avoiding(mpc) or (None, None)
-        controller = warmed_up(mpc, guide=guide)
+        guided = guidance(mpc)
+        world, controller = guided.world, warmed_up(mpc, guide=guided.guide)
     server = ReferenceServer(reference, flown)
     stream = OdometryStream(plant, simulator, start_stamp_ns=SIMULATION_START_NS)
     server.start(SIMULATION_START_NS)

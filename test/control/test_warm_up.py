@@ -30,7 +30,8 @@ def compiled():
 
 lag = float(sys.argv[1])
 mpc = MpcConfig(
-    rate_time_constant=lag, thrust_time_constant=lag, input_delay=lag, lockstep=True
+    rate_time_constant=lag, thrust_time_constant=lag, input_delay=lag, lockstep=True,
+    formulation=sys.argv[2],
 )
 warmed_up(mpc)
 before = compiled()
@@ -42,10 +43,13 @@ assert before
 """
 
 
-@pytest.mark.parametrize("lag", ["0.0", "0.02", "0.3"])
-def test_nothing_is_left_to_compile(lag: str) -> None:
+@pytest.mark.parametrize(
+    ("lag", "formulation"),
+    [("0.0", "manifold"), ("0.02", "manifold"), ("0.3", "manifold"), ("0.02", "contouring")],
+)
+def test_nothing_is_left_to_compile(lag: str, formulation: str) -> None:
     flown = subprocess.run(
-        [sys.executable, "-c", FLY, lag], capture_output=True, text=True, check=False
+        [sys.executable, "-c", FLY, lag, formulation], capture_output=True, text=True, check=False
     )
     assert flown.returncode == 0, flown.stderr
     assert flown.stdout.strip() == ""
@@ -93,7 +97,7 @@ print(*sorted(compiled() - before), sep="\\n")
 @pytest.mark.parametrize("lag", ["0.0", "0.02"])
 def test_nor_when_something_fails(lag: str) -> None:
     flown = subprocess.run(
-        [sys.executable, "-c", FAIL, lag], capture_output=True, text=True, check=False
+        [sys.executable, "-c", FAIL, lag, "manifold"], capture_output=True, text=True, check=False
     )
     assert flown.returncode == 0, flown.stderr
     assert flown.stdout.strip() == ""

@@ -8,7 +8,7 @@ from quad_mpc_ros import load_config
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.messages.point_cloud import PointCloud, read_point_cloud, written_point_cloud
-from quad_mpc_ros.obstacles.configured import avoiding
+from quad_mpc_ros.obstacles.configured import guidance
 from quad_mpc_ros.obstacles.shapes import Cylinder
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 
@@ -62,9 +62,9 @@ def test_whatever_clouds_say_the_mpc_commands_and_stays_near() -> None:
         f"simulator.duration={len(Liar.PHASES)}",
     ]
     config = load_config("default", assignments=settings)
-    avoided = avoiding(config.mpc)
-    assert avoided is not None
+    avoided = guidance(config.mpc)
     world, liar = avoided.world, Liar()
+    assert world is not None
     refused = dict.fromkeys(Liar.PHASES, 0)
     away: dict[str, float] = {}
     for number, step in enumerate(

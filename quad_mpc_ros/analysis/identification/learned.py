@@ -48,7 +48,7 @@ def learned(ticks: Sequence[TickStats], given: MpcConfig) -> Learned:
 
     ``given`` is the configuration that it flies with.
     """
-    if given.formulation != "manifold" or not given.estimate_disturbance:
+    if not given.on_manifold or not given.estimate_disturbance:
         raise UserError(
             "the MPC estimates nothing: expected formulation manifold and estimate_disturbance "
             f"true, given {given.formulation} and {str(given.estimate_disturbance).lower()}"

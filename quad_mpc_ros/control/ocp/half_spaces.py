@@ -23,14 +23,13 @@ from quad_mpc_ros.configuration.records import RecordArray
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.rollout import StateRecord
-from quad_mpc_ros.control.model.state import INPUT_SIZE, P, V
+from quad_mpc_ros.control.model.state import P, V
 from quad_mpc_ros.control.ocp.horizon_qp import FREE
 from quad_mpc_ros.control.ocp.stages import HorizonStages, LimitPattern
 
 SLACK_SIZE = 0.3
 """What a violation typically is [m], and by what the solver measures it."""
 
-_STATE = 2 * INPUT_SIZE  # the first column of the state in a row
 _SLOPE, _LEAST_PRICE, _SQUARE = 2.0, 4.0, 1.0
 # s, in which a change of the velocity becomes one of the position.
 _SWERVE = 0.3
@@ -67,10 +66,10 @@ class HalfSpaces(NamedTuple):
         self.offsets[:, :rows] = np.minimum(corridor.offsets[stages, :rows], FREE)
 
 
-def pattern_of(count: int, *, nx: int) -> LimitPattern:
-    """Return the entries of so many rows on the position, with ``nx`` states."""
-    mask = np.zeros((count, _STATE + nx), dtype=bool)
-    mask[:, _STATE + P : _STATE + V] = True
+def pattern_of(count: int, *, nx: int, nu: int) -> LimitPattern:
+    """Return the entries of so many rows on the position, with ``nx`` states, ``nu`` inputs."""
+    mask, state = np.zeros((count, 2 * nu + nx), dtype=bool), 2 * nu
+    mask[:, state + P : state + V] = True
     has = min(count, 1)
     return LimitPattern(
         mask=mask,
@@ -96,12 +95,12 @@ def write_half_spaces(
         by_v = math.sqrt(slopes[i, V] ** 2 + slopes[i, V + 1] ** 2 + slopes[i, V + 2] ** 2)
         price = max(price, _SLOPE * by_p, _SLOPE * by_v / _SWERVE)
     half_spaces.price[0] = price
-    row, slack = half_spaces.row, half_spaces.slack
+    row, slack, state = half_spaces.row, half_spaces.slack, 2 * stages.R.shape[1]
     for i in range(len(slopes)):
         p = kernels.vector(states[i + 1].p_WB)
         for j in range(count):
             n, b = half_spaces.normals[i, j], half_spaces.offsets[i, j]
-            kernels.store_vector(kernels.vector(n), stages.normals[i, row + j, _STATE + P :])
+            kernels.store_vector(kernels.vector(n), stages.normals[i, row + j, state + P :])
             is_free = b >= FREE
             stages.offsets[i, row + j] = FREE if is_free else b - kernels.dot(kernels.vector(n), p)
         stages.linear[i, slack] = price

@@ -78,9 +78,6 @@ class LimitPlace(Record):
     slack: int
 
 
-# Columns of the rows: inputs of the stage before, of this one, state at its end.
-_INPUT, _STATE = INPUT_SIZE, 2 * INPUT_SIZE
-
 # What a reference may have beyond what it asks for: tilt [rad], speed [m/s], throttle.
 TILT_MARGIN, SPEED_MARGIN, _THROTTLE_MARGIN = 0.3, 1.0, 0.1
 # Prices: this share of a slope, which is that of all stages that follow together; of a typical
@@ -102,9 +99,13 @@ class LimitLayout:
     """Which limits a configuration has, and where their rows and slacks are.
 
     ``places`` (4,) are those of each kind. After them come ``half_spaces`` on the position.
+    Columns are the ``inputs`` of the stage before, those of this one, and the state at its end.
     """
 
-    def __init__(self, limits: LimitParameters, *, half_spaces: int = 0) -> None:
+    def __init__(
+        self, limits: LimitParameters, *, half_spaces: int = 0, inputs: int = INPUT_SIZE
+    ) -> None:
+        self._inputs = inputs
         has = values_of(limits) > 0.0
         ends, slacks = np.cumsum(np.where(has, _ROWS, 0)), np.cumsum(has)
         self.places = LimitPlace.zeros(len(has))
@@ -121,14 +122,15 @@ class LimitLayout:
 
     def pattern(self, nx: int) -> LimitPattern:
         """Return which entries the rows have, with ``nx`` states."""
-        nu = INPUT_SIZE
+        nu = self._inputs
+        state = 2 * nu
         masks = [np.zeros((count, 2 * nu + nx), dtype=bool) for count in _ROWS]
-        masks[_TILT][:, _STATE + THETA : _STATE + THETA + 2] = True
-        masks[_SPEED][:, _STATE + V : _STATE + THETA] = True
-        masks[_THROTTLE][:, _INPUT] = True
+        masks[_TILT][:, state + THETA : state + THETA + 2] = True
+        masks[_SPEED][:, state + V : state + THETA] = True
+        masks[_THROTTLE][:, nu] = True
         for k in range(3):
-            masks[_SLEW][2 * k : 2 * k + 2, [1 + k, _INPUT + 1 + k]] = True
-        own = pattern_of(self._count, nx=nx)
+            masks[_SLEW][2 * k : 2 * k + 2, [1 + k, nu + 1 + k]] = True
+        own = pattern_of(self._count, nx=nx, nu=nu)
         slack_of = np.repeat(np.arange(self._slack), _ROWS[self.kinds])
         return LimitPattern(
             mask=np.vstack([*(masks[kind] for kind in self.kinds), own.mask]),
@@ -335,7 +337,8 @@ def write_limits(
 
     The stages have the rest of the QP about it.
     """
-    n, nx = stages.c.shape
+    n, nx, nu = stages.B.shape
+    state = 2 * nu
     slopes = np.empty((n, nx))
     _write_prices(stages, prices, slopes)
     write_half_spaces(half_spaces, plan.states, slopes, stages)
@@ -347,13 +350,13 @@ def write_limits(
         body, may = body_in(plan.states[i + 1]), allowed[i]
         first = places[_TILT].row
         if first >= 0:
-            _write_tilt(body.R, slopes[i], may.tilt, rows[first:], offsets[first:])
+            _write_tilt(body.R, slopes[i], may.tilt, rows[first:, state:], offsets[first:])
         first = places[_SPEED].row
         if first >= 0:
-            offsets[first] = _write_speed(body.v, slopes[i], may.speed, rows[first])
+            offsets[first] = _write_speed(body.v, slopes[i], may.speed, rows[first, state:])
         first = places[_THROTTLE].row
         if first >= 0:
-            rows[first, _INPUT], rows[first + 1, _INPUT] = 1.0, -1.0
+            rows[first, nu], rows[first + 1, nu] = 1.0, -1.0
             offsets[first] = may.throttle_max - inputs[i, 0]
             offsets[first + 1] = inputs[i, 0] - may.throttle_min
         if places[_SLEW].row >= 0:
@@ -362,7 +365,7 @@ def write_limits(
                 change = inputs[i, 1 + k] - (inputs[i - 1, 1 + k] if i > 0 else 0.0)
                 for side in range(2):
                     sign = 1.0 - 2.0 * side
-                    rows[first + side, _INPUT + 1 + k] = sign
+                    rows[first + side, nu + 1 + k] = sign
                     rows[first + side, 1 + k] = -sign
                 offsets[first] = may.rate_change_max[k] - change
                 offsets[first + 1] = change - may.rate_change_min[k]
@@ -379,7 +382,10 @@ def write_limits(
 def _write_tilt(
     R: kernels.Matrix, slope: Array, allowed: float, rows: Array, offsets: Array
 ) -> None:
-    """Write the four sides of the square about the disc of tilts allowed."""
+    """Write the four sides of the square about the disc of tilts allowed.
+
+    The columns of ``rows`` are those of the state.
+    """
     R_31, R_32, R_33 = kernels.row(R, 2)
     length = math.hypot(R_31, R_32)
     angle = math.atan2(length, R_33)
@@ -392,12 +398,11 @@ def _write_tilt(
         along, across = R_32 * x - R_31 * y, -R_32 * y - R_31 * x
         if R_33 < 0.0:
             x, y, along, across = -x, -y, angle, 0.0
-    about_x = _STATE + THETA
     for side in range(2):
         sign = 1.0 - 2.0 * side
-        rows[side, about_x], rows[side, about_x + 1] = sign * x, sign * y
+        rows[side, THETA], rows[side, THETA + 1] = sign * x, sign * y
         offsets[side] = allowed - sign * along
-        rows[2 + side, about_x], rows[2 + side, about_x + 1] = -sign * y, sign * x
+        rows[2 + side, THETA], rows[2 + side, THETA + 1] = -sign * y, sign * x
         offsets[2 + side] = allowed - sign * across
 
 
@@ -414,7 +419,7 @@ def _direction(x: float, y: float) -> tuple[float, float]:
 def _write_speed(v: kernels.Vector, slope: Array, allowed: float, row: Array) -> float:
     """Write the plane that touches the ball of velocities allowed in the velocity's direction.
 
-    Returns its offset.
+    Returns its offset. The columns of the ``row`` are those of the state.
     """
     speed = math.sqrt(kernels.dot(v, v))
     n = v
@@ -422,7 +427,7 @@ def _write_speed(v: kernels.Vector, slope: Array, allowed: float, row: Array) ->
         n = -slope[V], -slope[V + 1], -slope[V + 2]
     length = math.sqrt(kernels.dot(n, n))
     n = kernels.scaled(1.0 / length, n) if length > 1e-12 else (1.0, 0.0, 0.0)
-    kernels.store_vector(n, row[_STATE + V :])
+    kernels.store_vector(n, row[V:])
     return allowed - kernels.dot(n, v)
 
 

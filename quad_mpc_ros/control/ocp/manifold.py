@@ -41,7 +41,7 @@ from quad_mpc_ros.control.model.state import (
     THETA,
     VELOCITY,
 )
-from quad_mpc_ros.control.ocp import sqp
+from quad_mpc_ros.control.ocp import progress, sqp
 from quad_mpc_ros.control.ocp.limits import LimitLayout
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.ocp.problem import PredictedState
@@ -82,9 +82,13 @@ class ManifoldProblem:
         self._uneven = not config.drags_alike
         # Without lags rate and throttle are their commands and need no states of their own.
         self._size = STATE_SIZE if lagging else TANGENT_SIZE
-        limits = LimitLayout(config.limits)
-        self._anywhere = self._here = self._room(limits, sqp.Workspace.zeros(self._steps, limits))
-        within = LimitLayout(config.limits, half_spaces=config.obstacles.half_spaces)
+        self._inputs, self._gives_way = INPUT_SIZE, config.formulation == "contouring"
+        if self._gives_way:
+            self._size, self._inputs = progress.SIZE, progress.INPUTS
+        limits = LimitLayout(config.limits, inputs=self._inputs)
+        workspace = sqp.Workspace.zeros(self._steps, limits, progress=self._gives_way)
+        self._anywhere = self._here = self._room(limits, workspace)
+        within = LimitLayout(config.limits, half_spaces=config.half_spaces, inputs=self._inputs)
         self._within = self._room(within, self._anywhere.workspace.within(within))
         self._window: ReferenceWindow | None = None
         self._samples = SampleRecord.zeros(0)
@@ -101,7 +105,7 @@ class ManifoldProblem:
 
     def _room(self, limits: LimitLayout, workspace: sqp.Workspace) -> _Room:
         stages = HorizonStages.zeros(
-            self._steps, self._size, INPUT_SIZE, rows=limits.rows, slacks=limits.slacks
+            self._steps, self._size, self._inputs, rows=limits.rows, slacks=limits.slacks
         )
         return _Room(limits, workspace, stages)
 
@@ -109,28 +113,30 @@ class ManifoldProblem:
         """Return the sparsity of the Jacobians and of the cost."""
         limits = (self._within if within else self._anywhere).limits
         n, diagonal = self._size, np.eye(3, dtype=bool)
-        A = np.zeros((STATE_SIZE, STATE_SIZE), dtype=bool)
+        A = np.zeros((progress.SIZE, progress.SIZE), dtype=bool)
         A[POSITION, POSITION] = A[POSITION, VELOCITY] = A[VELOCITY, VELOCITY] = diagonal
         A[:THETA, VELOCITY] |= self._uneven  # drag that differs between axes acts across
-        A[:THETA, THETA:] = True
+        A[:THETA, THETA:STATE_SIZE] = True
         A[ATTITUDE, THETA:THROTTLE] = True
         A[RATE, RATE] = diagonal
         A[THROTTLE, THROTTLE] = True
-        B = np.zeros((STATE_SIZE, INPUT_SIZE), dtype=bool)
-        B[:THETA] = True
-        B[ATTITUDE, 1:] = True
-        B[RATE, 1:] = diagonal
+        B = np.zeros((progress.SIZE, self._inputs), dtype=bool)
+        B[:THETA, :INPUT_SIZE] = True
+        B[ATTITUDE, 1:INPUT_SIZE] = True
+        B[RATE, 1:INPUT_SIZE] = diagonal
         B[THROTTLE, 0] = True
-        H = np.zeros((STATE_SIZE, STATE_SIZE), dtype=bool)
+        H = np.zeros((progress.SIZE, progress.SIZE), dtype=bool)
         H[:THETA, :THETA] = np.eye(THETA, dtype=bool)
         H[ATTITUDE, ATTITUDE] = True
+        if self._gives_way:
+            progress.couple(A, B, H)
         return HorizonPattern(
             steps=self._steps,
             A=A[:n, :n],
             B=B[:n],
             H=H[:n, :n],
-            state_size=_STATE_SIZES[:n],
-            input_size=_INPUT_SIZES,
+            state_size=np.append(_STATE_SIZES, progress.STATE_NATURAL)[:n],
+            input_size=np.append(_INPUT_SIZES, progress.INPUT_NATURAL)[: self._inputs],
             limits=limits.pattern(n),
         )
 
@@ -147,8 +153,9 @@ class ManifoldProblem:
             self._window, self._samples = window, packed(window)
         stamp_ns, (last_ns, last_cost) = state.stamp_ns, self._last
         recovering = 0 <= self._flips_until_ns - stamp_ns <= _RECOVERING_NS
+        self._elapsed_ns = stamp_ns - window.stamp_ns
         self._cost, self._iterations, flips = sqp.begin(
-            elapsed_ns=stamp_ns - window.stamp_ns,
+            elapsed_ns=self._elapsed_ns,
             samples=self._samples,
             prediction=state.prediction,
             last=((stamp_ns - last_ns) * 1e-9 / self._step, last_cost),
@@ -167,6 +174,8 @@ class ManifoldProblem:
         """Return the QP in the change of the present iterate."""
         if not self._linearised:
             cost = sqp.relinearise(
+                elapsed_ns=self._elapsed_ns,
+                samples=self._samples,
                 prediction=self._state.prediction,
                 is_flipping=self._flipping,
                 settings=self._settings,
@@ -184,6 +193,8 @@ class ManifoldProblem:
         commands = np.empty((self._steps * SUBSTEPS, INPUT_SIZE))
         p_WB, R_WB = np.empty((count, 3)), np.empty((count, 3, 3))
         reached = sqp.line_search(
+            elapsed_ns=self._elapsed_ns,
+            samples=self._samples,
             prediction=self._state.prediction,
             change=inputs,
             cost=self._cost,
@@ -200,6 +211,7 @@ class ManifoldProblem:
             inputs=commands,
             p_WB=p_WB,
             R_WB=R_WB,
+            speeds=self._here.workspace.progress.plan.copy(),
         )
         converged = not reached < _CONVERGED * self._cost
         self._cost, self._iterations = reached, self._iterations - 1

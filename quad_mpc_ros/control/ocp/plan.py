@@ -16,7 +16,8 @@ class Plan(NamedTuple):
 
     ``inputs`` (K, 4): throttle and body rates held over ``input_step`` seconds each. ``p_WB``
     (N + 1, 3) [m] and ``R_WB`` (N + 1, 3, 3): the predicted poses every ``step`` seconds, the
-    first is now.
+    first is now. ``speeds`` (N,) are how fast the reference's time passes in each of these steps,
+    none (0,) where it passes as on a clock.
     """
 
     stamp_ns: int
@@ -25,6 +26,16 @@ class Plan(NamedTuple):
     inputs: Array
     p_WB: Array
     R_WB: Array
+    speeds: Array = np.ones(0)
+
+    def given_up(self, since: float, until: float) -> float:
+        """Return by how much the reference's time falls behind the clock between two times [s].
+
+        They are counted from the beginning of the plan; beyond its end nothing is given up.
+        """
+        ends = self.step * np.arange(1, len(self.speeds) + 1)
+        spent = np.clip(np.minimum(until, ends) - np.maximum(since, ends - self.step), 0.0, None)
+        return float(spent @ (1.0 - self.speeds))
 
     def command_over(self, elapsed: float, duration: float) -> Input:
         """Return the mean of the inputs planned for a time ``elapsed`` seconds on.

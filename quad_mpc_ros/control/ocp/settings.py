@@ -27,6 +27,10 @@ class Settings(Record):
     limits: Vector4  # soft ones, by kind, 0 for none
     distance: float  # m, a reference further away pulls as if it were that near
     steep: float  # a slope of the cost that is steep
+    # Of how fast the reference's time passes: weight on its difference from 1, and bounds.
+    progress_weight: float
+    speed_min: float
+    speed_max: float
 
 
 def settings_of(config: MpcConfig) -> RecordArray[Settings]:
@@ -43,6 +47,9 @@ def settings_of(config: MpcConfig) -> RecordArray[Settings]:
     # A slew of commands is one of what the rates follow, of the axis that follows least.
     followed = np.array([1.0, 1.0, 1.0, min(gain)])
     given.limits[:] = followed * values_of(config.limits)
+    contouring = config.contouring
+    given.progress_weight = contouring.progress_weight
+    given.speed_min, given.speed_max = contouring.speed_min, contouring.speed_max
     given.distance = config.limits.pull_distance
     # The slope of the cost where the position is off by the distance at which the pull stays
     # the same, per 3 m/s.

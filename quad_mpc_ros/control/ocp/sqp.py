@@ -34,6 +34,14 @@ from quad_mpc_ros.control.ocp.limits import (
     write_limits,
 )
 from quad_mpc_ros.control.ocp.problem import Prediction
+from quad_mpc_ros.control.ocp.progress import (
+    SPEED_INPUT,
+    Progress,
+    follow_path,
+    progress_cost,
+    shift_speeds,
+    write_progress,
+)
 from quad_mpc_ros.control.ocp.settings import Settings
 from quad_mpc_ros.control.ocp.stages import HorizonStages
 from quad_mpc_ros.control.ocp.target import TargetStage, sample_target
@@ -59,7 +67,8 @@ class Workspace(NamedTuple):
     ``target`` (N,) is the reference along the horizon, ``nominal`` the plan linearised along and
     ``plan`` the last one. Where there are soft limits ``allowed`` (N,) is what they allow along
     the target, else (0,); ``prices`` (4,) are those of the present iterate, ``places`` (4,) where
-    the limits stand in the stages, ``half_spaces`` the region that is free.
+    the limits stand in the stages, ``half_spaces`` the region that is free. ``progress`` is empty
+    where the reference is followed by the clock.
     """
 
     target: RecordArray[TargetStage]
@@ -69,10 +78,11 @@ class Workspace(NamedTuple):
     prices: Array
     places: RecordArray[LimitPlace]
     half_spaces: HalfSpaces
+    progress: Progress
 
     @staticmethod
-    def zeros(steps: int, limits: LimitLayout) -> Workspace:
-        """Return room for N stages."""
+    def zeros(steps: int, limits: LimitLayout, *, progress: bool = False) -> Workspace:
+        """Return room for N stages, with ``progress`` as a variable or without."""
         return Workspace(
             target=TargetStage.zeros(steps),
             nominal=PlannedTrajectory.zeros(steps),
@@ -81,17 +91,23 @@ class Workspace(NamedTuple):
             prices=np.zeros(len(limits.places)),
             places=limits.places,
             half_spaces=limits.half_spaces(steps),
+            progress=Progress.zeros(steps if progress else 0),
         )
 
     def within(self, limits: LimitLayout) -> Workspace:
         """Return one with the same target and plans, and the limits of another layout."""
         own = Workspace.zeros(len(self.target), limits)
-        return own._replace(target=self.target, nominal=self.nominal, plan=self.plan)
+        shared = {name: getattr(self, name) for name in ("target", "nominal", "plan", "progress")}
+        return own._replace(**shared)
 
 
 class Problem(NamedTuple):
-    """All that an iteration works on: prediction, settings, workspace, and where the QP goes."""
+    """All that an iteration works on: the reference from a time after its stamp on, prediction,
+    settings, workspace, and where the QP goes.
+    """
 
+    elapsed_ns: int
+    samples: RecordArray[SampleRecord]
     state: Prediction
     given: Settings
     work: Workspace
@@ -124,8 +140,11 @@ def begin(
     Returns:
         The cost of the start, the iterations that it needs, and whether the reference flips.
     """
-    problem = Problem(prediction[()], settings[()], workspace, stages)
+    problem = Problem(elapsed_ns, samples, prediction[()], settings[()], workspace, stages)
     given, work = problem.given, problem.work
+    speeds = work.progress.nominal
+    if len(speeds) > 0:
+        shift_speeds(work.progress.plan, last[0], speeds)
     R_start = sample_target(
         elapsed_ns,
         samples,
@@ -133,6 +152,7 @@ def begin(
         given.step,
         u_min=given.u_min,
         u_max=given.u_max,
+        speeds=speeds,
         target=work.target,
     )
     is_flipping = len(work.allowed) > 0 and _write_allowed(problem, R_start)
@@ -147,7 +167,11 @@ def begin(
 def _write_allowed(problem: Problem, R_start: kernels.Matrix) -> bool:
     """Pull the target closer, and write what limits allow along it; return whether it flips."""
     given, state, work = problem.given, problem.state, problem.work
+    first = kernels.vector(work.target[0].p_WB)
     pull_target_closer(given, state.state, work.target)
+    if len(work.progress.pull) > 0:
+        pull = kernels.plus(kernels.vector(work.target[0].p_WB), kernels.scaled(-1.0, first))
+        kernels.store_vector(pull, work.progress.pull)
     allow(
         given,
         sent=state.sent,
@@ -177,6 +201,8 @@ def _warm_start(last: tuple[float, float], problem: Problem) -> tuple[float, int
 
 @compiled
 def relinearise(
+    elapsed_ns: int,
+    samples: RecordArray[SampleRecord],
     prediction: RecordArray[Prediction],
     is_flipping: bool,
     settings: RecordArray[Settings],
@@ -184,8 +210,10 @@ def relinearise(
     stages: HorizonStages,
 ) -> float:
     """Write the QP about the last plan, for another iteration; return the plan's cost."""
-    problem = Problem(prediction[()], settings[()], workspace, stages)
+    problem = Problem(elapsed_ns, samples, prediction[()], settings[()], workspace, stages)
     planned = problem.work.plan.deviation
+    if len(workspace.progress.plan) > 0:
+        workspace.progress.nominal[:] = workspace.progress.plan
     cost, closeness = _linearise_along(planned, 0.0, problem)
     _regularise(closeness, is_flipping, problem)
     return cost
@@ -231,6 +259,11 @@ def _linearise(deviation: Array, elapsed: float, problem: Problem) -> float:
     """Write tracking cost and dynamics of the QP; return the cost."""
     given, target, plan = problem.given, problem.work.target, problem.work.nominal
     u_min, u_max, stages = given.u_min, given.u_max, problem.stages
+    progress = problem.work.progress
+    if len(progress.nominal) > 0:
+        follow_path(
+            problem.elapsed_ns, problem.samples, given.step, progress.nominal, progress, target
+        )
     free, errors = np.empty_like(plan.inputs), np.empty((len(target), TANGENT_SIZE))
     shift(deviation, elapsed, plan.deviation)
     apply_bounds(target, plan, u_min=u_min, u_max=u_max)
@@ -255,11 +288,16 @@ def _linearise(deviation: Array, elapsed: float, problem: Problem) -> float:
             # Nothing changes is always allowed.
             stages.lower[i, k] = min(u_min[k] - planned, 0.0)
             stages.upper[i, k] = max(u_max[k] - planned, 0.0)
+    if len(progress.nominal) > 0:
+        write_progress(given, errors, progress, stages)
+        cost += progress_cost(given, progress.nominal)
     return cost
 
 
 @compiled
 def line_search(
+    elapsed_ns: int,
+    samples: RecordArray[SampleRecord],
     prediction: RecordArray[Prediction],
     change: Array,
     cost: float,
@@ -269,23 +307,29 @@ def line_search(
     p_WB: Array,
     R_WB: Array,
 ) -> float:
-    """Write the plan after the longest step along a ``change`` (N, 4) that lowers a cost.
+    """Write the plan after the longest step along a ``change`` (N, nu) that lowers a cost.
 
     Where none does, that is the nominal plan. ``inputs`` (N M, 4) are its commands, ``p_WB``
     (N + 1, 3) and ``R_WB`` (N + 1, 3, 3) where it leads. Returns the cost reached.
     """
     given, state = settings[()], prediction[()]
-    reached = _search(change, cost, state, given, workspace)
+    path = elapsed_ns, samples
+    reached = _search(change, cost, state, given, workspace, path)
     _copy_plan(workspace.plan, given.rate_gain, state.parameters, inputs, p_WB=p_WB, R_WB=R_WB)
     return reached
 
 
 @compiled
 def _search(
-    change: Array, cost: float, state: Prediction, given: Settings, work: Workspace
+    change: Array,
+    cost: float,
+    state: Prediction,
+    given: Settings,
+    work: Workspace,
+    path: tuple[int, RecordArray[SampleRecord]],
 ) -> float:
-    target, before, tried = work.target, work.nominal, work.plan
-    errors, inputs = np.empty((len(change), TANGENT_SIZE)), np.empty_like(change)
+    target, before, tried, progress = work.target, work.nominal, work.plan, work.progress
+    errors, inputs = np.empty((len(change), TANGENT_SIZE)), np.empty((len(change), INPUT_SIZE))
     for length in _STEP_LENGTHS:
         for i in range(len(change)):
             for k in range(INPUT_SIZE):
@@ -298,7 +342,13 @@ def _search(
             start=state.state,
             states=tried.states,
         )
+        if len(progress.plan) > 0:
+            for i in range(len(change)):
+                speed = progress.nominal[i] + length * change[i, SPEED_INPUT]
+                progress.plan[i] = kernels.clamp(speed, given.speed_min, given.speed_max)
+            follow_path(path[0], path[1], given.step, progress.plan, progress, target)
         reached = tracking_cost(given, tried.states, target, tried.deviation, errors)
+        reached += progress_cost(given, progress.plan)
         if len(work.allowed) > 0:
             for i in range(len(inputs)):
                 for k in range(INPUT_SIZE):
@@ -307,6 +357,7 @@ def _search(
         if reached < cost:
             return reached
     copy(work.nominal, work.plan)
+    progress.plan[:] = progress.nominal
     return cost
 
 

@@ -13,6 +13,7 @@ import math
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Matrix3, Record, RecordArray, Vector3, Vector4
@@ -53,24 +54,31 @@ def sample_target(
     step: float,
     u_min: Array,
     u_max: Array,
+    speeds: Array,
     target: RecordArray[TargetStage],
 ) -> kernels.Matrix:
     """Write the target of stages of ``step`` seconds from ``elapsed_ns`` after a window's stamp.
 
-    ``samples`` are the window's, ``u_min`` and ``u_max`` (4,) bound throttle and rates. Returns
-    the attitude at the start of the first stage.
+    ``samples`` are the window's, ``u_min`` and ``u_max`` (4,) bound throttle and rates, ``speeds``
+    (N,) say how fast the reference's time passes in each stage, none (0,) as it does on a clock.
+    Returns the attitude at the start of the first stage.
     """
     dt, count = step / SUBSTEPS, len(target) * SUBSTEPS + 1
     times_ns = np.empty(count, np.int64)
     points: Any = np.empty(count, _POINT)
     for k in range(count):
         times_ns[k] = elapsed_ns + np.int64(np.rint(dt * 1e9 * k))
+    if len(speeds) > 0:
+        path_times(speeds, dt, elapsed_ns, times_ns)
     sample_into(times_ns, samples, points)
     held, tilts = np.empty((count, INPUT_SIZE)), np.empty((count, 3))
     R_held, throttle, tilt = kernels.matrix(points[0].R_WB), 0.0, (0.0, 0.0, 0.0)
     R_start = R_held
     for k in range(count):
         point = points[k]
+        slowed = (0.0, 0.0, 0.0)
+        if len(speeds) > 0:
+            slowed = _slow_down(model, speed_at(speeds, k), point)
         if k == 0 or not _is_same(point, points[k - 1]):
             R_held, throttle, tilt = _hold(
                 model,
@@ -78,6 +86,7 @@ def sample_target(
                 kernels.vector(point.v_WB_W),
                 kernels.vector(point.a_WB_W),
             )
+            tilt = kernels.plus(tilt, slowed)
         if k == 0:
             R_start = R_held
         held[k, 0] = throttle
@@ -93,6 +102,51 @@ def sample_target(
             kernels.store_matrix(R_held, stage.R_WB)
     _lead(model, dt, held, target, u_min=u_min, u_max=u_max)
     return R_start
+
+
+@compiled
+def path_times(speeds: Array, dt: float, elapsed_ns: int, times_ns: NDArray[np.int64]) -> None:
+    """Write the reference's times (n,) at steps of ``dt`` [s], which pass at a stage's speed."""
+    passed, substeps = 0.0, (len(times_ns) - 1) // len(speeds)
+    times_ns[0] = elapsed_ns
+    for k in range(1, len(times_ns)):
+        passed += dt * 1e9 * speeds[(k - 1) // substeps]
+        times_ns[k] = elapsed_ns + np.int64(np.rint(passed))
+
+
+@compiled
+def speed_at(speeds: Array, k: int) -> float:
+    """Return how fast the reference's time passes at a substep: what stages have half way, and
+    in between what is between them.
+    """
+    place = k / SUBSTEPS - 0.5
+    last = len(speeds) - 1
+    before = min(max(math.floor(place), 0), last)
+    after = min(max(math.floor(place) + 1, 0), last)
+    share = place - math.floor(place)
+    return float(speeds[before] + share * (speeds[after] - speeds[before]))
+
+
+@compiled
+def _slow_down(model: ModelParameters, speed: float, point: PointRecord) -> kernels.Vector:
+    """Make a point one of the same path flown at another speed; return the tilt for it, in W.
+
+    By the speed go the velocity and the rates, by its square the acceleration; the thrust turns
+    with the force that is left to make.
+    """
+    if speed == 1.0:
+        return 0.0, 0.0, 0.0
+    up = 0.0, 0.0, model.gravity
+    v, a = kernels.vector(point.v_WB_W), kernels.vector(point.a_WB_W)
+    before = kernels.plus(kernels.plus(a, kernels.scaled(model.drag, v)), up)
+    v, a = kernels.scaled(speed, v), kernels.scaled(speed * speed, a)
+    after = kernels.plus(kernels.plus(a, kernels.scaled(model.drag, v)), up)
+    Q = _tilt(before, after)
+    kernels.store_vector(v, point.v_WB_W)
+    kernels.store_vector(a, point.a_WB_W)
+    kernels.store_vector(kernels.scaled(speed, kernels.vector(point.w_WB_B)), point.w_WB_B)
+    kernels.store_matrix(kernels.multiply(Q, kernels.matrix(point.R_WB)), point.R_WB)
+    return kernels.log(Q)
 
 
 @compiled

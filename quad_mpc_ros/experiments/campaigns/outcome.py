@@ -28,6 +28,7 @@ class TruthLog:
 
     stamps_ns: list[int] = field(default_factory=list)
     rows: list[Array] = field(default_factory=list)
+    behind: list[float] = field(default_factory=list)
     collision: Collision | None = None
 
     def take(self, step: LoopStep) -> None:
@@ -37,6 +38,8 @@ class TruthLog:
         self.stamps_ns.append(truth.stamp_ns)
         self.rows += (truth.p_WB, truth.v_WB_B, truth.w_WB_B, truth.q_WB_xyzw)
         self.rows += (window.p_WB[0], window.q_WB_xyzw[0])
+        before = self.behind[-1] if self.behind else 0.0
+        self.behind.append(before if step.tick is None else step.tick.behind)
 
     def truth(self) -> Truth:
         """Return the states as arrays, from the first step on."""
@@ -50,6 +53,7 @@ class TruthLog:
             p_WB_reference=p_reference,
             tilt_reference=tilts(q_reference),
         )
+        motion = motion.late(np.array(self.behind))
         return Truth(motion=motion, v_WB_B=v, w_WB_B=w, collision=self.collision)
 
 

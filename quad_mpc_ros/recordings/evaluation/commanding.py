@@ -65,7 +65,7 @@ def estimated(flight: Flight) -> dict[str, Any]:
     """
     flying = np.flatnonzero(flight.stats["source"] == Source.MPC.name.lower())
     settled = flying[int(_SETTLED_SHARE * len(flying)) :]
-    estimates = flight.mpc.formulation == "manifold" and flight.mpc.estimate_disturbance
+    estimates = flight.mpc.on_manifold and flight.mpc.estimate_disturbance
     found = {}
     for name, given in _given(flight.mpc).items() if estimates and len(settled) else ():
         spread = percentiles(flight.stats[name][settled], 5, 50, 95)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -55,6 +56,18 @@ class Motion:
     tilt: Array
     p_WB_reference: Array
     tilt_reference: Array
+
+    def late(self, behind: Array) -> Motion:
+        """Return it with the reference as it was some time (n,) [s] before each moment."""
+        if not behind.any():
+            return self
+        at = self.time - behind
+        p_WB = [np.interp(at, self.time, axis) for axis in self.p_WB_reference.T]
+        return dataclasses.replace(
+            self,
+            p_WB_reference=np.column_stack(p_WB),
+            tilt_reference=np.interp(at, self.time, self.tilt_reference),
+        )
 
     def crash(self) -> Crash | None:
         """Return the first crash: into the ground in flight, upside down, or far away."""
@@ -151,7 +164,8 @@ class MotionLog:
 
 def crash_of(flight: Flight) -> Crash | None:
     """Return the crash of a flight by its odometry, if any; it needs a reference."""
-    if flight.reference is None:
+    followed = flight.followed
+    if followed is None:
         return None
     into = collision_of(flight)
     hit = None if into is None else Crash(kind="obstacle", time=float(flight.time[into]))
@@ -159,8 +173,8 @@ def crash_of(flight: Flight) -> Crash | None:
         time=flight.time,
         p_WB=flight.p_WB,
         tilt=tilts(flight.q_WB_xyzw),
-        p_WB_reference=flight.reference.p_WB,
-        tilt_reference=tilts(so3.quaternion_xyzw_from_rotation(flight.reference.R_WB)),
+        p_WB_reference=followed.p_WB,
+        tilt_reference=tilts(so3.quaternion_xyzw_from_rotation(followed.R_WB)),
     ).crash()
     return min(filter(None, (hit, moved)), key=lambda crash: crash.time, default=None)
 

@@ -39,9 +39,9 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
     the commands that were not the MPC's; ``crashed``, with ``crash`` and ``crash_time_s``, as a
     campaign judges it but by the odometry, None without a reference; ``clearance_min_m``, from the
     vehicle's surface to the nearest obstacle's, ``collided``, and in ``collision`` when, where and
-    how fast it did, None where obstacles are not known.
-    campaign judges it but by the odometry, None without a reference; ``gates`` and ``lap_time_s``
-    of a course, see :mod:`quad_mpc_ros.recordings.evaluation.race`.
+    how fast it did, None where obstacles are not known; ``gates`` and ``lap_time_s`` of a course,
+    see :mod:`quad_mpc_ros.recordings.evaluation.race`; ``behind_max_s``, the most time that was
+    given up with formulation contouring, None with others.
 
     Args:
         flight: A recorded or simulated flight.
@@ -88,6 +88,7 @@ def summarise(flight: Flight, *, wall_seconds: float | None = None) -> Summary:
         **_crash(flight),
         **_obstacles(flight),
         **race_figures(flight),
+        "behind_max_s": _behind(flight),
         "estimate_resets": last_count(flight, "estimate_resets"),
         "rejected_inputs": last_count(flight, "rejected_inputs"),
         "commanding": commanding(flight),
@@ -116,18 +117,30 @@ def with_neighbours(summary: Summary, flight: Flight, others: Sequence[Flight]) 
 
 
 def position_errors(flight: Flight) -> Array:
-    """Return |p_r - p| at each odometry (n,) [m]; empty without a reference."""
-    if flight.reference is None:
+    """Return |p_r - p| at each odometry (n,) [m], of the reference that was to be followed then.
+
+    Empty without a reference.
+    """
+    followed = flight.followed
+    if followed is None:
         return np.zeros(0)
-    return np.asarray(np.linalg.norm(flight.reference.p_WB - flight.p_WB, axis=1))
+    return np.asarray(np.linalg.norm(followed.p_WB - flight.p_WB, axis=1))
 
 
 def attitude_errors(flight: Flight) -> Array:
     """Return the angle from attitude to reference at each odometry (n,) [rad]; see above."""
-    if flight.reference is None:
+    followed = flight.followed
+    if followed is None:
         return np.zeros(0)
     R_BW = np.swapaxes(so3.rotation_from_quaternion_xyzw(flight.q_WB_xyzw), -1, -2)
-    return np.asarray(np.linalg.norm(so3.log(R_BW @ flight.reference.R_WB), axis=1))
+    return np.asarray(np.linalg.norm(so3.log(R_BW @ followed.R_WB), axis=1))
+
+
+def _behind(flight: Flight) -> float | None:
+    """Return the most that the vehicle was behind its reference's clock [s]."""
+    behind = flight.stats["behind_s"]
+    gives_way = flight.mpc.formulation == "contouring" and len(behind) > 0
+    return float(behind.max()) if gives_way else None
 
 
 def _crash(flight: Flight) -> dict[str, Any]:

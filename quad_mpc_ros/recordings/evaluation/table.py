@@ -54,7 +54,10 @@ def _race_row(s: Mapping[str, Any]) -> dict[str, str]:
     text = f"{passed} of {len(gates)} passed, {sum(gate['clipped'] for gate in gates)} clipped"
     if misses:
         text += f", at most {max(misses):.3f} m from the centre"
-    return {"gates": text + _unless_absent(s["lap_time_s"], "; lap {:.3f} s", absent="")}
+    text += _unless_absent(s["lap_time_s"], "; lap {:.3f} s", absent="")
+    return {
+        "gates": text + _unless_absent(s.get("behind_max_s"), ", {:.2f} s given up", absent="")
+    }
 
 
 def _timing_rows(s: Mapping[str, Any]) -> list[str]:

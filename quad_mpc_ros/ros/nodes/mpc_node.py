@@ -9,17 +9,19 @@ from typing import Any
 
 from rclpy.publisher import Publisher
 
+from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.ladder import Source
+from quad_mpc_ros.control.safety.validation import is_frame
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.corridor import written_corridor
 from quad_mpc_ros.messages.diagnostics import ERROR, OK, WARN
-from quad_mpc_ros.obstacles.configured import avoiding
+from quad_mpc_ros.obstacles.configured import guidance
 from quad_mpc_ros.ros import realtime
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.commanders import Commanders
@@ -71,8 +73,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         self._refused = "; ".join(refused)
         between_ticks = config.realtime.garbage_collection == "between_ticks"
         self._garbage = GarbageCollection(between_ticks=between_ticks)
-        self._avoided = avoiding(config)
-        guide = None if self._avoided is None else self._avoided.guide
+        self._guidance = guidance(config)
+        guide = self._guidance.guide
         with reported(self):
             self._controller = warmed_up(config, deadline=config.deadline_seconds, guide=guide)
         self._standby = Standby()
@@ -101,9 +103,12 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.ODOMETRY_RESET, self._on_odometry_reset, expected=False)
         self._obstacle_inputs: ObstacleInputs | None = None
         self._corridor: Publisher | None = None
-        if self._avoided is not None:
+        if guide is not None:
             self._corridor = self.health.publisher(topics.CORRIDOR)
-            world, surroundings = self._avoided.world, self._avoided.guide.surroundings
+        if self._guidance.gates is not None:
+            self.managed_subscription(topics.GATES, self._on_gates, expected=False)
+        world, surroundings = self._guidance.world, self._guidance.surroundings
+        if world is not None and surroundings is not None:
             self._obstacle_inputs = ObstacleInputs(
                 self, world, surroundings, lockstep=config.lockstep
             )
@@ -179,9 +184,8 @@ class MpcNode(ManagedNode[MpcConfig]):
             return
         self._standby.receive_odometry(odometry, now_ns=now_ns)
         self._commanders.hear()
-        if self._obstacle_inputs is not None and self._avoided is not None:
-            self._obstacle_inputs.before_odometry()
-            self._avoided.world.receive_odometry(odometry)
+        if self._obstacle_inputs is not None:
+            self._obstacle_inputs.before(odometry)
         if self.active:
             self._finish(self._controller.receive_odometry(odometry, now_ns=now_ns))
         else:
@@ -232,8 +236,19 @@ class MpcNode(ManagedNode[MpcConfig]):
         except ValueError as error:
             self._warn(str(error))
             return
-        if self._avoided is not None:
-            self._avoided.reset_estimate()
+        self._guidance.reset_estimate()
+
+    def _on_gates(self, message: Any) -> None:
+        """Take where the gates are by now."""
+        poses, given = conversions.poses_from_message(message), message.header.frame_id
+        frame_id = self._controller.config.odometry.frame_id
+        if not is_frame(given, frame_id):
+            self._warn(f"gates are in frame '{given}', expected '{frame_id}'")
+        elif self._guidance.gates is not None:
+            try:
+                self._guidance.gates.move(*poses)
+            except UserError as error:
+                self._warn(str(error))
 
     def _on_watch(self) -> float:
         """Act if odometry is missing, and return the time to the next check [s]."""

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.obstacle_messages import read_markers, read_path, read_transforms
 from quad_mpc_ros.messages.point_cloud import read_point_cloud
@@ -63,11 +64,12 @@ class ObstacleInputs:
         if self._thread is not None:
             self._thread.join()
 
-    def before_odometry(self) -> None:
-        """Hand on what has waited for the next odometry."""
+    def before(self, odometry: OdometrySample) -> None:
+        """Hand on what has waited for the next odometry, and that."""
         waiting, self._waiting = self._waiting, []
         for receive in waiting:
             receive()
+        self._world.receive_odometry(odometry)
 
     def take_warnings(self) -> list[str]:
         """Return what was refused since the last call."""

@@ -62,7 +62,7 @@ def throttle_findings(mpc: MpcConfig) -> list[Finding]:
                 "check mass, motor_count and thrust_curve, or raise throttle_max",
             )
         )
-    elif mpc.formulation == "manifold" and 0.0 < tilt < math.pi and lift * math.cos(tilt) < 1.0:
+    elif mpc.on_manifold and 0.0 < tilt < math.pi and lift * math.cos(tilt) < 1.0:
         found.append(
             warning(
                 f"at limits.tilt_max {tilt:g} rad and throttle_max {mpc.throttle_max:g} the "
@@ -86,7 +86,7 @@ def limit_findings(mpc: MpcConfig) -> list[Finding]:
     """Return what the plan may do that the envelope does not allow."""
     envelope, limits = mpc.envelope, mpc.limits
     planned = [("omega_max", max(mpc.omega_max), "envelope.rate_max", envelope.rate_max, "rad/s")]
-    if mpc.formulation == "manifold":
+    if mpc.on_manifold:
         # No limit in the plan is one of any size; a tilt of pi and a speed of 100 m/s are any.
         tilt = limits.tilt_max or math.pi
         planned.append(("limits.tilt_max", tilt, "envelope.tilt_max", envelope.tilt_max, "rad"))

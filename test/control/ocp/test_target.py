@@ -26,7 +26,9 @@ U_MIN, U_MAX = np.array([0.0, -30.0, -30.0, -30.0]), np.array([1.0, 30.0, 30.0, 
 START = 10**9
 
 
-def eight(angular_frequency: float, vehicle: Vehicle = VEHICLE) -> ReferenceWindow:
+def eight(
+    angular_frequency: float, vehicle: Vehicle = VEHICLE, *, at_ns: int = START
+) -> ReferenceWindow:
     """Return a window of a lemniscate, a third of the way into it."""
     config = ReferenceConfig(
         trajectory="lemniscate",
@@ -38,7 +40,7 @@ def eight(angular_frequency: float, vehicle: Vehicle = VEHICLE) -> ReferenceWind
     )
     server = ReferenceServer(config)
     server.start(0)
-    return server.window(START)
+    return server.window(at_ns)
 
 
 def model_of(*, rate: float, thrust: float, vehicle: Vehicle = VEHICLE) -> ModelParameters:
@@ -52,6 +54,7 @@ def target_of(
     *,
     u_min: Array = U_MIN,
     u_max: Array = U_MAX,
+    speeds: Array | None = None,
 ) -> RecordArray[TargetStage]:
     target = TargetStage.zeros(STEPS)
     sample_target(
@@ -61,6 +64,7 @@ def target_of(
         STEP,
         u_min=u_min,
         u_max=u_max,
+        speeds=np.zeros(0) if speeds is None else speeds,
         target=target,
     )
     return target
@@ -104,6 +108,25 @@ def test_target_inputs_hold_a_feasible_reference(
     np.testing.assert_allclose(states["v_WB_W"], target["v_WB_W"], atol=4e-3 * scale)
     turned = np.swapaxes(target["R_WB"], -1, -2) @ states["R_WB"]
     assert np.abs(so3.log(turned)).max() < 4e-3 * scale
+
+
+@pytest.mark.parametrize("speed", [0.6, 0.9, 1.1])
+def test_target_of_a_slower_time_is_that_of_the_slower_reference(speed: float) -> None:
+    """An eight of a lower frequency is the same way in more time, by flatness made for it."""
+    model, frequency = model_of(rate=0.03, thrust=0.03), 2.0
+    slow = target_of(eight(frequency), model, speeds=np.full(STEPS, speed))
+    expected = target_of(eight(frequency * speed, at_ns=round(START / speed)), model)
+    np.testing.assert_allclose(slow["p_WB"], expected["p_WB"], atol=2e-4)
+    np.testing.assert_allclose(slow["v_WB_W"], expected["v_WB_W"], atol=5e-3)
+    np.testing.assert_allclose(slow["R_WB"][..., 2], expected["R_WB"][..., 2], atol=2e-3)
+    np.testing.assert_allclose(slow["inputs"][..., 0], expected["inputs"][..., 0], atol=5e-3)
+    # The nose points elsewhere, so compare in the world and across the thrust.
+    up = expected["R_WB"][:, None, :, 2]
+    w_WB_W = [np.einsum("iab,ijb->ija", t["R_WB"], t["inputs"][..., 1:]) for t in (slow, expected)]
+    difference = w_WB_W[0] - w_WB_W[1]
+    difference -= np.sum(difference * up, axis=-1, keepdims=True) * up
+    # The way that the tilt turns is taken to first order.
+    assert np.abs(difference).max() < 0.15 * np.abs(w_WB_W[1]).max()
 
 
 def test_target_compensates_disturbance_by_tilt_and_throttle() -> None:

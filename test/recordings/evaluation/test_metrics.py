@@ -42,7 +42,7 @@ KEYS = {
     "unanswered_odometries",
     "duration_s",
     *("crashed", "crash", "crash_time_s", "gates", "lap_time_s"),
-    *("clearance_min_m", "collided", "collision"),
+    *("clearance_min_m", "collided", "collision", "behind_max_s"),
     *("commanding", "margins", "estimated", "estimate_resets", "rejected_inputs"),
 }
 
@@ -349,7 +349,7 @@ def test_missing_data_is_null(make_flight: FlightMaker, build: SimpleNamespace) 
         "unanswered_odometries": 0,
         "duration_s": 0.0,
         **dict.fromkeys(("crashed", "crash", "crash_time_s", "gates", "lap_time_s")),
-        **dict.fromkeys(("clearance_min_m", "collided", "collision")),
+        **dict.fromkeys(("clearance_min_m", "collided", "collision", "behind_max_s")),
         "commanding": {"ticks": {}, "first_without_mpc": None},
         "margins": {
             "lockstep": False,

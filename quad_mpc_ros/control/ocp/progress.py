@@ -1,0 +1,151 @@
+"""Progress along the reference as a variable of the problem: its state, its input, their cost.
+
+A reference is a path p(θ), v(θ), a(θ) by its own time θ, and θ passes at a speed ν_i >= 0 in each
+stage, which the problem chooses. Two states come behind those of the vehicle, θ and the speed of
+the stage before, and an input behind those of the vehicle:
+
+    θ_{i+1} = θ_i + h ν_i,    s_{i+1} = ν_i
+
+What is tracked is the path where progress is, at the speed that it has, and going slowly costs:
+
+    e_p = p_i - p(θ_i),   e_v = v_i - s_i v(θ_i),   J += sum_{i=0..N-1} w (ν_i - 1)^2
+
+so that the errors have slopes in progress, de_p/dθ = -v, de_v/dθ = -s a and de_v/ds = -v. That is
+model predictive contouring control (Lam, Manzie, Good, CDC 2010; of quadrotors Romero, Sun, Foehn,
+Scaramuzza, T-RO 2022) with one weight on distance from the path and lag along it: where progress
+is free, what is left of the lag is what it is worth. The attitude that is tracked and the inputs
+that deviations count from are those of the progress that a tick begins with; the next one has
+those of what became of it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.configuration.compilation import compiled
+from quad_mpc_ros.configuration.records import RecordArray
+from quad_mpc_ros.control.lie import Array, kernels
+from quad_mpc_ros.control.model.jacobians import STATE_SIZE
+from quad_mpc_ros.control.model.reference_window import PointRecord, SampleRecord, sample_into
+from quad_mpc_ros.control.model.state import INPUT_SIZE, P, V
+from quad_mpc_ros.control.ocp.settings import Settings
+from quad_mpc_ros.control.ocp.stages import HorizonStages, Mask
+from quad_mpc_ros.control.ocp.target import TargetStage, path_times
+
+PATH_TIME, SPEED, SIZE = STATE_SIZE, STATE_SIZE + 1, STATE_SIZE + 2
+"""Where progress and its speed are in the state of the problem, and the size of that."""
+SPEED_INPUT, INPUTS = INPUT_SIZE, INPUT_SIZE + 1
+"""Where the speed is in the input of the problem, and the size of that."""
+STATE_NATURAL, INPUT_NATURAL = np.array([0.1, 0.3]), np.array([0.1])
+"""Natural sizes of the two states and of the input."""
+
+
+class Progress(NamedTuple):
+    """How fast progress is in each stage, (N,) of the nominal plan and of the last one.
+
+    ``path`` (N,) is the reference at the ends of the stages, where progress is then; ``pull`` (3,)
+    by how much the target is moved from it. All are empty where time passes as on a clock.
+    """
+
+    nominal: Array
+    plan: Array
+    path: RecordArray[PointRecord]
+    pull: Array
+
+    @staticmethod
+    def zeros(steps: int) -> Progress:
+        """Return room for so many stages."""
+        return Progress(
+            np.ones(steps), np.ones(steps), PointRecord.zeros(steps), np.zeros(3 * min(steps, 1))
+        )
+
+
+def couple(A: Mask, B: Mask, H: Mask) -> None:
+    """Mark what progress has in the pattern of a stage."""
+    A[PATH_TIME, PATH_TIME] = True
+    B[PATH_TIME, SPEED_INPUT] = B[SPEED, SPEED_INPUT] = True
+    for k in range(3):
+        for row, column in ((P + k, PATH_TIME), (V + k, PATH_TIME), (V + k, SPEED)):
+            H[row, column] = H[column, row] = True
+    H[PATH_TIME:SIZE, PATH_TIME:SIZE] = True
+
+
+@compiled
+def shift_speeds(speeds: Array, elapsed: float, shifted: Array) -> None:
+    """Write speeds (N,) as they are ``elapsed`` stages later, the last one held."""
+    last = len(speeds) - 1
+    elapsed = kernels.clamp(elapsed, 0.0, float(len(speeds)))
+    whole = int(elapsed)
+    share = elapsed - whole
+    for i in range(len(speeds)):
+        now, then = min(i + whole, last), min(i + whole + 1, last)
+        shifted[i] = (1.0 - share) * speeds[now] + share * speeds[then]
+
+
+@compiled
+def follow_path(
+    elapsed_ns: int,
+    samples: RecordArray[SampleRecord],
+    step: float,
+    speeds: Array,
+    progress: Progress,
+    target: RecordArray[TargetStage],
+) -> None:
+    """Move places and velocities of a target (N,) to where speeds (N,) lead on the reference.
+
+    From ``elapsed_ns`` after the stamp of the window that the ``samples`` (n,) are of.
+    """
+    times_ns = np.empty(len(speeds) + 1, np.int64)
+    path_times(speeds, step, elapsed_ns, times_ns)
+    sample_into(times_ns[1:], samples, progress.path)
+    for i in range(len(speeds)):
+        point, stage = progress.path[i], target[i]
+        for k in range(3):
+            stage.p_WB[k] = point.p_WB[k] + progress.pull[k]
+            stage.v_WB_W[k] = speeds[i] * point.v_WB_W[k]
+
+
+@compiled
+def progress_cost(given: Settings, speeds: Array) -> float:
+    """Return what speeds (N,) other than 1 cost."""
+    cost = 0.0
+    for i in range(len(speeds)):
+        cost += given.progress_weight * (speeds[i] - 1.0) ** 2
+    return cost
+
+
+@compiled
+def write_progress(
+    given: Settings, errors: Array, progress: Progress, stages: HorizonStages
+) -> None:
+    """Write dynamics, cost and bounds of the nominal progress at errors (N, 9) of the vehicle.
+
+    The cost of the vehicle's own state is there, whose weights these are.
+    """
+    for i in range(len(errors)):
+        H, g, speed, point = stages.H[i], stages.g[i], progress.nominal[i], progress.path[i]
+        by_time = by_speed = 0.0
+        time_time = time_speed = speed_speed = 0.0
+        factor = given.terminal_weight if i == len(errors) - 1 else 1.0
+        for k in range(3):
+            v, a = point.v_WB_W[k], speed * point.a_WB_W[k]
+            of_p, of_v = factor * given.Q[P + k], factor * given.Q[V + k]
+            H[P + k, PATH_TIME] = H[PATH_TIME, P + k] = -of_p * v
+            H[V + k, PATH_TIME] = H[PATH_TIME, V + k] = -of_v * a
+            H[V + k, SPEED] = H[SPEED, V + k] = -of_v * v
+            time_time += of_p * v * v + of_v * a * a
+            time_speed += of_v * a * v
+            speed_speed += of_v * v * v
+            by_time -= of_p * v * errors[i, P + k] + of_v * a * errors[i, V + k]
+            by_speed -= of_v * v * errors[i, V + k]
+        H[PATH_TIME, PATH_TIME], H[SPEED, SPEED] = time_time, speed_speed
+        H[PATH_TIME, SPEED] = H[SPEED, PATH_TIME] = time_speed
+        g[PATH_TIME], g[SPEED] = by_time, by_speed
+        stages.A[i, PATH_TIME, PATH_TIME] = 1.0
+        stages.B[i, PATH_TIME, SPEED_INPUT], stages.B[i, SPEED, SPEED_INPUT] = given.step, 1.0
+        stages.R[i, SPEED_INPUT] = given.progress_weight
+        stages.r[i, SPEED_INPUT] = given.progress_weight * (speed - 1.0)
+        stages.lower[i, SPEED_INPUT] = min(given.speed_min - speed, 0.0)
+        stages.upper[i, SPEED_INPUT] = max(given.speed_max - speed, 0.0)
