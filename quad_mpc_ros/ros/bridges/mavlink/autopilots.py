@@ -56,6 +56,8 @@ class Autopilot(ABC):
     """Whether integer parameters travel as the bytes of a float."""
     state: ClassVar[tuple[int, ...]]
     """The messages of its state."""
+    landed_mode: ClassVar[Mode | None] = None
+    """The mode that notices a landing, where the one for setpoints does not."""
 
     def __init__(self, config: MavlinkConfig) -> None:
         self._config = config
@@ -161,6 +163,8 @@ class ArduPilot(Autopilot):
     streams, warm_up = False, 0.0
     by_bytes = False
     state = codec.ATTITUDE_QUATERNION, codec.LOCAL_POSITION_NED
+    # Its detector wants a descent that is asked for (Copter::update_throttle_mix).
+    landed_mode = 1.0, float(ARDUPILOT_MODES["LAND"]), 0.0
 
     _RATES = ("ATC_RATE_R_MAX", "ATC_RATE_P_MAX", "ATC_RATE_Y_MAX")
 

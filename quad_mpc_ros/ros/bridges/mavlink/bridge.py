@@ -39,10 +39,12 @@ _RATES = {codec.HEARTBEAT: 10.0, codec.EXTENDED_SYS_STATE: 5.0, codec.SYS_STATUS
 _RATES[codec.ATTITUDE_TARGET] = 10.0
 _ACTS_AFTER = 0.01  # s: from a setpoint to the motors
 _ARMED = 128  # of base_mode
+_IN_THE_AIR_TOO = 21196.0  # the second parameter of a disarming that is not refused
 _FAILING = (5, 6, 8)  # MAV_STATE: critical, emergency, terminating
 _ON_GROUND, _IN_AIR = 1, 2
 _ACCEPTED, _IN_PROGRESS = 0, 5
 _WORTH_TELLING = 4  # the least severe text that is: a warning
+_LONGEST_TEXT, _LONGEST_WARNING = 50, 300  # characters of one message, and of all of a text
 _COMMANDS = {codec.DO_SET_MODE: "the mode", codec.COMPONENT_ARM_DISARM: "arming"}
 _SETPOINTS = (
     "SET_ATTITUDE_TARGET",
@@ -82,6 +84,8 @@ class MavlinkBridge(Bridge):
         self._newest: OdometrySample | None = None
         self._resets: int | None = None
         self._system, self._was_failing = config.target_system, False
+        self._text, self._flown = "", False
+        self._stands_ns: int | None = None
         self._done_ns: dict[str, int] = {}
         self._answers: dict[str, Callable[[Any, int], None]] = {
             "HEARTBEAT": self._on_heartbeat,
@@ -104,7 +108,8 @@ class MavlinkBridge(Bridge):
         for message in self._codec.read(received):
             self._receive(message, now_ns)
         self._advance(now_ns)
-        return b"".join(map(self._codec.packed, self._due(now_ns)))
+        due = self._due(now_ns) + self._due_landed(now_ns)
+        return b"".join(map(self._codec.packed, due))
 
     def take_odometries(self) -> list[tuple[OdometrySample, EstimateReset | None]]:
         """Return the odometry that has come since the last call, each with an announced reset."""
@@ -142,8 +147,9 @@ class MavlinkBridge(Bridge):
         return super()._obstacle(now_ns)
 
     def _arm(self, wanted: bool) -> Response:
-        what = "arming" if wanted else "disarming"
-        return self._asked(what, codec.COMPONENT_ARM_DISARM, float(wanted))
+        if wanted:
+            return self._asked("arming", codec.COMPONENT_ARM_DISARM, 1.0)
+        return self._asked("disarming", codec.COMPONENT_ARM_DISARM, 0.0, _IN_THE_AIR_TOO)
 
     def _switch(self) -> list[Outgoing]:
         if self._autopilot is None:
@@ -289,8 +295,14 @@ class MavlinkBridge(Bridge):
             self._warnings.append(f"the autopilot refuses {what}: MAV_RESULT {message.result}")
 
     def _on_text(self, message: Any, now_ns: int) -> None:
-        if message.severity <= _WORTH_TELLING:
-            self._warnings.append(f"the autopilot says: {codec.text_of(message.text)}")
+        """Tell a text; a long one comes in pieces, under a number that is not 0."""
+        if message.chunk_seq == 0:
+            self._text = ""
+        text = codec.text_of(message.text)
+        self._text += text
+        goes_on = message.id != 0 and len(text) == _LONGEST_TEXT
+        if message.severity <= _WORTH_TELLING and not goes_on:
+            self._warnings.append(f"the autopilot says: {self._text[:_LONGEST_WARNING]}")
 
     def _due(self, now_ns: int) -> list[Any]:
         """Return the messages that are due whoever flies."""
@@ -315,6 +327,24 @@ class MavlinkBridge(Bridge):
                 for number, rate in rates.items()
             ]
         return due
+
+    def _due_landed(self, now_ns: int) -> list[Any]:
+        """Return what lets the autopilot notice that the MPC has landed, if it needs that."""
+        if self._handover.state is not State.ENGAGED or not self._mpc_ground.stands:
+            self._flown = self._handover.state is State.ENGAGED and (
+                self._flown or self._mpc_ground.flies
+            )
+            self._stands_ns = None
+            return []
+        wait, autopilot = self._config.land_mode_after, self._autopilot
+        if autopilot is None or autopilot.landed_mode is None or not self._flown or wait == 0.0:
+            return []
+        if self._stands_ns is None:
+            self._stands_ns = now_ns
+        if now_ns - self._stands_ns < round(wait * _SECOND):
+            return []
+        self._handover.release("released after landing, to LAND, in which ArduPilot disarms")
+        return [self._command(codec.DO_SET_MODE, *autopilot.landed_mode)]
 
     def _is_due(self, what: str, period_ns: int, now_ns: int) -> bool:
         """Whether something is to be done now that is done once in a period."""

@@ -135,7 +135,7 @@ def text_of(text: str | bytes) -> str:
     """Return a text of a message, whose end may be padded."""
     if isinstance(text, bytes):
         text = text.decode("ascii", errors="replace")
-    return text.split("\0")[0].strip()
+    return text.split("\0")[0]
 
 
 def attitude_target(

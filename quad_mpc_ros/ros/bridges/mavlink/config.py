@@ -54,6 +54,14 @@ class MavlinkConfig(BridgeConfig):
         doc="ArduPilot: the mode after ~/engage false. LOITER and ALT_HOLD want a pilot's sticks.",
         choices=("LOITER", "BRAKE", "ALT_HOLD", "LAND", "RTL"),
     )
+    land_mode_after: float = parameter(
+        1.0,
+        doc="ArduPilot: once the MPC has landed and knows it stands for so long, it is switched "
+        "to LAND, for in guided modes ArduPilot does not notice, and does not disarm; 0 is never.",
+        unit="s",
+        minimum=0.0,
+        maximum=60.0,
+    )
     undo_thrust_curve: bool = parameter(
         True,
         doc="ArduPilot: whether the thrust map is of the motors' level, and MOT_THST_EXPO, "
