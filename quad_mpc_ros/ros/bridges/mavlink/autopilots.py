@@ -137,8 +137,8 @@ class Px4(Autopilot):
         theirs = settings.get("MPC_THR_HOVER", hover)
         if not 1.0 / _MANY_TIMES < theirs / max(hover, 1e-3) < _MANY_TIMES:
             said.append(
-                f"MPC_THR_HOVER is {theirs:.2f}, and the vehicle file says {hover:.2f}: one of them "
-                "is of another vehicle"
+                f"MPC_THR_HOVER is {theirs:.2f}, and the vehicle file says {hover:.2f}: one of "
+                "them is of another vehicle"
             )
         held = settings.get("COM_OF_LOSS_T", 0.0)
         if held > _LONGEST_HELD:
