@@ -96,6 +96,12 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(line.period, self._on_line, clock=steady)
 
+    def destroy_node(self) -> None:
+        """Let go of the line as well."""
+        if self._line is not None:
+            self._line.close()
+        super().destroy_node()
+
     def _refuse_clashes(self, command: Topic) -> None:
         """Refuse two types under one name: DDS would use only the first."""
         stack = (*(each.topic for each in self._bridge.subscriptions), *self._bridge.publications)

@@ -13,7 +13,7 @@ _QUESTIONS = 10  # about a parameter, or about the time at once
 _ASKED_AGAIN_NS = 300_000_000
 _MEMORY_NS = _SECOND  # of setpoints, which come back late
 _LONG_ENOUGH_NS = _SECOND // 2
-_STRANGE = 5  # targets in a row that nobody here has set
+_STRANGE = 3  # targets that nobody here has set, among ours, before that is no accident
 _FORGOTTEN_NS = 2 * _SECOND
 
 
@@ -91,7 +91,7 @@ class OtherCommanders:
 
     def __init__(self) -> None:
         self._sent: deque[tuple[int, Echo]] = deque()
-        self._strange = 0
+        self._strange: deque[int] = deque(maxlen=_STRANGE)  # when
         self._found: tuple[int, str] | None = None
 
     def sent(self, setpoint: Echo, *, now_ns: int) -> None:
@@ -104,12 +104,13 @@ class OtherCommanders:
         """Take the target that the vehicle reports while it is ours."""
         recent = [each for sent_ns, each in self._sent if abs(now_ns - sent_ns) <= _MEMORY_NS]
         if not recent or now_ns - self._sent[0][0] < _LONG_ENOUGH_NS:
-            self._strange = 0
             return
-        known = any(each.is_of(target) for each in recent)
-        self._strange = 0 if known else self._strange + 1
-        if self._strange >= _STRANGE:
-            self.found("its target is none that was sent here", now_ns=now_ns)
+        if any(each.is_of(target) for each in recent):
+            return
+        self._strange.append(now_ns)
+        often = len(self._strange) == _STRANGE
+        if often and abs(now_ns - self._strange[0]) <= _FORGOTTEN_NS:
+            self.found("it follows setpoints that were not sent here", now_ns=now_ns)
 
     def found(self, why: str, *, now_ns: int) -> None:
         """Note that somebody else commands."""
