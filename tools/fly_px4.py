@@ -73,7 +73,7 @@ class Pilot:
         self._bridge = kind(config[kind.name], new_message)
         line = self._bridge.line
         self._line = open_line(line) if line is not None else None
-        self._clock = Codec(system=1)
+        self._clock = Codec(system=1) if line is not None else None
         self._controller: Controller = warmed_up(self.mpc)
         trajectory = configured_trajectory(reference)
         self._live = LiveReference(
@@ -110,7 +110,7 @@ class Pilot:
 
     def listen(self, executor: Any) -> None:
         """Take what comes, if anything does within a moment."""
-        if self._line is None:
+        if self._line is None or self._clock is None:
             executor.spin_once(timeout_sec=0.1)
             return
         time.sleep(0.001)
