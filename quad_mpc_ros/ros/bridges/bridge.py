@@ -14,6 +14,7 @@ Every bridge obeys these rules:
 - It refuses, with a reason, what is not finite or not in a known frame.
 - It passes on a reset of the estimator: same frame, next stamp, another position.
 - It arms and switches modes only on request, and sends nothing before a request to engage.
+  (ArduPilot is asked for its landing mode once it has been landed: it would not disarm else.)
 - It refuses to engage and to arm where the vehicle would jump, and releases for good when somebody
   else takes over or commands have stopped (:mod:`.handover`).
 - It reports whether the vehicle acts on commands: until then the reference waits at the vehicle,
