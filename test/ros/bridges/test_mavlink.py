@@ -32,6 +32,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
@@ -488,7 +489,40 @@ def test_targets_that_nobody_here_has_set_end_the_engagement(
     assert ("setpoints that were not sent here" in bridge.handover[1]) is ends
 
 
+@pytest.mark.parametrize(("autopilot", "wait"), [(ARDUPILOT, 1.0), (ARDUPILOT, 0.0), (PX4, 1.0)])
+def test_ardupilot_is_asked_for_land_once_it_has_landed(autopilot: int, wait: float) -> None:
+    speaker, mode = Speaker(), GUIDED if autopilot == ARDUPILOT else OFFBOARD
+    told = {"autopilot": autopilot, "mode": mode}
+    bridge = engaged(speaker, bridge=made(land_mode_after=wait), **told)
+    asked_ns = None
+    states = 20 * ["on_ground"] + 50 * ["flying"] + 20 * ["touching_down"] + 100 * ["on_ground"]
+    for k, state in enumerate(states):
+        now_ns = T0 + k * STEP
+        bridge.receive_ground(GroundState(state))
+        found = requests(bridge.exchange(speaker.told(now_ns, **told), now_ns=now_ns))
+        sent(bridge, now_ns)
+        modes = [each.parameters[:2] for each in found if each.command == 176]
+        if modes:
+            assert modes == [(1.0, 9.0)] and asked_ns is None
+            asked_ns = now_ns
+    if autopilot == PX4 or wait == 0.0:
+        assert asked_ns is None and bridge.handover[0] == "engaged"
+    else:
+        assert asked_ns == T0 + 90 * STEP + round(wait * SECOND)
+        assert "after landing" in bridge.handover[1]
+
+
 # What else is told.
+
+
+def test_a_long_text_is_told_as_one() -> None:
+    speaker, bridge = Speaker(), made()
+    bridge.exchange(speaker.heartbeat(), now_ns=T0)
+    pieces = (b"Arm: AHRS: EKF3 Yaw inconsistent 77 deg. Wait or r", b"eboot")
+    for number, piece in enumerate(pieces):
+        bridge.exchange(speaker.say("statustext", 2, piece, 5, number), now_ns=T0)
+    (warning,) = bridge.take_warnings()
+    assert warning.endswith("Wait or reboot")
 
 
 def test_landed_battery_refusals_and_texts() -> None:
