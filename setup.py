@@ -17,6 +17,7 @@ BRIDGES = {
     "aerostack2_bridge": "quad_mpc_ros.ros.bridges.aerostack2:Aerostack2Bridge",
     "crazyswarm2_bridge": "quad_mpc_ros.ros.bridges.crazyswarm2:Crazyswarm2Bridge",
     "betaflight_bridge": "quad_mpc_ros.ros.bridges.betaflight:BetaflightBridge",
+    "mavlink_bridge": "quad_mpc_ros.ros.bridges.mavlink:MavlinkBridge",
     "rates_bridge": "quad_mpc_ros.ros.bridges.rates:RatesBridge",
 }
 
@@ -133,6 +134,7 @@ setup(
         # The peers in bench/peers, for quad_mpc bench; acados brings its own CasADi.
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
         "serial": ["pyserial>=3.5"],  # betaflight_bridge
+        "mavlink": ["pymavlink>=2.4.41", "pyserial>=3.5"],  # mavlink_bridge
         "report": ["plotly>=6.0"],  # quad_mpc report
         # quad_mpc campaign on a cluster, with Parquet and its page; quad_mpc tune
         "campaign": ["dask", "distributed", "optuna>=4", "pyarrow", "plotly>=6.0"],
@@ -152,6 +154,7 @@ setup(
             "piqp",
             "plotly>=6.0",
             "pyarrow",
+            "pymavlink>=2.4.41",
             "pyserial>=3.5",
         ],
         "dev": [

@@ -1,10 +1,12 @@
 """Fly PX4, real or simulated, from take-off to landing, several times, and print how well.
 
-    python tools/fly_px4.py --config vehicle.yaml [--flights 5 | --short] [--out DIR] [--set N.P=V]
+    python tools/fly_px4.py --config vehicle.yaml [--bridge mavlink] [--flights 5 | --short]
+                            [--out DIR] [--set N.P=V]
 
-PX4 and its uXRCE-DDS agent run already, disarmed on the ground, and px4_msgs is there
-(docs/stacks/px4.md). Bridge, reference and controller are those of the nodes, in this one
-process; PX4's own stamps are the clock, so a simulator slower than the wall clock does no harm.
+PX4 runs already, disarmed on the ground. By px4_bridge its uXRCE-DDS agent does as well, and
+px4_msgs is there (docs/stacks/px4.md); by mavlink_bridge neither is needed.
+Bridge, reference and controller are those of the nodes, in this one process; PX4's own stamps are
+the clock, so a simulator slower than the wall clock does no harm.
 Each flight: engage, arm, take off, hover for 20 s, the reference of the configuration for 32 s,
 goals at the corners of a square of 2 m, land, and wait until PX4 disarms by itself. A short one
 hovers for 4 s and lands.
@@ -35,11 +37,16 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import configured_trajectory, joined_trajectory
 from quad_mpc_ros.references.director import Reply
 from quad_mpc_ros.references.live import LiveReference
-from quad_mpc_ros.ros.bridges.bridge import OutgoingMessage, Response
+from quad_mpc_ros.ros.bridges.bridge import Bridge, OutgoingBytes, OutgoingMessage, Response
+from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
+from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
+from quad_mpc_ros.ros.bridges.network_line import open_line
 from quad_mpc_ros.ros.bridges.px4 import Px4Bridge
 from quad_mpc_ros.ros.messages import message_class, new_message, qos_of
 
-SCHEMA = {"mpc": MpcConfig, "reference": ReferenceConfig, "px4_bridge": Px4Bridge.Config}
+BRIDGES: dict[str, type[Bridge]] = {"px4": Px4Bridge, "mavlink": MavlinkBridge}
+SCHEMA = {"mpc": MpcConfig, "reference": ReferenceConfig}
+SCHEMA |= {kind.name: kind.Config for kind in BRIDGES.values()}
 CORNERS = ((1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0))
 COLUMNS = (
     *("time", "x", "y", "z", "x_ref", "y_ref", "z_ref", "speed", "tilt", "tilt_ref"),
@@ -61,9 +68,12 @@ class Phase:
 class Pilot:
     """Bridge, reference and controller, driven by PX4's messages."""
 
-    def __init__(self, config: dict[str, Any], node: Any) -> None:
+    def __init__(self, config: dict[str, Any], node: Any, kind: type[Bridge]) -> None:
         self.mpc, reference = config["mpc"], config["reference"]
-        self._bridge = Px4Bridge(config["px4_bridge"], new_message)
+        self._bridge = kind(config[kind.name], new_message)
+        line = self._bridge.line
+        self._line = open_line(line) if line is not None else None
+        self._clock = Codec(system=1) if line is not None else None
         self._controller: Controller = warmed_up(self.mpc)
         trajectory = configured_trajectory(reference)
         self._live = LiveReference(
@@ -97,6 +107,19 @@ class Pilot:
                 self._waiting.append(odometry)
 
         return receive
+
+    def listen(self, executor: Any) -> None:
+        """Take what comes, if anything does within a moment."""
+        if self._line is None or self._clock is None:
+            executor.spin_once(timeout_sec=0.1)
+            return
+        time.sleep(0.001)
+        data = self._line.read()
+        for message in self._clock.read(data):
+            if message.get_type() == "ODOMETRY":
+                self.now_ns = max(self.now_ns, 1000 * int(message.time_usec))
+        self._line.write(self._bridge.exchange(data, now_ns=self.now_ns))
+        self._waiting += [odometry for odometry, _ in self._bridge.take_odometries()]
 
     def ticks(self) -> Iterator[tuple[OdometrySample, ReferenceWindow, Tick]]:
         """Answer the odometries that came at the control rate; yield what was done."""
@@ -145,6 +168,8 @@ class Pilot:
         for each in outgoing:
             if isinstance(each, OutgoingMessage):
                 self._publishers[each.topic.name].publish(each.message)
+            elif isinstance(each, OutgoingBytes) and self._line is not None:
+                self._line.write(each.data)
 
     def engage(self) -> Response:
         """Ask for the handover."""
@@ -265,7 +290,7 @@ class Flyer:
     def _pass(self, phase: Phase) -> None:
         began_ns = self._pilot.now_ns
         while self._pilot.now_ns - began_ns < phase.seconds * 1e9:
-            self._executor.spin_once(timeout_sec=0.1)
+            self._pilot.listen(self._executor)
             for odometry, window, tick in self._pilot.ticks():
                 line = row(odometry, window, tick, began_ns)
                 if line[0] >= phase.settled:
@@ -277,7 +302,7 @@ class Flyer:
         while answer is None or not until(answer):
             if time.monotonic() > give_up:
                 raise TimeoutError(getattr(answer, "text", "no odometry from PX4"))
-            self._executor.spin_once(timeout_sec=0.1)
+            self._pilot.listen(self._executor)
             for odometry, _, _ in self._pilot.ticks():
                 self._pilot.home = odometry.p_WB
             now_ns = self._pilot.now_ns
@@ -294,6 +319,7 @@ def main() -> int:
     )
     parser.add_argument("--config", action="append", default=[], metavar="FILE")
     parser.add_argument("--set", action="append", default=[], dest="assignments", metavar="N.P=V")
+    parser.add_argument("--bridge", choices=tuple(BRIDGES), default="px4")
     parser.add_argument("--flights", type=int, default=1)
     parser.add_argument("--short", action="store_true", help="take off, hover for 4 s and land")
     parser.add_argument("--out", type=Path, help="folder for a CSV file a flight")
@@ -304,7 +330,7 @@ def main() -> int:
     rclpy.init()
     node, executor = rclpy.create_node("fly_px4"), SingleThreadedExecutor()
     executor.add_node(node)
-    pilot = Pilot(config, node)
+    pilot = Pilot(config, node, BRIDGES[options.bridge])
     flyer = Flyer(pilot, executor, patience=options.patience, short=options.short)
     bound = min(pilot.mpc.omega_max) - 1e-6
     for number in range(options.flights):

@@ -14,6 +14,7 @@ Every bridge obeys these rules:
 - It refuses, with a reason, what is not finite or not in a known frame.
 - It passes on a reset of the estimator: same frame, next stamp, another position.
 - It arms and switches modes only on request, and sends nothing before a request to engage.
+  (ArduPilot is asked for its landing mode once it has been landed: it would not disarm else.)
 - It refuses to engage and to arm where the vehicle would jump, and releases for good when somebody
   else takes over or commands have stopped (:mod:`.handover`).
 - It reports whether the vehicle acts on commands: until then the reference waits at the vehicle,
@@ -74,10 +75,12 @@ class OutgoingBytes:
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """A serial line to the stack, in place of its topics."""
+    """A line to the stack, in place of its topics: a serial port, or ``udpin:HOST:PORT``."""
 
     device: str
     baud: int
+    period: float = 0.005
+    """How often it is read [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +104,7 @@ class Response:
 
     accepted: bool
     text: str
-    messages: Sequence[OutgoingMessage] = ()
+    messages: Sequence[OutgoingMessage | OutgoingBytes] = ()
     calls: Sequence[ServiceCall] = ()
 
 
@@ -129,7 +132,7 @@ class Bridge(ABC):
     """Whether a pilot switches the stack to setpoints, at any time."""
 
     line: Line | None = None
-    """The serial line to the stack, if there is one."""
+    """The line to the stack, if there is one."""
 
     subscriptions: Sequence[Subscription]
     """What the bridge listens to."""
@@ -186,6 +189,13 @@ class Bridge(ABC):
         Only a bridge with a ``line`` is asked.
         """
         return b""
+
+    def take_odometries(self) -> list[tuple[OdometrySample, EstimateReset | None]]:
+        """Return what odometry has come over the line since the last call.
+
+        With each comes the step of the estimate that was announced with it, if one was.
+        """
+        return []
 
     def engage(self, wanted: bool, *, now_ns: int) -> Response:
         """Hand the vehicle to the MPC, or take it back, on request.

@@ -11,6 +11,7 @@ from typing import Any
 from std_srvs.srv import SetBool
 
 from quad_mpc_ros.configuration import UserError
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages import conversions, topics
 from quad_mpc_ros.messages.diagnostics import OK, WARN
@@ -25,7 +26,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.serial_line import SerialLine
+from quad_mpc_ros.ros.bridges.network_line import open_line
 from quad_mpc_ros.ros.clocks import SteadyTime, create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
@@ -40,7 +41,6 @@ _OURS = (
 )
 _WARNING_PERIOD = 5.0
 _QUIET_NS = 500_000_000
-_LINE_PERIOD = 0.005
 
 
 class BridgeNode(ReportingNode[BridgeConfig]):
@@ -89,9 +89,16 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             )
         for name, ask in (("arm", self._bridge.arm), ("engage", self._bridge.engage)):
             self.create_service(SetBool, f"~/{name}", functools.partial(self._serve, ask))
-        self._line = SerialLine(self._bridge.line) if self._bridge.line is not None else None
+        line = self._bridge.line
+        self._line = open_line(line) if line is not None else None
+        if line is not None:
+            create_steady_timer(self, line.period, self._on_line)
+
+    def destroy_node(self) -> None:
+        """Let go of the line as well."""
         if self._line is not None:
-            create_steady_timer(self, _LINE_PERIOD, self._on_line)
+            self._line.close()
+        super().destroy_node()
 
     def _refuse_clashes(self, command: Topic) -> None:
         """Refuse two types under one name: DDS would use only the first."""
@@ -152,7 +159,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         odometry = subscription.receive(message, now_ns)
         self._follow_engagement(now_ns)
         if odometry is not None:
-            self._publish_odometry(odometry)
+            self._publish_odometry(odometry, self._bridge.announced_reset)
         for warning in self._bridge.take_warnings():
             self.get_logger().warning(warning, throttle_duration_sec=_WARNING_PERIOD)
 
@@ -161,12 +168,13 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         now_ns = self._time.now_ns()
         self._line.write(self._bridge.exchange(self._line.read(), now_ns=now_ns))
         self._follow_engagement(now_ns)
+        for odometry, reset in self._bridge.take_odometries():
+            self._publish_odometry(odometry, reset)
         warnings = self._bridge.take_warnings()
         for warning in [*warnings, *filter(None, [self._line.fault])]:
             self.get_logger().warning(warning, throttle_duration_sec=_WARNING_PERIOD)
 
-    def _publish_odometry(self, odometry: OdometrySample) -> None:
-        reset = self._bridge.announced_reset
+    def _publish_odometry(self, odometry: OdometrySample, reset: EstimateReset | None) -> None:
         if reset is not None:  # first, for what follows is in other coordinates
             message = new_message(topics.ODOMETRY_RESET.type_name)
             conversions.fill_reset(message, reset)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from fixtures.betaflight import set_raw_rc
 from fixtures.bridges import BRIDGES, engage
+from fixtures.mavlink import setpoints
 
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages import conversions
@@ -38,6 +39,10 @@ STEPS_NS += [-3600 * SECOND]
 VARIANTS: dict[str, list[dict[str, Any]]] = {
     "px4_bridge": [{}, {"thrust_map.kind": "quadratic"}],
     "mavros_bridge": [{}, {"autopilot": "ardupilot", "thrust_map.kind": "linear"}],
+    "mavlink_bridge": [
+        {"odometry_topic": "stack_odom"},
+        {"odometry_topic": "stack_odom", "twist_frame": "world", "thrust_map.kind": "table"},
+    ],
     "rosflight_bridge": [{"thrust_map.kind": "table"}, {"state": "truth"}],
     "crazyswarm2_bridge": [{"thrust_map.kind": "linear"}, {"state": "pose"}],
     "rates_bridge": [
@@ -145,7 +150,10 @@ def check_message(message: Any) -> None:
 def check_response(response: Response) -> None:
     assert response.text
     for sending in response.messages:
-        check_message(sending.message)
+        if isinstance(sending, OutgoingBytes):
+            assert sending.data
+        else:
+            check_message(sending.message)
     for call in response.calls:
         check_message(call.request)
 
@@ -164,6 +172,15 @@ def check_odometry(odometry: OdometrySample, bridge: Bridge, now_ns: int, new: N
 FASTEST, FASTEST_DEGREES, FULL_THRUST, MASS = 100.0, 5730.0, 18.8, 0.39
 
 
+def check_bytes(data: bytes, case: str) -> None:
+    if case == "mavlink_bridge":
+        for setpoint in setpoints(data):
+            assert max(map(abs, setpoint.rates)) <= FASTEST and 0.0 <= setpoint.thrust <= 1.0
+    else:
+        (pulses,) = set_raw_rc(data)
+        assert all(1000 <= pulse <= 2000 for pulse in pulses)
+
+
 def check_sendings(sendings: list[Outgoing], case: str, bridge: Bridge) -> None:
     """Finite, and what the stack's message can mean."""
     for sending in sendings:
@@ -172,8 +189,7 @@ def check_sendings(sendings: list[Outgoing], case: str, bridge: Bridge) -> None:
             check_message(sending.request)
             continue
         if isinstance(sending, OutgoingBytes):
-            (pulses,) = set_raw_rc(sending.data)
-            assert all(1000 <= pulse <= 2000 for pulse in pulses)
+            check_bytes(sending.data, case)
             continue
         assert sending.topic in bridge.publications
         message = sending.message

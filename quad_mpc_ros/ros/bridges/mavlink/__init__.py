@@ -1,0 +1,5 @@
+"""PX4 and ArduPilot by MAVLink itself, over a serial port, UDP or TCP."""
+
+from quad_mpc_ros.ros.bridges.mavlink.bridge import MavlinkBridge
+
+__all__ = ["MavlinkBridge"]

@@ -1,0 +1,254 @@
+"""What PX4 and ArduPilot do not share: modes, the state that they tell, and their settings.
+
+Numbers of modes after PX4 (``px4_custom_mode.h``) and ArduPilot (``ArduCopter/mode.h``).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from quad_mpc_ros.ros.bridges.mavlink import codec
+from quad_mpc_ros.ros.bridges.mavlink.config import MavlinkConfig
+
+ARDUPILOT_MODES = {
+    "ALT_HOLD": 2,
+    "GUIDED": 4,
+    "LOITER": 5,
+    "RTL": 6,
+    "LAND": 9,
+    "BRAKE": 17,
+    "GUIDED_NOGPS": 20,
+}
+_THRUST_AS_THRUST = 8  # bit 3 of GUID_OPTIONS
+_LONGEST_HELD = 1.0  # s: of the last rates and thrust, before it is told that this is long
+_LEAST_COSINE = 0.1  # where ArduPilot limits its boost
+_MANY_TIMES = 1.3  # between two throttles at hover, which then are not of the same vehicle
+
+Mode = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Echo:
+    """What an ``ATTITUDE_TARGET`` gives back of a setpoint, which is as it was sent."""
+
+    value: tuple[float, ...]
+
+    def is_of(self, other: Echo) -> bool:
+        """Whether both are of one setpoint, to what single precision keeps."""
+        return all(
+            math.isclose(a, b, rel_tol=1e-5, abs_tol=1e-5)
+            for a, b in zip(self.value, other.value, strict=True)
+        )
+
+
+class Autopilot(ABC):
+    """What a bridge must know of the autopilot at the other end."""
+
+    name: ClassVar[str]
+    streams: ClassVar[bool]
+    """Whether setpoints must run before the switch to them."""
+    warm_up: ClassVar[float]
+    by_bytes: ClassVar[bool]
+    """Whether integer parameters travel as the bytes of a float."""
+    state: ClassVar[tuple[int, ...]]
+    """The messages of its state."""
+    landed_mode: ClassVar[Mode | None] = None
+    """The mode that notices a landing, where the one for setpoints does not."""
+
+    def __init__(self, config: MavlinkConfig) -> None:
+        self._config = config
+
+    @property
+    @abstractmethod
+    def setpoint_mode(self) -> Mode:
+        """The parameters of DO_SET_MODE for the mode that takes setpoints."""
+
+    @property
+    @abstractmethod
+    def release_mode(self) -> tuple[str, Mode]:
+        """Name and parameters of the mode in which it flies by itself."""
+
+    @abstractmethod
+    def takes_setpoints(self, custom_mode: int) -> bool:
+        """Whether it flies setpoints in a mode."""
+
+    @property
+    @abstractmethod
+    def settings(self) -> tuple[str, ...]:
+        """The parameters of the vehicle that matter."""
+
+    @abstractmethod
+    def fault(self, settings: Mapping[str, float]) -> str:
+        """Return why it must not be flown with these settings, or nothing."""
+
+    @abstractmethod
+    def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:
+        """Return what its settings give reason to say; ``hover`` is our throttle there."""
+
+    def throttle(self, level: float, settings: Mapping[str, float], *, up: float) -> float:
+        """Return the throttle that makes the motors' level in [0, 1]; ``up`` is cos(tilt)."""
+        return level
+
+    @abstractmethod
+    def echo(self, message: Any) -> Echo:
+        """Return what an ``ATTITUDE_TARGET`` or ``SET_ATTITUDE_TARGET`` says of a setpoint."""
+
+
+class Px4(Autopilot):
+    """PX4, which flies setpoints in offboard mode, while they run."""
+
+    name = "PX4"
+    streams, warm_up = True, 1.1  # for more than a second
+    by_bytes = True
+    state = (codec.ODOMETRY,)
+
+    _OFFBOARD, _AUTO, _LOITER = 6, 4, 3
+
+    @property
+    def setpoint_mode(self) -> Mode:
+        """Offboard."""
+        return 1.0, float(self._OFFBOARD), 0.0
+
+    @property
+    def release_mode(self) -> tuple[str, Mode]:
+        """Hold."""
+        return "AUTO.LOITER", (1.0, float(self._AUTO), float(self._LOITER))
+
+    def takes_setpoints(self, custom_mode: int) -> bool:
+        """In offboard mode."""
+        return custom_mode >> 16 & 0xFF == self._OFFBOARD
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """The hover throttle, and how long it flies on without setpoints."""
+        return "MPC_THR_HOVER", "COM_OF_LOSS_T"
+
+    def fault(self, settings: Mapping[str, float]) -> str:
+        """Return nothing: offboard rates and throttle are taken as they are."""
+        return ""
+
+    def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:
+        """Return what is odd about hover throttle and timeout."""
+        said = []
+        theirs = settings.get("MPC_THR_HOVER", hover)
+        if not 1.0 / _MANY_TIMES < theirs / max(hover, 1e-3) < _MANY_TIMES:
+            said.append(
+                f"MPC_THR_HOVER is {theirs:.2f}, and the vehicle file says {hover:.2f}: one of "
+                "them is of another vehicle"
+            )
+        held = settings.get("COM_OF_LOSS_T", 0.0)
+        if held > _LONGEST_HELD:
+            said.append(_held_for("COM_OF_LOSS_T", held))
+        return said
+
+    def echo(self, message: Any) -> Echo:
+        """Return the body rates; the thrust is that of another setpoint."""
+        return Echo(value=(message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate))
+
+
+class ArduPilot(Autopilot):
+    """ArduPilot Copter, which flies setpoints in a guided mode, and holds the last ones a while.
+
+    Its throttle is a share of thrust: it takes the motors' level from it by MOT_THST_EXPO,
+    MOT_SPIN_MIN and MOT_SPIN_MAX (``AP_Motors_Thrust_Linearization.cpp``), after it has divided
+    it by the cosine of the vehicle's tilt, unless ATC_ANGLE_BOOST is 0
+    (``AC_AttitudeControl_Multi.cpp``).
+    """
+
+    name = "ArduPilot"
+    streams, warm_up = False, 0.0
+    by_bytes = False
+    state = codec.ATTITUDE_QUATERNION, codec.LOCAL_POSITION_NED
+    # Its detector wants a descent that is asked for (Copter::update_throttle_mix).
+    landed_mode = 1.0, float(ARDUPILOT_MODES["LAND"]), 0.0
+
+    _RATES = ("ATC_RATE_R_MAX", "ATC_RATE_P_MAX", "ATC_RATE_Y_MAX")
+
+    @property
+    def setpoint_mode(self) -> Mode:
+        """The guided mode of the configuration."""
+        return 1.0, float(ARDUPILOT_MODES[self._config.guided_mode]), 0.0
+
+    @property
+    def release_mode(self) -> tuple[str, Mode]:
+        """The mode of the configuration."""
+        name = self._config.release_mode
+        return name, (1.0, float(ARDUPILOT_MODES[name]), 0.0)
+
+    def takes_setpoints(self, custom_mode: int) -> bool:
+        """In either guided mode."""
+        return custom_mode in (ARDUPILOT_MODES["GUIDED"], ARDUPILOT_MODES["GUIDED_NOGPS"])
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """What the throttle means, what is held how long, and what bounds the rates."""
+        return (
+            *("GUID_OPTIONS", "ATC_ANGLE_BOOST", "MOT_THST_EXPO", "MOT_SPIN_MIN", "MOT_SPIN_MAX"),
+            *("GUID_TIMEOUT", "MOT_BAT_VOLT_MAX", *self._RATES),
+        )
+
+    def fault(self, settings: Mapping[str, float]) -> str:
+        """Return whether thrust would mean a climb rate, or is unknown."""
+        for name in self.settings[:5]:
+            if name not in settings:
+                return f"ArduPilot does not tell its parameter {name}"
+        options = int(settings["GUID_OPTIONS"])
+        if options & _THRUST_AS_THRUST:
+            return ""
+        return (
+            f"GUID_OPTIONS is {options}, and thrust would mean a climb rate: set it to "
+            f"{options | _THRUST_AS_THRUST} (bit 3)"
+        )
+
+    def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:
+        """Return what is odd about timeout, rates and voltage."""
+        said = []
+        held = settings.get("GUID_TIMEOUT", 0.0)
+        if held > _LONGEST_HELD:
+            said.append(_held_for("GUID_TIMEOUT", held))
+        bounds = {name: settings.get(name, 0.0) for name in self._RATES}
+        if any(bounds.values()):
+            rates = ", ".join(f"{math.radians(each):.2f}" for each in bounds.values())
+            said.append(
+                f"ATC_RATE_R_MAX, _P_MAX and _Y_MAX bound the body rates to {rates} rad/s (0: "
+                "not): keep mpc.omega_max within"
+            )
+        if settings.get("MOT_BAT_VOLT_MAX", 0.0) > 0.0 and (
+            self._config.thrust_map.battery_voltage > 0.0
+        ):
+            said.append(
+                "MOT_BAT_VOLT_MAX compensates the voltage already: set "
+                "thrust_map.battery_voltage to 0"
+            )
+        return said
+
+    def throttle(self, level: float, settings: Mapping[str, float], *, up: float) -> float:
+        """Return the share of thrust for the motors' level, with the boost taken out."""
+        share = level
+        if self._config.undo_thrust_curve:
+            least, most = settings["MOT_SPIN_MIN"], settings["MOT_SPIN_MAX"]
+            expo = min(max(settings["MOT_THST_EXPO"], -1.0), 1.0)
+            rise = min(max((level - least) / max(most - least, 1e-3), 0.0), 1.0)
+            share = (1.0 - expo) * rise + expo * rise * rise
+        if settings["ATC_ANGLE_BOOST"] != 0.0:
+            share *= min(max(up, _LEAST_COSINE), 1.0)
+        return min(max(share, 0.0), 1.0)
+
+    def echo(self, message: Any) -> Echo:
+        """Return the thrust; the rates are shaped."""
+        return Echo(value=(message.thrust,))
+
+
+AUTOPILOTS: dict[int, type[Autopilot]] = {3: ArduPilot, 12: Px4}
+"""By MAV_AUTOPILOT."""
+
+
+def _held_for(name: str, held: float) -> str:
+    return (
+        f"{name} is {held:g} s: for so long the last body rates are flown on when the MPC stops; "
+        "0.5 s is enough"
+    )

@@ -1,0 +1,379 @@
+"""The rules: what is asked of the autopilot, when it may be flown, and what it gets.
+
+Over the line go, whoever flies, a heartbeat as an onboard computer, questions for the vehicle's
+time and parameters, and requests for the messages that are needed. Setpoints go only in answer to
+commands.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.estimate_reset import EstimateReset
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
+from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.ros.bridges.bridge import (
+    Bridge,
+    LatestStatus,
+    Line,
+    Outgoing,
+    OutgoingBytes,
+    Response,
+)
+from quad_mpc_ros.ros.bridges.handover import Stack, State
+from quad_mpc_ros.ros.bridges.mavlink import codec
+from quad_mpc_ros.ros.bridges.mavlink.autopilots import AUTOPILOTS, Autopilot
+from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
+from quad_mpc_ros.ros.bridges.mavlink.config import MavlinkConfig
+from quad_mpc_ros.ros.bridges.mavlink.link import OtherCommanders, Settings, VehicleTime
+
+_SECOND = 1_000_000_000
+_LINE_PERIOD = 0.002  # s: what comes waits for half of it
+_HEARTBEAT_NS, _TIME_NS = _SECOND, _SECOND // 10
+_STATE_NS = _SECOND // 2  # without state for so long it is asked for again
+_HEARTBEAT_TIMEOUT, _LAND_TIMEOUT, _ODOMETRY_TIMEOUT = 3.0, 2.5, 1.0  # s
+_RATES = {codec.HEARTBEAT: 10.0, codec.EXTENDED_SYS_STATE: 5.0, codec.SYS_STATUS: 2.0}
+_RATES[codec.ATTITUDE_TARGET] = 20.0
+_ACTS_AFTER = 0.01  # s: from a setpoint to the motors
+_ARMED = 128  # of base_mode
+_IN_THE_AIR_TOO = 21196.0  # the second parameter of a disarming that is not refused
+_FAILING = (5, 6, 8)  # MAV_STATE: critical, emergency, terminating
+_ON_GROUND, _IN_AIR = 1, 2
+_ACCEPTED, _IN_PROGRESS = 0, 5
+_WORTH_TELLING = 4  # the least severe text that is: a warning
+_LONGEST_TEXT, _LONGEST_WARNING = 50, 300  # characters of one message, and of all of a text
+_COMMANDS = {codec.DO_SET_MODE: "the mode", codec.COMPONENT_ARM_DISARM: "arming"}
+_SETPOINTS = (
+    "SET_ATTITUDE_TARGET",
+    "SET_POSITION_TARGET_LOCAL_NED",
+    "SET_POSITION_TARGET_GLOBAL_INT",
+)
+
+
+class MavlinkBridge(Bridge):
+    """Attitude targets with body rates out, state, modes and settings in."""
+
+    name = "mavlink_bridge"
+    speaks = "PX4 or ArduPilot: MAVLink over a serial port, UDP or TCP"
+    packages = ("pymavlink", "serial")
+    how_to_get = "pip install 'quad_mpc_ros[mavlink]'"
+    Config = MavlinkConfig
+
+    def __init__(self, config: MavlinkConfig, new: NewMessage) -> None:
+        super().__init__(config, new)
+        self.line = Line(device=config.device, baud=config.baud, period=_LINE_PERIOD)
+        self.publications = ()
+        self.subscriptions = []
+        if config.odometry_topic:
+            self.subscriptions = [
+                self._odometry_subscription(config.odometry_topic, twist_frame=config.twist_frame)
+            ]
+        self._codec: Codec | None = None
+        self._autopilot: Autopilot | None = None
+        self._settings = Settings(())
+        self._component = codec.AUTOPILOT_COMPONENT
+        self._time, self._others = VehicleTime(), OtherCommanders()
+        self._heartbeat = LatestStatus(timeout=_HEARTBEAT_TIMEOUT)
+        self._land = LatestStatus(timeout=_LAND_TIMEOUT)
+        self._attitude = LatestStatus(timeout=_ODOMETRY_TIMEOUT)
+        self._own_odometry = LatestStatus(timeout=_ODOMETRY_TIMEOUT)
+        self._odometries: list[tuple[OdometrySample, EstimateReset | None]] = []
+        self._newest: OdometrySample | None = None
+        self._resets: int | None = None
+        self._system, self._was_failing = config.target_system, False
+        self._text, self._flown = "", False
+        self._stands_ns: int | None = None
+        self._done_ns: dict[str, int] = {}
+        self._answers: dict[str, Callable[[Any, int], None]] = {
+            "HEARTBEAT": self._on_heartbeat,
+            "ODOMETRY": self._on_odometry,
+            "ATTITUDE_QUATERNION": self._attitude.receive,
+            "LOCAL_POSITION_NED": self._on_position,
+            "EXTENDED_SYS_STATE": self._land.receive,
+            "SYS_STATUS": self._on_sys_status,
+            "PARAM_VALUE": self._on_parameter,
+            "ATTITUDE_TARGET": self._on_target,
+            "TIMESYNC": self._on_time,
+            "COMMAND_ACK": self._on_ack,
+            "STATUSTEXT": self._on_text,
+        }
+
+    def exchange(self, received: bytes, *, now_ns: int) -> bytes:
+        """Receive what the vehicle tells, and return what is to be asked."""
+        if self._codec is None:
+            self._codec = Codec(system=self._system or 1)
+        for message in self._codec.read(received):
+            self._receive(message, now_ns)
+        self._advance(now_ns)
+        due = self._due(now_ns) + self._due_landed(now_ns)
+        return b"".join(map(self._codec.packed, due))
+
+    def take_odometries(self) -> list[tuple[OdometrySample, EstimateReset | None]]:
+        """Return the odometry that has come since the last call, each with an announced reset."""
+        odometries, self._odometries = self._odometries, []
+        return odometries
+
+    def landed(self, *, now_ns: int) -> bool | None:
+        """Return what the land detector reports, or without it what follows from arming."""
+        land = self._land.value(now_ns=now_ns)
+        if land is None or land.landed_state == 0:
+            return super().landed(now_ns=now_ns)
+        return bool(land.landed_state == _ON_GROUND)
+
+    def _stack(self, now_ns: int) -> Stack:
+        heartbeat, autopilot = self._heartbeat.value(now_ns=now_ns), self._autopilot
+        if heartbeat is None or autopilot is None:
+            fault = (
+                f"no heartbeat of PX4 or ArduPilot within {_HEARTBEAT_TIMEOUT:g} s on "
+                f"{self._config.device}"
+            )
+            return Stack(fault=fault)
+        if not self._settings.are_settled:
+            return Stack(fault=f"{autopilot.name} has not told its parameters yet")
+        fault = autopilot.fault(self._settings.values) or self._others.fault(now_ns=now_ns)
+        return Stack(
+            fault=fault,
+            takes_setpoints=autopilot.takes_setpoints(int(heartbeat.custom_mode)),
+            armed=bool(heartbeat.base_mode & _ARMED),
+        )
+
+    def _obstacle(self, now_ns: int) -> str:
+        heartbeat = self._heartbeat.value(now_ns=now_ns)
+        if heartbeat is not None and heartbeat.system_status in _FAILING:
+            return "the autopilot reports a failsafe"
+        return super()._obstacle(now_ns)
+
+    def _arm(self, wanted: bool) -> Response:
+        if wanted:
+            return self._asked("arming", codec.COMPONENT_ARM_DISARM, 1.0)
+        return self._asked("disarming", codec.COMPONENT_ARM_DISARM, 0.0, _IN_THE_AIR_TOO)
+
+    def _switch(self) -> list[Outgoing]:
+        if self._autopilot is None:
+            return []
+        mode = self._autopilot.setpoint_mode
+        return [self._packed(self._command(codec.DO_SET_MODE, *mode))]
+
+    def _switch_back(self, now_ns: int) -> Response:
+        if self._autopilot is None:
+            return Response(accepted=True, text="released")
+        name, mode = self._autopilot.release_mode
+        return self._asked(f"mode {name}", codec.DO_SET_MODE, *mode)
+
+    def _messages(self, command: CommandSample, now_ns: int) -> list[Outgoing]:
+        assert self._autopilot is not None
+        throttle = self._autopilot.throttle(
+            self.thrust.stack_throttle(command.throttle),
+            self._settings.values,
+            up=self._up(now_ns),
+        )
+        target = codec.attitude_target(
+            command,
+            throttle=throttle,
+            now_ns=now_ns,
+            system=self._system,
+            component=self._component,
+        )
+        self._others.sent(self._autopilot.echo(target), now_ns=now_ns)
+        return [self._packed(target)]
+
+    def _passed_on(
+        self, odometry: OdometrySample | None, *, now_ns: int, cause: str | None = None
+    ) -> OdometrySample | None:
+        passed = super()._passed_on(odometry, now_ns=now_ns, cause=cause)
+        if passed is not None:
+            self._newest = passed
+        return passed
+
+    def _up(self, now_ns: int) -> float:
+        """Return the cosine of the vehicle's tilt when a setpoint that is sent now acts."""
+        newest = self._newest
+        if newest is None:
+            return 1.0
+        ahead = min(max(1e-9 * (now_ns - newest.stamp_ns), 0.0), 0.1) + _ACTS_AFTER
+        R_WB = so3.rotation_from_quaternion_xyzw(newest.q_WB_xyzw)
+        return float((R_WB @ so3.exp(ahead * newest.w_WB_B))[2, 2])
+
+    def _receive(self, message: Any, now_ns: int) -> None:
+        kind, system = message.get_type(), message.get_srcSystem()
+        if kind in _SETPOINTS and message.target_system == self._system:
+            sender = f"{kind} of system {system}, component {message.get_srcComponent()}"
+            self._others.found(sender, now_ns=now_ns)
+            return
+        if kind == "HEARTBEAT" or (
+            system == self._system and message.get_srcComponent() == self._component
+        ):
+            take = self._answers.get(kind)
+            if take is not None:
+                take(message, now_ns)
+
+    def _on_heartbeat(self, message: Any, now_ns: int) -> None:
+        kind = AUTOPILOTS.get(int(message.autopilot))
+        system, component = message.get_srcSystem(), message.get_srcComponent()
+        if kind is None or self._system not in (0, system):
+            return
+        if self._autopilot is None:
+            self._system, self._component = system, component
+            self._codec = Codec(system=system)
+        if component != self._component:
+            return
+        if not isinstance(self._autopilot, kind):
+            self._autopilot = kind(self._config)
+            self._settings = Settings(self._autopilot.settings)
+            self.streams, self.warm_up = self._autopilot.streams, self._autopilot.warm_up
+        self._heartbeat.receive(message, now_ns)
+        failing = message.system_status in _FAILING
+        if failing and not self._was_failing:
+            self._warnings.append(f"{self._autopilot.name} reports a failsafe")
+        self._was_failing = failing
+
+    def _on_odometry(self, message: Any, now_ns: int) -> None:
+        if self._config.odometry_topic:
+            return
+        self._own_odometry.receive(message, now_ns)
+        before, self._resets = self._resets, int(message.reset_counter)
+        cause = None
+        if before not in (None, self._resets):
+            cause = f"reset_counter {before} to {self._resets}"
+        odometry = self._converted("ODOMETRY", lambda: codec.odometry_from_odometry(message))
+        self._take(odometry, now_ns, cause)
+
+    def _on_position(self, message: Any, now_ns: int) -> None:
+        attitude = self._attitude.value(now_ns=now_ns)
+        known = self._own_odometry.value(now_ns=now_ns) is not None
+        if self._config.odometry_topic or attitude is None or known:
+            return
+        odometry = self._converted(
+            "LOCAL_POSITION_NED",
+            lambda: codec.odometry_from_position_and_attitude(message, attitude),
+        )
+        self._take(odometry, now_ns, None)
+
+    def _take(self, odometry: OdometrySample | None, now_ns: int, cause: str | None) -> None:
+        """Pass an odometry on, by our clock."""
+        if odometry is not None:
+            stamp_ns = odometry.stamp_ns + self._time.behind_ns
+            odometry = dataclasses.replace(odometry, stamp_ns=stamp_ns)
+        passed = self._passed_on(odometry, now_ns=now_ns, cause=cause)
+        if passed is not None:
+            self._done_ns["state"] = now_ns
+            self._odometries.append((passed, self.announced_reset))
+
+    def _on_sys_status(self, message: Any, now_ns: int) -> None:
+        voltage = codec.voltage_of(message)
+        if voltage is not None:
+            self.thrust.receive_voltage(voltage, now_ns=now_ns)
+
+    def _on_parameter(self, message: Any, now_ns: int) -> None:
+        autopilot = self._autopilot
+        if autopilot is None:
+            return
+        settled = self._settings.are_settled
+        name, value = codec.parameter_of(message, by_bytes=autopilot.by_bytes)
+        if self._settings.receive(name, value) and (settled or self._settings.are_settled):
+            hover = self.thrust.stack_throttle(self._config.vehicle().hover_throttle)
+            self._warnings += autopilot.advice(self._settings.values, hover=hover)
+
+    def _on_target(self, message: Any, now_ns: int) -> None:
+        land = self._land.value(now_ns=now_ns)
+        flies = land is not None and land.landed_state == _IN_AIR
+        if self._autopilot is not None and flies and self._handover.state is State.ENGAGED:
+            self._others.target(self._autopilot.echo(message), now_ns=now_ns)
+
+    def _on_time(self, message: Any, now_ns: int) -> None:
+        if message.tc1 > 0:
+            self._time.answered(
+                sent_ns=int(message.ts1), vehicle_ns=int(message.tc1), now_ns=now_ns
+            )
+
+    def _on_ack(self, message: Any, now_ns: int) -> None:
+        what = _COMMANDS.get(int(message.command))
+        if what is not None and message.result not in (_ACCEPTED, _IN_PROGRESS):
+            self._warnings.append(f"the autopilot refuses {what}: MAV_RESULT {message.result}")
+
+    def _on_text(self, message: Any, now_ns: int) -> None:
+        """Tell a text; a long one comes in pieces, under a number that is not 0."""
+        if message.chunk_seq == 0:
+            self._text = ""
+        text = codec.text_of(message.text)
+        self._text += text
+        goes_on = message.id != 0 and len(text) == _LONGEST_TEXT
+        if message.severity <= _WORTH_TELLING and not goes_on:
+            self._warnings.append(f"the autopilot says: {self._text[:_LONGEST_WARNING]}")
+
+    def _due(self, now_ns: int) -> list[Any]:
+        """Return the messages that are due whoever flies."""
+        due = []
+        if self._is_due("heartbeat", _HEARTBEAT_NS, now_ns):
+            due.append(codec.heartbeat())
+        if self._autopilot is None:
+            return due
+        if self._is_due("time", _TIME_NS, now_ns):
+            self._time.asked(now_ns=now_ns)
+            due.append(codec.timesync(sent_ns=now_ns))
+        due += [
+            codec.parameter_request(name, system=self._system, component=self._component)
+            for name in self._settings.due(now_ns=now_ns)
+        ]
+        if self._lacks_messages(now_ns) and self._is_due("rates", _SECOND, now_ns):
+            rates = _RATES
+            if not self._config.odometry_topic:
+                rates = rates | dict.fromkeys(self._autopilot.state, self._config.state_rate)
+            due += [
+                self._command(codec.SET_MESSAGE_INTERVAL, float(number), 1e6 / rate)
+                for number, rate in rates.items()
+            ]
+        return due
+
+    def _due_landed(self, now_ns: int) -> list[Any]:
+        """Return what lets the autopilot notice that the MPC has landed, if it needs that."""
+        if self._handover.state is not State.ENGAGED or not self._mpc_ground.stands:
+            self._flown = self._handover.state is State.ENGAGED and (
+                self._flown or self._mpc_ground.flies
+            )
+            self._stands_ns = None
+            return []
+        wait, autopilot = self._config.land_mode_after, self._autopilot
+        if autopilot is None or autopilot.landed_mode is None or not self._flown or wait == 0.0:
+            return []
+        if self._stands_ns is None:
+            self._stands_ns = now_ns
+        if now_ns - self._stands_ns < round(wait * _SECOND):
+            return []
+        self._handover.release("released after landing, to LAND, in which ArduPilot disarms")
+        return [self._command(codec.DO_SET_MODE, *autopilot.landed_mode)]
+
+    def _is_due(self, what: str, period_ns: int, now_ns: int) -> bool:
+        """Whether something is to be done now that is done once in a period."""
+        before_ns = self._done_ns.get(what)
+        if before_ns is not None and abs(now_ns - before_ns) < period_ns:
+            return False
+        self._done_ns[what] = now_ns
+        return True
+
+    def _lacks_messages(self, now_ns: int) -> bool:
+        """Whether the land detector is not heard, or no state though it is to come from here."""
+        if self._land.value(now_ns=now_ns) is None:
+            return True
+        state_ns = self._done_ns.get("state")
+        late = state_ns is None or abs(now_ns - state_ns) > _STATE_NS
+        return late and not self._config.odometry_topic
+
+    def _command(self, command: int, *parameters: float) -> Any:
+        return codec.command_long(
+            command, *parameters, system=self._system, component=self._component
+        )
+
+    def _packed(self, message: Any) -> OutgoingBytes:
+        assert self._codec is not None
+        return OutgoingBytes(data=self._codec.packed(message))
+
+    def _asked(self, what: str, command: int, *parameters: float) -> Response:
+        """Return the response to a request that the autopilot is asked to fulfil."""
+        if self._autopilot is None:
+            return Response(accepted=False, text="no heartbeat of PX4 or ArduPilot yet")
+        message = self._packed(self._command(command, *parameters))
+        return Response(accepted=True, text=f"asked for {what}", messages=[message])

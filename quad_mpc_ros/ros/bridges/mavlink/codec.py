@@ -1,0 +1,182 @@
+"""Bytes of MAVLink to values and back, in ENU and FLU. No I/O, no clock, no rules.
+
+Messages after https://mavlink.io/en/messages/common.html; frames of bytes are those of pymavlink.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import struct
+from typing import Any
+
+import numpy as np
+
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, given_variance
+from quad_mpc_ros.ros.bridges.frames import (
+    enu_from_ned,
+    flu_from_frd,
+    q_enu_flu_xyzw_from_ned_frd_wxyz,
+)
+
+AUTOPILOT_COMPONENT, ONBOARD_COMPUTER = 1, 191
+IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
+ODOMETRY, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, ATTITUDE_TARGET = 331, 31, 32, 83
+HEARTBEAT, SYS_STATUS, EXTENDED_SYS_STATE = 0, 1, 245
+DO_SET_MODE, COMPONENT_ARM_DISARM, SET_MESSAGE_INTERVAL = 176, 400, 511
+
+_LOCAL_NED, _LOCAL_FRD, _BODY_FRD = 1, 20, 12
+_BODY_FRAMES = (8, _BODY_FRD)  # 8 is the deprecated BODY_NED
+_LONGEST_APART_NS = 50_000_000  # of a position and an attitude that are one state
+_MICROSECOND, _MILLISECOND = 1_000, 1_000_000
+_UNKNOWN_VOLTAGE = 0xFFFF
+_REAL_32 = 9
+
+
+@functools.cache
+def dialect() -> Any:
+    """Return pymavlink's module of the messages that all autopilots have."""
+    return importlib.import_module("pymavlink.dialects.v20.common")
+
+
+class Codec:
+    """One end of a connection: finds messages in bytes, and numbers those that it sends."""
+
+    def __init__(self, *, system: int) -> None:
+        """Take the system that an onboard computer belongs to."""
+        self.system = system
+        self._mavlink = dialect().MAVLink(None, system, ONBOARD_COMPUTER)
+        self._mavlink.robust_parsing = True
+
+    def read(self, data: bytes) -> list[Any]:
+        """Return the whole messages in what came; bytes that are none are dropped."""
+        found = self._mavlink.parse_buffer(data) if data else None
+        known = dialect().mavlink_map
+        return [message for message in found or () if message.get_msgId() in known]
+
+    def packed(self, message: Any) -> bytes:
+        """Return the bytes of a message."""
+        return bytes(message.pack(self._mavlink))
+
+
+def odometry_from_odometry(message: Any) -> OdometrySample:
+    """Return the values of an ``ODOMETRY``, by the vehicle's clock.
+
+    Raises ``ValueError`` for a frame that is unknown and for what is no attitude.
+    """
+    if message.frame_id not in (_LOCAL_NED, _LOCAL_FRD):
+        raise ValueError(f"frame_id {message.frame_id}, expected 1 (NED) or 20 (FRD)")
+    q_WB_xyzw = q_enu_flu_xyzw_from_ned_frd_wxyz(message.q)
+    velocity = message.vx, message.vy, message.vz
+    if message.child_frame_id in _BODY_FRAMES:
+        v_WB_B = flu_from_frd(velocity)
+    elif message.child_frame_id == message.frame_id:
+        v_WB_B = so3.rotation_from_quaternion_xyzw(q_WB_xyzw).T @ enu_from_ned(velocity)
+    else:
+        raise ValueError(
+            f"child_frame_id {message.child_frame_id} with frame_id {message.frame_id}, expected "
+            f"12 (body FRD) or {message.frame_id}"
+        )
+    variances = message.velocity_covariance
+    return OdometrySample(
+        stamp_ns=_MICROSECOND * int(message.time_usec),
+        p_WB=enu_from_ned((message.x, message.y, message.z)),
+        q_WB_xyzw=q_WB_xyzw,
+        v_WB_B=v_WB_B,
+        w_WB_B=flu_from_frd((message.rollspeed, message.pitchspeed, message.yawspeed)),
+        v_variance=given_variance([variances[0], variances[6], variances[11]]),
+    )
+
+
+def odometry_from_position_and_attitude(position: Any, attitude: Any) -> OdometrySample | None:
+    """Return a ``LOCAL_POSITION_NED`` with an ``ATTITUDE_QUATERNION``, by the vehicle's clock.
+
+    The attitude is turned to the time of the position by its body rates. None where they are
+    further apart than 50 ms. Raises ``ValueError`` for what is no attitude.
+    """
+    stamp_ns = _MILLISECOND * int(position.time_boot_ms)
+    apart_ns = stamp_ns - _MILLISECOND * int(attitude.time_boot_ms)
+    if abs(apart_ns) > _LONGEST_APART_NS:
+        return None
+    q_wxyz = attitude.q1, attitude.q2, attitude.q3, attitude.q4
+    w_WB_B = flu_from_frd((attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed))
+    if not np.all(np.isfinite(w_WB_B)):
+        raise ValueError(f"body rates {w_WB_B.tolist()}")
+    R_WB = so3.rotation_from_quaternion_xyzw(q_enu_flu_xyzw_from_ned_frd_wxyz(q_wxyz))
+    R_WB = R_WB @ so3.exp(1e-9 * apart_ns * w_WB_B)
+    return OdometrySample(
+        stamp_ns=stamp_ns,
+        p_WB=enu_from_ned((position.x, position.y, position.z)),
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+        v_WB_B=R_WB.T @ enu_from_ned((position.vx, position.vy, position.vz)),
+        w_WB_B=w_WB_B,
+    )
+
+
+def voltage_of(message: Any) -> float | None:
+    """Return the battery's voltage [V] in a ``SYS_STATUS``; None where it is unknown."""
+    millivolts = int(message.voltage_battery)
+    return None if millivolts == _UNKNOWN_VOLTAGE else 1e-3 * millivolts
+
+
+def parameter_of(message: Any, *, by_bytes: bool) -> tuple[str, float]:
+    """Return name and value in a ``PARAM_VALUE``.
+
+    An integer travels as a number (ArduPilot), or ``by_bytes`` in those of a float (PX4).
+    """
+    name, value = text_of(message.param_id), float(message.param_value)
+    if by_bytes and int(message.param_type) != _REAL_32:
+        (value,) = struct.unpack("<i", struct.pack("<f", value))
+    return name, float(value)
+
+
+def text_of(text: str | bytes) -> str:
+    """Return a text of a message, whose end may be padded."""
+    if isinstance(text, bytes):
+        text = text.decode("ascii", errors="replace")
+    return text.split("\0")[0]
+
+
+def attitude_target(
+    command: CommandSample, *, throttle: float, now_ns: int, system: int, component: int
+) -> Any:
+    """Return a ``SET_ATTITUDE_TARGET`` of body rates [rad/s, FRD] and throttle [0, 1] alone."""
+    return dialect().MAVLink_set_attitude_target_message(
+        now_ns // _MILLISECOND % 2**32,
+        system,
+        component,
+        IGNORE_ATTITUDE,
+        [1.0, 0.0, 0.0, 0.0],
+        *flu_from_frd(command.w_WB_B).tolist(),
+        throttle,
+    )
+
+
+def command_long(command: int, *parameters: float, system: int, component: int) -> Any:
+    """Return a ``COMMAND_LONG`` with up to seven parameters."""
+    seven = [*parameters, *(7 - len(parameters)) * [0.0]]
+    return dialect().MAVLink_command_long_message(system, component, command, 0, *seven)
+
+
+def heartbeat() -> Any:
+    """Return the ``HEARTBEAT`` of an onboard computer, which is active."""
+    mavlink = dialect()
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+        mavlink.MAV_AUTOPILOT_INVALID,
+        0,
+        0,
+        mavlink.MAV_STATE_ACTIVE,
+        3,
+    )
+
+
+def timesync(*, sent_ns: int) -> Any:
+    """Return the question for the vehicle's time."""
+    return dialect().MAVLink_timesync_message(0, sent_ns)
+
+
+def parameter_request(name: str, *, system: int, component: int) -> Any:
+    """Return the question for a parameter."""
+    return dialect().MAVLink_param_request_read_message(system, component, name.encode(), -1)

@@ -1,0 +1,77 @@
+"""Parameters of the MAVLink bridge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from quad_mpc_ros.configuration import ConfigurationError, parameter
+from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.network_line import NETWORK, address_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class MavlinkConfig(BridgeConfig):
+    """Parameters of the MAVLink bridge."""
+
+    owner = "mavlink_bridge"
+
+    device: str = parameter(
+        "udpin:127.0.0.1:14540",
+        doc="Where the autopilot is: a serial port like /dev/ttyACM0, udpin:HOST:PORT to be "
+        "called at, udpout:HOST:PORT or tcp:HOST:PORT to call.",
+    )
+    baud: int = parameter(
+        921600, doc="Speed of a serial port.", unit="bit/s", minimum=9600, maximum=4000000
+    )
+    target_system: int = parameter(
+        0,
+        doc="MAV_SYS_ID (SYSID_THISMAV) of the vehicle; 0 is the first that is heard.",
+        minimum=0,
+        maximum=255,
+    )
+    state_rate: float = parameter(
+        100.0,
+        doc="How often the state is asked for.",
+        unit="Hz",
+        minimum=10.0,
+        maximum=400.0,
+    )
+    odometry_topic: str = parameter(
+        "",
+        doc="Topic of an estimator's nav_msgs/Odometry, in ENU, in place of the autopilot's "
+        "state; empty for that.",
+    )
+    twist_frame: str = parameter(
+        "child", doc="Frame of its twist: child (body) or world.", choices=("child", "world")
+    )
+    guided_mode: str = parameter(
+        "GUIDED",
+        doc="ArduPilot: the mode in which it is flown; GUIDED_NOGPS needs no position of its own.",
+        choices=("GUIDED", "GUIDED_NOGPS"),
+    )
+    release_mode: str = parameter(
+        "LOITER",
+        doc="ArduPilot: the mode after ~/engage false. LOITER and ALT_HOLD want a pilot's sticks.",
+        choices=("LOITER", "BRAKE", "ALT_HOLD", "LAND", "RTL"),
+    )
+    land_mode_after: float = parameter(
+        1.0,
+        doc="ArduPilot: once the MPC has landed and knows it stands for so long, it is switched "
+        "to LAND, for in guided modes ArduPilot does not notice, and does not disarm; 0 is never.",
+        unit="s",
+        minimum=0.0,
+        maximum=60.0,
+    )
+    undo_thrust_curve: bool = parameter(
+        True,
+        doc="ArduPilot: whether the thrust map is of the motors' level, and MOT_THST_EXPO, "
+        "MOT_SPIN_MIN and MOT_SPIN_MAX are taken out; else of ArduPilot's own throttle.",
+    )
+
+    def check(self) -> None:
+        """Refuse an address that is none."""
+        super().check()
+        if self.device.startswith(NETWORK) and address_of(self.device) is None:
+            raise ConfigurationError(
+                f"{self.owner}.device", self.device, "like udpin:127.0.0.1:14540"
+            )

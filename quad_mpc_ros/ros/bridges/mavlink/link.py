@@ -1,0 +1,123 @@
+"""What is known of the vehicle at the other end: its clock, its settings, who else commands it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+from quad_mpc_ros.control.safety.clock_offset import ClockOffset
+from quad_mpc_ros.ros.bridges.mavlink.autopilots import Echo
+
+_SECOND = 1_000_000_000
+_QUESTIONS = 10  # about a parameter, or about the time at once
+_ASKED_AGAIN_NS = 300_000_000
+_MEMORY_NS = _SECOND  # of setpoints, which come back late
+_LONG_ENOUGH_NS = _SECOND // 2
+_STRANGE = 3  # targets that nobody here has set, among ours, before that is no accident
+_FORGOTTEN_NS = 2 * _SECOND
+
+
+class VehicleTime:
+    """The vehicle's clock on ours, by TIMESYNC: it was read in the middle of a round trip."""
+
+    def __init__(self) -> None:
+        self._offset: ClockOffset | None = None
+        self._asked: deque[int] = deque(maxlen=_QUESTIONS)
+        self._least_ns = 0.0
+
+    @property
+    def behind_ns(self) -> int:
+        """By how much it is behind ours; 0 while that is unknown."""
+        return 0 if self._offset is None else self._offset.behind_ns
+
+    def asked(self, *, now_ns: int) -> None:
+        """Note that it is asked now."""
+        self._asked.append(now_ns)
+
+    def answered(self, *, sent_ns: int, vehicle_ns: int, now_ns: int) -> None:
+        """Take an answer, unless it is none to us, or came by a long way."""
+        if sent_ns not in self._asked or not 0 <= now_ns - sent_ns <= _SECOND:
+            return
+        trip_ns, middle_ns = now_ns - sent_ns, (now_ns + sent_ns) // 2
+        offset = self._offset
+        if offset is None or abs(offset.age_ns(vehicle_ns, now_ns=middle_ns)) > _SECOND:
+            self._offset, self._least_ns = ClockOffset(until_last=True), trip_ns
+            self._offset.set(middle_ns - vehicle_ns, stamp_ns=vehicle_ns, now_ns=middle_ns)
+            return
+        self._least_ns = min(1.02 * self._least_ns + 1e4, trip_ns)  # the way may become longer
+        if trip_ns <= 1.5 * self._least_ns:
+            offset.follow(vehicle_ns, now_ns=middle_ns)
+
+
+class Settings:
+    """The parameters of the vehicle that matter, as far as it has told them."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.values: dict[str, float] = {}
+        self._questions = dict.fromkeys(names, 0)
+        self._asked_ns: int | None = None
+
+    @property
+    def are_settled(self) -> bool:
+        """Whether each has come, or has been asked for in vain."""
+        return all(
+            name in self.values or count >= _QUESTIONS for name, count in self._questions.items()
+        )
+
+    def due(self, *, now_ns: int) -> list[str]:
+        """Return the names to ask for now."""
+        if self._asked_ns is not None and abs(now_ns - self._asked_ns) < _ASKED_AGAIN_NS:
+            return []
+        missing = [
+            name
+            for name, count in self._questions.items()
+            if name not in self.values and count < _QUESTIONS
+        ]
+        self._asked_ns = now_ns
+        for name in missing:
+            self._questions[name] += 1
+        return missing
+
+    def receive(self, name: str, value: float) -> bool:
+        """Take a parameter; return whether it matters and is another than before."""
+        if name not in self._questions or self.values.get(name) == value:
+            return False
+        self.values[name] = value
+        return True
+
+
+class OtherCommanders:
+    """Whether the vehicle follows setpoints that were not sent here."""
+
+    def __init__(self) -> None:
+        self._sent: deque[tuple[int, Echo]] = deque()
+        self._strange: deque[int] = deque(maxlen=_STRANGE)  # when
+        self._found: tuple[int, str] | None = None
+
+    def sent(self, setpoint: Echo, *, now_ns: int) -> None:
+        """Note a setpoint of ours."""
+        self._sent.append((now_ns, setpoint))
+        while abs(now_ns - self._sent[0][0]) > _MEMORY_NS:
+            self._sent.popleft()
+
+    def target(self, target: Echo, *, now_ns: int) -> None:
+        """Take the target that the vehicle reports while it is ours."""
+        recent = [each for sent_ns, each in self._sent if abs(now_ns - sent_ns) <= _MEMORY_NS]
+        if not recent or now_ns - self._sent[0][0] < _LONG_ENOUGH_NS:
+            return
+        if any(each.is_of(target) for each in recent):
+            return
+        self._strange.append(now_ns)
+        often = len(self._strange) == _STRANGE
+        if often and abs(now_ns - self._strange[0]) <= _FORGOTTEN_NS:
+            self.found("it follows setpoints that were not sent here", now_ns=now_ns)
+
+    def found(self, why: str, *, now_ns: int) -> None:
+        """Note that somebody else commands."""
+        self._found = now_ns, why
+
+    def fault(self, *, now_ns: int) -> str:
+        """Return who else commands the vehicle, for some time after it was noticed, or nothing."""
+        if self._found is None or abs(now_ns - self._found[0]) > _FORGOTTEN_NS:
+            return ""
+        return f"somebody else commands the vehicle as well: {self._found[1]}"

@@ -1,0 +1,641 @@
+"""MAVLink: frames of all messages, and what is sent when to PX4 and to ArduPilot."""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import Any
+
+import numpy as np
+import pytest
+from fixtures.bridges import AXES, FRD, HOVER, SECOND, T0, command
+from fixtures.mavlink import (
+    ARDUPILOT,
+    CRITICAL,
+    GUIDED,
+    LOITER,
+    OFFBOARD,
+    ON_GROUND,
+    POSITION,
+    PX4,
+    SETTINGS,
+    Setpoint,
+    Speaker,
+    asked_for,
+    asked_time,
+    requests,
+    setpoints,
+)
+from fixtures.stack_messages import new_message
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from quad_mpc_ros.configuration import ConfigurationError
+from quad_mpc_ros.control.estimation.ground_state import GroundState
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
+from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
+
+MILLISECOND = 1_000_000
+STEP = 20 * MILLISECOND
+NED = {(0, 1, 0): (1, 0, 0), (1, 0, 0): (0, 1, 0), (0, 0, 1): (0, 0, -1)}  # ENU: NED
+NED |= {tuple(-a for a in enu): tuple(-a for a in ned) for enu, ned in NED.items()}
+
+
+def made(**parameters: Any) -> MavlinkBridge:
+    return MavlinkBridge(MavlinkBridge.Config.build(parameters), new_message)
+
+
+def heard(data: bytes, bridge: MavlinkBridge | None = None, now_ns: int = T0) -> OdometrySample:
+    """Return the one odometry that follows from what ArduPilot or PX4 says."""
+    bridge = bridge or made()
+    bridge.exchange(data, now_ns=now_ns)
+    ((odometry, _),) = bridge.take_odometries()
+    return odometry
+
+
+def engaged(speaker: Speaker, now_ns: int = T0, bridge: Any = None, **told: Any) -> MavlinkBridge:
+    """Return a bridge that flies."""
+    bridge = bridge or made()
+    bridge.exchange(speaker.told(now_ns, **told), now_ns=now_ns)
+    bridge.receive_command(command(now_ns, HOVER), now_ns=now_ns)
+    answer = bridge.engage(True, now_ns=now_ns)
+    assert answer.accepted, answer.text
+    return bridge
+
+
+def sent(bridge: MavlinkBridge, now_ns: int, throttle: float = HOVER, w: Any = (0, 0, 0)) -> bytes:
+    """Return what goes out for a command."""
+    outgoing = bridge.receive_command(command(now_ns, throttle, w), now_ns=now_ns)
+    assert all(isinstance(each, OutgoingBytes) for each in outgoing)
+    return b"".join(each.data for each in outgoing if isinstance(each, OutgoingBytes))
+
+
+def setpoint(bridge: MavlinkBridge, now_ns: int = T0, **given: Any) -> Setpoint:
+    (found,) = setpoints(sent(bridge, now_ns, **given))
+    return found
+
+
+# Frames.
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_an_odometry_axis_by_axis(axis: tuple[float, float, float]) -> None:
+    ned, frd = NED[axis], FRD[axis]
+    x, y, z = ned
+    rates = dict(zip(("rollspeed", "pitchspeed", "yawspeed"), frd, strict=True))
+    velocity = dict(zip(("vx", "vy", "vz"), frd, strict=True))
+    speaker = Speaker()
+    head = speaker.heartbeat(autopilot=PX4)
+    seen = heard(head + speaker.odometry(T0, x=x, y=y, z=z, **velocity, **rates))
+    assert_allclose(seen.p_WB, axis)
+    assert_allclose(seen.v_WB_B, axis)
+    assert_allclose(seen.w_WB_B, axis)
+
+    velocity = dict(zip(("vx", "vy", "vz"), ned, strict=True))
+    seen = heard(head + speaker.odometry(T0, child_frame_id=1, **velocity))
+    R_WB = so3.rotation_from_quaternion_xyzw(seen.q_WB_xyzw)
+    assert_allclose(R_WB @ seen.v_WB_B, axis, atol=1e-7)
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_position_and_attitude_axis_by_axis(axis: tuple[float, float, float]) -> None:
+    speaker = Speaker()
+    told = speaker.heartbeat() + speaker.attitude(T0, w=FRD[axis])
+    seen = heard(told + speaker.position(T0, p=NED[axis], v=NED[axis]))
+    assert_allclose(seen.p_WB, axis)
+    assert_allclose(seen.w_WB_B, axis)
+    R_WB = so3.rotation_from_quaternion_xyzw(seen.q_WB_xyzw)
+    assert_allclose(R_WB @ seen.v_WB_B, axis, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("q_wxyz", "nose", "up"),
+    [
+        ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),  # north
+        ((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),  # east
+        # Nose down by 0.2 rad, facing north: thrust pulls north.
+        (
+            (math.cos(0.1), 0.0, -math.sin(0.1), 0.0),
+            (0.0, math.cos(0.2), -math.sin(0.2)),
+            (0.0, math.sin(0.2), math.cos(0.2)),
+        ),
+        # Right side down, facing north: thrust pulls east.
+        (
+            (math.cos(0.1), math.sin(0.1), 0.0, 0.0),
+            (0.0, 1.0, 0.0),
+            (math.sin(0.2), 0.0, math.cos(0.2)),
+        ),
+    ],
+)
+@pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
+def test_where_the_nose_points_and_the_thrust_pulls(
+    autopilot: int, q_wxyz: Any, nose: Any, up: Any
+) -> None:
+    speaker = Speaker()
+    state = (
+        speaker.odometry(T0, q=list(q_wxyz))
+        if autopilot == PX4
+        else speaker.attitude(T0, q_wxyz) + speaker.position(T0)
+    )
+    seen = heard(speaker.heartbeat(autopilot=autopilot) + state)
+    R_WB = so3.rotation_from_quaternion_xyzw(seen.q_WB_xyzw)
+    assert_allclose(R_WB[:, 0], nose, atol=1e-6)
+    assert_allclose(R_WB[:, 2], up, atol=1e-6)
+
+
+def test_an_attitude_is_turned_to_the_time_of_the_position() -> None:
+    speaker, bridge = Speaker(), made()
+    before = T0 - 10 * MILLISECOND
+    told = speaker.heartbeat() + speaker.attitude(before, w=(0.0, 0.0, 2.0))
+    seen = heard(told + speaker.position(T0), bridge)
+    # Turning to the right from north: 0.02 rad towards the east.
+    R_WB = so3.rotation_from_quaternion_xyzw(seen.q_WB_xyzw)
+    assert_allclose(R_WB[:, 0], (math.sin(0.02), math.cos(0.02), 0.0), atol=1e-6)
+    bridge.exchange(speaker.position(T0 + 60 * MILLISECOND), now_ns=T0 + 60 * MILLISECOND)
+    assert bridge.take_odometries() == []  # too far apart
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_setpoints_axis_by_axis(axis: tuple[float, float, float]) -> None:
+    for autopilot, mode in ((ARDUPILOT, GUIDED), (PX4, OFFBOARD)):
+        bridge = engaged(Speaker(), autopilot=autopilot, mode=mode)
+        found = setpoint(bridge, throttle=0.4, w=1.5 * np.array(axis))
+        assert_allclose(found.rates, 1.5 * np.array(FRD[axis]))
+        assert (found.type_mask, found.target) == (0x80, (1, 1))
+
+
+def test_unknown_frames_and_no_attitude_are_refused() -> None:
+    speaker, bridge = Speaker(), made()
+    bridge.exchange(speaker.heartbeat(autopilot=PX4), now_ns=T0)
+    for changes in (
+        {"frame_id": 3},
+        {"child_frame_id": 20},
+        {"q": [0.0] * 4},
+        {"x": math.nan},
+        {"rollspeed": math.inf},
+    ):
+        bridge.exchange(speaker.odometry(T0, **changes), now_ns=T0)
+    assert bridge.take_odometries() == [] and bridge.refused == 5
+    bridge = made()
+    bridge.exchange(speaker.heartbeat() + speaker.attitude(T0, w=(math.nan, 0, 0)), now_ns=T0)
+    bridge.exchange(speaker.position(T0), now_ns=T0)
+    assert bridge.take_odometries() == [] and bridge.refused == 1
+
+
+def test_a_reset_that_px4_announces_is_told() -> None:
+    speaker, bridge = Speaker(), made()
+    bridge.exchange(speaker.heartbeat(autopilot=PX4) + speaker.odometry(T0), now_ns=T0)
+    now_ns = T0 + STEP
+    bridge.exchange(speaker.odometry(now_ns, x=3.0, reset_counter=1), now_ns=now_ns)
+    (_, before), (_, reset) = bridge.take_odometries()
+    assert before is None and reset is not None
+    assert_allclose(reset.step_W, (0.0, 3.0, 0.0), atol=1e-6)
+
+
+# Thrust.
+
+
+def level_of(thrust: float, *, up: float, boost: bool, expo: float) -> float:
+    """Return the motors' level that ArduPilot makes of a thrust: AC_AttitudeControl_Multi.cpp and
+    AP_Motors_Thrust_Linearization.cpp."""
+    if boost:
+        thrust *= min(max(10.0 * up, 0.0), 1.0) / min(max(up, 0.1), 1.0)
+    ratio = thrust
+    if expo:
+        ratio = (expo - 1.0 + math.sqrt((1.0 - expo) ** 2 + 4.0 * expo * thrust)) / (2.0 * expo)
+    return 0.15 + (0.95 - 0.15) * ratio
+
+
+@given(
+    st.floats(0.16, 0.94),
+    st.floats(-1.2, 1.2),
+    st.booleans(),
+    st.sampled_from((-0.3, 0.0, 0.4, 0.65, 1.0)),
+)
+@settings(deadline=None, max_examples=60)
+def test_what_ardupilot_does_to_the_throttle_is_undone(
+    level: float, tilt: float, boost: bool, expo: float
+) -> None:
+    speaker = Speaker()
+    known = {"ATC_ANGLE_BOOST": float(boost), "MOT_THST_EXPO": expo}
+    bridge = engaged(speaker, settings=known)
+    now_ns = T0 + STEP
+    q_wxyz = math.cos(tilt / 2.0), math.sin(tilt / 2.0), 0.0, 0.0
+    bridge.exchange(speaker.attitude(now_ns, q_wxyz) + speaker.position(now_ns), now_ns=now_ns)
+    thrust = setpoint(bridge, now_ns, throttle=level).thrust
+    made_of_it = level_of(thrust, up=math.cos(tilt), boost=boost, expo=expo)
+    assert made_of_it == pytest.approx(level, abs=1e-5)
+
+
+def test_the_boost_is_undone_for_the_tilt_at_which_it_acts() -> None:
+    """Turning at 2 rad/s, 20 ms after the attitude: 30 ms until it acts."""
+    speaker, known = Speaker(), {"ATC_ANGLE_BOOST": 1.0, "MOT_THST_EXPO": 0.0}
+    bridge = engaged(speaker, settings=known)
+    q_wxyz = math.cos(0.25), math.sin(0.25), 0.0, 0.0
+    told = speaker.attitude(T0 + STEP, q_wxyz, w=(2.0, 0.0, 0.0)) + speaker.position(T0 + STEP)
+    bridge.exchange(told, now_ns=T0 + STEP)
+    thrust = setpoint(bridge, T0 + 2 * STEP, throttle=0.55).thrust
+    assert thrust == pytest.approx(0.5 * math.cos(0.5 + 2.0 * 0.03), abs=1e-5)
+
+
+def test_ardupilots_own_throttle_is_left_alone_where_that_is_asked_for() -> None:
+    bridge = engaged(Speaker(), bridge=made(undo_thrust_curve=False))
+    assert setpoint(bridge, throttle=0.4).thrust == pytest.approx(0.4)
+
+
+# What is asked, and what it is needed for.
+
+
+def test_a_connection_begins_with_heartbeat_intervals_and_parameters() -> None:
+    speaker, bridge = Speaker(system=7), made(state_rate=50.0)
+    quiet = bridge.exchange(b"", now_ns=T0)
+    assert requests(quiet) == [] and asked_for(quiet) == []
+    asked = bridge.exchange(speaker.heartbeat(), now_ns=T0 + STEP)
+    assert set(asked_for(asked)) == set(SETTINGS)
+    intervals = {each.parameters[0]: each.parameters[1] for each in requests(asked)}
+    assert intervals[31.0] == intervals[32.0] == 20_000.0  # us
+    assert {0.0, 1.0, 83.0, 245.0} < set(intervals) and 331.0 not in intervals
+    assert {each.target for each in requests(asked)} == {(7, 1)}
+    assert {each.command for each in requests(asked)} == {511}
+    # The same again while nothing comes, not more often than once a second.
+    again = [
+        len(requests(bridge.exchange(speaker.heartbeat(), now_ns=T0 + k * STEP)))
+        for k in range(2, 152)
+    ]
+    assert sum(count > 0 for count in again) == 3
+
+
+def test_nothing_is_asked_for_that_comes() -> None:
+    speaker, bridge = Speaker(), made()
+    asked = b""
+    for k in range(200):
+        now_ns = T0 + k * STEP
+        asked = bridge.exchange(speaker.told(now_ns), now_ns=now_ns)
+        assert k == 0 or requests(asked) == asked_for(asked) == []
+
+
+def test_it_is_not_engaged_before_the_parameters_have_come() -> None:
+    speaker, bridge = Speaker(), made()
+    told = speaker.heartbeat() + speaker.land() + speaker.attitude(T0) + speaker.position(T0)
+    bridge.exchange(told, now_ns=T0)
+    bridge.receive_command(command(T0, HOVER), now_ns=T0)
+    refused = bridge.engage(True, now_ns=T0)
+    assert not refused.accepted and "has not told its parameters yet" in refused.text
+    for k in range(200):  # it never does
+        bridge.exchange(speaker.heartbeat(), now_ns=T0 + k * STEP)
+    assert "does not tell its parameter" in bridge.engage(True, now_ns=T0 + 199 * STEP).text
+
+
+@pytest.mark.parametrize(
+    ("known", "said"),
+    [
+        (
+            {"GUID_OPTIONS": 0.0},
+            "GUID_OPTIONS is 0, and thrust would mean a climb rate: set it to 8",
+        ),
+        ({"GUID_OPTIONS": 64.0}, "set it to 72 (bit 3)"),
+    ],
+)
+def test_settings_with_which_it_must_not_fly(known: dict[str, float], said: str) -> None:
+    bridge = made()
+    bridge.exchange(Speaker().told(T0, settings=known), now_ns=T0)
+    bridge.receive_command(command(T0, HOVER), now_ns=T0)
+    refused = bridge.engage(True, now_ns=T0)
+    assert not refused.accepted and said in refused.text
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "known", "said"),
+    [
+        (ARDUPILOT, {"GUID_TIMEOUT": 3.0}, "GUID_TIMEOUT is 3 s"),
+        (ARDUPILOT, {"ATC_RATE_R_MAX": 90.0}, "bound the body rates to 1.57, 0.00, 0.00 rad/s"),
+        (ARDUPILOT, {"MOT_BAT_VOLT_MAX": 16.8}, "set thrust_map.battery_voltage to 0"),
+        (PX4, {"COM_OF_LOSS_T": 2.0}, "COM_OF_LOSS_T is 2 s"),
+        (PX4, {"MPC_THR_HOVER": 0.6}, "MPC_THR_HOVER is 0.60, and the vehicle file says 0.29"),
+    ],
+)
+def test_settings_that_are_odd_are_told_once(
+    autopilot: int, known: dict[str, float], said: str
+) -> None:
+    bridge = made(**{"thrust_map.battery_voltage": 15.0})
+    told = Speaker().told(T0, autopilot=autopilot, settings=known)
+    bridge.exchange(told, now_ns=T0)
+    (warning,) = bridge.take_warnings()
+    assert said in warning
+    bridge.exchange(told, now_ns=T0 + STEP)
+    assert bridge.take_warnings() == []
+
+
+def test_a_setting_that_is_changed_in_flight_counts() -> None:
+    speaker = Speaker()
+    bridge = engaged(speaker)
+    bridge.exchange(speaker.parameter("GUID_OPTIONS", 0.0), now_ns=T0 + STEP)
+    assert sent(bridge, T0 + STEP) == b"" and "climb rate" in bridge.handover[1]
+
+
+def test_integers_of_px4_travel_in_the_bytes_of_a_float() -> None:
+    speaker, bridge = Speaker(), made()
+    told = speaker.heartbeat(autopilot=PX4) + speaker.parameter("COM_OF_LOSS_T", 5, integer=True)
+    bridge.exchange(told + speaker.parameter("MPC_THR_HOVER", 0.3), now_ns=T0)
+    assert any("COM_OF_LOSS_T is 5 s" in each for each in bridge.take_warnings())
+
+
+# Time.
+
+
+@pytest.mark.parametrize(("there", "back"), [(0, 0), (4, 4), (8, 2), (1, 9)])
+def test_stamps_are_right_to_half_of_the_round_trip(there: int, back: int) -> None:
+    """The vehicle's clock began 3,000 s later; its state is as late as its answers are."""
+    speaker, bridge = Speaker(), made()
+    behind = 3_000 * SECOND
+    asked: list[int] = []
+    worst = 0.0
+    on_the_way: list[tuple[int, bytes]] = []
+    for k in range(400):
+        now_ns = 4_000 * SECOND + k * 5 * MILLISECOND
+        if k % 4 == 0:
+            state = speaker.attitude(now_ns - behind) + speaker.position(now_ns - behind)
+            on_the_way.append((now_ns + back * MILLISECOND, state + speaker.heartbeat()))
+        for sent_ns in asked:
+            told = speaker.say("timesync", sent_ns + there * MILLISECOND - behind, sent_ns)
+            on_the_way.append((sent_ns + (there + back) * MILLISECOND, told))
+        arrived = b"".join(data for at_ns, data in on_the_way if at_ns <= now_ns)
+        on_the_way = [each for each in on_the_way if each[0] > now_ns]
+        asked = asked_time(bridge.exchange(arrived, now_ns=now_ns))
+        for odometry, _ in bridge.take_odometries():
+            age_ms = (now_ns - odometry.stamp_ns) / MILLISECOND
+            late_ms = (now_ns - 4_000 * SECOND) % (20 * MILLISECOND) / MILLISECOND
+            if k > 100:
+                worst = max(worst, abs(age_ms - late_ms))
+    assert worst <= 0.5 * (there + back) + 5.1  # ours is looked at every 5 ms
+
+
+# Who flies.
+
+
+def test_ardupilot_is_asked_for_guided_and_flown_in_no_other_mode() -> None:
+    speaker, bridge = Speaker(), made()
+    bridge.exchange(speaker.told(T0, mode=LOITER), now_ns=T0)
+    assert sent(bridge, T0) == b""
+    assert bridge.engage(True, now_ns=T0).accepted
+    (asked,) = requests(sent(bridge, T0))
+    assert (asked.command, asked.parameters[:2]) == (176, (1.0, 4.0))
+    bridge.exchange(speaker.told(T0 + STEP), now_ns=T0 + STEP)
+    assert len(setpoints(sent(bridge, T0 + STEP))) == 1
+    bridge.exchange(speaker.told(T0 + 2 * STEP, mode=LOITER), now_ns=T0 + 2 * STEP)
+    assert sent(bridge, T0 + 2 * STEP) == b""
+    assert "somebody else switched the mode" in bridge.handover[1]
+    bridge.exchange(speaker.told(T0 + 3 * STEP), now_ns=T0 + 3 * STEP)  # and back
+    assert sent(bridge, T0 + 3 * STEP) == b""
+
+
+def test_px4_gets_setpoints_before_it_is_asked_for_offboard() -> None:
+    speaker, bridge = Speaker(), made()
+    bridge.exchange(speaker.told(T0, autopilot=PX4, mode=POSITION), now_ns=T0)
+    sent(bridge, T0)
+    assert bridge.engage(True, now_ns=T0).accepted
+    asked_ns = None
+    for k in range(1, 80):
+        now_ns = T0 + k * STEP
+        bridge.exchange(speaker.told(now_ns, autopilot=PX4, mode=POSITION), now_ns=now_ns)
+        data = sent(bridge, now_ns)
+        assert len(setpoints(data)) == 1
+        if asked_ns is None and requests(data):
+            (asked,) = requests(data)
+            assert (asked.command, asked.parameters[:3]) == (176, (1.0, 6.0, 0.0))
+            asked_ns = now_ns
+    assert asked_ns is not None and 1.0 < 1e-9 * (asked_ns - T0) < 1.2
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "mode", "asked"),
+    [(ARDUPILOT, GUIDED, (1.0, 5.0, 0.0)), (PX4, OFFBOARD, (1.0, 4.0, 3.0))],
+)
+def test_releasing_and_arming_are_asked_for(
+    autopilot: int, mode: int, asked: tuple[float, ...]
+) -> None:
+    bridge = engaged(Speaker(), autopilot=autopilot, mode=mode)
+    for response, command_number, parameters in (
+        (bridge.arm(True, now_ns=T0), 400, (1.0,)),
+        (bridge.arm(False, now_ns=T0), 400, (0.0,)),
+        (bridge.engage(False, now_ns=T0), 176, asked),
+    ):
+        (message,) = response.messages
+        assert isinstance(message, OutgoingBytes)
+        (request,) = requests(message.data)
+        assert response.accepted and request.command == command_number
+        assert request.parameters[: len(parameters)] == parameters
+    assert sent(bridge, T0) == b""
+
+
+def test_engaging_is_refused_in_a_failsafe_and_without_a_heartbeat() -> None:
+    bridge = made()
+    answer = bridge.arm(True, now_ns=T0)
+    assert not answer.accepted and "no heartbeat" in answer.text
+    bridge.exchange(Speaker().told(T0, status=CRITICAL), now_ns=T0)
+    bridge.receive_command(command(T0, HOVER), now_ns=T0)
+    refused = bridge.engage(True, now_ns=T0)
+    assert not refused.accepted and "failsafe" in refused.text
+    assert any("reports a failsafe" in each for each in bridge.take_warnings())
+
+
+def test_others_than_the_configured_vehicle_are_not_heard() -> None:
+    bridge = made(target_system=2)
+    bridge.exchange(Speaker(system=1).told(T0), now_ns=T0)
+    assert bridge.take_odometries() == []
+    ground_station = Speaker(system=2, component=190).say("heartbeat", 6, 8, 0, 0, 4, 3)
+    bridge.exchange(ground_station + Speaker(system=2).told(T0), now_ns=T0)
+    assert len(bridge.take_odometries()) == 1
+
+
+def test_a_setpoint_of_somebody_else_ends_the_engagement() -> None:
+    speaker, other = Speaker(), Speaker(system=255, component=190)
+    bridge = engaged(speaker)
+    assert len(setpoints(sent(bridge, T0))) == 1
+    strange = other.say("set_attitude_target", 0, 1, 1, 0x80, [1.0, 0.0, 0.0, 0.0], 0, 0, 0, 0.3)
+    bridge.exchange(strange, now_ns=T0 + STEP)
+    assert sent(bridge, T0 + STEP) == b""
+    assert "SET_ATTITUDE_TARGET of system 255, component 190" in bridge.handover[1]
+    assert "somebody else" in bridge.engage(True, now_ns=T0 + STEP).text
+
+
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4])
+@pytest.mark.parametrize(("strange", "ends"), [(0, False), (2, False), (3, True), (60, True)])
+def test_targets_that_nobody_here_has_set_end_the_engagement(
+    autopilot: int, strange: int, ends: bool
+) -> None:
+    """A target comes late, and among those of the others are ours."""
+    speaker, dice = Speaker(), random.Random(3)
+    mode = GUIDED if autopilot == ARDUPILOT else OFFBOARD
+    bridge = engaged(speaker, autopilot=autopilot, mode=mode)
+    late: list[Setpoint] = []
+    for k in range(150):
+        now_ns = T0 + k * STEP
+        bridge.exchange(speaker.told(now_ns, autopilot=autopilot, mode=mode), now_ns=now_ns)
+        w = np.array([dice.uniform(-1, 1) for _ in range(3)])
+        late += setpoints(sent(bridge, now_ns, throttle=dice.uniform(0.25, 0.35), w=w))
+        if k > 5:
+            target = late[-5]
+            off = 0.11 if k % 4 == 0 and 80 <= k < 80 + 4 * strange else 0.0
+            rates = [rate + off for rate in target.rates]
+            told = speaker.say(
+                "attitude_target", 0, 0, [1.0, 0.0, 0.0, 0.0], *rates, target.thrust + off
+            )
+            bridge.exchange(told, now_ns=now_ns)
+    assert bridge.handover[0] == ("released" if ends else "engaged")
+    assert ("setpoints that were not sent here" in bridge.handover[1]) is ends
+
+
+@pytest.mark.parametrize(("autopilot", "wait"), [(ARDUPILOT, 1.0), (ARDUPILOT, 0.0), (PX4, 1.0)])
+def test_ardupilot_is_asked_for_land_once_it_has_landed(autopilot: int, wait: float) -> None:
+    speaker, mode = Speaker(), GUIDED if autopilot == ARDUPILOT else OFFBOARD
+    told = {"autopilot": autopilot, "mode": mode}
+    bridge = engaged(speaker, bridge=made(land_mode_after=wait), **told)
+    asked_ns = None
+    states = 20 * ["on_ground"] + 50 * ["flying"] + 20 * ["touching_down"] + 100 * ["on_ground"]
+    for k, state in enumerate(states):
+        now_ns = T0 + k * STEP
+        bridge.receive_ground(GroundState(state))
+        found = requests(bridge.exchange(speaker.told(now_ns, **told), now_ns=now_ns))
+        sent(bridge, now_ns)
+        modes = [each.parameters[:2] for each in found if each.command == 176]
+        if modes:
+            assert modes == [(1.0, 9.0)] and asked_ns is None
+            asked_ns = now_ns
+    if autopilot == PX4 or wait == 0.0:
+        assert asked_ns is None and bridge.handover[0] == "engaged"
+    else:
+        assert asked_ns == T0 + 90 * STEP + round(wait * SECOND)
+        assert "after landing" in bridge.handover[1]
+
+
+# What else is told.
+
+
+def test_a_long_text_is_told_as_one() -> None:
+    speaker, bridge = Speaker(), made()
+    bridge.exchange(speaker.heartbeat(), now_ns=T0)
+    pieces = (b"Arm: AHRS: EKF3 Yaw inconsistent 77 deg. Wait or r", b"eboot")
+    for number, piece in enumerate(pieces):
+        bridge.exchange(speaker.say("statustext", 2, piece, 5, number), now_ns=T0)
+    (warning,) = bridge.take_warnings()
+    assert warning.endswith("Wait or reboot")
+
+
+def test_landed_battery_refusals_and_texts() -> None:
+    speaker = Speaker()
+    bridge = made(**{"thrust_map.battery_voltage": 16.0})
+    bridge.exchange(speaker.told(T0), now_ns=T0)
+    assert bridge.landed(now_ns=T0) is False
+    bridge.exchange(speaker.land(ON_GROUND), now_ns=T0)
+    assert bridge.landed(now_ns=T0) is True
+    bridge.take_warnings()
+    status = speaker.say("sys_status", 0, 0, 0, 0, 14_400, -1, -1, 0, 0, 0, 0, 0, 0)
+    bridge.exchange(status, now_ns=T0)
+    assert bridge.thrust.battery_scale == pytest.approx(0.81)
+    refused = speaker.say("command_ack", 400, 4) + speaker.say("command_ack", 400, 0)
+    text = speaker.say("statustext", 2, b"Arm: Throttle too high")
+    text += speaker.say("statustext", 6, b"EKF3 IMU0 is using GPS")
+    bridge.exchange(refused + text, now_ns=T0)
+    assert bridge.take_warnings() == [
+        "the autopilot refuses arming: MAV_RESULT 4",
+        "the autopilot says: Arm: Throttle too high",
+    ]
+
+
+@pytest.mark.parametrize("device", ["udpin:14550", "tcp:host:port", "udpout::99999", "tcp:a:0"])
+def test_an_address_that_is_none_is_refused(device: str) -> None:
+    with pytest.raises(ConfigurationError, match=r"mavlink_bridge\.device"):
+        MavlinkBridge.Config(device=device)
+
+
+# Whatever comes over the line.
+
+
+def test_2000_fuzzed_frames_are_dropped_or_right() -> None:
+    """Bits turned, pieces lost, frames run together: what gets through is what was said."""
+    dice, speaker = random.Random(7), Speaker()
+    bridge = engaged(speaker)
+    bridge.take_odometries()
+    places = {}
+    passed = 0
+    for k in range(2000):
+        now_ns = T0 + (k + 1) * MILLISECOND
+        place = tuple(float(np.float32(dice.uniform(-90, 90))) for _ in range(3))
+        places[now_ns // MILLISECOND] = place
+        frame = bytearray(speaker.attitude(now_ns) + speaker.position(now_ns, p=place))
+        match dice.randrange(5):
+            case 0:
+                for _ in range(dice.randrange(1, 5)):
+                    frame[dice.randrange(len(frame))] ^= 1 << dice.randrange(8)
+            case 1:
+                begin = dice.randrange(len(frame))
+                del frame[begin : begin + dice.randrange(1, 40)]
+            case 2:
+                frame = bytearray(dice.randbytes(dice.randrange(300))) + frame
+            case 3:
+                frame += frame[: dice.randrange(len(frame))]
+        bridge.exchange(bytes(frame), now_ns=now_ns)
+        for odometry, _ in bridge.take_odometries():
+            said = places[round((odometry.stamp_ns) / MILLISECOND)]
+            assert_allclose(odometry.p_WB, (said[1], said[0], -said[2]))
+            passed += 1
+        bridge.take_warnings()
+    assert passed > 800
+
+
+ABSURD = [0.0, -0.0, 1.0, -7.0, 1e8, 3.4e38, -3.4e38, 1e-40, math.nan, math.inf, -math.inf]
+
+
+def test_2000_absurd_but_sound_frames_break_nothing() -> None:
+    dice, speaker = random.Random(11), Speaker()
+    kinds = ["odometry", "attitude_quaternion", "local_position_ned", "attitude_target"]
+    kinds += ["heartbeat", "sys_status", "extended_sys_state", "timesync", "param_value"]
+    kinds += ["command_ack", "statustext", "set_attitude_target", "radio_status"]
+    bridge = made(**{"thrust_map.battery_voltage": 16.0})
+    for k in range(2000):
+        now_ns = T0 + k * STEP
+        if k % 50 == 0:
+            bridge.exchange(speaker.told(now_ns), now_ns=now_ns)
+            bridge.receive_command(command(now_ns, HOVER), now_ns=now_ns)
+            bridge.engage(True, now_ns=now_ns)
+        with np.errstate(all="ignore"):
+            bridge.exchange(absurd(speaker, dice.choice(kinds), dice), now_ns=now_ns)
+            for odometry, _ in bridge.take_odometries():
+                assert np.all(np.isfinite([*odometry.p_WB, *odometry.v_WB_B, *odometry.w_WB_B]))
+            for found in setpoints(sent(bridge, now_ns)):
+                assert 0.0 <= found.thrust <= 1.0 and np.all(np.isfinite(found.rates))
+
+
+def absurd(speaker: Speaker, kind: str, dice: random.Random) -> bytes:
+    """Return a message of a kind with numbers that nobody should send."""
+    from pymavlink.dialects.v20 import common
+
+    message = getattr(common, f"MAVLink_{kind}_message")
+    values: list[Any] = []
+    for name, kind_of, length in zip(
+        message.fieldnames, message.fieldtypes, ordered(message), strict=True
+    ):
+        if kind_of == "char":
+            values.append(dice.choice((b"GUID_OPTIONS", b"\xff\xfe", b"", b"MOT_THST_EXPO")))
+        elif kind_of in ("float", "double"):
+            numbers = [dice.choice(ABSURD) for _ in range(max(length, 1))]
+            values.append(numbers if length > 1 else numbers[0])
+        else:
+            low, high = limits(kind_of)
+            values.append(dice.choice((0, 1, 2, 12, high, low, high // 2)) if name else 0)
+    return speaker.say(kind, *values)
+
+
+def ordered(message: Any) -> list[int]:
+    """Return the lengths of arrays by the fields' names."""
+    lengths = dict(zip(message.ordered_fieldnames, message.array_lengths, strict=True))
+    return [lengths[name] for name in message.fieldnames]
+
+
+def limits(kind: str) -> tuple[int, int]:
+    bits = 8 * int("".join(filter(str.isdigit, kind))) // 8
+    return (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)

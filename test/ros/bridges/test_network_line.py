@@ -1,0 +1,193 @@
+"""A line over UDP and TCP: it waits for nobody, and begins anew when the other end does."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import rclpy
+from fixtures.bridges import HOVER
+from fixtures.mavlink import Setpoint, Speaker, setpoints
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+
+from quad_mpc_ros.ros.bridges import network_line
+from quad_mpc_ros.ros.bridges import node as node_module
+from quad_mpc_ros.ros.bridges.bridge import Line
+from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
+from quad_mpc_ros.ros.bridges.network_line import NetworkLine, address_of, open_line
+from quad_mpc_ros.ros.bridges.serial_line import SerialLine
+
+
+@pytest.fixture(autouse=True)
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(network_line, "_AGAIN", 0.02)
+
+
+@contextlib.contextmanager
+def opened(device: str) -> Iterator[NetworkLine]:
+    line = open_line(Line(device=device, baud=0))
+    assert isinstance(line, NetworkLine)
+    yield line
+    line.close()
+
+
+@pytest.fixture
+def other() -> Iterator[socket.socket]:
+    """Return a UDP socket of the other end."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
+        made.bind(("127.0.0.1", 0))
+        made.settimeout(5.0)
+        yield made
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def until(done: Callable[[], object]) -> bool:
+    deadline = time.monotonic() + 5.0
+    while not done():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.005)
+    return True
+
+
+def test_addresses() -> None:
+    assert address_of("udpin:127.0.0.1:14540") == ("127.0.0.1", 14540)
+    for wrong in ("udpin:14540", "tcp:host:", "tcp:host:0", "tcp:host:70000", "tcp:a:1:2"):
+        assert address_of(wrong) is None
+
+
+def test_a_device_is_a_serial_port() -> None:
+    pytest.importorskip("serial")
+    assert isinstance(open_line(Line(device="/dev/ttyACM9", baud=9600)), SerialLine)
+
+
+def test_who_calls_first_is_answered_until_it_is_silent(
+    other: socket.socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = free_port()
+    with opened(f"udpin:127.0.0.1:{port}") as line, socket.socket(type=socket.SOCK_DGRAM) as third:
+        line.read()
+        line.write(b"to nobody yet")
+        other.sendto(b"one", ("127.0.0.1", port))
+        assert until(lambda: line.read() == b"one")
+        third.sendto(b"stranger", ("127.0.0.1", port))
+        assert until(lambda: line.read() == b"" and "calls as well" in line.fault)
+        line.write(b"two")
+        assert other.recv(100) == b"two"
+        monkeypatch.setattr(network_line, "_QUIET", 0.0)
+        third.sendto(b"three", ("127.0.0.1", port))
+        assert until(lambda: line.read() == b"three") and line.fault == ""
+
+
+def test_it_calls_by_udp_also_while_nobody_is_there(other: socket.socket) -> None:
+    port = other.getsockname()[1]
+    other.close()
+    with opened(f"udpout:127.0.0.1:{port}") as line:
+        line.read()
+        for _ in range(3):
+            line.write(b"anybody?")
+            line.read()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as late:
+            late.bind(("127.0.0.1", port))
+            late.settimeout(0.2)
+
+            def came() -> bool:
+                line.read()
+                line.write(b"hello")
+                with contextlib.suppress(TimeoutError):
+                    return late.recv(100) == b"hello"
+                return False
+
+            assert until(came)
+            late.sendto(b"yes", line_address(line))
+            assert until(lambda: line.read() == b"yes")
+
+
+def line_address(line: NetworkLine) -> tuple[str, int]:
+    assert line._socket is not None
+    host, port = line._socket.getsockname()
+    return host, port
+
+
+def test_a_tcp_connection_is_made_anew() -> None:
+    port = free_port()
+    with opened(f"tcp:127.0.0.1:{port}") as line:
+        assert line.read() == b"" and "refused" in line.fault
+        for text in (b"first", b"second"):
+            with socket.create_server(("127.0.0.1", port)) as server:
+                server.settimeout(0.2)
+                ends: list[socket.socket] = []
+
+                def accepted(server: socket.socket = server, ends: list = ends) -> bool:
+                    line.read()
+                    with contextlib.suppress(TimeoutError):
+                        ends.append(server.accept()[0])
+                    return bool(ends)
+
+                assert until(accepted) and line.fault == ""
+                with ends[0] as end:
+                    end.sendall(text)
+                    assert until(lambda text=text: line.read() == text)
+                    line.write(text)
+                    assert end.recv(100) == text
+            assert until(lambda: line.read() == b"" and line.fault != "")
+
+
+def test_one_reading_ends_however_much_comes(other: socket.socket) -> None:
+    port = free_port()
+    with opened(f"udpin:127.0.0.1:{port}") as line:
+        line.read()
+        for _ in range(200):
+            other.sendto(bytes(2000), ("127.0.0.1", port))
+        assert until(lambda: 0 < len(line.read()) <= network_line._MOST + 2048)
+
+
+def test_a_node_flies_an_autopilot_at_the_other_end(other: socket.socket) -> None:
+    """State comes by MAVLink and goes out as odometry; commands go back as setpoints."""
+    pytest.importorskip("pymavlink")
+    port = free_port()
+    rclpy.init(args=["--ros-args", "-p", f"device:=udpin:127.0.0.1:{port}"])
+    node = node_module.BridgeNode(MavlinkBridge)
+    peer = rclpy.create_node("peer")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    executor.add_node(peer)
+    sensor = rclpy.qos.qos_profile_sensor_data
+    publisher = peer.create_publisher(TwistStamped, "command", sensor)
+    odometries: list[Odometry] = []
+    peer.create_subscription(Odometry, "odom", odometries.append, sensor)
+    other.setblocking(False)
+    speaker, found = Speaker(), list[Setpoint]()
+    deadline = time.monotonic() + 20.0
+    try:
+        while not (found and odometries):
+            assert time.monotonic() < deadline, (node.report(), len(odometries))
+            now = peer.get_clock().now()
+            other.sendto(speaker.told(now.nanoseconds), ("127.0.0.1", port))
+            wanted = TwistStamped()
+            wanted.header.stamp = now.to_msg()
+            wanted.twist.linear.z, wanted.twist.angular.x = HOVER, 0.5
+            publisher.publish(wanted)
+            for _ in range(5):
+                executor.spin_once(timeout_sec=0.004)
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    found += setpoints(other.recv(4096))
+            if node._bridge.handover[0] == "released":
+                node._bridge.engage(True, now_ns=now.nanoseconds)
+        assert odometries[-1].pose.pose.position.z == pytest.approx(2.0)
+        assert found[-1].rates == pytest.approx((0.5, 0.0, 0.0))
+    finally:
+        node.destroy_node()
+        peer.destroy_node()
+        rclpy.shutdown()
