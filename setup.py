@@ -16,6 +16,7 @@ BRIDGES = {
     "rosflight_bridge": "quad_mpc_ros.ros.bridges.rosflight:RosflightBridge",
     "aerostack2_bridge": "quad_mpc_ros.ros.bridges.aerostack2:Aerostack2Bridge",
     "crazyswarm2_bridge": "quad_mpc_ros.ros.bridges.crazyswarm2:Crazyswarm2Bridge",
+    "crazyflie_bridge": "quad_mpc_ros.ros.bridges.crazyflie:CrazyflieBridge",
     "betaflight_bridge": "quad_mpc_ros.ros.bridges.betaflight:BetaflightBridge",
     "rates_bridge": "quad_mpc_ros.ros.bridges.rates:RatesBridge",
 }
@@ -133,6 +134,7 @@ setup(
         # The peers in bench/peers, for quad_mpc bench; acados brings its own CasADi.
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
         "serial": ["pyserial>=3.5"],  # betaflight_bridge
+        "crazyflie": ["cflib>=0.1.34"],  # crazyflie_bridge
         "report": ["plotly>=6.0"],  # quad_mpc report
         # quad_mpc campaign on a cluster, with Parquet and its page; quad_mpc tune
         "campaign": ["dask", "distributed", "optuna>=4", "pyarrow", "plotly>=6.0"],

@@ -81,6 +81,13 @@ class Line:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CrazyflieLink:
+    """A link to a Crazyflie in place of a serial line, by its address as cflib writes it."""
+
+    uri: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class ServiceCall:
     """A filled request and the stack's service that it goes to.
 
@@ -101,7 +108,7 @@ class Response:
 
     accepted: bool
     text: str
-    messages: Sequence[OutgoingMessage] = ()
+    messages: Sequence[OutgoingMessage | OutgoingBytes] = ()
     calls: Sequence[ServiceCall] = ()
 
 
@@ -128,8 +135,8 @@ class Bridge(ABC):
     patient: bool = False
     """Whether a pilot switches the stack to setpoints, at any time."""
 
-    line: Line | None = None
-    """The serial line to the stack, if there is one."""
+    line: Line | CrazyflieLink | None = None
+    """The line to the stack, if there is one."""
 
     subscriptions: Sequence[Subscription]
     """What the bridge listens to."""

@@ -18,6 +18,8 @@ from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
+    CrazyflieLink,
+    Line,
     Outgoing,
     OutgoingBytes,
     OutgoingMessage,
@@ -26,6 +28,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
+from quad_mpc_ros.ros.bridges.crazyflie.line import CrazyflieLine
 from quad_mpc_ros.ros.bridges.serial_line import SerialLine
 from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health, ReportingNode
@@ -90,7 +93,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             )
         for name, ask in (("arm", self._bridge.arm), ("engage", self._bridge.engage)):
             self.create_service(SetBool, f"~/{name}", functools.partial(self._serve, ask))
-        self._line = SerialLine(self._bridge.line) if self._bridge.line is not None else None
+        self._line = _opened(self._bridge.line)
         if self._line is not None:
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(_LINE_PERIOD, self._on_line, clock=steady)
@@ -274,6 +277,16 @@ class BridgeNode(ReportingNode[BridgeConfig]):
 def run_bridge(kind: type[Bridge], args: list[str] | None = None) -> int:
     """Run the node of a bridge and return its exit code."""
     return run(functools.partial(BridgeNode, kind), args)
+
+
+def _opened(line: Line | CrazyflieLink | None) -> SerialLine | CrazyflieLine | None:
+    match line:
+        case Line():
+            return SerialLine(line)
+        case CrazyflieLink():
+            return CrazyflieLine(line)
+        case None:
+            return None
 
 
 def _require(kind: type[Bridge]) -> None:

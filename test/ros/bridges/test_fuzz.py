@@ -12,10 +12,19 @@ import numpy as np
 import pytest
 from fixtures.betaflight import set_raw_rc
 from fixtures.bridges import BRIDGES, engage
+from fixtures.crazyflie import setpoints
 
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.ros.bridges.bridge import Bridge, Outgoing, OutgoingBytes, Response, ServiceCall
+from quad_mpc_ros.ros.bridges.bridge import (
+    Bridge,
+    CrazyflieLink,
+    Outgoing,
+    OutgoingBytes,
+    OutgoingMessage,
+    Response,
+    ServiceCall,
+)
 
 New = Callable[[str], Any]
 Sound = Callable[[str, int], Any]
@@ -145,7 +154,8 @@ def check_message(message: Any) -> None:
 def check_response(response: Response) -> None:
     assert response.text
     for sending in response.messages:
-        check_message(sending.message)
+        if isinstance(sending, OutgoingMessage):
+            check_message(sending.message)
     for call in response.calls:
         check_message(call.request)
 
@@ -170,6 +180,11 @@ def check_sendings(sendings: list[Outgoing], case: str, bridge: Bridge) -> None:
         if isinstance(sending, ServiceCall):
             assert (sending.service, sending.type_name) in bridge.services
             check_message(sending.request)
+            continue
+        if isinstance(sending, OutgoingBytes) and isinstance(bridge.line, CrazyflieLink):
+            for *degrees, pwm in setpoints(sending.data):
+                # The heading of a vehicle that points up or down turns faster than its body.
+                assert max(map(abs, degrees)) <= 4.0 * FASTEST_DEGREES and pwm <= 60000
             continue
         if isinstance(sending, OutgoingBytes):
             (pulses,) = set_raw_rc(sending.data)
