@@ -16,23 +16,26 @@ from typing import Any
 import numpy as np
 import pytest
 from fixtures.crazyflie_firmware import Firmware, executable
+from fixtures.firmware_plant import (
+    MILLISECOND,
+    FirmwarePlant,
+    LiveFlight,
+    configured,
+    errors,
+    flown,
+)
 from fixtures.stack_messages import new_message
 
-from quad_mpc_ros.control.lie import so3
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
-from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig, load_config, simulate
-from quad_mpc_ros.references.configured import configured_trajectory
-from quad_mpc_ros.ros.bridges.bridge import OutgoingBytes
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.messages import conversions, crtp
+from quad_mpc_ros.recordings.evaluation.simulated import FlightConfig
+from quad_mpc_ros.ros.bridges.bridge import CrazyflieLink, OutgoingBytes, OutgoingMessage
 from quad_mpc_ros.ros.bridges.crazyflie import CrazyflieBridge
 from quad_mpc_ros.ros.bridges.crazyflie.line import CrazyflieLine
 from quad_mpc_ros.simulation.config import SimulatorConfig
-from quad_mpc_ros.simulation.rotors import motion
-from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 
-MILLISECOND = 1_000_000
-SECOND = 1_000_000_000
-START_NS = SECOND
+VEHICLE = "vehicles/crazyflie"
 CALIBRATION = 2.5  # s
 
 
@@ -42,13 +45,10 @@ def _needs() -> None:
     executable()
 
 
-class Bridged(RotorsPlant):
-    """The rotors and the body of the plant ``rotors`` under the firmware's loops and mixer."""
+class Bridged(FirmwarePlant):
+    """The plant under the firmware's loops and mixer, with cflib in between."""
 
     def __init__(self, config: SimulatorConfig, **parameters: Any) -> None:
-        self.before_ns = 0
-        self.is_held = True
-        self.warnings: list[str] = []
         folder = tempfile.mkdtemp(prefix="quad_mpc_ros_crazyflie_")
         self.firmware = Firmware(Path(folder, "firmware.log"))
         given = {
@@ -57,43 +57,34 @@ class Bridged(RotorsPlant):
             "thrust_curve": config.thrust_curve,
             **parameters,
         }
-        self.bridge = CrazyflieBridge(CrazyflieBridge.Config.build(given), new_message)
-        assert self.bridge.line is not None
-        self.line = CrazyflieLine(self.bridge.line)
+        bridge = CrazyflieBridge(CrazyflieBridge.Config.build(given), new_message)
+        assert isinstance(bridge.line, CrazyflieLink)
+        self.line = CrazyflieLine(bridge.line)
         self.written = 0
-        self._until_loop_ns = 0
-        # Front right, back right, back left, front left.
-        corners = [(1, -1), (-1, -1), (-1, 1), (1, 1)]
-        self._motor_of_rotor = [
-            corners.index((round(np.sign(x)), round(np.sign(y))))
-            for x, y in zip(config.rotors.x, config.rotors.y, strict=True)
-        ]
-        super().__init__(config)
-        self._v_before = self._body["v_WC_W"].copy()
+        super().__init__(config, bridge)
         self.live(CALIBRATION)
 
     def close(self) -> None:
         self.line.close()
         self.firmware.close()
 
+    def advance_to(self, time_ns: int) -> None:
+        with self.firmware.awake():
+            super().advance_to(time_ns)
+
     @property
-    def now_ns(self) -> int:
-        return START_NS + self.before_ns + self.time_ns
+    def info(self) -> int:
+        """What the supervisor has reported last."""
+        return self.bridge._session.telemetry.info  # type: ignore[attr-defined, no-any-return]
 
-    def apply(self, command: CommandSample) -> None:
-        command = CommandSample(
-            stamp_ns=self.now_ns, throttle=command.throttle, w_WB_B=command.w_WB_B
-        )
-        for sent in self.bridge.receive_command(command, now_ns=self.now_ns):
-            assert isinstance(sent, OutgoingBytes)
-            self._write(sent.data)
-
-    def odometry(self, stamp_ns: int) -> OdometrySample:
-        seen = super().odometry(stamp_ns)
+    def _hear(self, truth: OdometrySample) -> None:
         message = new_message("nav_msgs/msg/Odometry")
-        conversions.fill_odometry(message, super().odometry(self.now_ns))
+        conversions.fill_odometry(message, truth)
         self.bridge.subscriptions[0].receive(message, self.now_ns)
-        return seen
+
+    def _send(self, outgoing: OutgoingMessage | OutgoingBytes) -> None:
+        assert isinstance(outgoing, OutgoingBytes)
+        self._write(outgoing.data)
 
     def _write(self, data: bytes) -> None:
         self.line.write(data)
@@ -105,56 +96,13 @@ class Bridged(RotorsPlant):
             assert time.monotonic() < until
             self.firmware.pass_on()
 
-    def _move(self, *, duration_ns: int) -> None:
-        while duration_ns > 0:
-            if self._until_loop_ns == 0:
-                self._fly()
-                self._until_loop_ns = MILLISECOND
-            until_ns = min(duration_ns, self._until_loop_ns)
-            held = self._body.copy()
-            motion.coast(
-                self._body,
-                speeds=self._speeds,
-                wanted=self._wanted,
-                inputs=self._inputs,
-                craft=self._craft,
-                rotors=self._rotors,
-                duration_ns=until_ns,
-            )
-            if self.is_held:
-                self._body[()] = held
-            self._until_loop_ns -= until_ns
-            self.passed_ns += until_ns
-            duration_ns -= until_ns
-
-    passed_ns = 0
-
-    def _fly(self) -> None:
+    def _levels(self, force_B: Array, w_WB_B: Array) -> Any:
         if self.passed_ns % (5 * MILLISECOND) == 0:
             self._write(self.bridge.exchange(self.line.read(), now_ns=self.now_ns))
-            self.warnings += self.bridge.take_warnings()
-        v_W = self._body["v_WC_W"].copy()
-        a_W = (v_W - self._v_before) * 1e3
-        self._v_before = v_W
-        R_WB = so3.rotation_from_quaternion_xyzw(self._body["q_WB_xyzw"].copy())
-        force = R_WB.T @ (a_W + np.array([0.0, 0.0, self._config.gravity]))
-        self.firmware.step(force, self._body["w_WB_B"])
-        a, b, c = self._config.thrust_curve
-        for rotor, motor in enumerate(self._motor_of_rotor):
-            power = self.firmware.motors[motor] / 65535.0
-            thrust = max((a * power + b) * power + c, 0.0)
-            self._wanted[rotor] = np.sqrt(thrust / self._config.rotors.thrust_coefficient)
-
-    def live(self, seconds: float, throttle: float | None = None, w: Any = (0, 0, 0)) -> None:
-        """Let time pass, with odometry and, if so, commands 50 times a second."""
-        for _ in range(round(50 * seconds)):
-            self.odometry(0)
-            if throttle is not None:
-                self.apply(CommandSample(stamp_ns=0, throttle=throttle, w_WB_B=np.array(w)))
-            self.advance_to(self.time_ns + 20 * MILLISECOND)
+        self.firmware.step(force_B, w_WB_B)
+        return [power / crtp.PWM_FULL for power in self.firmware.motors]
 
     def take_over(self, throttle: float) -> None:
-        """Engage the bridge while the vehicle is held where it is, then let it go."""
         self.live(0.1, 0.0)  # the firmware has not flown yet, so the vehicle counts as landed
         answer = self.bridge.engage(True, now_ns=self.now_ns)
         assert answer.accepted, answer.text
@@ -162,49 +110,158 @@ class Bridged(RotorsPlant):
         assert self.bridge.handover[0] == "engaged"
         self.is_held = False
 
-    def begin(self) -> None:
-        """Let the plant's time begin, while the bridge's goes on."""
-        self.before_ns += self.time_ns
-        self.time_ns = 0
+
+def vehicle(*assignments: str, **mpc: Any) -> FlightConfig:
+    return configured(VEHICLE, *assignments, **mpc)
 
 
-def vehicle(**changes: Any) -> FlightConfig:
-    """Return the default configuration with mass and thrust of a Crazyflie."""
-    loaded = load_config("default", "vehicles/crazyflie")
-    start = {"initial_throttle": loaded.simulator.vehicle().hover_throttle, **changes}
-    return loaded._replace(simulator=loaded.simulator.updated(start))
+HOVER = vehicle().simulator.initial_throttle
 
 
 @contextlib.contextmanager
-def bridged(changes: Any = None, **parameters: Any) -> Iterator[Bridged]:
-    plant = Bridged(vehicle(**(changes or {})).simulator, **parameters)
-    try:
+def bridged(height: float = 50.0, **parameters: Any) -> Iterator[Bridged]:
+    simulator = vehicle().simulator.updated(
+        {"initial_position": (0.0, 0.0, height), **({} if height else {"initial_throttle": 0.0})}
+    )
+    with contextlib.closing(Bridged(simulator, **parameters)) as plant:
         yield plant
-    finally:
-        plant.close()
-
-
-AIR = {"initial_position": (0.0, 0.0, 50.0)}
-HOVER = vehicle().simulator.vehicle().hover_throttle
 
 
 def test_signs_of_all_axes() -> None:
-    with bridged(AIR) as plant:
+    with bridged() as plant:
         plant.take_over(HOVER)
         for w in np.vstack((np.eye(3), -np.eye(3))):
-            plant.live(0.4, HOVER, w)
-            np.testing.assert_allclose(plant.odometry(0).w_WB_B, w, atol=0.45)
+            plant.live(0.6, HOVER, w)
+            found = plant.odometry(0).w_WB_B
+            np.testing.assert_allclose(found[:2], w[:2], atol=0.1)
+            assert found[2] == pytest.approx(w[2], abs=0.45)  # slow, and its integrator remembers
 
 
-def flown(loaded: FlightConfig, *, duration: float) -> Any:
-    """Return a flight that begins at rest where the reference begins, and its plant, closed."""
-    first = configured_trajectory(loaded.reference).at([0]).p_WB[0]
-    simulator = loaded.simulator.updated({"initial_position": tuple(map(float, first))})
-    plant = Bridged(simulator)
-    try:
+def test_the_throttle_of_hover_hovers() -> None:
+    with bridged() as plant:
         plant.take_over(HOVER)
-        plant.begin()
-        flight = simulate(loaded.mpc, simulator, loaded.reference, plant=plant, duration=duration)
-    finally:
-        plant.close()
-    return flight, plant
+        plant.live(1.0, HOVER)
+        assert abs(plant.v_WB_W[2]) < 0.02
+
+
+def test_silence_where_the_bridge_is_gone_levels_and_then_locks_it() -> None:
+    """Its clock may run ahead of the plant's here, so only the order is tested."""
+    with bridged() as plant:
+        plant.take_over(HOVER)
+        plant.live(0.3, HOVER, (1.0, 0.0, 0.0))
+        plant.firmware.is_cut = True
+        plant.live(0.1)
+        assert plant.odometry(0).w_WB_B[0] > 0.8  # the last rates
+        seen = []
+        for _ in range(60):
+            plant.live(0.05)
+            seen.append((plant.odometry(0).up > 0.99, max(plant.firmware.motors) > 0))
+        level = seen.index((True, True))
+        stopped = next(place for place, (_, runs) in enumerate(seen) if not runs)
+        assert level < stopped
+        plant.firmware.is_cut = False
+        plant.live(1.5)
+        assert plant.info & crtp.IS_LOCKED
+        refused = plant.bridge.engage(True, now_ns=plant.now_ns)
+        assert not refused.accepted and "restart it" in refused.text
+
+
+def test_commands_that_stop_make_the_firmware_land() -> None:
+    with bridged(0.0) as plant:
+        plant.is_held = False
+        flight = risen(plant, vehicle("reference.takeoff_height=1.0"))
+        flight.is_commanding = False
+        flight.fly(9.0)
+        assert any("asked to land" in each for each in plant.warnings)
+        assert plant.bridge.handover[0] == "released"
+        assert max(plant.firmware.motors) == 0 and flight.heights[-1] < 0.1
+        assert not plant.info & crtp.IS_LOCKED
+
+
+def test_on_request_the_firmware_holds_it() -> None:
+    with bridged(0.0) as plant:
+        plant.is_held = False
+        flight = risen(plant, vehicle("reference.takeoff_height=1.0"))
+        released = plant.bridge.engage(False, now_ns=plant.now_ns)
+        plant.send(released.messages)
+        flight.fly(6.0)
+        assert flight.heights[-1] == pytest.approx(1.0, abs=0.15)
+        assert not plant.info & crtp.IS_LOCKED
+
+
+def test_disarming_in_flight_stops_the_motors() -> None:
+    with bridged() as plant:
+        plant.take_over(HOVER)
+        plant.live(1.0, HOVER)
+        disarmed = plant.bridge.arm(False, now_ns=plant.now_ns)
+        plant.send(disarmed.messages)
+        plant.live(0.1, HOVER)
+        assert max(plant.firmware.motors) == 0
+        assert not plant.bridge.engaged(now_ns=plant.now_ns)
+
+
+def risen(plant: Bridged, loaded: FlightConfig) -> LiveFlight:
+    """Return a flight that has taken off."""
+    flight = LiveFlight(loaded, plant)
+    flight.fly(0.5)
+    answer = plant.bridge.engage(True, now_ns=plant.now_ns)
+    assert answer.accepted, answer.text
+    flight.fly(0.5)
+    assert plant.bridge.handover[0] == "engaged"
+    assert max(flight.heights) < 0.1
+    assert flight.live.take_off(plant.now_ns).accepted
+    flight.fly(5.0)
+    return flight
+
+
+def test_take_off_lemniscate_landing_and_disarming() -> None:
+    loaded = vehicle(
+        "reference.trajectory=lemniscate",
+        "reference.angular_frequency=1.0",
+        "reference.takeoff_height=1.5",
+    )
+    with bridged(0.0) as plant:
+        plant.is_held = False
+        flight = risen(plant, loaded)
+        assert flight.heights[-1] == pytest.approx(1.5, abs=0.05)
+        assert flight.live.start(plant.now_ns).accepted
+        flight.fly(12.0)
+        assert flight.error < 0.05
+        assert flight.live.land(plant.now_ns).accepted
+        flight.fly(10.0)
+        assert flight.heights[-1] < 0.1
+        plant.send(plant.bridge.arm(False, now_ns=plant.now_ns).messages)
+        flight.fly(3.0)
+        assert max(plant.firmware.motors) == 0
+        assert not plant.info & (crtp.IS_FLYING | crtp.IS_LOCKED)
+
+
+LEMNISCATE = ("reference.trajectory=lemniscate", "reference.angular_frequency=1.0")
+# What ``identify`` finds of that flight.
+FOUND: dict[str, Any] = {
+    "rate_time_constant": (0.002, 0.002, 0.58),
+    "thrust_time_constant": 0.037,
+    "input_delay": 0.040,
+    "drag": 0.0,
+    "rotor_drag": (0.246, 0.230, 0.0),
+}
+
+
+@pytest.mark.parametrize(
+    ("assignments", "mpc", "most"),
+    [
+        (("reference.trajectory=hover",), {}, 0.02),
+        (LEMNISCATE, {}, 0.05),
+        (LEMNISCATE, FOUND, 0.02),
+    ],
+    ids=["hover", "lemniscate with guessed lags", "lemniscate identified"],
+)
+def test_it_follows(assignments: Any, mpc: Any, most: float) -> None:
+    flight, _ = flown(vehicle(*assignments, **mpc), Bridged, duration=20.0 if not mpc else 12.0)
+    assert np.sqrt(np.mean(errors(flight)[100:] ** 2)) < most
+    assert flight.stats["thrust_scale"][-1] == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_square_settles() -> None:
+    flight, _ = flown(vehicle(), Bridged, duration=9.0)
+    assert max(errors(flight)[[98, 198, 298, 398]]) < 0.05
