@@ -221,6 +221,17 @@ def test_a_pilot_takes_over_by_switch_or_stick(taking: Any) -> None:
         assert plant.bridge.handover[0] == "released"
 
 
+def test_a_lost_receiver_levels_at_the_throttle_of_failsafe() -> None:
+    with bridged(settings={"FAILSAFE_THR": 0.4}) as plant:
+        plant.take_over(HOVER)
+        plant.live(0.4, HOVER, (0.5, 0.0, 0.0))
+        plant.pilot = sticks(throttle=0.5, roll=-0.5)  # a pulse that no receiver gives
+        plant.live(1.5, HOVER)
+        assert plant.bridge.handover[0] == "released" and "failsafe" in plant.bridge.handover[1]
+        assert plant.odometry(0).up > 0.99
+        assert np.mean(plant.firmware.outputs[:4]) == pytest.approx(0.4 * RC_MAX_THR, abs=0.01)
+
+
 def test_a_low_throttle_stick_caps_ours_and_that_is_told() -> None:
     with bridged() as plant:
         plant.take_over(HOVER)
