@@ -20,6 +20,7 @@ from fixtures.stack_messages import sound_message
 
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.messages import crtp
+from quad_mpc_ros.ros.bridges import crazyswarm2
 from quad_mpc_ros.ros.bridges.bridge import CrazyflieLink, Outgoing, OutgoingBytes
 from quad_mpc_ros.ros.bridges.crazyflie import CrazyflieBridge
 from quad_mpc_ros.ros.bridges.crazyflie.line import CrazyflieLine
@@ -266,7 +267,35 @@ def test_the_link_sends_and_receives_by_cflib() -> None:
         line.close()
 
 
+def test_the_node_prepares_what_is_at_its_address(start: Callable[..., Any]) -> None:
+    pytest.importorskip("cflib")
+    pytest.importorskip("rclpy")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        peer.bind(("127.0.0.1", 0))
+        peer.settimeout(60.0)
+        start("crazyflie_bridge", "-p", f"uri:=udp://127.0.0.1:{peer.getsockname()[1]}")
+        wanted = {b"\0" + name + b"\x08\0" for name in crazyflie.MODES}
+        while wanted:
+            packet = peer.recv(64)
+            if packet[0] & 0xF3 == 0x23:
+                wanted.discard(packet[1:])
+
+
 def test_an_address_of_another_kind_is_told() -> None:
     pytest.importorskip("cflib")
     line = CrazyflieLine(CrazyflieLink(uri="http://127.0.0.1"))
     assert line.read() == b"" and "expected radio://" in line.fault
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_the_server_of_crazyswarm2_makes_the_same_packet(
+    new: New, axis: tuple[float, ...]
+) -> None:
+    """Of the other bridge's message: roll is linear.y, pitch -linear.x, yaw angular.z."""
+    message = new("geometry_msgs/msg/Twist")
+    crazyswarm2.fill_setpoint(message, command(w=axis), throttle=0.5)
+    data = struct.pack(
+        "<fffH", message.linear.y, -message.linear.x, message.angular.z, round(message.linear.z)
+    )
+    p, q, r = axis
+    assert data == crtp.rate_setpoint(roll=p, pitch=q, heading=r, throttle=0.5).data
