@@ -207,7 +207,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         missing = [
             call.service
             for call in decided.calls
-            if not self._clients_by_name[call.service].service_is_ready()
+            if not call.optional and not self._clients_by_name[call.service].service_is_ready()
         ]
         response.success = decided.accepted and not missing
         response.message = f"service {missing[0]} is not available" if missing else decided.text
@@ -231,8 +231,11 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             ]
         )
 
-    def _on_answered(self, service: str, future: Any) -> None:
-        self.get_logger().info(f"{service} answered {future.result()}")
+    def _on_answered(self, call: ServiceCall, future: Any) -> None:
+        if call.receive is not None:
+            call.receive(future.result())
+        else:
+            self.get_logger().info(f"{call.service} answered {future.result()}")
 
     def _send(self, outgoing: Outgoing) -> None:
         if isinstance(outgoing, OutgoingMessage):
@@ -246,10 +249,11 @@ class BridgeNode(ReportingNode[BridgeConfig]):
     def _request(self, call: ServiceCall) -> None:
         client = self._clients_by_name[call.service]
         if not client.service_is_ready():
-            self.get_logger().warning(f"service {call.service} is not available")
+            if not call.optional:
+                self.get_logger().warning(f"service {call.service} is not available")
             return
         future = client.call_async(call.request)
-        future.add_done_callback(functools.partial(self._on_answered, call.service))
+        future.add_done_callback(functools.partial(self._on_answered, call))
 
     def report(self) -> Health:
         """Return whether commands are sent to the stack, or why not."""

@@ -12,6 +12,8 @@ https://github.com/rosflight/roscopter (roscopter_msgs/msg/State).
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 from collections import deque
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +29,7 @@ from quad_mpc_ros.ros.bridges.bridge import (
     LatestStatus,
     OutgoingMessage,
     Response,
+    ServiceCall,
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
@@ -47,6 +50,12 @@ _RC_TIMEOUT = 0.5  # s
 _RC_FRAMES = 20  # of which the rate is taken
 _RC_SLOW = 100.0  # Hz
 _CAPPED_NS = 500_000_000
+
+# What is asked of the firmware when it is engaged.
+_SCALE, _LOWER_THROTTLE = "RC_MAX_THR", "TAKE_MIN_THR"
+_RATE_INTEGRALS = ("PID_ROLL_RATE_I", "PID_PITCH_RATE_I")
+_ASKED = (_SCALE, _LOWER_THROTTLE, *_RATE_INTEGRALS)
+_SAME_SCALE = 0.005
 
 # Bits of the status: who overrides, where the lowest throttle wins, and what prevents arming.
 OVERRIDE_T = 0x20
@@ -135,6 +144,9 @@ class RosflightConfig(BridgeConfig):
     truth_topic: str = parameter("/sim/truth_state", doc="Topic of the simulator's truth.")
     command_topic: str = parameter("/command", doc="Topic that rosflight_io listens to.")
     rc_topic: str = parameter("/rc_raw", doc="Topic of rosflight_io's RC frames.")
+    parameter_service: str = parameter(
+        "/param_get", doc="Service of rosflight_io that tells parameters of the firmware."
+    )
     rc_max_throttle: float = parameter(
         0.7,
         doc="RC_MAX_THR of the firmware, which scales our throttle, too: the thrust map is that "
@@ -168,6 +180,9 @@ class RosflightBridge(Bridge):
         self._status = LatestStatus(timeout=_STATUS_TIMEOUT)
         self._rc_ns: deque[int] = deque(maxlen=_RC_FRAMES)
         self._capped_ns: int | None = None
+        self._scale_fault = ""
+        self._parameters = (config.parameter_service, "rosflight_msgs/srv/ParamGet")
+        self.services = (self._parameters,)
         state = Topic(name=self._state_topic, type_name=type_name)
         status = Topic(name=config.status_topic, type_name="rosflight_msgs/msg/Status")
         rc = Topic(name=config.rc_topic, type_name="rosflight_msgs/msg/RCRaw")
@@ -188,7 +203,34 @@ class RosflightBridge(Bridge):
         obstacle = self._rc_obstacle(now_ns) if wanted else ""
         if obstacle:
             return Response(accepted=False, text=obstacle)
-        return super().engage(wanted, now_ns=now_ns)
+        response = super().engage(wanted, now_ns=now_ns)
+        if not (wanted and response.accepted):
+            return response
+        self._scale_fault = ""
+        return dataclasses.replace(response, calls=[self._question(name) for name in _ASKED])
+
+    def _question(self, name: str) -> ServiceCall:
+        """Return the call that asks for a parameter of the firmware."""
+        call = self._call(self._parameters, name=name)
+        receive = functools.partial(self._on_parameter, name)
+        return dataclasses.replace(call, receive=receive, optional=True)
+
+    def _on_parameter(self, name: str, response: Any) -> None:
+        """Judge a parameter of the firmware."""
+        if not response.exists:
+            return
+        value, ours = float(response.value), self._config.rc_max_throttle
+        if name == _SCALE and abs(value - ours) > _SAME_SCALE:
+            self._scale_fault = (
+                f"RC_MAX_THR is {value:.3g} and rc_max_throttle {ours:.3g}: thrust would be "
+                f"{value / ours:.2f} of what is asked for; set them alike"
+            )
+        if name in _RATE_INTEGRALS and value == 0.0:
+            self._warnings.append(f"{name} is 0: the vehicle turns where its weight is off centre")
+        if name == _LOWER_THROTTLE and value != 0.0:
+            self._warnings.append(
+                "TAKE_MIN_THR is 1: the pilot's throttle caps ours, so raise it fully to fly"
+            )
 
     def _rc_obstacle(self, now_ns: int) -> str:
         """Return why the firmware would not follow, or nothing."""
@@ -223,6 +265,8 @@ class RosflightBridge(Bridge):
             return Stack(fault=fault)
         if status.failsafe:
             return Stack(fault="ROSflight is in failsafe")
+        if self._scale_fault:
+            return Stack(fault=self._scale_fault)
         followed = bool(status.offboard) and not status.rc_override & ~OVERRIDE_T
         return Stack(takes_setpoints=followed, armed=bool(status.armed))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,11 +25,13 @@ from fixtures.firmware_plant import (
 from fixtures.rosflight_firmware import (
     HEARTBEAT,
     OFFBOARD,
+    PARAM_VALUE,
     STATUS,
     Firmware,
     executable,
     fill_status,
     offboard,
+    parameter,
 )
 from fixtures.stack_messages import new_message
 
@@ -83,6 +86,7 @@ class Bridged(FirmwarePlant):
         self.is_cut = False
         self.pilot: Any = LOW
         self.statuses: list[Any] = []
+        self.asked: dict[str, Any] = {}
         # By a clock of its own, so that frames come at any time after a command.
         self.rc_per_step = 0.997e-3 * rc_rate
         super().__init__(config, bridge)
@@ -123,6 +127,10 @@ class Bridged(FirmwarePlant):
                 fill_status(status, payload)
                 self.statuses.append(status)
                 self.receivers["/status"](status, self.now_ns)
+            if number == PARAM_VALUE[0]:
+                name, value = parameter(payload)
+                if name in self.asked:
+                    self.asked.pop(name)(SimpleNamespace(exists=True, value=value))
         return self.firmware.outputs
 
     def calibrate(self) -> None:
@@ -137,11 +145,19 @@ class Bridged(FirmwarePlant):
         live(1.2)  # RC_OVRD_LAG_T after the last deviation of a stick
         assert self.bridge.handover[0] == "engaged"
 
+    def engage(self) -> None:
+        """Engage, and pass its questions on as rosflight_io does."""
+        answer = self.bridge.engage(True, now_ns=self.now_ns)
+        assert answer.accepted, answer.text
+        for call in answer.calls:
+            assert (call.service, call.type_name) in self.bridge.services and call.optional
+            self.asked[call.request.name] = call.receive
+            self.firmware.ask_parameter(call.request.name)
+
     def take_over(self, throttle: float) -> None:
         self.calibrate()
         self.live(0.1, 0.0)
-        answer = self.bridge.engage(True, now_ns=self.now_ns)
-        assert answer.accepted, answer.text
+        self.engage()
         self.arm(lambda seconds: self.live(seconds, 0.0))
         self.live(0.3, throttle)
         self.is_held = False
@@ -191,6 +207,24 @@ def test_engaging_is_refused_where_the_firmware_would_not_follow() -> None:
         plant.live(0.6, 0.0)
         refused = plant.bridge.engage(True, now_ns=plant.now_ns)
         assert not refused.accepted and "no RC frame" in refused.text
+
+
+def test_parameters_of_the_firmware_are_read_when_it_is_engaged() -> None:
+    with bridged() as plant:
+        plant.take_over(HOVER)
+        assert plant.asked == {}
+        assert any("TAKE_MIN_THR is 1" in each for each in plant.warnings)
+        assert any("PID_ROLL_RATE_I is 0" in each for each in plant.warnings)
+
+
+def test_another_scale_of_the_throttle_releases_it_before_it_flies() -> None:
+    with bridged(settings={"RC_MAX_THR": 0.9}) as plant:
+        plant.calibrate()
+        plant.live(0.1, 0.0)
+        plant.engage()
+        plant.live(0.1, 0.0)
+        state, reason = plant.bridge.handover
+        assert state == "released" and "RC_MAX_THR is 0.9 and rc_max_throttle 0.7" in reason
 
 
 def test_slow_rc_is_told() -> None:
@@ -265,8 +299,7 @@ def test_take_off_lemniscate_landing_and_disarming() -> None:
         plant.calibrate()
         flight = LiveFlight(loaded, plant)
         flight.fly(0.5)
-        answer = plant.bridge.engage(True, now_ns=plant.now_ns)
-        assert answer.accepted, answer.text
+        plant.engage()
         plant.arm(flight.fly)
         assert max(flight.heights) < 0.1
         assert flight.live.take_off(plant.now_ns).accepted

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import queue
 import threading
@@ -22,15 +23,12 @@ class CrazyflieLine:
         self.fault = ""
         self._uri = link.uri
         self._crtp = importlib.import_module("cflib.crtp")
-        self._packet = importlib.import_module("cflib.crtp.crtpstack").CRTPPacket
         if not self._crtp.CLASSES:
             self._crtp.init_drivers()
         self._driver: Any = None
+        self._sender: _Sender | None = None
         self._tried: float | None = None
         self._reader = crtp.Reader()
-        # A radio keeps a sender waiting for as long as there is no answer.
-        self._waiting: queue.Queue[crtp.Packet | None] = queue.Queue(_MOST_WAITING)
-        self._sender: threading.Thread | None = None
 
     def read(self) -> bytes:
         """Return what has come, each packet after its length."""
@@ -41,31 +39,20 @@ class CrazyflieLine:
             data = bytes(received.data)
             found += bytes((1 + len(data), received.header)) + data
         if self.fault:  # by the driver's own thread
-            self.close()
+            self._release()
         return found
 
     def write(self, data: bytes) -> None:
-        """Send packets, each after its length; when too many wait, the oldest is dropped."""
+        """Send packets, each after its length."""
         for packet in self._reader.read(data):
-            if self._driver is None:
-                continue
-            while True:
-                try:
-                    self._waiting.put_nowait(packet)
-                    break
-                except queue.Full:
-                    self._drop()
+            if self._sender is not None:
+                self._sender.put(packet)
 
     def close(self) -> None:
         """Close the link."""
-        driver, sender, self._driver, self._sender = self._driver, self._sender, None, None
+        sender = self._release()
         if sender is not None:
-            while self._drop():
-                pass
-            self._waiting.put(None)
             sender.join()
-        if driver is not None:
-            driver.close()
 
     def _open(self) -> bool:
         now = time.monotonic()
@@ -80,21 +67,42 @@ class CrazyflieLine:
         if driver is None:
             self.fault = f"{self._uri}: expected radio://, usb:// or udp:// as cflib writes them"
             return False
-        self.fault, self._driver = "", driver
-        self._sender = threading.Thread(target=self._send, args=(driver,), daemon=True)
+        self.fault, self._driver, self._sender = "", driver, _Sender(driver)
         self._sender.start()
         return True
 
-    def _send(self, driver: Any) -> None:
-        while (packet := self._waiting.get()) is not None:
-            driver.send_packet(self._packet(packet.header, packet.data))
-
-    def _drop(self) -> bool:
-        try:
-            self._waiting.get_nowait()
-        except queue.Empty:
-            return False
-        return True
+    def _release(self) -> _Sender | None:
+        """Let the sender close the driver, which may take a second."""
+        sender, self._driver, self._sender = self._sender, None, None
+        if sender is not None:
+            sender.put(None)
+        return sender
 
     def _on_error(self, message: str) -> None:
         self.fault = f"{self._uri}: {message.splitlines()[0]}"
+
+
+class _Sender(threading.Thread):
+    """Sends packets of one driver: a radio keeps its caller waiting while nobody answers."""
+
+    def __init__(self, driver: Any) -> None:
+        super().__init__(daemon=True)
+        self._driver = driver
+        self._packet = importlib.import_module("cflib.crtp.crtpstack").CRTPPacket
+        self._waiting: queue.Queue[crtp.Packet | None] = queue.Queue(_MOST_WAITING)
+
+    def put(self, packet: crtp.Packet | None) -> None:
+        """Send a packet after those that wait, or None to end; the oldest makes room."""
+        while True:
+            try:
+                self._waiting.put_nowait(packet)
+                return
+            except queue.Full:
+                with contextlib.suppress(queue.Empty):
+                    self._waiting.get_nowait()
+
+    def run(self) -> None:
+        """Send until the end, and close the driver."""
+        while (packet := self._waiting.get()) is not None:
+            self._driver.send_packet(self._packet(packet.header, packet.data))
+        self._driver.close()
