@@ -16,6 +16,7 @@ BRIDGES = {
     "rosflight_bridge": "quad_mpc_ros.ros.bridges.rosflight:RosflightBridge",
     "aerostack2_bridge": "quad_mpc_ros.ros.bridges.aerostack2:Aerostack2Bridge",
     "crazyswarm2_bridge": "quad_mpc_ros.ros.bridges.crazyswarm2:Crazyswarm2Bridge",
+    "crazyflie_bridge": "quad_mpc_ros.ros.bridges.crazyflie:CrazyflieBridge",
     "betaflight_bridge": "quad_mpc_ros.ros.bridges.betaflight:BetaflightBridge",
     "mavlink_bridge": "quad_mpc_ros.ros.bridges.mavlink:MavlinkBridge",
     "rates_bridge": "quad_mpc_ros.ros.bridges.rates:RatesBridge",
@@ -135,6 +136,7 @@ setup(
         "bench": ["cvxpy", f"comma-deps-acados; {ACADOS_WHEELS_EXIST}"],
         "serial": ["pyserial>=3.5"],  # betaflight_bridge
         "mavlink": ["pymavlink>=2.4.41", "pyserial>=3.5"],  # mavlink_bridge
+        "crazyflie": ["cflib>=0.1.34"],  # crazyflie_bridge
         "report": ["plotly>=6.0"],  # quad_mpc report
         # quad_mpc campaign on a cluster, with Parquet and its page; quad_mpc tune
         "campaign": ["dask", "distributed", "optuna>=4", "pyarrow", "plotly>=6.0"],

@@ -84,15 +84,27 @@ class Line:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CrazyflieLink:
+    """A link to a Crazyflie in place of a serial line, by its address as cflib writes it."""
+
+    uri: str
+    period: float = 0.005
+    """How often it is read [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ServiceCall:
     """A filled request and the stack's service that it goes to.
 
-    ``type_name`` is like ``std_srvs/srv/SetBool``.
+    ``type_name`` is like ``std_srvs/srv/SetBool``. ``receive`` gets the response, if anything
+    does; an ``optional`` call is left out where nobody serves it.
     """
 
     service: str
     type_name: str
     request: Any
+    receive: Callable[[Any], None] | None = None
+    optional: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +143,7 @@ class Bridge(ABC):
     patient: bool = False
     """Whether a pilot switches the stack to setpoints, at any time."""
 
-    line: Line | None = None
+    line: Line | CrazyflieLink | None = None
     """The line to the stack, if there is one."""
 
     subscriptions: Sequence[Subscription]

@@ -22,6 +22,7 @@ import numpy as np
 from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
+from quad_mpc_ros.messages import crtp
 from quad_mpc_ros.messages.conversions import NewMessage, nanoseconds, odometry_from_message
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
@@ -33,13 +34,6 @@ from quad_mpc_ros.ros.bridges.bridge import (
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.handover import Stack
 from quad_mpc_ros.ros.bridges.odometry import PoseDifferentiator
-
-PWM_FULL = 65535.0
-PWM_LARGEST = 60000.0  # where the server cuts
-SUPERVISOR_IS_ARMED = 2
-SUPERVISOR_IS_FLYING = 16
-SUPERVISOR_IS_TUMBLED = 32
-SUPERVISOR_IS_LOCKED = 64
 
 _LOCKS_AFTER_NS = 2_000_000_000
 # The radio may lose one.
@@ -73,7 +67,7 @@ def fill_setpoint(message: Any, command: CommandSample, *, throttle: float) -> N
     """Write body rates [deg/s] and throttle [PWM] into the ``Twist`` of ``cmd_vel_legacy``."""
     p, q, r = (math.degrees(rate) for rate in command.w_WB_B.tolist())
     message.linear.x, message.linear.y = q, p
-    message.linear.z = min(throttle * PWM_FULL, PWM_LARGEST)
+    message.linear.z = min(throttle * crtp.PWM_FULL, float(crtp.PWM_LARGEST))
     message.angular.z = -r
 
 
@@ -140,18 +134,18 @@ class Crazyswarm2Bridge(Bridge):
     def landed(self, *, now_ns: int) -> bool | None:
         """Return whether the supervisor reports that it does not fly."""
         status = self._status.value(now_ns=now_ns)
-        return None if status is None else not status.supervisor_info & SUPERVISOR_IS_FLYING
+        return None if status is None else not status.supervisor_info & crtp.IS_FLYING
 
     def _stack(self, now_ns: int) -> Stack:
         """Return whether it can fly and, where its status arrives, is armed."""
         status = self._status.value(now_ns=now_ns)
         if status is None:
             return Stack(takes_setpoints=True, armed=self._unlocked)
-        if status.supervisor_info & SUPERVISOR_IS_TUMBLED:
+        if status.supervisor_info & crtp.IS_TUMBLED:
             return Stack(fault="the Crazyflie is upside down")
-        if status.supervisor_info & SUPERVISOR_IS_LOCKED:
+        if status.supervisor_info & crtp.IS_LOCKED:
             return Stack(fault="the Crazyflie is locked: restart it")
-        armed = bool(status.supervisor_info & SUPERVISOR_IS_ARMED)
+        armed = bool(status.supervisor_info & crtp.IS_ARMED)
         return Stack(takes_setpoints=True, armed=armed and self._unlocked)
 
     @property

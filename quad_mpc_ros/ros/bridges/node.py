@@ -18,6 +18,8 @@ from quad_mpc_ros.messages.diagnostics import OK, WARN
 from quad_mpc_ros.messages.topics import Topic
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
+    CrazyflieLink,
+    Line,
     Outgoing,
     OutgoingBytes,
     OutgoingMessage,
@@ -26,7 +28,9 @@ from quad_mpc_ros.ros.bridges.bridge import (
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
-from quad_mpc_ros.ros.bridges.network_line import open_line
+from quad_mpc_ros.ros.bridges.crazyflie.line import CrazyflieLine
+from quad_mpc_ros.ros.bridges.network_line import NetworkLine, open_line
+from quad_mpc_ros.ros.bridges.serial_line import SerialLine
 from quad_mpc_ros.ros.clocks import SteadyTime, create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
@@ -90,7 +94,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         for name, ask in (("arm", self._bridge.arm), ("engage", self._bridge.engage)):
             self.create_service(SetBool, f"~/{name}", functools.partial(self._serve, ask))
         line = self._bridge.line
-        self._line = open_line(line) if line is not None else None
+        self._line = None if line is None else _opened(line)
         if line is not None:
             create_steady_timer(self, line.period, self._on_line)
 
@@ -210,7 +214,7 @@ class BridgeNode(ReportingNode[BridgeConfig]):
         missing = [
             call.service
             for call in decided.calls
-            if not self._clients_by_name[call.service].service_is_ready()
+            if not call.optional and not self._clients_by_name[call.service].service_is_ready()
         ]
         response.success = decided.accepted and not missing
         response.message = f"service {missing[0]} is not available" if missing else decided.text
@@ -234,8 +238,11 @@ class BridgeNode(ReportingNode[BridgeConfig]):
             ]
         )
 
-    def _on_answered(self, service: str, future: Any) -> None:
-        self.get_logger().info(f"{service} answered {future.result()}")
+    def _on_answered(self, call: ServiceCall, future: Any) -> None:
+        if call.receive is not None:
+            call.receive(future.result())
+        else:
+            self.get_logger().info(f"{call.service} answered {future.result()}")
 
     def _send(self, outgoing: Outgoing) -> None:
         if isinstance(outgoing, OutgoingMessage):
@@ -249,10 +256,11 @@ class BridgeNode(ReportingNode[BridgeConfig]):
     def _request(self, call: ServiceCall) -> None:
         client = self._clients_by_name[call.service]
         if not client.service_is_ready():
-            self.get_logger().warning(f"service {call.service} is not available")
+            if not call.optional:
+                self.get_logger().warning(f"service {call.service} is not available")
             return
         future = client.call_async(call.request)
-        future.add_done_callback(functools.partial(self._on_answered, call.service))
+        future.add_done_callback(functools.partial(self._on_answered, call))
 
     def report(self) -> Health:
         """Return whether commands are sent to the stack, or why not."""
@@ -280,6 +288,10 @@ class BridgeNode(ReportingNode[BridgeConfig]):
 def run_bridge(kind: type[Bridge], args: list[str] | None = None) -> int:
     """Run the node of a bridge and return its exit code."""
     return run(functools.partial(BridgeNode, kind), args)
+
+
+def _opened(line: Line | CrazyflieLink) -> SerialLine | NetworkLine | CrazyflieLine:
+    return CrazyflieLine(line) if isinstance(line, CrazyflieLink) else open_line(line)
 
 
 def _require(kind: type[Bridge]) -> None:

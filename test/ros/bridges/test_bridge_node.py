@@ -43,8 +43,9 @@ from quad_mpc_ros.ros.health import HealthReporter
 from quad_mpc_ros.ros.messages import qos_of
 from quad_mpc_ros.ros.vehicle_watch import VEHICLE_KEY, vehicle_text
 
-# Those whose stacks are not at the end of a serial line: test_serial_line.py has that one.
-OVER_TOPICS = {name: kind for name, kind in BRIDGES.items() if "serial" not in kind.packages}
+# Not at the end of a line: those are in test_serial_line.py and test_crazyflie.py.
+LINES = {"serial", "cflib"}
+OVER_TOPICS = {name: kind for name, kind in BRIDGES.items() if not LINES & {*kind.packages}}
 
 
 def start(bridge: str, *arguments: str, log: Path) -> subprocess.Popen[bytes]:

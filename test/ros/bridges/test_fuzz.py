@@ -10,13 +10,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fixtures import crazyflie, mavlink
 from fixtures.betaflight import set_raw_rc
 from fixtures.bridges import BRIDGES, engage
-from fixtures.mavlink import setpoints
 
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages import conversions
-from quad_mpc_ros.ros.bridges.bridge import Bridge, Outgoing, OutgoingBytes, Response, ServiceCall
+from quad_mpc_ros.ros.bridges.bridge import (
+    Bridge,
+    CrazyflieLink,
+    Outgoing,
+    OutgoingBytes,
+    Response,
+    ServiceCall,
+)
 
 New = Callable[[str], Any]
 Sound = Callable[[str, int], Any]
@@ -174,7 +181,7 @@ FASTEST, FASTEST_DEGREES, FULL_THRUST, MASS = 100.0, 5730.0, 18.8, 0.39
 
 def check_bytes(data: bytes, case: str) -> None:
     if case == "mavlink_bridge":
-        for setpoint in setpoints(data):
+        for setpoint in mavlink.setpoints(data):
             assert max(map(abs, setpoint.rates)) <= FASTEST and 0.0 <= setpoint.thrust <= 1.0
     else:
         (pulses,) = set_raw_rc(data)
@@ -187,6 +194,11 @@ def check_sendings(sendings: list[Outgoing], case: str, bridge: Bridge) -> None:
         if isinstance(sending, ServiceCall):
             assert (sending.service, sending.type_name) in bridge.services
             check_message(sending.request)
+            continue
+        if isinstance(sending, OutgoingBytes) and isinstance(bridge.line, CrazyflieLink):
+            for *degrees, pwm in crazyflie.setpoints(sending.data):
+                # The heading of a vehicle that points up or down turns faster than its body.
+                assert max(map(abs, degrees)) <= 4.0 * FASTEST_DEGREES and pwm <= 60000
             continue
         if isinstance(sending, OutgoingBytes):
             check_bytes(sending.data, case)

@@ -7,7 +7,20 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from fixtures.bridges import AXES, FRD, HOVER, SECOND, T0, command, hear, ready_to_fly, set_q, tell
+from fixtures.bridges import (
+    AXES,
+    FRD,
+    HOVER,
+    SECOND,
+    T0,
+    command,
+    hear,
+    message_of,
+    ready_to_fly,
+    set_q,
+    tell,
+)
+from fixtures.stack_messages import sound_message
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.lie import so3
@@ -96,3 +109,69 @@ def test_rosflight_leaves_arming_and_handing_over_to_the_pilot(new: New) -> None
     status.offboard = False
     tell(bridge, "/status", status, now_ns)
     assert bridge.receive_command(command(now_ns, HOVER), now_ns=now_ns) == []
+
+
+def engageable(new: New, **status: Any) -> RosflightBridge:
+    """Return a bridge that has heard everything but RC, and a status with these values."""
+    bridge = RosflightBridge(RosflightBridge.Config(), new)
+    hear(bridge, T0 - 2 * SECOND)
+    bridge.receive_command(command(T0, HOVER), now_ns=T0)
+    for each in bridge.subscriptions:
+        if each.topic.name not in ("/rc_raw", "/status"):
+            each.receive(sound_message(each.topic.type_name, T0), T0)
+    message = sound_message("rosflight_msgs/msg/Status", T0)
+    for name, value in status.items():
+        setattr(message, name, value)
+    tell(bridge, "/status", message, T0)
+    return bridge
+
+
+def frames(bridge: RosflightBridge, new: New, *, rate: float) -> None:
+    for number in range(20):
+        now_ns = T0 - round((19 - number) * SECOND / rate)
+        tell(bridge, "/rc_raw", new("rosflight_msgs/msg/RCRaw"), now_ns)
+
+
+def test_rosflight_without_rc_frames_is_not_engaged(new: New) -> None:
+    bridge = engageable(new)
+    refused = bridge.engage(True, now_ns=T0)
+    assert not refused.accepted and "no RC frame within 0.5 s on /rc_raw" in refused.text
+    frames(bridge, new, rate=400.0)
+    assert bridge.engage(True, now_ns=T0).accepted
+    assert not any("RC comes" in each for each in bridge.take_warnings())
+
+
+def test_rosflight_with_slow_rc_says_what_it_costs(new: New) -> None:
+    bridge = engageable(new)
+    frames(bridge, new, rate=50.0)
+    assert bridge.engage(True, now_ns=T0).accepted
+    assert any("at 50 Hz" in each and "add 10 ms" in each for each in bridge.take_warnings())
+
+
+@pytest.mark.parametrize(
+    ("code", "reason"), [(0x20, "IMU not calibrated"), (0x81, "PRIMARY_MIXER), FAILSAFE_THR")]
+)
+def test_rosflight_that_does_not_arm_is_not_engaged(new: New, code: int, reason: str) -> None:
+    bridge = engageable(new, error_code=code)
+    frames(bridge, new, rate=400.0)
+    refused = bridge.engage(True, now_ns=T0)
+    assert not refused.accepted and reason in refused.text
+
+
+@pytest.mark.parametrize(("override", "follows"), [(0, True), (0x20, True), (0x01, False)])
+def test_rosflight_follows_unless_the_pilot_overrides_more_than_the_throttle(
+    new: New, override: int, follows: bool
+) -> None:
+    bridge = engageable(new, rc_override=override)
+    frames(bridge, new, rate=400.0)
+    assert bridge.engage(True, now_ns=T0).accepted
+    assert bridge.engaged(now_ns=T0) is follows
+
+
+@pytest.mark.parametrize(("throttle", "sent"), [(0.0, 0.0), (0.35, 0.5), (0.7, 1.0), (0.9, 1.0)])
+def test_rosflight_scales_the_throttle(new: New, throttle: float, sent: float) -> None:
+    bridge = engageable(new)
+    frames(bridge, new, rate=400.0)
+    assert bridge.engage(True, now_ns=T0).accepted
+    message = message_of(bridge.receive_command(command(T0, throttle), now_ns=T0), "/command")
+    assert message.u[2] == pytest.approx(sent)

@@ -1,0 +1,108 @@
+"""A link to a Crazyflie by cflib, which may be lost: it is opened again."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import queue
+import threading
+import time
+from typing import Any
+
+from quad_mpc_ros.messages import crtp
+from quad_mpc_ros.ros.bridges.bridge import CrazyflieLink
+
+_AGAIN = 1.0  # s
+_MOST_WAITING = 64  # packets
+
+
+class CrazyflieLine:
+    """Reads and writes packets without waiting; ``fault`` is why it cannot."""
+
+    def __init__(self, link: CrazyflieLink) -> None:
+        self.fault = ""
+        self._uri = link.uri
+        self._crtp = importlib.import_module("cflib.crtp")
+        if not self._crtp.CLASSES:
+            self._crtp.init_drivers()
+        self._driver: Any = None
+        self._sender: _Sender | None = None
+        self._tried: float | None = None
+        self._reader = crtp.Reader()
+
+    def read(self) -> bytes:
+        """Return what has come, each packet after its length."""
+        if self._driver is None and not self._open():
+            return b""
+        found = b""
+        while (received := self._driver.receive_packet(0)) is not None:
+            data = bytes(received.data)
+            found += bytes((1 + len(data), received.header)) + data
+        if self.fault:  # by the driver's own thread
+            self._release()
+        return found
+
+    def write(self, data: bytes) -> None:
+        """Send packets, each after its length."""
+        for packet in self._reader.read(data):
+            if self._sender is not None:
+                self._sender.put(packet)
+
+    def close(self) -> None:
+        """Close the link."""
+        sender = self._release()
+        if sender is not None:
+            sender.join()
+
+    def _open(self) -> bool:
+        now = time.monotonic()
+        if self._tried is not None and now - self._tried < _AGAIN:
+            return False
+        self._tried = now
+        try:
+            driver = self._crtp.get_link_driver(self._uri, None, self._on_error)
+        except Exception as error:
+            self.fault = f"{self._uri}: {error}"
+            return False
+        if driver is None:
+            self.fault = f"{self._uri}: expected radio://, usb:// or udp:// as cflib writes them"
+            return False
+        self.fault, self._driver, self._sender = "", driver, _Sender(driver)
+        self._sender.start()
+        return True
+
+    def _release(self) -> _Sender | None:
+        """Let the sender close the driver, which may take a second."""
+        sender, self._driver, self._sender = self._sender, None, None
+        if sender is not None:
+            sender.put(None)
+        return sender
+
+    def _on_error(self, message: str) -> None:
+        self.fault = f"{self._uri}: {message.splitlines()[0]}"
+
+
+class _Sender(threading.Thread):
+    """Sends packets of one driver: a radio keeps its caller waiting while nobody answers."""
+
+    def __init__(self, driver: Any) -> None:
+        super().__init__(daemon=True)
+        self._driver = driver
+        self._packet = importlib.import_module("cflib.crtp.crtpstack").CRTPPacket
+        self._waiting: queue.Queue[crtp.Packet | None] = queue.Queue(_MOST_WAITING)
+
+    def put(self, packet: crtp.Packet | None) -> None:
+        """Send a packet after those that wait, or None to end; the oldest makes room."""
+        while True:
+            try:
+                self._waiting.put_nowait(packet)
+                return
+            except queue.Full:
+                with contextlib.suppress(queue.Empty):
+                    self._waiting.get_nowait()
+
+    def run(self) -> None:
+        """Send until the end, and close the driver."""
+        while (packet := self._waiting.get()) is not None:
+            self._driver.send_packet(self._packet(packet.header, packet.data))
+        self._driver.close()
