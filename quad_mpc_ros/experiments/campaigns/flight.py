@@ -34,6 +34,7 @@ _SUMMARY = (
     "clearance_min_m",
     "collided",
     "lap_time_s",
+    "behind_max_s",
 )
 _ITERATIONS = ("p50", "p99", "max")
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Pose, PoseArray
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
@@ -103,6 +104,28 @@ def test_broken_late_and_foreign_clouds_are_refused_and_the_mpc_flies_on(
     assert "Traceback" not in log.read_text()
     surveyor.stats.clear()
     assert peer.wait(lambda: surveyor.stats.get("source") == "mpc")
+
+
+def test_gates_that_move_are_taken_and_what_are_none_refused(
+    start: Start, peer: Any, feed: Any, managed: Any, tmp_path: Path
+) -> None:
+    gates = peer.node.create_publisher(PoseArray, "gates", 10)
+    mpc, log = managed("mpc"), tmp_path / "mpc.log"
+    start("mpc", "-p", "formulation:=contouring", "-p", "gates:=split_s")
+    assert mpc.tells("active")
+    for count, frame_id, reason in (
+        (7, "moon", "gates are in frame 'moon', expected 'odom'"),
+        (3, "odom", "given 3 poses, expected those of all 7 gates"),
+    ):
+        message = PoseArray(poses=[Pose() for _ in range(count)])
+        message.header.frame_id = frame_id
+
+        def told(message: PoseArray = message, reason: str = reason) -> bool:
+            gates.publish(message)
+            return reason in log.read_text()
+
+        assert peer.wait(told, timeout=60.0), reason
+    assert "Traceback" not in log.read_text()
 
 
 def test_a_sensor_that_stops_is_told_in_the_diagnostics(
