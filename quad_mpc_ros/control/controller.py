@@ -16,9 +16,9 @@ import numpy as np
 from quad_mpc_ros.configuration import ArgumentError
 from quad_mpc_ros.configuration.arguments import instance, number, stamp
 from quad_mpc_ros.control.config import MpcConfig
+from quad_mpc_ros.control.delayed_reference import DelayedReference
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import GroundState
-from quad_mpc_ros.control.giving_way import DelayedReference
 from quad_mpc_ros.control.guide import Avoidance, Guide, Guided
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow

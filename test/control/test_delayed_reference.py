@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from quad_mpc_ros.control.giving_way import DelayedReference
+from quad_mpc_ros.control.delayed_reference import DelayedReference
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.reference_window import sample
