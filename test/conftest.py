@@ -54,7 +54,7 @@ def _free_domains(most: int) -> list[int]:
 # refers to it, the participant lives on, and counts as a node without endpoints; of a process that
 # was killed others hear for 20 s. What ended so soon made no nodes.
 _domains: Iterator[int] = iter(())
-_MOST_DOMAINS = 20  # a process: so that several may test at once
+_MOST_DOMAINS = 30  # a process
 _SOON = 0.005  # s
 
 
