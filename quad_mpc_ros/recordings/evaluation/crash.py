@@ -20,6 +20,7 @@ _FARTHEST = 5.0  # m from the box of the reference and the start
 _TURNED_OVER = math.pi / 2
 _SWING, _JUST = 0.25, 1.0  # s: towards a reference that has just jumped it swings for less
 _JUMP_SPEED = 25.0  # m/s: a reference that moves faster jumps
+_JUMP_BESIDE = 8.0  # m/s: and one that does so from one odometry to the next, and no longer
 _MORE_THAN_ASKED = math.radians(60.0)  # of tilt; a flip lags behind its reference
 
 _WORDS = {
@@ -115,7 +116,11 @@ class Motion:
     def _just_jumped(self) -> NDArray[np.bool_]:
         """Return where the reference jumped, or the flight began, shortly before."""
         steps = np.linalg.norm(np.diff(self.p_WB_reference, axis=0), axis=1)
-        jumps = np.append(True, steps > _JUMP_SPEED * np.diff(self.time))
+        speeds = steps / np.maximum(np.diff(self.time), 1e-9)
+        beside = np.concatenate(([0.0], speeds, [0.0]))
+        # Where odometry is missing a jump takes longer: it is known by what is beside it.
+        sudden = speeds - np.maximum(beside[:-2], beside[2:]) > _JUMP_BESIDE
+        jumps = np.append(True, (speeds > _JUMP_SPEED) | sudden)
         last = np.maximum.accumulate(np.where(jumps, self.time, -np.inf))
         return np.asarray(self.time - last <= _JUST)
 

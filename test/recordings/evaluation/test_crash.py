@@ -54,6 +54,20 @@ def test_noise_on_the_ground_after_a_landing_is_no_hard_landing(make_flight: Fli
     assert crash_of(flight) is None
 
 
+@pytest.mark.parametrize("missing", [0, 1, 3])
+def test_a_swing_towards_a_jump_is_none_where_odometry_is_missing(missing: int) -> None:
+    log = MotionLog()
+    start, goal = np.array([0.0, 0.0, 2.0]), np.array([1.0, 0.0, 2.0])
+    level, over = rolled(np.array([0.0, 2.0]))
+    for number in range(100):
+        if 50 <= number < 50 + missing:
+            continue
+        swings = 55 <= number < 60
+        reference = start if number < 50 else goal
+        log.add(0.02 * number, (start, over if swings else level), (reference, level))
+    assert log.crash() is None
+
+
 def test_without_a_reference_it_is_not_known(make_flight: FlightMaker) -> None:
     summary = summarise(make_flight(100, reference=None))
     assert summary["crashed"] is None
