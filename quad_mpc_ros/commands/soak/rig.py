@@ -102,9 +102,9 @@ class Rig(Observer):
             self.start(node)
         self.wait(self._connected, "the nodes to connect", timeout=_READY_TIMEOUT)
         self.wait(lambda: not self._discovering, "the MPC to know who else commands")
-        self.motion.clear()
-        self._began = time.monotonic()
         self.call(self._simulator, Trigger.Request())
+        self.motion.clear()  # the flight begins now: towards its reference it may swing
+        self._began = time.monotonic()
         self.settle()
 
     def settle(self) -> None:
