@@ -182,6 +182,16 @@ def test_the_square_settles_before_each_switch_with_the_default_configuration() 
 
 
 @needs_firmware
+def test_hard_turns_of_the_first_second_are_no_take_off_that_goes_wrong() -> None:
+    body = plant()
+    for turn in range(5):
+        commanded(body, 0.5, about(2, 12.0 if turn % 2 else -12.0))
+        body.advance_to((turn + 1) * 200 * MILLISECOND)
+    commanded(body, 0.5).advance_to(1300 * MILLISECOND)
+    assert body.odometry(0).w_WB_B == pytest.approx(np.zeros(3), abs=0.1)
+
+
+@needs_firmware
 def test_applies_firmware_settings() -> None:
     off = ("set simplified_pids_mode = OFF", "set f_roll = 0")
     gentle = plant(betaflight__settings=(*off, "set p_roll = 15"))

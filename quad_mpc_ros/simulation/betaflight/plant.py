@@ -109,6 +109,9 @@ class BetaflightPlant(RotorsPlant):
         return [
             "aux 0 0 0 1700 2100 0 0",  # the fifth channel arms
             "set small_angle = 180",
+            # It begins in flight, but the firmware would take hard turns of its first half second
+            # for a take-off that goes wrong, and disarm.
+            "set runaway_takeoff_prevention = OFF",
             "set pwr_on_arm_grace = 0",
             f"set min_check = {_LOW}",
             "set serial_update_rate_hz = 1000",
