@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import fcntl
-import itertools
 import os
 import socket
+import sys
 import tempfile
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -50,12 +50,43 @@ def _free_domains(most: int) -> list[int]:
     return free
 
 
-# Another one after each test, by turns: of what a test leaves in its process, as long as anything
-# refers to it, the participant lives on, and counts as a node without endpoints; of a process that
-# was killed others hear for 20 s. What ended so soon made no nodes.
-_domains: Iterator[int] = iter(())
-_MOST_DOMAINS = 30  # a process
-_SOON = 0.005  # s
+class _Domains:
+    """The domains of this process, each of which may have to rest before it is taken again.
+
+    Another one after each test: of what a test leaves in its process, as long as anything refers
+    to it, the participant lives on, and counts as a node without endpoints. Of a process that was
+    killed others hear for 20 s.
+    """
+
+    most = 30
+    _rest = 25.0  # s
+
+    def __init__(self, numbers: Iterable[int]) -> None:
+        self._ready_at = dict.fromkeys(numbers, 0.0)  # longest not taken first; in monotonic s
+
+    def take(self) -> int:
+        """Return the next that has rested, after waiting for it if there is none."""
+        now = time.monotonic()
+        number = next(
+            (each for each, at in self._ready_at.items() if at <= now),
+            min(self._ready_at, key=self._ready_at.__getitem__),
+        )
+        time.sleep(max(self._ready_at.pop(number) - now, 0.0))
+        return number
+
+    def give_back(self, number: int, *, rests: bool) -> None:
+        """Take one back, which may have nodes of killed processes in it if it is to rest."""
+        self._ready_at[number] = time.monotonic() + (self._rest if rests else 0.0)
+
+
+_domains = _Domains(())
+_SOON = 0.005  # s; what ended so soon made no nodes
+_starts_of_processes = 0
+
+
+def _count_starts(event: str, _arguments: object) -> None:
+    global _starts_of_processes
+    _starts_of_processes += event in {"subprocess.Popen", "os.fork", "os.posix_spawn"}
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -63,24 +94,35 @@ def pytest_configure(config: pytest.Config) -> None:
     global _domains
     distributes = getattr(config.option, "numprocesses", None)
     if not distributes or hasattr(config, "workerinput"):
-        _domains = itertools.cycle(_free_domains(_MOST_DOMAINS))
-        os.environ["ROS_DOMAIN_ID"] = str(next(_domains))
+        _domains = _Domains(_free_domains(_Domains.most))
+        os.environ["ROS_DOMAIN_ID"] = str(_domains.take())
+        sys.addaudithook(_count_starts)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol() -> Generator[None, object, object]:
     """Go to the next domain after a test that may have made nodes."""
-    began = time.monotonic()
+    began, before = time.monotonic(), _starts_of_processes
+    domain = int(os.environ["ROS_DOMAIN_ID"])
     result = yield
     if time.monotonic() - began > _SOON:
-        os.environ["ROS_DOMAIN_ID"] = str(next(_domains))
+        os.environ["ROS_DOMAIN_ID"] = str(_domains.take())
+        _domains.give_back(domain, rests=_starts_of_processes > before)
     return result
 
 
-@pytest.fixture(scope="session")
-def another_domain() -> Callable[[], str]:
-    """Return a ROS domain beside the test's own, for what runs meanwhile."""
-    return lambda: str(next(_domains))
+@pytest.fixture(scope="module")
+def another_domain() -> Iterator[Callable[[], str]]:
+    """Return ROS domains beside the test's own, for what runs meanwhile."""
+    taken: list[int] = []
+
+    def another() -> str:
+        taken.append(_domains.take())
+        return str(taken[-1])
+
+    yield another
+    for number in taken:
+        _domains.give_back(number, rests=True)
 
 
 # How long an example takes is the machine's business.
