@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -22,6 +24,21 @@ def write_atomically(path: Path, text: str, *, overwrite: bool = True) -> None:
             _put(draft, path)
     finally:
         draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def placed(path: Path, *, overwrite: bool) -> Iterator[Path]:
+    """Yield a name to write to, of what becomes ``path`` at the end.
+
+    Raises as :func:`write_atomically`.
+    """
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
+        draft = Path(folder) / path.name
+        yield draft
+        if overwrite:
+            draft.replace(path)
+        else:
+            _put(draft, path)
 
 
 def _draft(path: Path, text: str) -> Path:

@@ -14,13 +14,14 @@ from quad_mpc_ros.references.gates import Course, read_course
 from quad_mpc_ros.references.minimum_snap import minimum_snap_path
 from quad_mpc_ros.references.motion_table import PlannedMotion
 from quad_mpc_ros.references.path import Path, SplinePath
-from quad_mpc_ros.references.point_table import TableParameters, csv_path
+from quad_mpc_ros.references.point_table import BagReader, TableParameters, bag_path, csv_path
 
 _SAMPLED = 0.005  # s
 _AHEAD = 1.0  # m in front of a gate and behind it, where the path is told to go straight through
 _SHORTEST = 0.05  # m, between two points
 _LOWEST, _SHARE_OF_LOWEST = 0.3, 0.5  # m: a path is led up that dips lower without need
 _MOST_BETWEEN = 3  # points on the line between two gates
+_BAG = ".mcap"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,10 +35,11 @@ class GateParameters(TableParameters):
     )
 
 
-def gates_path(config: GateParameters) -> Path | PlannedMotion:
+def gates_path(config: GateParameters, read_bag: BagReader | None = None) -> Path | PlannedMotion:
     """Return the plan that ``file`` names, or the smooth path through the gates.
 
-    Raises :class:`UserError` for a course that cannot be flown and a plan that does not pass it.
+    A plan in a bag is read by ``read_bag``. Raises :class:`UserError` for a course that cannot be
+    flown and a plan that does not pass it.
     """
     course = configured_course(config)
     if course is None:
@@ -45,7 +47,10 @@ def gates_path(config: GateParameters) -> Path | PlannedMotion:
             f"{config.owner}.gates", config.gates, "the file of a course of gates to fly"
         )
     if config.file:
-        return _planned(config, course)
+        is_bag = config.file.endswith(_BAG)
+        plan = bag_path(config, read_bag) if is_bag else csv_path(config)
+        _check_passes(plan, course, config)
+        return plan
     return smooth_path(
         course, max_speed=config.max_speed, max_acceleration=config.max_acceleration
     )
@@ -131,9 +136,8 @@ def _apart(one: Array, other: Array) -> bool:
     return bool(np.linalg.norm(other - one) > _SHORTEST)
 
 
-def _planned(config: GateParameters, course: Course) -> Path | PlannedMotion:
-    """Return the plan of the configured file, which must pass the course."""
-    plan = csv_path(config)
+def _check_passes(plan: Path | PlannedMotion, course: Course, config: GateParameters) -> None:
+    """Refuse the plan of the configured file unless it passes the course."""
     duration = 1e-9 * plan.period_ns if isinstance(plan, PlannedMotion) else plan.duration
     seconds = np.linspace(0.0, duration, 2 + round(duration / _SAMPLED))
     if isinstance(plan, PlannedMotion):
@@ -148,4 +152,3 @@ def _planned(config: GateParameters, course: Course) -> Path | PlannedMotion:
                 config.file,
                 f"a plan through {course.source}: it does not pass gates[{number}]; plan it anew",
             )
-    return plan
