@@ -17,9 +17,8 @@ from quad_mpc_ros.commands.run_configuration import HALF_SPACES, RunConfig, run_
 from quad_mpc_ros.configuration.text_tables import text_table
 from quad_mpc_ros.messages.topics import COMMAND, ODOMETRY, REFERENCE, STATS
 
+_APART = 2.0  # m, of vehicles at the start
 # What the table needs; every further topic costs time of a recorder, and plans that of an MPC.
-_APART = 2.0  # m, of neighbours at the start
-
 _RECORDED = (ODOMETRY, REFERENCE, COMMAND, STATS)
 
 
@@ -56,18 +55,17 @@ def configurations(options: argparse.Namespace) -> dict[str, RunConfig]:
     for number in range(1, options.vehicles + 1):
         namespace = f"uav{number}"
         given = copy.copy(options)
-        apart = options.neighbours or options.obstacles is not None
+        keeps_clear = options.neighbours or options.obstacles is not None
         made = [
             f"recorder.topics=[{recorded}]",
-            *(_as_neighbour(options, number) if apart else ()),
+            f"reference.origin=[0.0, {_APART * (number - 1)}]",
+            *(_as_neighbour(options, number) if keeps_clear else ()),
         ]
         given.assignments = [*made, *options.assignments]
         if out is None:
             out = default_out("fleet")
         given.out = out / namespace
-        configs[namespace] = run_configuration(given, lockstep=False)
-        if apart:
-            configs[namespace] = _beside(configs[namespace], number)
+        configs[namespace] = _beside(run_configuration(given, lockstep=False), number)
     return configs
 
 
@@ -77,7 +75,6 @@ def _as_neighbour(options: argparse.Namespace, number: int) -> list[str]:
     return [
         f"mpc.obstacles.neighbours=[{', '.join(others)}]",
         f"mpc.obstacles.half_spaces={HALF_SPACES}",
-        f"reference.origin=[0.0, {_APART * (number - 1)}]",
     ]
 
 

@@ -43,14 +43,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=1,
         metavar="N",
-        help="fly N vehicles at once, each in a namespace, uav1 and so on, without figures "
-        "(default: 1)",
+        help="fly N vehicles at once, 2 m apart, each in a namespace, uav1 and so on, without "
+        "figures (default: 1)",
     )
     parser.add_argument(
         "--neighbours",
         action="store_true",
-        help="with --vehicles: they begin 2 m apart, and each keeps clear of the others by their "
-        "plans; --obstacles implies it",
+        help="with --vehicles: each keeps clear of the others by their plans; --obstacles implies "
+        "it",
     )
 
 

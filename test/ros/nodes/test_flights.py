@@ -201,6 +201,7 @@ def test_two_vehicles_fly_side_by_side(tmp_path: Path, capsys: pytest.CaptureFix
         assert vehicle in table
         summary = json.loads((out / vehicle / "summary.json").read_text())
         assert summary["commands"] > 100
+        assert not summary["collided"] and summary["clearance_min_m"] > 1.0
         with AnyReader([out / vehicle / "bag"]) as reader:
             assert {f"/{vehicle}/odom", f"/{vehicle}/command"} <= reader.topics.keys()
             assert not [topic for topic in reader.topics if not topic.startswith(f"/{vehicle}/")]
