@@ -2,13 +2,15 @@
 
 With PX4 the setpoints are the heartbeat: they must run before the switch to OFFBOARD, and PX4
 acts on them only in that mode, to which it returns by itself when they return. ArduPilot needs no
-stream before the switch to GUIDED and gets none outside of it.
+stream before the switch to GUIDED and gets none outside of it. Of ArduPilot MAVROS is asked what
+thrust means there (:mod:`.ardupilot`): its node ``param`` serves the autopilot's parameters.
 
 Fields and constants after https://github.com/mavlink/mavros (mavros_msgs/msg/AttitudeTarget).
 """
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,12 +18,14 @@ from quad_mpc_ros.configuration import parameter
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.messages import conversions
 from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.ros.bridges.ardupilot import cosine_of_tilt, thrust_fault, without_boost
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
     LatestStatus,
     Outgoing,
     OutgoingMessage,
     Response,
+    ServiceCall,
     Subscription,
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
@@ -32,6 +36,8 @@ IGNORE_ATTITUDE = 128  # and no bit of a rate or of the thrust
 _STATE_TIMEOUT = 3.0  # s: MAVROS publishes it with each heartbeat of the autopilot, once a second
 _ENGAGED = {"px4": ("OFFBOARD",), "ardupilot": ("GUIDED", "GUIDED_NOGPS")}
 _RELEASED = {"px4": "AUTO.LOITER", "ardupilot": "LOITER"}
+_OPTIONS, _BOOST = "GUID_OPTIONS", "ATC_ANGLE_BOOST"
+_INTEGER, _DOUBLE = 2, 3  # rcl_interfaces/ParameterType
 
 
 def fill_attitude_target(
@@ -69,6 +75,9 @@ class MavrosBridge(Bridge):
         super().__init__(config, new, namespace=config.mavros)
         self._modes = _ENGAGED[config.autopilot]
         self._state = LatestStatus(timeout=_STATE_TIMEOUT)
+        self._newest: OdometrySample | None = None
+        self._thrust_fault = ""
+        self._is_boosted = False
         if config.autopilot == "px4":
             self.warm_up, self.streams = 1.1, True
         odometry = self._topic("local_position/odom", "nav_msgs/msg/Odometry")
@@ -87,7 +96,44 @@ class MavrosBridge(Bridge):
         self.publications = (self._target,)
         self._set_mode = self._service("set_mode", "mavros_msgs/srv/SetMode")
         self._arming = self._service("cmd/arming", "mavros_msgs/srv/CommandBool")
-        self.services = self._set_mode, self._arming
+        self._parameters = self._service(
+            "param/get_parameters", "rcl_interfaces/srv/GetParameters"
+        )
+        self.services = self._set_mode, self._arming, self._parameters
+
+    def engage(self, wanted: bool, *, now_ns: int) -> Response:
+        """Hand the vehicle to the MPC, or take it back; ask ArduPilot what thrust means."""
+        if wanted:
+            self._thrust_fault = ""  # it may have been mended; the answer tells
+        response = super().engage(wanted, now_ns=now_ns)
+        if not (wanted and response.accepted) or self._config.autopilot != "ardupilot":
+            return response
+        return dataclasses.replace(response, calls=[*response.calls, self._question()])
+
+    def _question(self) -> ServiceCall:
+        """Return the call that asks MAVROS for what decides about thrust."""
+        call = self._call(self._parameters, names=[_OPTIONS, _BOOST])
+        return dataclasses.replace(call, receive=self._on_parameters, optional=True)
+
+    def _on_parameters(self, response: Any) -> None:
+        """Judge what ArduPilot's parameters make of thrust."""
+        read = {
+            _INTEGER: lambda value: int(value.integer_value),
+            _DOUBLE: lambda value: int(value.double_value),
+        }
+        told = {
+            name: read[value.type](value)
+            for name, value in zip((_OPTIONS, _BOOST), response.values, strict=False)
+            if value.type in read
+        }
+        if untold := [name for name in (_OPTIONS, _BOOST) if name not in told]:
+            self._warnings.append(
+                f"MAVROS does not tell {' and '.join(untold)} of ArduPilot yet: engage again when "
+                "it has pulled the parameters, or see docs/stacks/mavros.md for what to set"
+            )
+        if _OPTIONS in told:
+            self._thrust_fault = thrust_fault(told[_OPTIONS])
+        self._is_boosted = told.get(_BOOST, 0) != 0
 
     def _stack(self, now_ns: int) -> Stack:
         state = self._state.value(now_ns=now_ns)
@@ -96,6 +142,8 @@ class MavrosBridge(Bridge):
             return Stack(fault=fault)
         if not state.connected:
             return Stack(fault="MAVROS is not connected to the autopilot")
+        if self._thrust_fault:
+            return Stack(fault=self._thrust_fault)
         return Stack(takes_setpoints=state.mode in self._modes, armed=bool(state.armed))
 
     def _arm(self, wanted: bool) -> Response:
@@ -113,13 +161,14 @@ class MavrosBridge(Bridge):
 
     def _messages(self, command: CommandSample, now_ns: int) -> list[OutgoingMessage]:
         message = self._new(self._target.type_name)
-        fill_attitude_target(
-            message,
-            command,
-            throttle=self.thrust.stack_throttle(command.throttle),
-            now_ns=now_ns,
-        )
+        throttle = self.thrust.stack_throttle(command.throttle)
+        if self._is_boosted:
+            up = cosine_of_tilt(self._newest, now_ns=now_ns)
+            throttle = without_boost(throttle, up=up)
+        fill_attitude_target(message, command, throttle=throttle, now_ns=now_ns)
         return [OutgoingMessage(topic=self._target, message=message)]
 
     def _on_odometry(self, message: Any, now_ns: int) -> OdometrySample | None:
-        return self._passed_on(conversions.odometry_from_message(message), now_ns=now_ns)
+        passed = self._passed_on(conversions.odometry_from_message(message), now_ns=now_ns)
+        self._newest = passed or self._newest
+        return passed

@@ -203,10 +203,11 @@ class RosflightBridge(Bridge):
         obstacle = self._rc_obstacle(now_ns) if wanted else ""
         if obstacle:
             return Response(accepted=False, text=obstacle)
+        if wanted:
+            self._scale_fault = ""  # it may have been mended; the answer tells
         response = super().engage(wanted, now_ns=now_ns)
         if not (wanted and response.accepted):
             return response
-        self._scale_fault = ""
         return dataclasses.replace(response, calls=[self._question(name) for name in _ASKED])
 
     def _question(self, name: str) -> ServiceCall:

@@ -64,7 +64,8 @@ def test_every_topic_and_service_is_of_a_package_that_it_names(
     kind: type[Bridge], new: New
 ) -> None:
     bridge = kind(kind.Config(), new)
-    known = {*kind.packages, "geometry_msgs", "nav_msgs", "sensor_msgs", "std_srvs"}
+    own = {"geometry_msgs", "nav_msgs", "rcl_interfaces", "sensor_msgs", "std_srvs"}
+    known = {*kind.packages, *own}
     named = [each.topic for each in bridge.subscriptions] + list(bridge.publications)
     types = [topic.type_name for topic in named] + [kind for _, kind in bridge.services]
     assert {type_name.split("/")[0] for type_name in types} <= known

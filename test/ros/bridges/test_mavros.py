@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from types import NoneType, SimpleNamespace
 from typing import Any
 
 import pytest
-from fixtures.bridges import AXES, T0, command, ready_to_fly, tell, topics, vector
+from fixtures.bridges import (
+    AXES,
+    SECOND,
+    T0,
+    command,
+    engage,
+    message_of,
+    ready_to_fly,
+    tell,
+    topics,
+    vector,
+)
+from fixtures.stack_messages import sound_message
 
 from quad_mpc_ros.ros.bridges import mavros
 from quad_mpc_ros.ros.bridges.mavros import MavrosBridge
@@ -59,3 +73,74 @@ def test_ardupilot_setpoints_stop_with_first_status_of_another_mode(
     (call,) = again.engage(False, now_ns=T0).calls
     assert call.request.custom_mode == "LOITER"
     assert again.receive_command(command(T0), now_ns=T0) == []
+
+
+def told(**parameters: int | float | None) -> Any:
+    """Return MAVROS's answer: a parameter of each value, not set where it is None."""
+    values = [
+        SimpleNamespace(
+            type={int: 2, float: 3, NoneType: 0}[type(value)],
+            integer_value=value if isinstance(value, int) else 0,
+            double_value=value if isinstance(value, float) else 0.0,
+        )
+        for value in parameters.values()
+    ]
+    return SimpleNamespace(values=values)
+
+
+def asked(new: New, tilt: float) -> tuple[MavrosBridge, Callable[[Any], None]]:
+    """Return a bridge engaged in GUIDED that knows a tilt, and what takes MAVROS's answer."""
+    bridge = MavrosBridge(MavrosBridge.Config(autopilot="ardupilot"), new)
+    response = engage(bridge, T0)
+    (question,) = (call for call in response.calls if call.service.endswith("get_parameters"))
+    assert question.service == "/mavros/param/get_parameters" and question.optional
+    assert list(question.request.names) == ["GUID_OPTIONS", "ATC_ANGLE_BOOST"]
+    state = new("mavros_msgs/msg/State")
+    state.connected, state.mode, state.armed = True, "GUIDED", True
+    tell(bridge, "/mavros/state", state, T0)
+    message = sound_message("nav_msgs/msg/Odometry", T0 + SECOND // 50)
+    message.pose.pose.orientation.x = math.sin(0.5 * tilt)
+    message.pose.pose.orientation.w = math.cos(0.5 * tilt)
+    tell(bridge, "/mavros/local_position/odom", message, T0 + SECOND // 50)
+    assert question.receive is not None
+    return bridge, question.receive
+
+
+def thrust_of(bridge: MavrosBridge) -> float:
+    now_ns = T0 + SECOND // 50
+    outgoing = bridge.receive_command(command(now_ns, 0.4), now_ns=now_ns)
+    return float(message_of(outgoing, "setpoint_raw/attitude").thrust)
+
+
+@pytest.mark.parametrize("boost", [0, 1, 0.0, 1.0])
+def test_the_boost_that_mavros_tells_of_is_taken_out(new: New, boost: float) -> None:
+    bridge, answer = asked(new, tilt=0.6)
+    plain = thrust_of(bridge)
+    answer(told(options=8, boost=boost))
+    assert thrust_of(bridge) == pytest.approx(plain * (math.cos(0.6) if boost else 1.0), rel=1e-6)
+    assert bridge.take_warnings() == []
+
+
+def test_thrust_that_would_be_a_climb_rate_is_not_sent(new: New) -> None:
+    bridge, answer = asked(new, tilt=0.0)
+    answer(told(options=0, boost=1))
+    now_ns = T0 + SECOND // 50
+    assert bridge.receive_command(command(now_ns), now_ns=now_ns) == []
+    assert "GUID_OPTIONS is 0" in bridge.silence
+    # Mended, it may be engaged, and is asked again.
+    again = bridge.engage(True, now_ns=now_ns)
+    assert again.accepted and any(call.receive for call in again.calls)
+
+
+def test_what_mavros_does_not_know_yet_is_said(new: New) -> None:
+    bridge, answer = asked(new, tilt=0.6)
+    plain = thrust_of(bridge)
+    answer(told(options=8, boost=None))
+    assert thrust_of(bridge) == plain
+    (warning,) = bridge.take_warnings()
+    assert "ATC_ANGLE_BOOST" in warning and "GUID_OPTIONS" not in warning
+
+
+def test_px4_is_asked_for_nothing(new: New) -> None:
+    bridge = MavrosBridge(MavrosBridge.Config(autopilot="px4"), new)
+    assert not [c for c in engage(bridge, T0).calls if "param" in c.service]

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from quad_mpc_ros.ros.bridges.ardupilot import thrust_fault, without_boost
 from quad_mpc_ros.ros.bridges.mavlink import codec
 from quad_mpc_ros.ros.bridges.mavlink.config import MavlinkConfig
 
@@ -23,9 +24,7 @@ ARDUPILOT_MODES = {
     "BRAKE": 17,
     "GUIDED_NOGPS": 20,
 }
-_THRUST_AS_THRUST = 8  # bit 3 of GUID_OPTIONS
 _LONGEST_HELD = 1.0  # s: of the last rates and thrust, before it is told that this is long
-_LEAST_COSINE = 0.1  # where ArduPilot limits its boost
 _MANY_TIMES = 1.3  # between two throttles at hover, which then are not of the same vehicle
 
 Mode = tuple[float, float, float]
@@ -196,13 +195,7 @@ class ArduPilot(Autopilot):
         for name in self.settings[:5]:
             if name not in settings:
                 return f"ArduPilot does not tell its parameter {name}"
-        options = int(settings["GUID_OPTIONS"])
-        if options & _THRUST_AS_THRUST:
-            return ""
-        return (
-            f"GUID_OPTIONS is {options}, and thrust would mean a climb rate: set it to "
-            f"{options | _THRUST_AS_THRUST} (bit 3)"
-        )
+        return thrust_fault(int(settings["GUID_OPTIONS"]))
 
     def advice(self, settings: Mapping[str, float], *, hover: float) -> list[str]:
         """Return what is odd about timeout, rates and voltage."""
@@ -235,7 +228,7 @@ class ArduPilot(Autopilot):
             rise = min(max((level - least) / max(most - least, 1e-3), 0.0), 1.0)
             share = (1.0 - expo) * rise + expo * rise * rise
         if settings["ATC_ANGLE_BOOST"] != 0.0:
-            share *= min(max(up, _LEAST_COSINE), 1.0)
+            share = without_boost(share, up=up)
         return min(max(share, 0.0), 1.0)
 
     def echo(self, message: Any) -> Echo:

@@ -11,10 +11,10 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.messages.conversions import NewMessage
+from quad_mpc_ros.ros.bridges.ardupilot import cosine_of_tilt
 from quad_mpc_ros.ros.bridges.bridge import (
     Bridge,
     LatestStatus,
@@ -37,7 +37,6 @@ _STATE_NS = _SECOND // 2  # without state for so long it is asked for again
 _HEARTBEAT_TIMEOUT, _LAND_TIMEOUT, _ODOMETRY_TIMEOUT = 3.0, 2.5, 1.0  # s
 _RATES = {codec.HEARTBEAT: 10.0, codec.EXTENDED_SYS_STATE: 5.0, codec.SYS_STATUS: 2.0}
 _RATES[codec.ATTITUDE_TARGET] = 20.0
-_ACTS_AFTER = 0.01  # s: from a setpoint to the motors
 _ARMED = 128  # of base_mode
 _IN_THE_AIR_TOO = 21196.0  # the second parameter of a disarming that is not refused
 _FAILING = (5, 6, 8)  # MAV_STATE: critical, emergency, terminating
@@ -168,7 +167,7 @@ class MavlinkBridge(Bridge):
         throttle = self._autopilot.throttle(
             self.thrust.stack_throttle(command.throttle),
             self._settings.values,
-            up=self._up(now_ns),
+            up=cosine_of_tilt(self._newest, now_ns=now_ns),
         )
         target = codec.attitude_target(
             command,
@@ -187,15 +186,6 @@ class MavlinkBridge(Bridge):
         if passed is not None:
             self._newest = passed
         return passed
-
-    def _up(self, now_ns: int) -> float:
-        """Return the cosine of the vehicle's tilt when a setpoint that is sent now acts."""
-        newest = self._newest
-        if newest is None:
-            return 1.0
-        ahead = min(max(1e-9 * (now_ns - newest.stamp_ns), 0.0), 0.1) + _ACTS_AFTER
-        R_WB = so3.rotation_from_quaternion_xyzw(newest.q_WB_xyzw)
-        return float((R_WB @ so3.exp(ahead * newest.w_WB_B))[2, 2])
 
     def _receive(self, message: Any, now_ns: int) -> None:
         kind, system = message.get_type(), message.get_srcSystem()

@@ -1,0 +1,39 @@
+"""What ArduPilot Copter makes of the thrust of a setpoint, whoever carries it.
+
+It takes it for a climb rate unless bit 3 of GUID_OPTIONS is set, and divides it by the cosine of
+the vehicle's tilt unless ATC_ANGLE_BOOST is 0 (``AC_AttitudeControl_Multi.cpp``).
+"""
+
+from __future__ import annotations
+
+from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.model.samples import OdometrySample
+
+_THRUST_AS_THRUST = 8  # bit 3 of GUID_OPTIONS
+_LEAST_COSINE = 0.1  # where it limits its boost
+_ACTS_AFTER = 0.01  # s: from a setpoint to the motors
+_LONGEST_AHEAD = 0.1  # s
+
+
+def thrust_fault(guid_options: int) -> str:
+    """Return that thrust would mean a climb rate, and what to set; or nothing."""
+    if guid_options & _THRUST_AS_THRUST:
+        return ""
+    return (
+        f"GUID_OPTIONS is {guid_options}, and thrust would mean a climb rate: set it to "
+        f"{guid_options | _THRUST_AS_THRUST} (bit 3)"
+    )
+
+
+def without_boost(thrust: float, *, up: float) -> float:
+    """Return what it makes a thrust of by its boost; ``up`` is the cosine of the tilt."""
+    return thrust * min(max(up, _LEAST_COSINE), 1.0)
+
+
+def cosine_of_tilt(newest: OdometrySample | None, *, now_ns: int) -> float:
+    """Return the cosine of the vehicle's tilt when a setpoint that is sent now acts."""
+    if newest is None:
+        return 1.0
+    behind = min(max(1e-9 * (now_ns - newest.stamp_ns), 0.0), _LONGEST_AHEAD)
+    R_WB = so3.rotation_from_quaternion_xyzw(newest.q_WB_xyzw)
+    return float((R_WB @ so3.exp((behind + _ACTS_AFTER) * newest.w_WB_B))[2, 2])
