@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
+from subprocess import PIPE
 
+from quad_mpc_ros.commands.soak import bare_timer
 from quad_mpc_ros.commands.soak.bare_timer import BareTimer, Wakes
 
 
@@ -42,3 +46,12 @@ def test_a_killed_timer_returns_nothing() -> None:
     timer = BareTimer(0.02)
     os.kill(timer.pid, signal.SIGKILL)
     assert timer.stop() is None
+
+
+def test_a_timer_whose_reader_has_been_interrupted_ends_in_silence() -> None:
+    command = [sys.executable, "-P", "-m", bare_timer.__name__, "0.02"]
+    with subprocess.Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE) as timer:
+        assert timer.stdin and timer.stdout and timer.stderr
+        timer.stdout.close()
+        timer.stdin.close()
+        assert (timer.stderr.read(), timer.wait(10)) == (b"", 0)

@@ -5,7 +5,9 @@ It separates ticks that were late because of the controller from stalls of the m
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import select
 import subprocess
 import sys
@@ -82,4 +84,6 @@ def watch_time(period: float, stop: Any) -> Wakes:
 
 
 if __name__ == "__main__":
-    print(json.dumps(vars(watch_time(float(sys.argv[1]), sys.stdin))))
+    result = json.dumps(vars(watch_time(float(sys.argv[1]), sys.stdin)))
+    with contextlib.suppress(BrokenPipeError):  # nobody is there to hear it: interrupted
+        os.write(sys.stdout.fileno(), result.encode())
