@@ -78,6 +78,7 @@ NEEDS_THE_STACK = "needs the flight stack"
 # What cannot be typed here, and why.
 ELSEWHERE = {
     r"^make (run|test)": "CI types it",
+    r"^QUAD_MPC_\w+=": "needs a firmware",
     r"^dask |--scheduler tcp": "needs other machines",
     r"apt(-get)? |docker |colcon |rosdep ": "needs an installed ROS 2 or a container engine",
     r"^pip install|^python3 -m venv": "the package is installed already",

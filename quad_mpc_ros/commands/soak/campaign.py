@@ -25,6 +25,8 @@ _MOST_UNANSWERED = 5  # changes; a service forgets what comes when ten wait
 # After its first odometry a simulator takes a moment to run evenly.
 _WARM_UP = 0.5  # s
 _START_TIMEOUT = 60.0  # s
+# For a second the MPC learns the noise of an odometry that is new, and takes every position.
+_LEARNS = 1.5  # s
 _FLYING_FOR = 0.3  # s
 
 
@@ -54,6 +56,7 @@ def campaign(faults: tuple[Fault, ...], rig: Rig, config: MpcConfig) -> Iterator
     if in_flight:
         rig.fly()
     for fault in in_flight:
+        rig.spin(_LEARNS)
         rig.settle()
         yield _flown(fault, rig, config)
 

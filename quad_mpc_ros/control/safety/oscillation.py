@@ -19,7 +19,7 @@ from quad_mpc_ros.control.safety.ladder import Action, Breach
 _SECOND = 1_000_000_000
 _WITHIN_NS = 3 * _SECOND
 _REVERSALS = 6  # within that, and since the reference jumped, after which it may well oscillate
-_JUMP = 0.5  # m from tick to tick
+_JUMP, _TILT_JUMP = 0.5, 0.3  # m, rad, from tick to tick
 _NEAR = 5.0  # m from the reference; farther away it is on its way there, and tilts for that
 _QUICKEST_NS = _SECOND // 10  # no vehicle leans to the other side faster; upside down sides blur
 _LONGER, _LONGEST_NS = 3, 300 * _SECOND
@@ -32,6 +32,7 @@ class OscillationMonitor:
     def __init__(self, config: MpcConfig) -> None:
         self._reversals = (_Reversals(), _Reversals())
         self._p_reference: list[float] | None = None
+        self._q_reference_xyzw: Array | None = None
         self._until_ns: int | None = None
         self._hold_ns = 0
         self._engaged = True
@@ -61,19 +62,25 @@ class OscillationMonitor:
             if reference is None:
                 return None
             p_reference, q_reference_xyzw = reference
-            self._follow(odometry.p_WB, p_reference)
+            self._follow(odometry.p_WB, p_reference, q_reference_xyzw)
             if not self._is_oscillation(odometry, q_reference_xyzw, now_ns):
                 return None
             self._begin(now_ns)
         return Breach(self._action, "it oscillates: lags or delay may be longer than the model's")
 
-    def _follow(self, p_WB: Array, p_reference: Array) -> None:
-        """Forget what was before a jump of the reference, or far from it."""
+    def _follow(self, p_WB: Array, p_reference: Array, q_reference_xyzw: Array) -> None:
+        """Forget what was before a jump of the reference, or far from it.
+
+        What leads around obstacles finds other ways now and then, and jumps in its tilt alone.
+        """
         position = p_reference.tolist()
         jumped = math.dist(position, self._p_reference or position) > _JUMP
+        if self._q_reference_xyzw is not None:
+            tilt = math.hypot(*_lean(q_reference_xyzw, self._q_reference_xyzw))
+            jumped |= tilt > _TILT_JUMP
         if jumped or math.dist(p_WB.tolist(), position) > _NEAR:
             self._forget()
-        self._p_reference = position
+        self._p_reference, self._q_reference_xyzw = position, q_reference_xyzw
 
     def _is_oscillation(
         self, odometry: OdometrySample, q_reference_xyzw: Array, now_ns: int

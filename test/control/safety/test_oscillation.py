@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from fixtures.presets import agile, ideal
 from scipy.spatial.transform import Rotation
 
+from quad_mpc_ros import load_config, simulate, summarise
 from quad_mpc_ros.control.config import OscillationParameters
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.safety.ladder import Action
@@ -17,6 +19,7 @@ from quad_mpc_ros.control.safety.oscillation import OscillationMonitor
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 PERIOD_NS = 20_000_000
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 # All of that unknown to the controller.
@@ -135,3 +138,32 @@ def test_detects_oscillation_of_delayed_vehicle() -> None:
 
 def tilt(step: LoopStep) -> float:
     return math.acos(min(max(step.truth.up, -1.0), 1.0))
+
+
+def test_a_reference_that_leans_from_side_to_side_in_jumps_is_no_oscillation() -> None:
+    """As ways around obstacles do: the vehicle leans to the other side of the new one at once."""
+    monitor = OscillationMonitor(agile())
+    attitude, position = 0.0, np.zeros(3)
+    for tick in range(300):
+        asked = 0.4 * (1.0 if tick // 12 % 2 else -1.0)
+        attitude += 0.3 * (asked - attitude)
+        now_ns, leaning = tick * PERIOD_NS, Rotation.from_rotvec([attitude, 0.0, 0.0])
+        reference = position, Rotation.from_rotvec([asked, 0.0, 0.0]).as_quat()
+        assert monitor.check(odometry(leaning, now_ns=now_ns), reference, now_ns=now_ns) is None
+
+
+def test_around_pillars_that_stand_in_the_way_it_is_the_mpc_that_flies() -> None:
+    config = load_config(
+        assignments=[
+            "reference.trajectory=minimum_snap",
+            "reference.waypoints=[0.0,0.0,1.5,4.5,0.0,1.5,9.0,0.0,1.5]",
+            "reference.max_speed=2.5",
+            f"simulator.obstacles.file={EXAMPLES / 'pillars.yaml'}",
+            f"mpc.obstacles.file={EXAMPLES / 'pillars.yaml'}",
+            "mpc.obstacles.half_spaces=8",
+        ]
+    )
+    flight = simulate(*config, duration=6.0)
+    assert set(flight.stats["source"]) == {"mpc"}
+    assert "around" in set(flight.stats["avoidance"])
+    assert summarise(flight)["clearance_min_m"] > 0.0
