@@ -60,7 +60,7 @@ def legs_of(course: Course, *, margin: float, radius: float) -> list[CourseLeg]:
         if half <= kept:
             raise UserError(
                 f"{course.source}: gates[{course.numbers[i]}]: unreachable: half of its opening "
-                f"is {half:g} m, what is kept from its edge {kept:g} m; lower --gate-margin"
+                f"is {half:g} m, what is kept from its edge {kept:.3g} m; lower --gate-margin"
             )
         goal = _gate_goal(gate, margin=kept, way=places[i + 1] - places[i])
         legs.append(CourseLeg(p_WB=gate.p_WG, goal=goal, at_rest=False, weight=_ROUTE_WEIGHT))
