@@ -110,8 +110,8 @@ def _flown(fault: Fault, rig: Rig, config: MpcConfig) -> Outcome:
 
 def _come_home(fault: Fault, rig: Rig, config: MpcConfig) -> int | None:
     """Fly until the vehicle is back at its reference and return when that was, if it was."""
-    rig.spin(fault.recovery(config) + SLACK)
-    deadline = time.monotonic() + fault.home
+    rig.spin(fault.recovery(config))
+    deadline = time.monotonic() + SLACK + fault.home
     while not rig.home and time.monotonic() < deadline:
         rig.spin(0.02)
     home_ns = time.time_ns() if rig.home else None
@@ -198,6 +198,7 @@ def _restart(rig: Rig) -> _Injected:
     rig.wait(lambda: rig.odometry.last_received_ns > origin_ns, "odometry of another simulator")
     end_ns = rig.odometry.last_received_ns
     rig.spin(_WARM_UP)
+    rig.motion.clear()  # it is another vehicle, and nobody commanded it at first
     return _Injected(origin_ns, end_ns, [])
 
 
