@@ -106,8 +106,8 @@ def pytest_runtest_protocol() -> Generator[None, object, object]:
     domain = int(os.environ["ROS_DOMAIN_ID"])
     result = yield
     if time.monotonic() - began > _SOON:
-        os.environ["ROS_DOMAIN_ID"] = str(_domains.take())
         _domains.give_back(domain, rests=_starts_of_processes > before)
+        os.environ["ROS_DOMAIN_ID"] = str(_domains.take())
     return result
 
 

@@ -228,7 +228,7 @@ def parameter_changes_from_message(message: Any) -> tuple[str, dict[str, Any]]:
     Parameters that were only declared are left out.
     """
     values = {
-        str(parameter.name): _parameter_value(parameter.value)
+        str(parameter.name): parameter_value(parameter.value)
         for parameter in message.changed_parameters
     }
     return str(message.node), values
@@ -242,7 +242,10 @@ _PARAMETER_FIELDS = (
 """Which field of a ``rcl_interfaces/ParameterValue`` counts, by its type."""
 
 
-def _parameter_value(message: Any) -> Any:
+def parameter_value(message: Any) -> Any:
+    """Return the value of a ``rcl_interfaces/ParameterValue``, None where it is not set."""
+    if not message.type:
+        return None
     value = getattr(message, _PARAMETER_FIELDS[message.type])
     return value.tolist() if hasattr(value, "tolist") else value
 

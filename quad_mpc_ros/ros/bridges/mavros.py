@@ -37,7 +37,6 @@ _STATE_TIMEOUT = 3.0  # s: MAVROS publishes it with each heartbeat of the autopi
 _ENGAGED = {"px4": ("OFFBOARD",), "ardupilot": ("GUIDED", "GUIDED_NOGPS")}
 _RELEASED = {"px4": "AUTO.LOITER", "ardupilot": "LOITER"}
 _OPTIONS, _BOOST = "GUID_OPTIONS", "ATC_ANGLE_BOOST"
-_INTEGER, _DOUBLE = 2, 3  # rcl_interfaces/ParameterType
 
 
 def fill_attitude_target(
@@ -117,23 +116,17 @@ class MavrosBridge(Bridge):
 
     def _on_parameters(self, response: Any) -> None:
         """Judge what ArduPilot's parameters make of thrust."""
-        read = {
-            _INTEGER: lambda value: int(value.integer_value),
-            _DOUBLE: lambda value: int(value.double_value),
-        }
-        told = {
-            name: read[value.type](value)
-            for name, value in zip((_OPTIONS, _BOOST), response.values, strict=False)
-            if value.type in read
-        }
-        if untold := [name for name in (_OPTIONS, _BOOST) if name not in told]:
+        values = map(conversions.parameter_value, response.values)
+        told = dict(zip((_OPTIONS, _BOOST), values, strict=False))
+        if untold := [name for name in (_OPTIONS, _BOOST) if told.get(name) is None]:
             self._warnings.append(
                 f"MAVROS does not tell {' and '.join(untold)} of ArduPilot yet: engage again when "
                 "it has pulled the parameters, or see docs/stacks/mavros.md for what to set"
             )
-        if _OPTIONS in told:
-            self._thrust_fault = thrust_fault(told[_OPTIONS])
-        self._is_boosted = told.get(_BOOST, 0) != 0
+        if _OPTIONS not in untold:
+            self._thrust_fault = thrust_fault(int(told[_OPTIONS]))
+        if _BOOST not in untold:
+            self._is_boosted = told[_BOOST] != 0
 
     def _stack(self, now_ns: int) -> Stack:
         state = self._state.value(now_ns=now_ns)

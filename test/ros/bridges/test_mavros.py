@@ -139,6 +139,10 @@ def test_what_mavros_does_not_know_yet_is_said(new: New) -> None:
     assert thrust_of(bridge) == plain
     (warning,) = bridge.take_warnings()
     assert "ATC_ANGLE_BOOST" in warning and "GUID_OPTIONS" not in warning
+    # What it told once holds on.
+    answer(told(options=8, boost=1))
+    answer(told(options=8, boost=None))
+    assert thrust_of(bridge) == pytest.approx(plain * math.cos(0.6), rel=1e-6)
 
 
 def test_px4_is_asked_for_nothing(new: New) -> None:
