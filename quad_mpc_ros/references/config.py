@@ -185,6 +185,11 @@ class ReferenceConfig(
                 "(window_duration in 1 to 1000 steps)",
             )
 
+    @property
+    def renewal_period(self) -> float:
+        """After this time [s] a window is published again, though nothing changed."""
+        return 0.05 * self.window_duration
+
     def entry(self) -> TrajectoryEntry[ReferenceConfig]:
         """Return how the trajectory is made, this package's or another's."""
         found = TRAJECTORIES.get(self.trajectory) or registered(self.group, self.trajectory)

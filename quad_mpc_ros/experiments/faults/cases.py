@@ -16,6 +16,7 @@ from quad_mpc_ros.experiments.faults import courses, distortions
 from quad_mpc_ros.experiments.faults.courses import Course
 from quad_mpc_ros.experiments.faults.distortions import Distortion
 from quad_mpc_ros.experiments.faults.solver import SolverFault
+from quad_mpc_ros.references.config import ReferenceConfig
 
 
 class ProcessFault(enum.Enum):
@@ -30,6 +31,11 @@ class ProcessFault(enum.Enum):
 def _at_once(config: MpcConfig) -> float:
     """The next message comes within a period, and is answered within another."""
     return 2.0 / config.control_rate
+
+
+def _when_renewed(config: MpcConfig) -> float:
+    """A reference that does not change is published again after a while."""
+    return ReferenceConfig().renewal_period + _at_once(config)
 
 
 def _when_accepted(config: MpcConfig) -> float:
@@ -83,7 +89,11 @@ _odometry_of_another_time = functools.partial(
     Fault, course=courses.clocks_apart, recovery=_when_accepted, counter="rejected_inputs"
 )
 _unusable_reference = functools.partial(
-    Fault, course=courses.reference_lost, duration=_REACH, counter="rejected_inputs"
+    Fault,
+    course=courses.reference_lost,
+    duration=_REACH,
+    recovery=_when_renewed,
+    counter="rejected_inputs",
 )
 _solver_failure = functools.partial(
     Fault, course=courses.solver_lost, duration=_BRIEF, counter="solver_failures"
@@ -197,6 +207,7 @@ _TABLE = (
         "no reference",
         courses.reference_lost,
         duration=_REACH,
+        recovery=_when_renewed,
         reference=distortions.lost,
     ),
     _unusable_reference(
@@ -292,6 +303,7 @@ _TABLE = (
         "on the ground: no reference",
         functools.partial(courses.reference_lost, standing=True),
         duration=_REACH,
+        recovery=_when_renewed,
         reference=distortions.lost,
     ),
     _on_the_ground(

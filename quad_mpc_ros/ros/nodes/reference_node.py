@@ -39,7 +39,6 @@ _LEAD_NS = 100_000_000
 _QUICK_LEAD_NS = 20_000_000  # of a velocity, which is planned in a millisecond
 _LONGER = 1.5
 _TRIALS = 3
-_RENEWAL = 0.05  # of a window's length: then it is published again, though unchanged
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
 
 
@@ -84,7 +83,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
         self._shown: _Shown | None = None
-        self._renewal_ns = round(_RENEWAL * config.window_duration * 1e9)
+        self._renewal_ns = round(config.renewal_period * 1e9)
         self._reference = self.health.publisher(topics.REFERENCE)
         self._path = self.health.publisher(topics.REFERENCE_PATH)
         self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
