@@ -89,6 +89,23 @@ def test_its_own_state_is_enough(tmp_path: Path) -> None:
         assert pilot.track.thrust_scale("eight 1.5") == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.parametrize(
+    ("parts", "most"),
+    [({}, 0.03), ({"mpc": FOUND}, 0.03), ({"truth": False}, 0.05)],
+    ids=["guessed", "identified", "its own state"],
+)
+def test_the_paper_square_settles_before_each_jump(
+    tmp_path: Path, parts: dict[str, Any], most: float
+) -> None:
+    with flown(tmp_path, **parts) as pilot:
+        pilot.engage_and_arm()
+        pilot.take_off()
+        pilot.fly_jumps("jumps", 11.0, **SQUARE)
+        errors = pilot.track.errors_before_jumps("jumps")
+        assert len(errors) == 5 and errors.max() < most
+        assert pilot.land() < 15.0
+
+
 @pytest.mark.parametrize("boost", [0, 1])
 @pytest.mark.parametrize("expo", [0.0, 0.65])
 def test_its_thrust_is_ours_whatever_it_makes_of_it(

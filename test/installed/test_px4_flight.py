@@ -1,4 +1,7 @@
-"""PX4 itself, in its own simulation, flown by ``tools/fly_px4.py`` from ground to ground."""
+"""PX4 itself, in its own simulation, flown by ``tools/fly_px4.py`` from ground to ground.
+
+At half the speed of the wall clock, so that a busy machine keeps up.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,12 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -36,7 +41,6 @@ CONFIG = {
         "takeoff_height": 2.5,
         "height": 2.5,
     },
-    "px4_bridge": VEHICLE,
 }
 PX4 = {
     "COM_OF_LOSS_T": "1.0",  # of its own time, which runs at half the speed
@@ -47,6 +51,11 @@ PX4 = {
 }
 
 Start = Callable[..., "subprocess.Popen[bytes]"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled() -> None:
+    """What flies is one process, and by MAVLink it needs no installed ROS 2."""
 
 
 @pytest.fixture
@@ -93,14 +102,54 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def start_px4(build: Path, start: Start, folder: Path, **more: str) -> int:
+    """Start it and return its instance, beside others on this machine: ports, a lock in /tmp."""
+    instance = int(os.environ["ROS_DOMAIN_ID"])
+    simulated = {
+        "PX4_SIM_MODEL": "sihsim_quadx",
+        "PX4_SIM_SPEED_FACTOR": "0.5",
+        **{f"PX4_PARAM_{name}": value for name, value in PX4.items()},
+        **more,
+    }
+    files = [str(build / "etc"), "-s", "etc/init.d-posix/rcS", "-w", str(folder)]
+    command = [str(build / "bin/px4"), "-d", *files, "-i", str(instance)]
+    start("px4", command, {**os.environ, **simulated})
+    return instance
+
+
+def flown(
+    start: Start,
+    folder: Path,
+    bridge: str,
+    *options: str,
+    python: str,
+    env: Mapping[str, str],
+    **parameters: Any,
+) -> dict[str, list[float]]:
+    """Fly with the tool and a bridge of these parameters; return its table, a row a phase."""
+    nodes = {**CONFIG, f"{bridge}_bridge": {**VEHICLE, **parameters}}
+    config = folder / "sih.yaml"
+    config.write_text(
+        yaml.safe_dump({f"/**/{name}": {"ros__parameters": each} for name, each in nodes.items()})
+    )
+    command = [python, "-P", str(TOOL), "--config", str(config), "--bridge", bridge, *options]
+    code = start("flight", command, dict(env)).wait()
+    told = (folder / "flight.log").read_text()
+    assert code == 0, told + (folder / "px4.log").read_text()[-3000:]
+    assert "disarmed by itself" in told, told
+    print(told)  # for whom a bound below fails
+    lines = told[told.index("phase  ") :].splitlines()[1:]
+    table = {line[:12].strip(): [float(each) for each in line[12:].split()] for line in lines}
+    for phase, row in table.items():
+        assert phase == "ground" or row[-1] < 10.0  # in per cent: not the MPC
+    return table
+
+
 @pytest.mark.timeout(400)
 def test_px4_is_flown_from_the_ground_to_the_ground(
     build: Path, start: Start, tmp_path: Path
 ) -> None:
-    """Engaged on the ground, armed, a short hover, landed, and disarmed by PX4 itself.
-
-    At half the speed of the wall clock, so that a busy machine keeps up.
-    """
+    """Engaged on the ground, armed, a short hover, landed, and disarmed by PX4 itself."""
     env = environment()
     if not importable("px4_msgs.msg.VehicleOdometry"):
         pytest.skip("no px4_msgs")
@@ -110,40 +159,24 @@ def test_px4_is_flown_from_the_ground_to_the_ground(
     agent = shutil.which("MicroXRCEAgent", path=env["PATH"])
     if agent is None:
         pytest.skip("no MicroXRCEAgent")
-    port = free_port()
-    start("agent", [agent, "udp4", "-p", str(port)], env)
-    # An instance of its own beside others on this machine: ports, and a lock in /tmp.
-    instance = os.environ["ROS_DOMAIN_ID"]
-    simulated = {
-        "PX4_SIM_MODEL": "sihsim_quadx",
-        "PX4_SIM_SPEED_FACTOR": "0.5",
-        "PX4_UXRCE_DDS_PORT": str(port),
-        **{f"PX4_PARAM_{name}": value for name, value in PX4.items()},
-    }
-    files = [str(build / "etc"), "-s", "etc/init.d-posix/rcS", "-w", str(tmp_path)]
-    start("px4", [str(build / "bin/px4"), "-d", *files, "-i", instance], {**env, **simulated})
+    port = str(free_port())
+    start("agent", [agent, "udp4", "-p", port], env)
+    instance = start_px4(build, start, tmp_path, PX4_UXRCE_DDS_PORT=port)
+    vehicle = {"fmu": f"/px4_{instance}/fmu", "target_system": instance + 1}
+    table = flown(start, tmp_path, "px4", "--short", python="python3", env=env, **vehicle)
+    mean, largest, _, tilt, *_ = table["hover"]
+    assert mean < 0.3 and largest < 0.6
+    assert tilt < 30
 
-    config = tmp_path / "sih.yaml"
-    nodes = {
-        **CONFIG,
-        "px4_bridge": {
-            **CONFIG["px4_bridge"],
-            "fmu": f"/px4_{instance}/fmu",
-            "target_system": int(instance) + 1,
-        },
-    }
-    config.write_text(
-        yaml.safe_dump({f"/**/{name}": {"ros__parameters": each} for name, each in nodes.items()})
-    )
-    command = ["python3", "-P", str(TOOL), "--short", "--config", str(config)]
-    pilot = start("flight", command, env)
-    code = pilot.wait()
-    told = (tmp_path / "flight.log").read_text()
-    assert code == 0, told + (tmp_path / "px4.log").read_text()[-3000:]
-    assert "disarmed by itself" in told, told
-    phases = {line.split("  ")[0]: line.split()[-10:] for line in told.splitlines()}
-    mean, largest, _, tilt, *_ = map(float, phases["hover"])
-    assert mean < 0.3 and largest < 0.6, told
-    assert tilt < 30, told
-    for name in ("take off", "hover", "land"):
-        assert float(phases[name][-1]) < 10.0, told  # in per cent: not the MPC
+
+@pytest.mark.timeout(900)
+def test_px4_is_flown_by_mavlink(build: Path, start: Start, tmp_path: Path) -> None:
+    """The whole flight: hover, lemniscate, corners. Needs rclpy, but no agent and no px4_msgs."""
+    pytest.importorskip("rclpy")
+    pytest.importorskip("pymavlink")
+    instance = start_px4(build, start, tmp_path)
+    device = f"udpout:127.0.0.1:{14580 + instance}"
+    table = flown(start, tmp_path, "mavlink", python=sys.executable, env=os.environ, device=device)
+    for phase, most in {"hover": 0.15, "reference": 0.15, "corner 4": 0.2}.items():
+        assert table[phase][0] < most
+    assert table["reference"][2] > 4.0  # m/s

@@ -5,8 +5,8 @@ second without setpoints and cuts the motors after two, unless their end was ann
 rates only with ``flightmode.stabModeRoll`` and ``stabModePitch`` set to 0, by the user.
 
 ``cmd_vel_legacy`` carries the four numbers of the Crazyflie's oldest setpoint. The server negates
-linear.x to its pitch, and the firmware counts pitch nose-up and, in this setpoint alone, yaw
-clockwise: https://imrclab.github.io/crazyswarm2 and
+linear.x to its pitch, which cflib negates once more, and the firmware counts pitch nose-up and, in
+this setpoint alone, yaw clockwise: https://imrclab.github.io/crazyswarm2 and
 https://www.bitcraze.io/documentation/repository/crazyflie-firmware/master (commanders).
 """
 
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from quad_mpc_ros.configuration import parameter
+from quad_mpc_ros.configuration import ConfigurationError, parameter
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.messages import crtp
@@ -63,10 +63,12 @@ def odometry_from_pose(message: Any) -> OdometrySample:
     )
 
 
-def fill_setpoint(message: Any, command: CommandSample, *, throttle: float) -> None:
+def fill_setpoint(
+    message: Any, command: CommandSample, *, throttle: float, backend: str = "cpp"
+) -> None:
     """Write body rates [deg/s] and throttle [PWM] into the ``Twist`` of ``cmd_vel_legacy``."""
     p, q, r = (math.degrees(rate) for rate in command.w_WB_B.tolist())
-    message.linear.x, message.linear.y = q, p
+    message.linear.x, message.linear.y = -q if backend == "cflib" else q, p
     message.linear.z = min(throttle * crtp.PWM_FULL, float(crtp.PWM_LARGEST))
     message.angular.z = -r
 
@@ -94,6 +96,18 @@ class Crazyswarm2Config(BridgeConfig):
         doc="Where the state comes from: odom, without body rates, or pose, without any.",
         choices=tuple(_STATES),
     )
+    backend: str = parameter(
+        "cpp",
+        doc="The server's backend: cflib takes the pitch rate with the other sign, and its odom "
+        "has the pitch with the wrong one, so that state must be pose.",
+        choices=("cpp", "cflib"),
+    )
+
+    def check(self) -> None:
+        """Refuse the odometry of cflib."""
+        super().check()
+        if (self.backend, self.state) == ("cflib", "odom"):
+            raise ConfigurationError(f"{self.owner}.state", self.state, "pose with cflib")
 
 
 class Crazyswarm2Bridge(Bridge):
@@ -182,7 +196,7 @@ class Crazyswarm2Bridge(Bridge):
             fill_unlock(message)
         else:
             throttle = self.thrust.stack_throttle(command.throttle)
-            fill_setpoint(message, command, throttle=throttle)
+            fill_setpoint(message, command, throttle=throttle, backend=self._config.backend)
         return [OutgoingMessage(topic=self._setpoint, message=message)]
 
     def _on_state(self, message: Any, now_ns: int) -> OdometrySample | None:

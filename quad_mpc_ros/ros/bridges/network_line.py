@@ -6,15 +6,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import socket
 import time
 
 from quad_mpc_ros.ros.bridges.bridge import Line
+from quad_mpc_ros.ros.bridges.line import ReopenedLine
 from quad_mpc_ros.ros.bridges.serial_line import SerialLine
 
 NETWORK = "udpin:", "udpout:", "tcp:"
-_AGAIN = 1.0  # s
 _CONNECTING = 0.2  # s: nothing else happens meanwhile
 _QUIET = 3.0  # s, after which another caller is answered
 _MOST = 65536  # bytes of one reading; what is left comes with the next
@@ -29,30 +28,29 @@ def address_of(device: str) -> tuple[str, int] | None:
     return parts[1], int(parts[2])
 
 
-def open_line(line: Line) -> SerialLine | NetworkLine:
+def open_line(line: Line) -> ReopenedLine:
     """Return the line to a device: a serial port, or a connection."""
     return NetworkLine(line) if line.device.startswith(NETWORK) else SerialLine(line)
 
 
-class NetworkLine:
-    """Reads and writes without waiting; ``fault`` is why it cannot."""
+class NetworkLine(ReopenedLine):
+    """A UDP or TCP connection."""
 
     def __init__(self, line: Line) -> None:
         address = address_of(line.device)
         if address is None:
             raise ValueError(f"{line.device}: expected a kind, a host and a port")
-        self.fault = ""
-        self._device, self._address = line.device, address
+        super().__init__(line.device)
+        self._address = address
         self._waits, self._is_stream = line.device.startswith("udpin:"), line.device[0] == "t"
         self._socket: socket.socket | None = None
         self._caller: tuple[tuple[str, int], float] | None = None  # and when it was heard
-        self._tried: float | None = None
 
     def read(self) -> bytes:
         """Return what has come."""
         data = b""
         while len(data) < _MOST:
-            if self._socket is None and not self._open():
+            if self._socket is None and not self._is_reopened():
                 break
             assert self._socket is not None
             try:
@@ -94,37 +92,22 @@ class NetworkLine:
             self._socket.close()
             self._socket = None
 
-    def _open(self) -> bool:
-        now = time.monotonic()
-        if self._tried is not None and now - self._tried < _AGAIN:
-            return False
-        self._tried = now
-        try:
-            if self._is_stream:
-                self._socket = socket.create_connection(self._address, timeout=_CONNECTING)
-                self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            else:
-                self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-                (self._socket.bind if self._waits else self._socket.connect)(self._address)
-        except OSError as error:
-            self._lose(error)
-            return False
+    def _open(self) -> None:
+        if self._is_stream:
+            self._socket = socket.create_connection(self._address, timeout=_CONNECTING)
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        else:
+            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            (self._socket.bind if self._waits else self._socket.connect)(self._address)
         self._socket.setblocking(False)
-        self.fault = ""
-        return True
 
     def _is_heard(self, caller: tuple[str, int]) -> bool:
         """Whether a datagram is of whom we talk to; another is heard once that one is silent."""
         now = time.monotonic()
         if self._caller is not None and caller != self._caller[0]:
             if now - self._caller[1] < _QUIET:
-                self.fault = f"{self._device}: {caller[0]}:{caller[1]} calls as well, not heard"
+                self.fault = f"{self._name}: {caller[0]}:{caller[1]} calls as well, not heard"
                 return False
             self.fault = ""
         self._caller = caller, now
         return True
-
-    def _lose(self, error: OSError) -> None:
-        self.fault = f"{self._device}: {error}"
-        with contextlib.suppress(OSError):
-            self.close()

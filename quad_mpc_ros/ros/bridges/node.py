@@ -29,8 +29,8 @@ from quad_mpc_ros.ros.bridges.bridge import (
 )
 from quad_mpc_ros.ros.bridges.config import BridgeConfig
 from quad_mpc_ros.ros.bridges.crazyflie.line import CrazyflieLine
-from quad_mpc_ros.ros.bridges.network_line import NetworkLine, open_line
-from quad_mpc_ros.ros.bridges.serial_line import SerialLine
+from quad_mpc_ros.ros.bridges.line import ReopenedLine
+from quad_mpc_ros.ros.bridges.network_line import open_line
 from quad_mpc_ros.ros.clocks import SteadyTime, create_steady_timer
 from quad_mpc_ros.ros.health import Health, ReportingNode
 from quad_mpc_ros.ros.messages import message_class, new_message
@@ -290,7 +290,7 @@ def run_bridge(kind: type[Bridge], args: list[str] | None = None) -> int:
     return run(functools.partial(BridgeNode, kind), args)
 
 
-def _opened(line: Line | CrazyflieLink) -> SerialLine | NetworkLine | CrazyflieLine:
+def _opened(line: Line | CrazyflieLink) -> ReopenedLine:
     return CrazyflieLine(line) if isinstance(line, CrazyflieLink) else open_line(line)
 
 

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from quad_mpc_ros.configuration import ConfigurationError, UserError
-from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.messages import msp
 from quad_mpc_ros.simulation.betaflight.firmware import (
@@ -21,9 +20,8 @@ from quad_mpc_ros.simulation.betaflight.firmware import (
     eeprom,
 )
 from quad_mpc_ros.simulation.betaflight.parameters import BetaflightParameters
-from quad_mpc_ros.simulation.rotors import motion
+from quad_mpc_ros.simulation.rotors.driven import DrivenPlant
 from quad_mpc_ros.simulation.rotors.parameters import RotorParameters
-from quad_mpc_ros.simulation.rotors.plant import RotorsPlant
 
 _PERIOD_NS = 1_000_000  # from one look at the sensors to the next
 _REPEAT_NS = 50_000_000  # after so long a command is sent again, lest the receiver counts as lost
@@ -40,7 +38,7 @@ _MOTORS = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
 _SPINS = (-1.0, 1.0, 1.0, -1.0)
 
 
-class BetaflightPlant(RotorsPlant):
+class BetaflightPlant(DrivenPlant):
     """The rotors and the body of the plant ``rotors`` under Betaflight's rate loop and mixer.
 
     A motor's level is the share of its rotor's greatest speed. The throttle asks for the thrust
@@ -53,28 +51,8 @@ class BetaflightPlant(RotorsPlant):
         self._motor_of_rotor, self._is_reversed = motors_of(config.rotors)
         # Tens of degrees per second are what the firmware counts in.
         self._tens = math.ceil(math.degrees(config.betaflight.rate_max) / 10.0)
-        self._until_loop_ns = 0
         self._silent_ns = 0
-        self._v_before = np.zeros(3)
-        super().__init__(config)
-
-    def _move(self, *, duration_ns: int) -> None:
-        while duration_ns > 0:
-            if self._until_loop_ns == 0:
-                self._fly()
-                self._until_loop_ns = _PERIOD_NS
-            until_ns = min(duration_ns, self._until_loop_ns)
-            motion.coast(
-                self._body,
-                speeds=self._speeds,
-                wanted=self._wanted,
-                inputs=self._inputs,
-                craft=self._craft,
-                rotors=self._rotors,
-                duration_ns=until_ns,
-            )
-            self._until_loop_ns -= until_ns
-            duration_ns -= until_ns
+        super().__init__(config, period_ns=_PERIOD_NS)
 
     def _start(self) -> None:
         """Begin where the parameters say, armed, after the firmware has settled there."""
@@ -82,14 +60,13 @@ class BetaflightPlant(RotorsPlant):
         own = self._firmware_config.betaflight
         self._firmware = Firmware(eeprom((*self._settings(), *own.settings)))
         self._firmware.connect()
-        self._v_before = self._body["v_WC_W"].copy()
         for _ in range(_RESTING_NS // _PERIOD_NS):
             self._step(_channels())
         self._arm()
         sensed = self._sensed()
         for _ in range(_SETTLING_NS // _PERIOD_NS):
             self._step(self._asked(), sensed)
-        self._fly()
+        self._run_loop()
         self._speeds[:] = self._wanted
 
     def _follow(self, command: Input) -> None:
@@ -129,8 +106,7 @@ class BetaflightPlant(RotorsPlant):
         flags = [line for line in status if line.startswith("Arming disable flags:")]
         raise UserError(f"simulator.betaflight.settings: it does not arm. {' '.join(flags)}")
 
-    def _fly(self) -> None:
-        """Let the firmware see where the vehicle is, and turn its pulses into wanted speeds."""
+    def _run_loop(self) -> None:
         pulses = self._step(self._asked(), self._sensed())
         span = self._config.rotors.speed_max / (PULSE_MAX - PULSE_MIN)
         for rotor, motor in enumerate(self._motor_of_rotor):
@@ -146,14 +122,10 @@ class BetaflightPlant(RotorsPlant):
         return self._firmware.step(_PERIOD_NS, sensed=sensed)
 
     def _sensed(self) -> Sensed:
-        v_W, q_WB_xyzw = self._body["v_WC_W"].copy(), self._body["q_WB_xyzw"].copy()
-        a_W = (v_W - self._v_before) / (1e-9 * _PERIOD_NS)
-        self._v_before = v_W
-        R_WB = so3.rotation_from_quaternion_xyzw(q_WB_xyzw)
         return Sensed(
             w_WB_B=self._body["w_WB_B"].copy(),
-            specific_force_B=R_WB.T @ (a_W + np.array([0.0, 0.0, self._config.gravity])),
-            q_WB_xyzw=q_WB_xyzw,
+            specific_force_B=self._specific_force_B(),
+            q_WB_xyzw=self._body["q_WB_xyzw"].copy(),
         )
 
     def _asked(self) -> tuple[int, ...]:

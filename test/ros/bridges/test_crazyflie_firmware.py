@@ -241,14 +241,22 @@ def test_take_off_lemniscate_landing_and_disarming() -> None:
         assert not plant.info & (crtp.IS_FLYING | crtp.IS_LOCKED)
 
 
-LEMNISCATE = ("reference.trajectory=lemniscate", "reference.angular_frequency=1.0")
-# What ``identify`` finds of that flight.
+LEMNISCATE = (
+    "reference.trajectory=lemniscate",
+    "reference.amplitude_x=2.0",
+    "reference.amplitude_y=1.0",
+)
+SLOW, QUICK = (
+    (*LEMNISCATE, f"reference.angular_frequency={frequency}") for frequency in (1.0, 1.5)
+)
+# What ``identify`` finds of the slow one.
 FOUND: dict[str, Any] = {
-    "rate_time_constant": (0.002, 0.002, 0.58),
-    "thrust_time_constant": 0.037,
+    "rate_time_constant": (0.0, 0.0, 0.532),
+    "rate_gain": (1.015, 1.006, 1.063),
+    "thrust_time_constant": 0.038,
     "input_delay": 0.040,
-    "drag": 0.0,
-    "rotor_drag": (0.246, 0.230, 0.0),
+    "drag": (0.006, 0.012, 0.218),
+    "rotor_drag": (0.247, 0.242, 0.0),
 }
 
 
@@ -256,10 +264,11 @@ FOUND: dict[str, Any] = {
     ("assignments", "mpc", "most"),
     [
         (("reference.trajectory=hover",), {}, 0.02),
-        (LEMNISCATE, {}, 0.05),
-        (LEMNISCATE, FOUND, 0.02),
+        (SLOW, {}, 0.05),
+        (SLOW, FOUND, 0.02),
+        (QUICK, FOUND, 0.03),
     ],
-    ids=["hover", "lemniscate with guessed lags", "lemniscate identified"],
+    ids=["hover", "lemniscate with guessed lags", "identified", "a quick one identified"],
 )
 def test_it_follows(assignments: Any, mpc: Any, most: float) -> None:
     flight, _ = flown(vehicle(*assignments, **mpc), Bridged, duration=20.0 if not mpc else 12.0)
@@ -267,6 +276,9 @@ def test_it_follows(assignments: Any, mpc: Any, most: float) -> None:
     assert flight.stats["thrust_scale"][-1] == pytest.approx(1.0, abs=0.05)
 
 
-def test_the_square_settles() -> None:
-    flight, _ = flown(vehicle(), Bridged, duration=9.0)
-    assert max(errors(flight)[[98, 198, 298, 398]]) < 0.05
+@pytest.mark.parametrize(
+    ("mpc", "most"), [({}, 0.05), (FOUND, 0.03)], ids=["guessed", "identified"]
+)
+def test_the_square_settles(mpc: Any, most: float) -> None:
+    flight, _ = flown(vehicle(**mpc), Bridged, duration=9.0)
+    assert max(errors(flight)[[98, 198, 298, 398]]) < most

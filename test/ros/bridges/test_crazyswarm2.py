@@ -10,6 +10,7 @@ import pytest
 from fixtures.bridges import SECOND, T0, command, engage, ready_to_fly, set_q, tell
 from numpy.testing import assert_allclose
 
+from quad_mpc_ros.configuration import ConfigurationError
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.ros.bridges import crazyswarm2
 from quad_mpc_ros.ros.bridges.crazyswarm2 import Crazyswarm2Bridge
@@ -37,6 +38,23 @@ def test_crazyswarm2_takes_degrees_in_the_old_frame(
     assert getattr(getattr(message, part), name) == pytest.approx(degrees)
     others = {"linear.x", "linear.y", "angular.x", "angular.y", "angular.z"} - {field}
     assert all(getattr(getattr(message, f.split(".")[0]), f[-1]) == 0.0 for f in others)
+
+
+@pytest.mark.parametrize(("backend", "passed_on"), [("cpp", -1.0), ("cflib", 1.0)])
+def test_the_firmware_is_told_nose_up_whatever_the_backend_makes_of_it(
+    new: New, backend: str, passed_on: float
+) -> None:
+    """The cflib server of July 2026 sent the firmware linear.x as it is, the other negates it."""
+    message = new("geometry_msgs/msg/Twist")
+    pitching = command(w=(0.0, 1.0, 0.0))  # nose down
+    crazyswarm2.fill_setpoint(message, pitching, throttle=0.5, backend=backend)
+    assert passed_on * message.linear.x == pytest.approx(-57.29577951308232)
+
+
+def test_the_odometry_of_cflib_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="pose with cflib"):
+        Crazyswarm2Bridge.Config(backend="cflib")
+    Crazyswarm2Bridge.Config(backend="cflib", state="pose")
 
 
 @pytest.mark.parametrize(

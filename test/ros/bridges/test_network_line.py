@@ -15,6 +15,7 @@ from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 
+from quad_mpc_ros.ros.bridges import line as line_module
 from quad_mpc_ros.ros.bridges import network_line
 from quad_mpc_ros.ros.bridges import node as node_module
 from quad_mpc_ros.ros.bridges.bridge import Line
@@ -25,7 +26,7 @@ from quad_mpc_ros.ros.bridges.serial_line import SerialLine
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(network_line, "_AGAIN", 0.02)
+    monkeypatch.setattr(line_module, "AGAIN", 0.02)
 
 
 @contextlib.contextmanager

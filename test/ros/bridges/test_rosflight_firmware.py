@@ -46,16 +46,20 @@ VEHICLE = "vehicles/paper"
 RC_MAX_THR = 0.7
 STRONGER = {"PID_ROLL_RATE_P": 0.2, "PID_PITCH_RATE_P": 0.2}
 # What ``identify`` finds of the lemniscate at 1.5 rad/s: with the default gains and RC at 400 Hz,
-# and with P 0.2, a guess of 20 ms for the rates and RC at 50 Hz.
+# and with P 0.2 and RC at 50 Hz.
 FOUND: dict[str, Any] = {
-    "rate_time_constant": (0.0085, 0.0102, 0.9965),
-    "thrust_time_constant": 0.0071,
-    "input_delay": 0.0171,
+    "rate_time_constant": (0.0, 0.0009, 0.07),
+    "rate_gain": (1.0, 1.009, 0.323),
+    "thrust_time_constant": 0.0,
+    "input_delay": 0.034,
+    "drag": (0.2, 0.2, 0.291),
 }
 FOUND_STRONGER: dict[str, Any] = {
-    "rate_time_constant": (0.0001, 0.0001, 0.977),
-    "thrust_time_constant": 0.0117,
-    "input_delay": 0.0199,
+    "rate_time_constant": (0.0, 0.0, 0.07),
+    "rate_gain": (1.0, 1.003, 0.323),
+    "thrust_time_constant": 0.0,
+    "input_delay": 0.0347,
+    "drag": (0.2, 0.2, 0.227),
 }
 
 
@@ -317,7 +321,14 @@ def test_take_off_lemniscate_landing_and_disarming() -> None:
         assert plant.bridge.handover[0] == "released"
 
 
-LEMNISCATE = "reference.trajectory=lemniscate"
+LEMNISCATE = (
+    "reference.trajectory=lemniscate",
+    "reference.amplitude_x=2.0",
+    "reference.amplitude_y=1.0",
+)
+IDENTIFIED = pytest.mark.parametrize(
+    ("rc_rate", "settings", "found"), [(400.0, {}, FOUND), (50.0, STRONGER, FOUND_STRONGER)]
+)
 
 
 @pytest.mark.parametrize("rc_rate", [50.0, 400.0])
@@ -326,8 +337,8 @@ LEMNISCATE = "reference.trajectory=lemniscate"
     ("assignments", "most"),
     [
         (("reference.trajectory=hover",), 0.02),
-        ((LEMNISCATE, "reference.angular_frequency=1.0"), 0.05),
-        ((LEMNISCATE, "reference.angular_frequency=1.5"), 0.05),
+        ((*LEMNISCATE, "reference.angular_frequency=1.0"), 0.05),
+        ((*LEMNISCATE, "reference.angular_frequency=1.5"), 0.05),
     ],
 )
 def test_it_flies_with_guessed_lags(
@@ -343,14 +354,12 @@ def test_it_flies_with_guessed_lags(
 
 
 @pytest.mark.parametrize("frequency", [1.0, 1.5])
-@pytest.mark.parametrize(
-    ("rc_rate", "settings", "found"), [(400.0, {}, FOUND), (50.0, STRONGER, FOUND_STRONGER)]
-)
+@IDENTIFIED
 def test_it_flies_better_identified(
     rc_rate: float, settings: Any, found: Any, frequency: float
 ) -> None:
     flight, _ = flown(
-        vehicle(LEMNISCATE, f"reference.angular_frequency={frequency}", **found),
+        vehicle(*LEMNISCATE, f"reference.angular_frequency={frequency}", **found),
         lambda simulator: Bridged(simulator, rc_rate=rc_rate, settings=settings),
         duration=20.0,
     )
@@ -363,3 +372,13 @@ def test_the_square_settles(settings: Any) -> None:
         vehicle(), lambda simulator: Bridged(simulator, settings=settings), duration=9.0
     )
     assert max(errors(flight)[[98, 198, 298, 398]]) < 0.05
+
+
+@IDENTIFIED
+def test_the_square_settles_closer_identified(rc_rate: float, settings: Any, found: Any) -> None:
+    flight, _ = flown(
+        vehicle(**found),
+        lambda simulator: Bridged(simulator, rc_rate=rc_rate, settings=settings),
+        duration=9.0,
+    )
+    assert max(errors(flight)[[98, 198, 298, 398]]) < 0.02

@@ -18,8 +18,8 @@ from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
+from quad_mpc_ros.ros.bridges import line as line_module
 from quad_mpc_ros.ros.bridges import node as node_module
-from quad_mpc_ros.ros.bridges import serial_line
 from quad_mpc_ros.ros.bridges.betaflight import BetaflightBridge
 from quad_mpc_ros.ros.bridges.bridge import Line
 from quad_mpc_ros.ros.bridges.serial_line import SerialLine
@@ -90,7 +90,7 @@ def test_bytes_go_both_ways_as_they_are(terminal: Terminal) -> None:
 def test_reports_and_reopens_lost_port(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(serial_line, "_AGAIN", 0.0)
+    monkeypatch.setattr(line_module, "AGAIN", 0.0)
     line = SerialLine(Line(device=str(terminal.path), baud=115200))
     line.read()
     assert not line.fault

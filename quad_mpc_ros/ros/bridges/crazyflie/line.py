@@ -1,4 +1,4 @@
-"""A link to a Crazyflie by cflib, which may be lost: it is opened again."""
+"""A link to a Crazyflie by cflib."""
 
 from __future__ import annotations
 
@@ -6,33 +6,30 @@ import contextlib
 import importlib
 import queue
 import threading
-import time
 from typing import Any
 
 from quad_mpc_ros.messages import crtp
 from quad_mpc_ros.ros.bridges.bridge import CrazyflieLink
+from quad_mpc_ros.ros.bridges.line import ReopenedLine
 
-_AGAIN = 1.0  # s
 _MOST_WAITING = 64  # packets
 
 
-class CrazyflieLine:
-    """Reads and writes packets without waiting; ``fault`` is why it cannot."""
+class CrazyflieLine(ReopenedLine):
+    """Packets, each after its length."""
 
     def __init__(self, link: CrazyflieLink) -> None:
-        self.fault = ""
-        self._uri = link.uri
+        super().__init__(link.uri)
         self._crtp = importlib.import_module("cflib.crtp")
         if not self._crtp.CLASSES:
             self._crtp.init_drivers()
         self._driver: Any = None
         self._sender: _Sender | None = None
-        self._tried: float | None = None
         self._reader = crtp.Reader()
 
     def read(self) -> bytes:
         """Return what has come, each packet after its length."""
-        if self._driver is None and not self._open():
+        if self._driver is None and not self._is_reopened():
             return b""
         found = b""
         while (received := self._driver.receive_packet(0)) is not None:
@@ -54,22 +51,15 @@ class CrazyflieLine:
         if sender is not None:
             sender.join()
 
-    def _open(self) -> bool:
-        now = time.monotonic()
-        if self._tried is not None and now - self._tried < _AGAIN:
-            return False
-        self._tried = now
+    def _open(self) -> None:
         try:
-            driver = self._crtp.get_link_driver(self._uri, None, self._on_error)
+            driver = self._crtp.get_link_driver(self._name, None, self._on_error)
         except Exception as error:
-            self.fault = f"{self._uri}: {error}"
-            return False
+            raise OSError(error) from error
         if driver is None:
-            self.fault = f"{self._uri}: expected radio://, usb:// or udp:// as cflib writes them"
-            return False
-        self.fault, self._driver, self._sender = "", driver, _Sender(driver)
+            raise OSError("expected radio://, usb:// or udp:// as cflib writes them")
+        self._driver, self._sender = driver, _Sender(driver)
         self._sender.start()
-        return True
 
     def _release(self) -> _Sender | None:
         """Let the sender close the driver, which may take a second."""
@@ -79,7 +69,7 @@ class CrazyflieLine:
         return sender
 
     def _on_error(self, message: str) -> None:
-        self.fault = f"{self._uri}: {message.splitlines()[0]}"
+        self.fault = f"{self._name}: {message.splitlines()[0]}"
 
 
 class _Sender(threading.Thread):
