@@ -56,7 +56,7 @@ class HeldGates:
         self._before: OdometrySample | None = None
 
     def move(self, p_WG: Array, q_WG_xyzw: Array) -> None:
-        """Take where the gates of the file are by now; takes and raises as :meth:`.Course.moved`."""
+        """Take where the gates are by now; takes and raises as :meth:`.Course.moved`."""
         self._course = self._course.moved(p_WG, q_WG_xyzw)
 
     def guide(

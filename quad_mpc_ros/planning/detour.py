@@ -80,7 +80,7 @@ def _posed(detour: Detour, model: Model, settings: PlanSettings) -> PosedMotion:
 
 
 def _thrust(model: Model, states: Array, a_WB_W: Array, gravity: float) -> Array:
-    """Return the thrust over mass (n,) [m/s^2] that accelerates states (n, 13) as wanted (n, 3)."""
+    """Return the thrusts over mass (n,) [m/s^2] under which states (n, 13) accelerate as given."""
     w, x, y, z = states[:, Q].T
     up = np.column_stack((2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)))
     thrust = np.einsum("ni,ni->n", up, a_WB_W) + gravity * up[:, 2]

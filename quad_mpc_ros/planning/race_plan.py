@@ -14,7 +14,7 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.planning.first_guess import PosedMotion, flown_by_a_point, with_attitudes
 from quad_mpc_ros.planning.legs import CourseLeg, legs_of
 from quad_mpc_ros.planning.limits import MODELS, PlannedVehicle, planned_vehicle
-from quad_mpc_ros.planning.model import F, Model, P, Q, THRUST, V, W, rates_model, rotors_model
+from quad_mpc_ros.planning.model import THRUST, F, Model, P, Q, V, W, rates_model, rotors_model
 from quad_mpc_ros.planning.settings import PlanSettings
 from quad_mpc_ros.planning.transcription import Dynamics, Nodes, Progress, Solved, solve
 from quad_mpc_ros.planning.transcription import unpacked as nodes_of

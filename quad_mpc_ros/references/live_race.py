@@ -102,7 +102,7 @@ class Detour:
         return ", ".join(f"gate {number} moved {far:.2f} m" for number, far in self.moved.items())
 
     def flown(self, part: MotionTable, config: ReferenceConfig) -> Way:
-        """Return the whole race with a new part; raises :class:`UserError` for an unflyable one."""
+        """Return the race with a new part; raises :class:`UserError` for one not to be flown."""
         before = self.motion.rows(slice(None, self.leave + 1))
         table = before.followed_by(part)
         if self.rejoin is not None:

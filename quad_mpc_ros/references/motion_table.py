@@ -42,7 +42,7 @@ class MotionTable:
 
     Shapes: ``seconds`` (n,) [s]; ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_B`` (n, 3);
     ``q_WB_xyzw`` (n, 4). ``planned_with`` is what the planner wants to know to plan the rest of it
-    anew, empty where nobody does. ``rests`` is whether it begins and ends at rest, or is a part of a motion.
+    anew, empty where nobody does. ``rests`` is whether it begins and ends at rest.
     """
 
     source: str
