@@ -380,10 +380,9 @@ def _gates_into(gates: list[GatePoses], *, frame_id: str) -> Taker:
     def take(message: RecordedMessage) -> None:
         with contextlib.suppress(UserError):
             p_WG, q_WG_xyzw = conversions.poses_from_message(message.message, frame_id=frame_id)
-            poses = p_WG, q_WG_xyzw
-            before = (gates[-1].p_WG, gates[-1].q_WG_xyzw) if gates else (None, None)
-            if not all(map(np.array_equal, poses, before)):
-                gates.append(GatePoses(message.publish_time_ns, *poses))
+            told = GatePoses(message.publish_time_ns, p_WG, q_WG_xyzw)
+            if not gates or not all(map(np.array_equal, told[1:], gates[-1][1:])):
+                gates.append(told)
 
     return take
 

@@ -8,6 +8,7 @@ the gates that have moved.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -99,7 +100,7 @@ class Detour:
 
     def told(self) -> str:
         """Return which gates have moved by how much."""
-        return ", ".join(f"gate {number} moved {far:.2f} m" for number, far in self.moved.items())
+        return told(self.moved)
 
     def flown(self, part: MotionTable, config: ReferenceConfig) -> Way:
         """Return the race with a new part; raises :class:`UserError` for one not to be flown."""
@@ -144,17 +145,20 @@ class LiveRace:
         if way is None:
             return None
         begin = _clear_of_gates(way.times, max(begin, 0.0))
-        now = self._now.once()
-        moved = {
-            i: far
-            for i in range(int(way.times.searchsorted(begin, side="right")), len(way.times))
-            if (far := _moved(way.course.gates[i], now[way.course.numbers[i]])) > _MOVED
-        }
+        moved = self._moved(way, begin, math.inf)
         if not moved:
             return None
         table = way.table()
         planned = self._planner and bool(table.planned_with)
-        return _detour(way, table, now, moved, begin, planned=planned)
+        return _detour(way, table, self._now.once(), moved, begin, planned=planned)
+
+    def missed(self, trajectory: Trajectory, since: float, until: float) -> dict[int, float]:
+        """Return how far gates have moved that are passed between two times, by their numbers."""
+        way = self._way(trajectory)
+        if way is None:
+            return {}
+        moved = self._moved(way, since, until)
+        return {way.course.numbers[i]: far for i, far in moved.items()}
 
     def take(self, detour: Detour, way: Way) -> str:
         """Take the way that is flown from now on; return what is told of it."""
@@ -164,9 +168,22 @@ class LiveRace:
             f"lap {way.lap:.2f} s after {before.lap:.2f} s"
         )
 
+    def _moved(self, way: Way, since: float, until: float) -> dict[int, float]:
+        now = self._now.once()
+        return {
+            i: far
+            for i in np.flatnonzero((way.times > since) & (way.times <= until)).tolist()
+            if (far := _moved(way.course.gates[i], now[way.course.numbers[i]])) > _MOVED
+        }
+
     def _way(self, trajectory: Trajectory) -> Way | None:
         ways = (self._newest, self._whole)
         return next((way for way in ways if way.trajectory is trajectory), None)
+
+
+def told(moved: Mapping[int, float]) -> str:
+    """Return which gates have moved by how much [m], as a text."""
+    return ", ".join(f"gate {number} moved {far:.2f} m" for number, far in moved.items())
 
 
 def smooth_part(detour: Detour, config: ReferenceConfig) -> MotionTable:

@@ -24,7 +24,7 @@ from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.director import TOO_LATE, Reply
 from quad_mpc_ros.references.gate_path import configured_course
 from quad_mpc_ros.references.live import LiveReference
-from quad_mpc_ros.references.live_race import Detour, LiveRace, Way, smooth_part
+from quad_mpc_ros.references.live_race import Detour, LiveRace, Way, smooth_part, told
 from quad_mpc_ros.references.motion_table import MotionTable
 from quad_mpc_ros.references.timeline import Phase
 
@@ -62,6 +62,7 @@ class Detours:
         self._maker: _Maker | None = None
         self._asked: _Asked | None = None
         self._lead, self._not_before_ns = _LEAD, -(2**62)
+        self._missed: set[int] = set()
 
     def move(self, p_WG: Array, q_WG_xyzw: Array) -> None:
         """Take where the gates are by now; takes and raises as :meth:`.Course.moved`."""
@@ -71,27 +72,32 @@ class Detours:
 
     def poll(self, now_ns: int) -> Reply | None:
         """Have a way made where a gate to come has moved, and fly it; return what to tell."""
-        reply = self._finished(now_ns)
-        if self._asked is None and now_ns >= self._not_before_ns:
-            self._ask(now_ns)
-            reply = reply or self._finished(now_ns)
-        return reply
+        reply, phase = self._finished(now_ns), self._live.last_phase
+        if self._maker is None or phase is None or self._asked is not None:
+            return reply
+        seconds = 1e-9 * (now_ns - phase.start_ns)
+        if now_ns >= self._not_before_ns and self._maker.is_ready(wait=self._waits):
+            detour = self._race.detour(phase.trajectory, seconds + self._lead)
+            if detour is not None:
+                self._maker.ask(detour)
+                self._asked = _Asked(detour, phase, time.monotonic())
+                return reply or self._finished(now_ns)
+        return reply or self._too_late(phase, seconds)
+
+    def _too_late(self, phase: Phase, seconds: float) -> Reply | None:
+        """Tell once of each gate that has moved and is passed before another way could begin."""
+        missed = self._race.missed(phase.trajectory, seconds, seconds + self._lead)
+        news = {number: far for number, far in missed.items() if number not in self._missed}
+        self._missed = set(missed)
+        if not news:
+            return None
+        return Reply(accepted=False, text=f"{told(news)}: the way stays: too near")
 
     def close(self) -> None:
         """End the process."""
         if self._maker is not None:
             self._maker.close()
         self._maker = self._asked = None
-
-    def _ask(self, now_ns: int) -> None:
-        phase = self._live.last_phase
-        if self._maker is None or phase is None or not self._maker.is_ready(wait=self._waits):
-            return
-        begin = 1e-9 * (now_ns - phase.start_ns) + self._lead
-        detour = self._race.detour(phase.trajectory, begin)
-        if detour is not None:
-            self._maker.ask(detour)
-            self._asked = _Asked(detour, phase, time.monotonic())
 
     def _finished(self, now_ns: int) -> Reply | None:
         """Fly what has been made."""
@@ -166,8 +172,9 @@ class _Maker:
 def _make(line: Connection, config: ReferenceConfig) -> None:
     """Make ways, in a process of its own, until the other end is closed."""
     os.nice(_NICENESS)
-    if importlib.util.find_spec("casadi") is not None:
-        importlib.import_module("casadi")  # before it is needed
+    if importlib.util.find_spec("casadi") is not None:  # before it is needed
+        importlib.import_module("casadi")
+        importlib.import_module("quad_mpc_ros.planning.detour")
     answer: Way | str = "ready"
     with contextlib.suppress(EOFError, OSError):
         while True:
