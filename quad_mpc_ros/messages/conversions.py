@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.model.samples import (
     CommandSample,
@@ -23,6 +24,7 @@ from quad_mpc_ros.control.model.samples import (
     ReferenceWindow,
     given_variance,
 )
+from quad_mpc_ros.control.safety.validation import is_frame
 from quad_mpc_ros.messages import cdr
 
 if TYPE_CHECKING:
@@ -154,8 +156,16 @@ def pose_from_message(message: Any) -> tuple[str, NDArray[np.float64], NDArray[n
     return message.header.frame_id, _vector(pose.position), _quaternion(pose.orientation)
 
 
-def poses_from_message(message: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return positions (n, 3) and quaternions (n, 4) of a ``geometry_msgs/PoseArray``."""
+def poses_from_message(
+    message: Any, *, frame_id: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return positions (n, 3) and quaternions (n, 4) of a ``geometry_msgs/PoseArray``.
+
+    Raises :class:`.UserError` for those in another frame than ``frame_id``.
+    """
+    if not is_frame(message.header.frame_id, frame_id):
+        given = message.header.frame_id
+        raise UserError(f"gates are in frame '{given}', expected '{frame_id}'")
     positions = [_vector(pose.position) for pose in message.poses]
     quaternions = [_quaternion(pose.orientation) for pose in message.poses]
     return np.array(positions).reshape(-1, 3), np.array(quaternions).reshape(-1, 4)

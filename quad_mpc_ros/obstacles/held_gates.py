@@ -8,16 +8,14 @@ what is left at the gate. Elsewhere there is no corridor, and nothing of it is s
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.config import GATE_HALF_SPACES, MpcConfig
 from quad_mpc_ros.control.guide import Guide, Guided
-from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
@@ -32,7 +30,6 @@ _REACH = 1.5
 _AHEAD = 2
 _PARTS = np.linspace(0.0, 1.0, 9)  # of a stage, to find where in it the plan is at a gate
 _AT_REST = 0.1  # m/s
-_OFF_UNIT = 1e-3  # of a quaternion's length
 _ROUND = math.cos(math.pi / GATE_HALF_SPACES)  # of a polygon inside of a circle
 
 
@@ -59,27 +56,8 @@ class HeldGates:
         self._before: OdometrySample | None = None
 
     def move(self, p_WG: Array, q_WG_xyzw: Array) -> None:
-        """Take where the gates of the file are by now, in its order.
-
-        Centres (n, 3) [m] and quaternions (n, 4), those of balls without a meaning. Raises
-        :class:`UserError` for fewer gates than the course has, and for what is no pose.
-        """
-        count = max(self._course.numbers)
-        if len(p_WG) < count:
-            raise UserError(f"gates: given {len(p_WG)} poses, expected those of all {count} gates")
-        for number, gate in self._course.once().items():
-            p, q = p_WG[number - 1], q_WG_xyzw[number - 1]
-            off_unit = 0.0 if gate.R_WG is None else abs(float(np.linalg.norm(q)) - 1.0)
-            if not (np.isfinite(p).all() and off_unit < _OFF_UNIT):
-                raise UserError(
-                    f"gates: gate {number} at {p.tolist()} with the quaternion {q.tolist()}, "
-                    "expected finite numbers and a unit quaternion"
-                )
-        gates = tuple(
-            _moved(gate, p_WG[number - 1], q_WG_xyzw[number - 1])
-            for number, gate in zip(self._course.numbers, self._course.gates, strict=True)
-        )
-        self._course = dataclasses.replace(self._course, gates=gates)
+        """Take where the gates are by now; takes and raises as :meth:`.Course.moved`."""
+        self._course = self._course.moved(p_WG, q_WG_xyzw)
 
     def guide(
         self, odometry: OdometrySample, window: ReferenceWindow, plan: Plan | None
@@ -155,11 +133,6 @@ class GuidedThrough:
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed live parameters."""
         self._around.reconfigure(config)
-
-
-def _moved(gate: Gate, p_WG: Array, q_WG_xyzw: Array) -> Gate:
-    R_WG = None if gate.R_WG is None else so3.rotation_from_quaternion_xyzw(q_WG_xyzw)
-    return dataclasses.replace(gate, p_WG=p_WG, R_WG=R_WG)
 
 
 def _anywhere(plan: Plan, since: float) -> Corridor:

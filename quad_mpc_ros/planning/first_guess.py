@@ -24,7 +24,7 @@ _SHARE = 0.85  # of the thrust: what a vehicle that has to turn makes of it
 _CRUISE = 0.6  # of the speed reached over a leg at full thrust, of the very first guess
 _SMOOTHED = 0.06  # s
 _FINE = 0.004  # s
-_FEWEST_STEPS = 6  # a leg
+FEWEST_STEPS = 6  # a leg
 _ITERATIONS = 400
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -107,7 +107,7 @@ def with_attitudes(
     point: Nodes, vehicle: PlannedVehicle, *, yaw: float, longest_step: float
 ) -> PosedMotion:
     """Return the motion of a point as a vehicle flies it, at steps of ``longest_step`` [s]."""
-    counts = np.maximum(_FEWEST_STEPS, np.ceil(point.durations / longest_step)).astype(int)
+    counts = np.maximum(FEWEST_STEPS, np.ceil(point.durations / longest_step)).astype(int)
     steps = np.repeat(point.durations / counts, counts)
     times = np.append(0.0, np.cumsum(steps))
     p, v = (_sampled(times, point.times, point.states[:, part]) for part in _POSITION_VELOCITY)

@@ -14,7 +14,8 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.planning.first_guess import PosedMotion, flown_by_a_point, with_attitudes
 from quad_mpc_ros.planning.legs import CourseLeg, legs_of
 from quad_mpc_ros.planning.limits import MODELS, PlannedVehicle, planned_vehicle
-from quad_mpc_ros.planning.model import F, Model, P, Q, V, W, rates_model, rotors_model
+from quad_mpc_ros.planning.model import THRUST, F, Model, P, Q, V, W, rates_model, rotors_model
+from quad_mpc_ros.planning.settings import PlanSettings
 from quad_mpc_ros.planning.transcription import Dynamics, Nodes, Progress, Solved, solve
 from quad_mpc_ros.planning.transcription import unpacked as nodes_of
 from quad_mpc_ros.references.config import ReferenceConfig
@@ -120,15 +121,20 @@ def plan_race(
             "model", model, "rates: the configuration has no rotors (simulator.plant: rotors)"
         )
     legs = legs_of(course, margin=gate_margin, radius=radius)
-    equations = _equations(model, vehicle)
+    settings = PlanSettings(
+        vehicle=vehicle, model=model, gate_margin=gate_margin, radius=radius, step=step
+    )
+    equations = equations_of(settings)
     solved = _solved(
         course, legs, vehicle, equations, step=step, progress=progress, resumed=resumed
     )
-    return _plan(course, legs, vehicle, equations, solved)
+    return _plan(course, legs, settings, equations, solved)
 
 
-def _equations(model: str, vehicle: PlannedVehicle) -> Model:
-    if model == "rotors":
+def equations_of(settings: PlanSettings) -> Model:
+    """Return the equations of motion that a plan obeys."""
+    vehicle = settings.vehicle
+    if settings.model == "rotors":
         assert vehicle.rotors is not None
         return rotors_model(vehicle, vehicle.rotors)
     return rates_model(vehicle)
@@ -144,14 +150,13 @@ def _solved(
     progress: Progress | None,
     resumed: Array | None,
 ) -> Solved:
-    heights = [place[2] for place in course.places()]
-    lowest = min(_LOWEST, course.start[2], *(_HALF_OF_LOWEST * height for height in heights))
+    lowest = lowest_of(course)
     point = flown_by_a_point(course, legs, vehicle, lowest=lowest, progress=progress)
-    dynamics = _dynamics(course, vehicle, model, lowest=lowest)
+    dynamics = dynamics_of(model, first=_at_rest(course, vehicle, model), lowest=lowest)
     failed = ""
     for longest_step in (step, 0.7 * step):
         posed = with_attitudes(point, vehicle, yaw=course.start_yaw, longest_step=longest_step)
-        guess = _guess(posed, model, vehicle)
+        guess = guess_of(posed, model, vehicle)
         if resumed is not None and len(resumed) == _size(guess):
             guess = nodes_of(resumed, guess)
         solved = solve(
@@ -175,18 +180,20 @@ def _size(nodes: Nodes) -> int:
     return nodes.states.size + len(nodes.states) + nodes.inputs.size
 
 
-def _dynamics(course: Course, vehicle: PlannedVehicle, model: Model, *, lowest: float) -> Dynamics:
+def lowest_of(course: Course) -> float:
+    """Return the height that a plan keeps above [m]."""
+    heights = [place[2] for place in course.places()]
+    return float(min(_LOWEST, course.start[2], *(_HALF_OF_LOWEST * each for each in heights)))
+
+
+def dynamics_of(model: Model, *, first: Array, lowest: float) -> Dynamics:
+    """Return what moves, from a first state (nx,) to rest, level, above ``lowest`` [m]."""
     low, high = (np.array(bounds) for bounds in model.state_bounds)
     low[P][2] = lowest
-    rest = np.full(model.nx, np.nan)
-    rest[V], rest[W] = 0.0, 0.0
-    first = rest.copy()
-    first[P] = course.start
-    first[Q] = np.cos(0.5 * course.start_yaw), 0.0, 0.0, np.sin(0.5 * course.start_yaw)
-    last = rest.copy()
-    last[Q][1:3] = 0.0
+    last = np.full(model.nx, np.nan)
+    last[V], last[W], last[Q][1:3] = 0.0, 0.0, 0.0
     if model.nx > F.start:
-        first[F] = last[F] = vehicle.gravity
+        last[F] = model.hover[THRUST]
     return Dynamics(
         step=model.step,
         path=model.path,
@@ -200,7 +207,18 @@ def _dynamics(course: Course, vehicle: PlannedVehicle, model: Model, *, lowest: 
     )
 
 
-def _guess(posed: PosedMotion, model: Model, vehicle: PlannedVehicle) -> Nodes:
+def _at_rest(course: Course, vehicle: PlannedVehicle, model: Model) -> Array:
+    first = np.full(model.nx, np.nan)
+    first[V], first[W] = 0.0, 0.0
+    first[P] = course.start
+    first[Q] = np.cos(0.5 * course.start_yaw), 0.0, 0.0, np.sin(0.5 * course.start_yaw)
+    if model.nx > F.start:
+        first[F] = vehicle.gravity
+    return first
+
+
+def guess_of(posed: PosedMotion, model: Model, vehicle: PlannedVehicle) -> Nodes:
+    """Return a motion in the states and inputs of a model."""
     states = np.column_stack((posed.p, posed.v, posed.q_wxyz, posed.w))
     thrust = posed.thrust[:, None]
     if model.nx > F.start:
@@ -212,23 +230,30 @@ def _guess(posed: PosedMotion, model: Model, vehicle: PlannedVehicle) -> Nodes:
 
 
 def _plan(
-    course: Course, legs: list[CourseLeg], vehicle: PlannedVehicle, model: Model, solved: Solved
+    course: Course, legs: list[CourseLeg], settings: PlanSettings, model: Model, solved: Solved
 ) -> RacePlan:
     nodes = solved.nodes
-    table = _table(model, nodes, source=f"the plan of {course.source}")
+    table = table_of(model, nodes, settings, source=f"the plan of {course.source}")
     raced = sum(leg.goal is not None for leg in legs)
     return RacePlan(
         course=course,
         table=table,
         nodes=nodes,
-        vehicle=vehicle,
+        vehicle=settings.vehicle,
         race_time=float(nodes.times[nodes.ends[raced - 1]]),
         lap=passages(course, seconds=table.seconds, p_WB=table.p_WB),
         iterations=solved.iterations,
     )
 
 
-def _table(model: Model, nodes: Nodes, *, source: str) -> MotionTable:
+def table_of(
+    model: Model,
+    nodes: Nodes,
+    settings: PlanSettings,
+    *,
+    source: str,
+    rests: tuple[bool, bool] = (True, True),
+) -> MotionTable:
     """Return the motion between the nodes in rows, by the equations that it was planned with."""
     counts = np.ceil(nodes.steps / _ROWS - 1e-9).astype(int)
     owner = np.repeat(np.arange(len(counts)), counts)
@@ -247,4 +272,6 @@ def _table(model: Model, nodes: Nodes, *, source: str) -> MotionTable:
         a_WB_W=a,
         q_WB_xyzw=q_xyzw / np.linalg.norm(q_xyzw, axis=1, keepdims=True),
         w_WB_B=x[:, W],
+        planned_with=settings.text(),
+        rests=rests,
     )

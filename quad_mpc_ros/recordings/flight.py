@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -87,6 +87,14 @@ class RecordedPlan:
     corridor: HalfSpaces | None = None
 
 
+class GatePoses(NamedTuple):
+    """Where the gates of a course were told to be: (n, 3) [m] and (n, 4), in the file's order."""
+
+    publish_time_ns: int
+    p_WG: Array
+    q_WG_xyzw: Array
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flight:
     """A flight of n odometries, at least one. Everything is in order of stamps, each stamp once.
@@ -97,7 +105,8 @@ class Flight:
     by their name in :class:`TickStats`. ``parameters`` are those recorded, by node; ``mpc`` are
     those of the controller, defaults where they were not recorded. ``plans`` are some of the
     controller's, as many as were asked for. ``scene`` is what it was flown among, its times from
-    the first odometry on; None where that is not known.
+    the first odometry on; None where that is not known. ``gates`` are the poses of the gates of a
+    course that were told in flight, where they changed.
 
     Raises:
         ArgumentError: An array has another shape, or something is of another type.
@@ -116,6 +125,7 @@ class Flight:
     mpc: MpcConfig
     plans: Sequence[RecordedPlan] = ()
     scene: Scene | None = None
+    gates: Sequence[GatePoses] = ()
 
     def __post_init__(self) -> None:
         count = len(stamps(self.stamp_ns, "stamp_ns"))

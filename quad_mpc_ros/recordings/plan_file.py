@@ -18,6 +18,7 @@ from quad_mpc_ros.recordings.reader import BagReader
 from quad_mpc_ros.references.motion_table import MotionTable
 
 PLAN, PATH = "/plan", "/plan/path"
+_PLANNED_WITH = "planned_with"
 _BODY_FRAME = "base_link"
 _SHOWN_NS = 20_000_000  # from one pose of the path to the next
 
@@ -54,6 +55,7 @@ def write_plan(path: Path, table: MotionTable, *, frame_id: str) -> None:
         schema = schema_for(topic.type_name)
         output.add_topic(RecordedTopic(name=name, schema=schema, qos_profiles=[latched]))
         output.write(name, data, log_time_ns=0, publish_time_ns=0)
+    output.write_metadata(PLAN, {_PLANNED_WITH: table.planned_with})
     output.finish()
 
 
@@ -78,4 +80,5 @@ def read_plan(bag: Path) -> MotionTable | None:
         a_WB_W=window.a_WB_W,
         q_WB_xyzw=window.q_WB_xyzw,
         w_WB_B=np.einsum("nji,nj->ni", R_WB, window.w_WB_W),
+        planned_with=reader.metadata.get(PLAN, {}).get(_PLANNED_WITH, ""),
     )

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import operator
 from collections.abc import Callable, Collection, Mapping
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from quad_mpc_ros.configuration import BagError, Configuration
+import numpy as np
+
+from quad_mpc_ros.configuration import BagError, Configuration, UserError
 from quad_mpc_ros.configuration.arguments import instance
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -22,6 +25,7 @@ from quad_mpc_ros.messages.topics import (
     COMMAND,
     CORRIDOR,
     ENGAGED,
+    GATES,
     LANDED,
     ODOMETRY,
     ODOMETRY_RESET,
@@ -38,6 +42,7 @@ from quad_mpc_ros.recordings import logs
 from quad_mpc_ros.recordings.flight import (
     ChosenPlans,
     Flight,
+    GatePoses,
     ReferenceSampler,
     command_track,
     odometry_arrays,
@@ -143,6 +148,8 @@ class Recording:
                 conversions.reference_from_message, lambda _, window: sampler.take(window)
             )
         }
+        gates: list[GatePoses] = []
+        again[GATES] = _gates_into(gates, frame_id=mpc.odometry.frame_id)
         if most_plans:
             again[PREDICTED_PATH] = plans.take
             again[CORRIDOR] = self._all_of(CORRIDOR, plans.take_corridor)
@@ -156,6 +163,7 @@ class Recording:
             mpc=mpc,
             plans=plans.in_order(),
             scene=self.scene(),
+            gates=gates,
         )
 
     def scene(self) -> Scene | None:
@@ -364,6 +372,19 @@ def _usable(message: Any, *, twist_frame: str) -> OdometrySample:
     if fault := odometry_fault(odometry, frame_id=odometry.frame_id):
         raise ValueError(fault)
     return with_body_twist(odometry) if twist_frame == "world" else odometry
+
+
+def _gates_into(gates: list[GatePoses], *, frame_id: str) -> Taker:
+    """Return what appends where gates are told to be, unless that is known or of another frame."""
+
+    def take(message: RecordedMessage) -> None:
+        with contextlib.suppress(UserError):
+            p_WG, q_WG_xyzw = conversions.poses_from_message(message.message, frame_id=frame_id)
+            told = GatePoses(message.publish_time_ns, p_WG, q_WG_xyzw)
+            if not gates or not all(map(np.array_equal, told[1:], gates[-1][1:])):
+                gates.append(told)
+
+    return take
 
 
 def _values(convert: Callable[[Any], T], use: Callable[[RecordedMessage, T], None]) -> Taker:

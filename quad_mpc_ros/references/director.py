@@ -174,6 +174,15 @@ class Director:
         legs = [(GOING, flat_state_of(self.timeline, now_ns), flat_state_of(trajectory, 0))]
         return self._go(now_ns, legs, then=TRACKING, trajectory=trajectory)
 
+    def change_way(self, phase: Phase, trajectory: Trajectory, *, from_ns: int) -> Reply:
+        """Fly in place of the last phase another trajectory, which is the same up to a time."""
+        if self.timeline.last is not phase:
+            return Reply(accepted=False, text="it is flown no more")
+        if self.too_late(from_ns):
+            return TOO_LATE
+        self.timeline.follow([dataclasses.replace(phase, trajectory=trajectory)])
+        return Reply(accepted=True, text=phase.name)
+
     def hold(self, now_ns: int) -> Reply:
         """Come to rest as soon as the limits allow, and stay there."""
         if not self._airborne(now_ns):

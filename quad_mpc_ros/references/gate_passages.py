@@ -9,6 +9,7 @@ the order of the course: as many as possible through the openings, then as early
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,12 +59,50 @@ class Lap:
         return sum(not passage.passed for passage in self.passages)
 
 
-def passages(course: Course, *, seconds: Array, p_WB: Array, radius: float = 0.0) -> Lap:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MovedGates:
+    """A course as its gates moved: ``courses`` one after the other, and which held when (n,)."""
+
+    courses: Sequence[Course]
+    held: NDArray[np.int64]
+
+    def offsets(self, number: int, p_WB: Array) -> tuple[Array, Array]:
+        """Return where a path (n, 3) is from a passage's gate before and after each step.
+
+        (n - 1, 3) [m] each, in the gate's axes, or the world's of a ball. Over a step it is held.
+        """
+        gates = [course.gates[number] for course in self.courses]
+        held = self.held[:-1]
+        p_WG = np.array([gate.p_WG for gate in gates])[held]
+        before, after = p_WB[:-1] - p_WG, p_WB[1:] - p_WG
+        if gates[0].R_WG is None:
+            return before, after
+        R_WG = np.array([gate.R_WG for gate in gates])[held]
+        return np.einsum("nij,ni->nj", R_WG, before), np.einsum("nij,ni->nj", R_WG, after)
+
+
+def passages(
+    course: Course,
+    *,
+    seconds: Array,
+    p_WB: Array,
+    radius: float = 0.0,
+    moved: MovedGates | None = None,
+) -> Lap:
     """Return how a path, positions (n, 3) [m] at increasing times (n,) [s], passes a course.
 
-    ``radius`` [m] is that of a ball round the vehicle, for clipping.
+    ``radius`` [m] is that of a ball round the vehicle, for clipping. Gates that ``moved`` are
+    passed where they were by then.
     """
-    found = [_nearest(gate, seconds, p_WB, radius=radius) for gate in course.gates]
+    found = [
+        _nearest(
+            gate,
+            seconds,
+            *(_offsets(gate, p_WB) if moved is None else moved.offsets(number, p_WB)),
+            radius=radius,
+        )
+        for number, gate in enumerate(course.gates)
+    ]
     chosen = _in_order(found)
     after = max((each.time for each in chosen if each.time is not None), default=-math.inf)
     end = course.end
@@ -79,9 +118,19 @@ def passages(course: Course, *, seconds: Array, p_WB: Array, radius: float = 0.0
     return Lap(passages=chosen, time=max(time, after))
 
 
-def _nearest(gate: Gate, seconds: Array, p_WB: Array, *, radius: float) -> list[Passage]:
+def _offsets(gate: Gate, p_WB: Array) -> tuple[Array, Array]:
+    """Return where a path (n, 3) is from a gate before and after each step (n - 1, 3) [m]."""
+    offsets = p_WB - gate.p_WG
+    if gate.R_WG is not None:
+        offsets = offsets @ gate.R_WG
+    return offsets[:-1], offsets[1:]
+
+
+def _nearest(
+    gate: Gate, seconds: Array, before: Array, after: Array, *, radius: float
+) -> list[Passage]:
     """Return every passage of a gate that a path has, in order of time."""
-    p, step = p_WB[:-1] - gate.p_WG, np.diff(p_WB, axis=0)
+    p, step = before, after - before
     places: NDArray[np.int64]
     if gate.R_WG is None:
         length = np.sum(step * step, axis=1)
@@ -91,9 +140,7 @@ def _nearest(gate: Gate, seconds: Array, p_WB: Array, *, radius: float) -> list[
         miss = np.linalg.norm(offset, axis=1)
         places = _least_of_each_visit(miss, gate.half_width)
     else:
-        inside = (p_WB - gate.p_WG) @ gate.R_WG
-        p, step = inside[:-1], np.diff(inside, axis=0)
-        x, x_after = inside[:-1, 0], inside[1:, 0]  # one number a place: its sign counts twice
+        x, x_after = before[:, 0], after[:, 0]  # one number a place: its sign counts twice
         forward, backward = (x < 0.0) & (x_after >= 0.0), (x > 0.0) & (x_after <= 0.0)
         places = np.flatnonzero(forward | backward if gate.both_ways else forward)
         share = np.zeros(len(p))

@@ -11,7 +11,7 @@ from quad_mpc_ros.configuration import ConfigurationError, UserError, parameter
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.references.gate_passages import Lap, passages
 from quad_mpc_ros.references.gates import Course, read_course
-from quad_mpc_ros.references.minimum_snap import minimum_snap_path
+from quad_mpc_ros.references.minimum_snap import End, minimum_snap_onward, minimum_snap_path
 from quad_mpc_ros.references.motion_table import PlannedMotion
 from quad_mpc_ros.references.path import Path, SplinePath
 from quad_mpc_ros.references.point_table import BagReader, TableParameters, bag_path, csv_path
@@ -61,18 +61,24 @@ def configured_course(config: GateParameters) -> Course | None:
     return read_course(config.gates) if config.gates else None
 
 
-def smooth_path(course: Course, *, max_speed: float, max_acceleration: float) -> SplinePath:
-    """Return a path of minimum snap through the middle of every gate, from rest to rest.
+def smooth_path(
+    course: Course, *, max_speed: float, max_acceleration: float, start: End | None = None
+) -> SplinePath:
+    """Return a path of minimum snap through the middle of every gate, to rest.
+
+    It begins at rest, or goes on from the motion ``start`` where the course begins.
 
     Where it would pass a gate against its direction, it is led straight through from in front of
     the gate to behind it; where it would dip towards the ground, through points on the straight
     line between the gates. Raises :class:`UserError` where a gate is still not passed.
     """
     guides = _Guides(course)
+    limits = {"max_speed": max_speed, "max_acceleration": max_acceleration}
     while True:
-        path = minimum_snap_path(
-            guides.points(), max_speed=max_speed, max_acceleration=max_acceleration
-        )
+        if start is None:
+            path = minimum_snap_path(guides.points(), **limits)
+        else:
+            path = minimum_snap_onward(guides.points(), start, **limits)
         seconds = np.linspace(0.0, path.duration, 2 + round(path.duration / _SAMPLED))
         p_WB = path.at(seconds).p_WB
         lap = passages(course, seconds=seconds, p_WB=p_WB)

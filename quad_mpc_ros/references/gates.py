@@ -18,6 +18,7 @@ with ``tolerance``, round; without, it is a ball to be touched by the vehicle's 
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -126,6 +127,28 @@ class Course:
     def once(self) -> dict[int, Gate]:
         """Return each gate that is passed by its number, for drawing."""
         return dict(sorted(dict(zip(self.numbers, self.gates, strict=True)).items()))
+
+    def moved(self, p_WG: Array, q_WG_xyzw: Array) -> Course:
+        """Return it with the gates of the file where they are by now, in its order.
+
+        Centres (n, 3) [m] and quaternions (n, 4), those of balls without a meaning. Raises
+        :class:`UserError` for fewer gates than the course has, and for what is no pose.
+        """
+        count = max(self.numbers)
+        if len(p_WG) < count:
+            raise UserError(f"gates: given {len(p_WG)} poses, expected those of all {count} gates")
+        moved = {}
+        for number, gate in self.once().items():
+            p, q = p_WG[number - 1], q_WG_xyzw[number - 1]
+            off_unit = 0.0 if gate.R_WG is None else abs(float(np.linalg.norm(q)) - 1.0)
+            if not (np.isfinite(p).all() and off_unit < _OFF_UNIT):
+                raise UserError(
+                    f"gates: gate {number} at {p.tolist()} with the quaternion {q.tolist()}, "
+                    "expected finite numbers and a unit quaternion"
+                )
+            R_WG = None if gate.R_WG is None else so3.rotation_from_quaternion_xyzw(q)
+            moved[number] = dataclasses.replace(gate, p_WG=p, R_WG=R_WG)
+        return dataclasses.replace(self, gates=tuple(moved[number] for number in self.numbers))
 
 
 def read_course(given: str | Path) -> Course:

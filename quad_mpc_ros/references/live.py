@@ -39,6 +39,7 @@ from quad_mpc_ros.references.director import GROUND, LANDING, Director, Reply
 from quad_mpc_ros.references.feasibility import judged
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.server import ReferenceServer
+from quad_mpc_ros.references.timeline import Phase
 from quad_mpc_ros.references.touchdown import Touchdown
 from quad_mpc_ros.references.trajectory import Trajectory, TrajectorySamples
 from quad_mpc_ros.references.transition import FlatState
@@ -66,7 +67,8 @@ class LiveReference:
         self, config: ReferenceConfig, trajectory: Trajectory, *, joined: Callable[[], Trajectory]
     ) -> None:
         self._config = config
-        self._trajectory = trajectory
+        self.trajectory = trajectory
+        """What is flown at once."""
         self._joined = joined
         self._at_once = config.mode == "at_once"
         self._server = ReferenceServer(config, trajectory)
@@ -184,7 +186,7 @@ class LiveReference:
 
     def whole(self) -> TrajectorySamples:
         """Return the configured trajectory, for drawing."""
-        return ReferenceServer(self._config, self._trajectory).whole()
+        return ReferenceServer(self._config, self.trajectory).whole()
 
     def course(self, now_ns: int) -> TrajectorySamples:
         """Return all that is planned from now on, for drawing; one period of what repeats."""
@@ -265,6 +267,23 @@ class LiveReference:
 
         return self._requested(request)
 
+    @property
+    def last_phase(self) -> Phase | None:
+        """What is flown last; None before there is anything."""
+        return None if self._director is None else self._director.timeline.last
+
+    def change_way(self, phase: Phase, trajectory: Trajectory, from_ns: int) -> Reply:
+        """Fly in place of the last phase another trajectory, which is the same up to a time."""
+
+        def request(director: Director) -> Reply:
+            way = trajectory.at([*range(0, trajectory.period_ns, _STEP_NS), trajectory.period_ns])
+            fault = self._out_of_reach(director, way.p_WB)
+            if fault is not None:
+                return Reply(accepted=False, text=fault)
+            return director.change_way(phase, trajectory, from_ns=from_ns)
+
+        return self._requested(request)
+
     def move(self, now_ns: int, command: VelocityCommand) -> Reply | None:
         """Follow a velocity for ``velocity_timeout``; return what there is to tell, if anything.
 
@@ -315,7 +334,7 @@ class LiveReference:
         """Continue from where the vehicle is, because commands act from now on."""
         director = self._waiting_at(odometry)
         now_ns = odometry.stamp_ns
-        if self._at_once and not self._trajectory.smooth:  # it jumps anyway
+        if self._at_once and not self.trajectory.smooth:  # it jumps anyway
             self._follow_as_it_is(now_ns)
             return Reply(accepted=True, text="begins the trajectory")
         if self._at_once:
@@ -375,10 +394,10 @@ class LiveReference:
 
     def _follow_as_it_is(self, now_ns: int) -> None:
         """Fly the configured trajectory from now on."""
-        server = ReferenceServer(self._config, self._trajectory)
+        server = ReferenceServer(self._config, self.trajectory)
         server.start(now_ns)
         self._server = server
-        self._adopt(Director.flying(self._config, self._trajectory, start_ns=now_ns))
+        self._adopt(Director.flying(self._config, self.trajectory, start_ns=now_ns))
 
     def _direct(self, director: Director) -> None:
         """Cut the windows out of the director's timeline from now on."""

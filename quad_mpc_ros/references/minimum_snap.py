@@ -28,6 +28,7 @@ _CHECKED = 101
 # Of the search for the times at waypoints.
 _DEGREE = 7
 _COARSE, _FINE = 20, 400  # samples a leg: to compare allocations, and to hold the limits
+_STRETCH = 1.02  # of a path that goes on from a motion, from one trial to the next
 _MOST_OPTIMISED = 12  # legs; beyond that the shares stay as they begin
 _SIMPLEX: Any = {"maxfev": 400, "xatol": 1e-2, "fatol": 1e-3}
 
@@ -180,12 +181,55 @@ def minimum_snap_path(points: Array, *, max_speed: float, max_acceleration: floa
     return SplinePath(snap_spline(points, shortest * _times(shares)), duration=shortest)
 
 
-def snap_spline(points: Array, times: Array) -> BSpline:
-    """Return the minimum-snap spline through ``points`` (n, 3) at increasing ``times`` (n,)."""
+def minimum_snap_onward(
+    points: Array, start: End, *, max_speed: float, max_acceleration: float
+) -> SplinePath:
+    """Return the path through ``points`` (n, 3) [m], n > 1, that goes on from a motion, to rest.
+
+    As :func:`minimum_snap_path`; the speed and acceleration of the start, and a tenth more, are
+    always allowed. As these do not scale with time, the durations of the legs are what is searched
+    for, and the whole is stretched until it keeps the limits.
+    """
+    from scipy.optimize import minimize
+
+    speed = max(max_speed, 1.1 * float(np.linalg.norm(start.v_WB_W)))
+    acceleration = max(max_acceleration, 1.1 * float(np.linalg.norm(start.a_WB_W)))
+
+    def path(durations: Array) -> tuple[BSpline, float, float]:
+        times = np.append(0.0, np.cumsum(durations))
+        spline = snap_spline(points, times, start)
+        samples = np.linspace(0.0, times[-1], 1 + _COARSE * len(durations))
+        factor = _beyond(spline, samples, max_speed=speed, max_acceleration=acceleration)
+        return spline, float(times[-1]), factor
+
+    def cost(logarithms: Any) -> float:
+        _, duration, factor = path(np.exp(logarithms))
+        return duration * max(factor, 1.0) ** 2
+
+    durations = _first_shares(points, max_speed=speed, max_acceleration=acceleration)
+    if len(durations) <= _MOST_OPTIMISED:
+        found = minimize(cost, np.log(durations), method="Nelder-Mead", options=_SIMPLEX)
+        durations = np.exp(found.x)
+    for _ in range(_TRIALS):
+        spline, duration, factor = path(durations)
+        if factor <= 1.0:
+            break
+        durations = _STRETCH * durations
+    return SplinePath(spline, duration=duration)
+
+
+def snap_spline(points: Array, times: Array, start: End | None = None) -> BSpline:
+    """Return the minimum-snap spline through ``points`` (n, 3) at increasing ``times`` (n,).
+
+    It begins at rest, or in the motion of a ``start``, and ends at rest.
+    """
     from scipy.interpolate import make_interp_spline
 
     rest: Any = [(order, np.zeros(3)) for order in (1, 2, 3)]
-    return make_interp_spline(times, points, k=_DEGREE, bc_type=(rest, rest))
+    begin: Any = rest
+    if start is not None:
+        begin = [(1, start.v_WB_W), (2, start.a_WB_W), (3, start.j_WB_W)]
+    return make_interp_spline(times, points, k=_DEGREE, bc_type=(begin, rest))
 
 
 def _times(shares: Array) -> Array:
@@ -199,8 +243,13 @@ def _least_duration(
 ) -> float:
     """Return how long the spline over 0 to 1 must take: velocity falls as 1/T, then 1/T^2."""
     places = np.linspace(0.0, 1.0, samples + 1)
-    speed = float(np.linalg.norm(unit(places, 1), axis=1).max())
-    acceleration = float(np.linalg.norm(unit(places, 2), axis=1).max())
+    return _beyond(unit, places, max_speed=max_speed, max_acceleration=max_acceleration)
+
+
+def _beyond(curve: BSpline, times: Array, *, max_speed: float, max_acceleration: float) -> float:
+    """Return by what factor a spline had to be slowed down to keep the limits at times (n,)."""
+    speed = float(np.linalg.norm(curve(times, 1), axis=1).max())
+    acceleration = float(np.linalg.norm(curve(times, 2), axis=1).max())
     return max(speed / max_speed, float(np.sqrt(acceleration / max_acceleration)))
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,7 +28,10 @@ MOTION_UNITS = {
 }
 """The columns of a motion and their units: velocity and acceleration in the world, the attitude
 of the body in the world, the body rates in the body."""
+_ARRAYS = ("seconds", "p_WB", "v_WB_W", "a_WB_W", "q_WB_xyzw", "w_WB_B")
 _POSITION_UNITS = {"time": "s", "x": "m", "y": "m", "z": "m"}
+PLANNED_WITH = "# planned with "
+"""Begins the line of a file that says what the planner made it with."""
 _AT_REST = 0.05  # m/s
 _OFF_UNIT = 1e-3
 
@@ -38,7 +41,8 @@ class MotionTable:
     """A motion at n times, n > 1, increasing; ``source`` says where it is from, in errors.
 
     Shapes: ``seconds`` (n,) [s]; ``p_WB``, ``v_WB_W``, ``a_WB_W``, ``w_WB_B`` (n, 3);
-    ``q_WB_xyzw`` (n, 4).
+    ``q_WB_xyzw`` (n, 4). ``planned_with`` is what the planner wants to know to plan the rest of it
+    anew, empty where nobody does. ``rests`` is whether it begins and ends at rest.
     """
 
     source: str
@@ -48,12 +52,14 @@ class MotionTable:
     a_WB_W: Array
     q_WB_xyzw: Array
     w_WB_B: Array
+    planned_with: str = ""
+    rests: tuple[bool, bool] = (True, True)
 
     def __post_init__(self) -> None:
         """Raise :class:`UserError` for an end in motion and for what is no attitude."""
-        for name, place in (("first", 0), ("last", -1)):
+        for name, place, rests in zip(("first", "last"), (0, -1), self.rests, strict=True):
             speed = float(np.linalg.norm(self.v_WB_W[place]))
-            if not speed < _AT_REST:
+            if rests and not speed < _AT_REST:
                 raise UserError(
                     f"{self.source}: the {name} row moves at {speed:.3g} m/s, expected a motion "
                     "that begins and ends at rest"
@@ -65,6 +71,22 @@ class MotionTable:
                 f"{lengths[row]:.4g}, expected 1"
             )
 
+    def rows(self, part: slice) -> MotionTable:
+        """Return some of its rows."""
+        parts: dict[str, Any] = {name: getattr(self, name)[part] for name in _ARRAYS}
+        rests = (self.rests[0] and not part.start, self.rests[1] and part.stop is None)
+        return dataclasses.replace(self, rests=rests, **parts)
+
+    def followed_by(self, other: MotionTable) -> MotionTable:
+        """Return it and then another, which begins as this one ends."""
+        parts: dict[str, Any] = {
+            name: np.concatenate((getattr(self, name)[:-1], getattr(other, name)))
+            for name in _ARRAYS
+        }
+        later = other.seconds - other.seconds[0] + self.seconds[-1]
+        parts["seconds"] = np.append(self.seconds[:-1], later)
+        return dataclasses.replace(self, rests=(self.rests[0], other.rests[1]), **parts)
+
     def text(self) -> str:
         """Return the table as a file."""
         units = {**_POSITION_UNITS, **MOTION_UNITS}
@@ -74,7 +96,8 @@ class MotionTable:
                 *(self.q_WB_xyzw, self.w_WB_B),
             )
         )
-        lines = [", ".join(f"{name} [{unit}]" for name, unit in units.items())]
+        lines = [PLANNED_WITH + self.planned_with] if self.planned_with else []
+        lines.append(", ".join(f"{name} [{unit}]" for name, unit in units.items()))
         lines += [", ".join(f"{value:.9f}" for value in row) for row in rows.tolist()]
         return "\n".join(lines) + "\n"
 
@@ -93,11 +116,12 @@ class PlannedMotion:
         """Take a table, displaced by ``offset`` (3,) [m]."""
         from scipy.interpolate import BPoly
 
-        self._table = table
+        if offset is not None:
+            table = dataclasses.replace(table, p_WB=table.p_WB + offset)
+        self.table = table
+        """What is flown."""
         self._seconds = table.seconds - table.seconds[0]
         given = np.stack((table.p_WB, table.v_WB_W, table.a_WB_W), axis=1)
-        if offset is not None:
-            given[:, 0] += offset
         self._p: BPoly = BPoly.from_derivatives(self._seconds, given)
         self._v: BPoly = self._p.derivative()
         self._R = so3.rotation_from_quaternion_xyzw(
@@ -128,7 +152,7 @@ class PlannedMotion:
         return []
 
     def _moving(self, seconds: Array) -> TrajectorySamples:
-        table, knots = self._table, self._seconds
+        table, knots = self.table, self._seconds
         row = np.clip(np.searchsorted(knots, seconds, side="right") - 1, 0, len(knots) - 2)
         share = ((seconds - knots[row]) / (knots[row + 1] - knots[row]))[:, None]
         R_WB = self._R[row] @ so3.exp(share * self._turns[row])

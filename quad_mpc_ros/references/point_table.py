@@ -30,7 +30,12 @@ from quad_mpc_ros.references.minimum_snap import (
     LegParameters,
     leg_within,
 )
-from quad_mpc_ros.references.motion_table import MOTION_UNITS, MotionTable, PlannedMotion
+from quad_mpc_ros.references.motion_table import (
+    MOTION_UNITS,
+    PLANNED_WITH,
+    MotionTable,
+    PlannedMotion,
+)
 from quad_mpc_ros.references.path import Chain, Path, SplinePath, Turned
 
 LEAST_POINTS = 6
@@ -231,6 +236,14 @@ def read_csv(path: FilePath) -> PointTable | MotionTable:
         a_WB_W=_columns(values, "ax", "ay", "az"),
         q_WB_xyzw=_columns(values, "qx", "qy", "qz", "qw"),
         w_WB_B=_columns(values, "wx", "wy", "wz"),
+        planned_with=next(
+            (
+                line.removeprefix(PLANNED_WITH)
+                for line in text.splitlines()
+                if line.startswith(PLANNED_WITH)
+            ),
+            "",
+        ),
     )
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.references.gate_passages import Lap, passages
+from quad_mpc_ros.references.gate_passages import Lap, MovedGates, passages
 from quad_mpc_ros.references.gates import Course, course_from
 
 SECONDS = np.linspace(0.0, 10.0, 501)
@@ -141,3 +141,25 @@ def test_no_other_choice_passes_more(seed: int) -> None:
         if all(a[0] < b[0] for a, b in itertools.pairwise(taken)):
             best = max(best, sum(passed for _, passed in taken))
     assert len(lap.passages) - lap.missed == best
+
+
+def test_a_gate_that_moves_is_passed_where_it_is_by_then() -> None:
+    """It is told to be aside from 3 s on; the path passes its first place at 2 s or at 5 s."""
+    before = course(opening(2.0), opening(8.0))
+    after = before.moved(
+        np.array([[2.0, 1.5, 1.0], [8.0, 1.5, 1.0]]), np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    )
+    held = (SECONDS >= 3.0).astype(np.int64)
+    moved = MovedGates(courses=[before, after], held=held)
+
+    def passed(p_WB: Array) -> list[bool]:
+        lap = passages(before, seconds=SECONDS, p_WB=p_WB, moved=moved)
+        return [passage.passed for passage in lap.passages]
+
+    aside = straight(y=1.5)
+    assert passed(straight()) == [True, False]
+    assert passed(aside) == [False, True]
+    assert passed(np.where(SECONDS[:, None] < 4.0, straight(), aside)) == [True, True]
+    none = MovedGates(courses=[before], held=np.zeros_like(held))
+    same = passages(before, seconds=SECONDS, p_WB=straight(y=0.4), moved=none)
+    assert same == flown(before, straight(y=0.4))

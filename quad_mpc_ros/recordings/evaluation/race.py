@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
+
+import numpy as np
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.gate_passages import passages
+from quad_mpc_ros.references.gate_passages import MovedGates, passages
 from quad_mpc_ros.references.gates import Course, read_course
 
 VEHICLE_RADIUS = 0.2
@@ -27,13 +30,22 @@ def flown_course(flight: Flight) -> Course | None:
 
 
 def race_figures(flight: Flight) -> dict[str, Any]:
-    """Return ``gates``, each passage with its time, and ``lap_time_s``; None without a course."""
+    """Return ``gates``, each passage with its time, and ``lap_time_s``; None without a course.
+
+    Gates that moved are judged where they were told to be when they were passed.
+    """
     course = flown_course(flight)
     if course is None:
         return {"gates": None, "lap_time_s": None}
     recorded = recorded_parameters(flight.parameters, ReferenceConfig)
     radius = float(recorded.get("radius", VEHICLE_RADIUS))
-    lap = passages(course, seconds=flight.time, p_WB=flight.p_WB, radius=radius)
+    lap = passages(
+        course,
+        seconds=flight.time,
+        p_WB=flight.p_WB,
+        radius=radius,
+        moved=_moved(course, flight) if flight.gates else None,
+    )
     return {
         "gates": [
             {
@@ -47,3 +59,14 @@ def race_figures(flight: Flight) -> dict[str, Any]:
         ],
         "lap_time_s": lap.time,
     }
+
+
+def _moved(course: Course, flight: Flight) -> MovedGates:
+    """Return the course as it was told in flight; what the controller refuses is left out."""
+    courses, since_ns = [course], [np.iinfo(np.int64).min]
+    for told in flight.gates:
+        with contextlib.suppress(UserError):
+            courses.append(course.moved(told.p_WG, told.q_WG_xyzw))
+            since_ns.append(told.publish_time_ns)
+    held = np.searchsorted(since_ns, flight.publish_time_ns, side="right") - 1
+    return MovedGates(courses=courses, held=held)

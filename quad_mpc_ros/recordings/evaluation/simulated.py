@@ -198,5 +198,6 @@ class FlightLog:
             parameters={each.owner: each.flattened() for each in config},
             mpc=config.mpc,
             plans=(),
+            gates=(),
             scene=self._scene or scene_of(config.simulator.obstacles),
         )

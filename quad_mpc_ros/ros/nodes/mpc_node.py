@@ -14,7 +14,6 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.ladder import Source
-from quad_mpc_ros.control.safety.validation import is_frame
 from quad_mpc_ros.control.standby import Standby
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
@@ -240,12 +239,10 @@ class MpcNode(ManagedNode[MpcConfig]):
 
     def _on_gates(self, message: Any) -> None:
         """Take where the gates are by now."""
-        poses, given = conversions.poses_from_message(message), message.header.frame_id
         frame_id = self._controller.config.odometry.frame_id
-        if not is_frame(given, frame_id):
-            self._warn(f"gates are in frame '{given}', expected '{frame_id}'")
-        elif self._guidance.gates is not None:
+        if self._guidance.gates is not None:
             try:
+                poses = conversions.poses_from_message(message, frame_id=frame_id)
                 self._guidance.gates.move(*poses)
             except UserError as error:
                 self._warn(str(error))

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from std_srvs.srv import Trigger
 
+from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.safety.validation import odometry_fault
 from quad_mpc_ros.messages import cdr, conversions, topics
@@ -30,6 +31,7 @@ from quad_mpc_ros.ros.clocks import SteadyTime
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import odometry_in
+from quad_mpc_ros.ros.nodes.detours import Detours
 from quad_mpc_ros.ros.spin import run
 
 _BODY_FRAME = "base_link"
@@ -37,6 +39,7 @@ _BODY_FRAME = "base_link"
 # repeated with a lead of 1.5 times its duration more.
 _LEAD_NS = 100_000_000
 _QUICK_LEAD_NS = 20_000_000  # of a velocity, which is planned in a millisecond
+_LOOKED_AT = 0.05  # s: how often it is looked whether gates have moved
 _LONGER = 1.5
 _TRIALS = 3
 _INACTIVE = Reply(accepted=False, text="the reference node is inactive: activate it first")
@@ -65,6 +68,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     _config: ReferenceConfig
     _live: LiveReference
+    _detours: Detours | None
 
     def __init__(self, *, hand_over: Callable[[ReferenceWindow], None] | None = None) -> None:
         """Make it; ``hand_over`` passes windows to another node of the process."""
@@ -78,7 +82,7 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
     def configure(self, config: ReferenceConfig) -> None:
         """Prepare the trajectory and listen."""
         self._config = config
-        self._live = self._prepared()
+        self._live, self._detours = self._prepared(), None
         self._live.too_late = lambda start_ns: self._flight_ns() > start_ns
         self._time, self._stamps = FlightTime(), StampClock()
         self._request = ""
@@ -94,6 +98,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         self.managed_subscription(topics.GOAL_POSE, self._on_goal)
         self.managed_subscription(topics.TRAJECTORY, self._on_trajectory)
         self.managed_subscription(topics.VELOCITY, self._on_velocity, expected=False)
+        if config.trajectory == "gates":
+            self._lead_through_gates()
         for name, request in (
             ("takeoff", self._live.take_off),
             ("start", self._live.start),
@@ -118,6 +124,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
 
     def cleanup(self) -> None:
         """Release the trajectory."""
+        if self._detours is not None:
+            self._detours.close()
         del self._live
 
     def _prepared(self) -> LiveReference:
@@ -130,6 +138,13 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
         return LiveReference(
             self._config, trajectory, joined=(lambda: trajectory) if trajectory.smooth else joined
         )
+
+    def _lead_through_gates(self) -> None:
+        waits = self._config.lockstep
+        self._detours = Detours(self._config, self._live, waits=waits)
+        self.managed_subscription(topics.GATES, self._on_gates, expected=False)
+        if not waits:
+            self.managed_timer(_LOOKED_AT, self._on_detours)
 
     def _on_odometry(self, data: bytes) -> None:
         if not self.active:
@@ -151,6 +166,8 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self._report_request("touchdown" if reply.accepted else "odometry", reply)
         if starting or self._config.lockstep:
             self._newest_ns = odometry.stamp_ns
+            if self._config.lockstep:
+                self._on_detours()
             with self._publishing:
                 self._publish(now_ns)
 
@@ -221,6 +238,25 @@ class ReferenceNode(ManagedNode[ReferenceConfig]):
             self._report_request("trajectory", Reply(accepted=False, text=str(error)))
             return
         self._handle("trajectory", lambda now_ns: self._live.follow(now_ns, window))
+
+    def _on_gates(self, message: Any) -> None:
+        """Take where the gates of the race are by now."""
+        assert self._detours is not None
+        try:
+            poses = conversions.poses_from_message(message, frame_id=self._config.frame_id)
+            self._detours.move(*poses)
+        except UserError as error:
+            self._report_request("race", Reply(accepted=False, text=str(error)))
+
+    def _on_detours(self) -> None:
+        """Fly another way where gates have moved."""
+        if self._detours is None or not self.active:
+            return
+        reply = self._detours.poll(self._flight_ns())
+        if reply is not None:
+            self._report_request("race", reply)
+            if reply.accepted:
+                self._publish_path(self._live.course(self._flight_ns()))
 
     def _on_velocity(self, message: Any) -> None:
         """Follow a velocity; what is told of it is when it begins, and why it is refused."""

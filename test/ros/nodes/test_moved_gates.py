@@ -1,0 +1,99 @@
+"""Gates that are moved while a race is flown over DDS: the reference leads where they are."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
+from nav_msgs.msg import Odometry
+from rclpy.qos import qos_profile_sensor_data
+
+from quad_mpc_ros.messages.cdr import header_stamp_ns
+from quad_mpc_ros.references.config import ReferenceConfig
+from quad_mpc_ros.references.configured import configured_trajectory
+from quad_mpc_ros.references.gate_passages import passages
+from quad_mpc_ros.references.gates import read_course
+
+GATES = [
+    {"position": [4.0, 0.0, 1.5], "yaw": 0.0, "width": 1.2, "height": 1.2},
+    {"position": [8.0, 1.0, 1.5], "yaw": 0.0, "width": 1.2, "height": 1.2},
+    {"position": [12.0, 0.0, 1.5], "tolerance": 0.4},
+]
+COURSE = str({"start": [0.0, 0.0, 1.5], "gates": GATES, "end": [15.0, 0.0, 1.5]})
+MOVED = np.array([[4.0, 0.0, 1.5], [8.0, 2.5, 1.5], [12.0, 0.0, 1.5]])
+SPEED = 4.0  # m/s
+TOLD_AT = 1.0  # s
+
+
+def poses(p_WG: Any, *, frame_id: str = "odom") -> PoseArray:
+    message = PoseArray()
+    message.header.frame_id = frame_id
+    level = Quaternion(w=1.0)
+    message.poses = [
+        Pose(position=Point(x=x, y=y, z=z), orientation=level) for x, y, z in np.array(p_WG)
+    ]
+    return message
+
+
+def test_a_gate_moved_in_flight_is_passed_where_it_is(peer: Any, tmp_path: Path) -> None:
+    """By 1.5 m, of an opening of 1.2 m: what was planned misses it."""
+    gates = peer.node.create_publisher(PoseArray, "gates", 10)
+    stamps: list[int] = []
+
+    def on_odometry(data: bytes) -> None:
+        stamps.append(header_stamp_ns(data))
+        if stamps[-1] - stamps[0] > TOLD_AT * 1e9:
+            gates.publish(poses(MOVED))
+
+    peer.node.create_subscription(Odometry, "odom", on_odometry, qos_profile_sensor_data, raw=True)
+    out, limits = tmp_path / "run", ("max_speed", "max_acceleration")
+    given = [each for name in limits for each in ("--set", f"reference.{name}={SPEED}")]
+    command = [sys.executable, "-m", "quad_mpc_ros.cli", "fly", "--lockstep", "--gates", COURSE]
+    command += [*given, "--duration", "8", "--out", str(out)]
+    with subprocess.Popen(command, cwd=tmp_path) as flight:
+        assert peer.wait(lambda: flight.poll() is not None, timeout=300.0)
+    summary = json.loads((out / "summary.json").read_text())
+    assert [gate["passed"] for gate in summary["gates"]] == [True, True, True]
+    assert summary["gates"][1]["miss_m"] < 0.4
+    log = (out / "log" / "reference.log").read_text()
+    assert "race accepted: replanned: gate 2 moved 1.50 m, joins at " in log
+    config = ReferenceConfig(
+        trajectory="gates", gates=COURSE, max_speed=SPEED, max_acceleration=SPEED
+    )
+    trajectory = configured_trajectory(config)
+    times = list(range(0, trajectory.period_ns, 5_000_000))
+    there = read_course(COURSE).moved(MOVED, np.tile([0.0, 0.0, 0.0, 1.0], (3, 1)))
+    before = trajectory.at(times).p_WB
+    assert passages(there, seconds=1e-9 * np.array(times), p_WB=before).missed == 1
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (poses(MOVED, frame_id="moon"), "gates are in frame 'moon', expected 'odom'"),
+        (poses(MOVED), "given 3 poses, expected those of all 9 gates"),
+        (poses(np.full((9, 3), np.nan)), "expected finite numbers and a unit quaternion"),
+    ],
+)
+def test_what_are_no_gates_is_refused_once(
+    start: Callable[..., Any], peer: Any, tmp_path: Path, message: PoseArray, reason: str
+) -> None:
+    gates = peer.node.create_publisher(PoseArray, "gates", 10)
+    start("reference", "-p", "trajectory:=gates", "-p", "gates:=seven_gates")
+    log = tmp_path / "reference.log"
+
+    def told() -> bool:
+        gates.publish(message)
+        return reason in log.read_text()
+
+    assert peer.wait(told, timeout=60.0)
+    peer.spin(0.5)
+    assert log.read_text().count(reason) == 1
+    assert "Traceback" not in log.read_text()
