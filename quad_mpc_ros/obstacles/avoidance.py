@@ -48,8 +48,8 @@ class MovingPoints(NamedTuple):
     """Points that move: ``p_W`` (n, 3) [m] at the time asked for, ``v_W`` (n, 3) [m/s].
 
     ``radius`` (n,) [m] is that of a ball about each, 0 for a point of a surface. ``body`` (n,)
-    says which belong to one body, which is passed on one side, negative for neighbours; ``age``
-    (n,) [s] is how old what was last heard of each is.
+    says which belong to one body, which is passed on one side; ``age`` (n,) [s] is how old what
+    was last heard of each is.
     """
 
     p_W: Array
@@ -57,21 +57,6 @@ class MovingPoints(NamedTuple):
     radius: Array
     body: NDArray[np.int64]
     age: Array
-
-    def without_neighbours(self) -> MovingPoints:
-        """Return those of bodies that are no neighbours."""
-        others = self.body >= 0
-        return (
-            self
-            if others.all()
-            else MovingPoints(
-                p_W=self.p_W[others],
-                v_W=self.v_W[others],
-                radius=self.radius[others],
-                body=self.body[others],
-                age=self.age[others],
-            )
-        )
 
     @staticmethod
     def none() -> MovingPoints:
@@ -198,8 +183,6 @@ class ObstacleAvoidance:
         far = self._radius + own.margin + most + _COMFORT
         here = self.surroundings.at(p_W, stamp_ns, radius=own.range, far=far)
         moving = obstacles.moving(stamp_ns + self._delay_ns, near=p_W, radius=own.range)
-        if self._neighbours is not None:
-            moving = moving.without_neighbours()
         speeds = np.linalg.norm(moving.v_W, axis=1)
         keep = self._radius + own.margin + own.margin_growth * float(np.linalg.norm(v_W))
         keep += _DRIFT * min(obstacles.age(stamp_ns), _OLDEST)
