@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -27,8 +27,9 @@ from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.obstacles.avoidance import MovingPoints, ObstacleAvoidance
-from quad_mpc_ros.obstacles.sharing import Plans
+from quad_mpc_ros.messages.obstacle_messages import TimedPath
+from quad_mpc_ros.obstacles.avoidance import ObstacleAvoidance
+from quad_mpc_ros.obstacles.world import World
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS
@@ -54,44 +55,6 @@ class Radio:
         return come[-1] if come else None
 
 
-class Others:
-    """What a vehicle knows: nothing that stands, and the plans of the others."""
-
-    spacing = 0.0
-    revision = 0
-
-    def __init__(self, radio: Radio, number: int) -> None:
-        self._radio, self._number = radio, number
-        self.now_ns = 0
-
-    def points(self, stamp_ns: int, *, near: Array, radius: float) -> Array:
-        """Return nothing."""
-        return np.zeros((0, 3))
-
-    def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
-        """Return nothing: neighbours have plans."""
-        return MovingPoints.none()
-
-    def age(self, stamp_ns: int) -> float:
-        """Return the age of a map."""
-        return 0.0
-
-    def plans(self, stamps_ns: Sequence[int]) -> Plans:
-        """Return where the others plan to be."""
-        places, ages = [], []
-        for number in range(len(self._radio.sent)):
-            plan = self._radio.heard(number, self.now_ns)
-            if number == self._number or plan is None:
-                continue
-            at = (np.array(stamps_ns) - plan.stamp_ns) * 1e-9
-            known = plan.step * np.arange(len(plan.p_WB))
-            places.append(
-                np.column_stack([np.interp(at, known, plan.p_WB[:, k]) for k in range(3)])
-            )
-            ages.append(max(1e-9 * (self.now_ns - plan.stamp_ns), 0.0))
-        return Plans(np.array(places).reshape(-1, len(stamps_ns), 3), np.array(ages))
-
-
 def vehicle(
     number: int,
     *,
@@ -105,8 +68,10 @@ def vehicle(
     acceleration: float,
 ) -> Iterator[LoopStep]:
     """Fly one of them, a step at a time."""
-    others = Others(radio, number)
-    guide = ObstacleAvoidance(config, others, radius=radius, neighbours=others)
+    names = {other: f"uav{other}" for other in range(len(radio.sent)) if other != number}
+    own = config.updated({"obstacles.neighbours": tuple(names.values())})
+    world = World(own.obstacles, radius=radius)
+    guide = ObstacleAvoidance(config, world, radius=radius, neighbours=world)
     controller = Controller(config, guide=guide)
     simulator = SimulatorConfig.build(
         {
@@ -120,7 +85,11 @@ def vehicle(
     )
 
     def law(odometry: OdometrySample, window: ReferenceWindow) -> CommandSample | None:
-        others.now_ns = odometry.stamp_ns
+        world.receive_odometry(odometry)
+        for other, name in names.items():
+            plan = radio.heard(other, odometry.stamp_ns)
+            if plan is not None:
+                world.receive_neighbour(name, path_of(plan))
         held = reference(start, goal, acceleration=acceleration, stamp_ns=odometry.stamp_ns)
         began = time.thread_time()
         tick = controller.step(odometry, held)
@@ -132,6 +101,12 @@ def vehicle(
 
     failures = radio.__dict__.setdefault("failures", {})
     yield from fly(mpc=config, simulator=simulator, controller=law)
+
+
+def path_of(plan: Plan) -> TimedPath:
+    """Return a plan as its message has it."""
+    times_ns = plan.stamp_ns + round(1e9 * plan.step) * np.arange(len(plan.p_WB))
+    return TimedPath(stamp_ns=plan.stamp_ns, frame_id="odom", times_ns=times_ns, p=plan.p_WB)
 
 
 def reference(start: Array, goal: Array, *, acceleration: float, stamp_ns: int) -> ReferenceWindow:

@@ -25,7 +25,7 @@ from quad_mpc_ros.obstacles.corridor import corridor_about
 from quad_mpc_ros.obstacles.guide import STEP, Followed, Limits, followed, smoothed, window_of
 from quad_mpc_ros.obstacles.local_map import THINNED, LocalMap
 from quad_mpc_ros.obstacles.moving import Movers
-from quad_mpc_ros.obstacles.search import search, shortened
+from quad_mpc_ros.obstacles.search import Workspace, search, shortened
 from quad_mpc_ros.obstacles.sharing import Neighbours, Shared, shared_space
 from quad_mpc_ros.obstacles.surroundings import Standing, Surroundings
 
@@ -48,8 +48,8 @@ class MovingPoints(NamedTuple):
     """Points that move: ``p_W`` (n, 3) [m] at the time asked for, ``v_W`` (n, 3) [m/s].
 
     ``radius`` (n,) [m] is that of a ball about each, 0 for a point of a surface. ``body`` (n,)
-    says which belong to one body, which is passed on one side, negative for neighbours; ``age``
-    (n,) [s] is how old what was last heard of each is.
+    says which belong to one body, which is passed on one side; ``age`` (n,) [s] is how old what
+    was last heard of each is.
     """
 
     p_W: Array
@@ -57,21 +57,6 @@ class MovingPoints(NamedTuple):
     radius: Array
     body: NDArray[np.int64]
     age: Array
-
-    def without_neighbours(self) -> MovingPoints:
-        """Return those of bodies that are no neighbours."""
-        others = self.body >= 0
-        return (
-            self
-            if others.all()
-            else MovingPoints(
-                p_W=self.p_W[others],
-                v_W=self.v_W[others],
-                radius=self.radius[others],
-                body=self.body[others],
-                age=self.age[others],
-            )
-        )
 
     @staticmethod
     def none() -> MovingPoints:
@@ -152,6 +137,7 @@ class ObstacleAvoidance:
         self.surroundings = Surroundings(obstacles)
         self._way: _Way | None = None
         self._lead: _Lead | None = None
+        self._workspace = Workspace.of(0)
         _compile()
         self.reconfigure(config)
 
@@ -197,8 +183,6 @@ class ObstacleAvoidance:
         far = self._radius + own.margin + most + _COMFORT
         here = self.surroundings.at(p_W, stamp_ns, radius=own.range, far=far)
         moving = obstacles.moving(stamp_ns + self._delay_ns, near=p_W, radius=own.range)
-        if self._neighbours is not None:
-            moving = moving.without_neighbours()
         speeds = np.linalg.norm(moving.v_W, axis=1)
         keep = self._radius + own.margin + own.margin_growth * float(np.linalg.norm(v_W))
         keep += _DRIFT * min(obstacles.age(stamp_ns), _OLDEST)
@@ -246,7 +230,7 @@ class ObstacleAvoidance:
             elapsed = (seen.start_ns - plan.stamp_ns) * 1e-9
             planned = plan.step * np.arange(len(plan.p_WB)) - elapsed
             places.append(_interpolated(times, planned, plan.p_WB))
-        if float(seen.here.distances(np.vstack(places)).min()) < seen.keep:
+        if not seen.here.are_clear(np.vstack(places), seen.keep).all():
             return False
         return not any(seen.movers.meet(times, place) for place in (places[0], *places[3:]))
 
@@ -268,7 +252,7 @@ class ObstacleAvoidance:
             places = np.vstack([places, places[-1] + further[:, None] * v])
             times = np.concatenate((times, times[-1] + further))
         within = np.linalg.norm(places - seen.p_W, axis=1) < self._own.range - 0.5
-        clear = seen.here.distances(places) >= seen.keep + _SEARCH_MARGIN
+        clear = seen.here.are_clear(places, seen.keep + _SEARCH_MARGIN)
         good = np.flatnonzero(within & clear)
         at_end = np.flatnonzero(good >= len(window.p_WB) - 1)
         if len(good):
@@ -285,35 +269,38 @@ class ObstacleAvoidance:
         if way is not None and seen.start_ns - way.found_ns < _AGAIN_NS:
             if way.revision == seen.here.revision:
                 return way
-            if float(seen.here.distances(way.points).min()) >= seen.keep:
+            if seen.here.are_clear(way.points, seen.keep).all():
                 return way
         found = self._searched(seen, goal.p_W)
         if way is not None and not (found.arrives or way.arrives):
             # Of places as near to the reference it stays with the one that it has.
             before = way.points[-1]
             nearer = _apart(before, goal.p_W) - _apart(found.points[-1], goal.p_W)
-            if nearer < _SWITCH and float(seen.here.distances(before[None])[0]) >= keep:
+            if nearer < _SWITCH and seen.here.are_clear(before[None], keep).all():
                 found = self._searched(seen, before)._replace(arrives=False)
         return found
 
     def _searched(self, seen: _Seen, goal: Array) -> _Way:
         """Return a way that is searched."""
-        keep = seen.keep + _SEARCH_MARGIN
+        keep, grid = seen.keep + _SEARCH_MARGIN, seen.here.grid
         floor = min(self._own.floor, float(seen.p_W[2]), float(goal[2]))
+        if len(self._workspace.cost) != grid.distances.size:
+            self._workspace = Workspace.of(grid.distances.size)
         cells, arrives = search(
-            seen.here.grid,
+            grid,
             start=seen.p_W,
             goal=goal,
             keep=keep,
             floor=floor - 0.1,
             speed=max(float(np.linalg.norm(seen.v_W)), 1.0),
             movers=seen.movers,
+            workspace=self._workspace,
         )
         cells[0] = seen.p_W
         if arrives:
             cells = np.vstack([cells, goal]) if len(cells) == 1 else cells
             cells[-1] = goal
-        corners = shortened(seen.here.grid, cells, keep) if len(cells) > 2 else cells
+        corners = shortened(grid, cells, keep) if len(cells) > 2 else cells
         return _Way(smoothed(corners), arrives, seen.start_ns, seen.here.revision)
 
     def _motion(self, seen: _Seen, way: _Way, goal: _Goal) -> Followed:
@@ -414,10 +401,12 @@ def _compile() -> None:
         floor=-1.0,
         speed=1.0,
         movers=Movers.none(),
+        workspace=Workspace.of(here.grid.distances.size),
     )
     limits = Limits(1.0, 0.0, 1.0)
     corners = smoothed(shortened(here.grid, way, 0.3))
-    followed(corners, limits, p_W=np.zeros(3), v_W=np.zeros(3), duration=0.2)
+    motion = followed(corners, limits, p_W=np.zeros(3), v_W=np.zeros(3), duration=0.2)
+    window_of(motion, ReferenceWindow.hover(goal), start_ns=0)
     corridor_about(np.vstack([np.zeros(3), goal]), points, radius=0.3, rows=2)
 
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array, kernels
@@ -36,28 +35,34 @@ def inflate(points: Array, guide: Array, radius: float, normals: Array, offsets:
     The distance kept is ``radius``. Rows that stay unused keep what they hold: infinity.
     """
     count, most = offsets.shape
-    own = (most + 1) // 2
-    distances, near = np.empty(len(points)), np.empty(len(points), np.int64)
+    points = _in_reach(points, guide)
+    distances = np.empty(len(points))
+    n, b, planes = np.empty((count, most, 3)), np.empty((count, most)), np.zeros(count, np.int64)
     for i in range(count):
-        used = _about(
-            points,
-            (kernels.vector(guide[i]), kernels.vector(guide[i + 1])),
-            radius,
-            normals[i, :own],
-            offsets[i, :own],
-            distances,
-            near,
-        )
+        segment = kernels.vector(guide[i]), kernels.vector(guide[i + 1])
+        planes[i] = _about(points, segment, radius, n[i], b[i], distances)
+    for i in range(count):
+        used = min(planes[i], (most + 1) // 2)
+        normals[i, :used], offsets[i, :used] = n[i, :used], b[i, :used]
         if i + 1 < count:
-            _about(
-                points,
-                (kernels.vector(guide[i + 1]), kernels.vector(guide[i + 2])),
-                radius,
-                normals[i, used:],
-                offsets[i, used:],
-                distances,
-                near,
-            )
+            more = min(planes[i + 1], most - used)
+            normals[i, used : used + more] = n[i + 1, :more]
+            offsets[i, used : used + more] = b[i + 1, :more]
+
+
+@compiled
+def _in_reach(points: Array, guide: Array) -> Array:
+    """Return those of points (n, 3) that are in reach of a box about the guide."""
+    kept, count = np.empty_like(points), 0
+    x0, x1 = guide[:, 0].min() - REACH, guide[:, 0].max() + REACH
+    y0, y1 = guide[:, 1].min() - REACH, guide[:, 1].max() + REACH
+    z0, z1 = guide[:, 2].min() - REACH, guide[:, 2].max() + REACH
+    for k in range(len(points)):
+        x, y, z = kernels.vector(points[k])
+        if x0 <= x <= x1 and y0 <= y <= y1 and z0 <= z <= z1:
+            kernels.store_vector((x, y, z), kept[count])
+            count += 1
+    return kept[:count]
 
 
 @compiled
@@ -68,56 +73,38 @@ def _about(
     normals: Array,
     offsets: Array,
     distances: Array,
-    near: NDArray[np.int64],
 ) -> int:
     """Write the planes about a segment, the nearest first; return how many."""
-    kept = _near_points(points, segment, distances, near)
+    for k in range(len(points)):
+        q = kernels.vector(points[k])
+        d = kernels.plus(q, kernels.scaled(-1.0, _foot(q, segment)))
+        squared = kernels.dot(d, d)
+        distances[k] = squared if squared <= REACH * REACH else math.inf
     for row in range(len(offsets)):
-        if kept == 0:
-            return row
-        nearest, least = 0, math.inf
-        for k in range(kept):
+        nearest, least = -1, math.inf
+        for k in range(len(points)):
             if distances[k] < least:
-                nearest, least = k, distances[k]
-        q = kernels.vector(points[near[nearest]])
+                q = kernels.vector(points[k])
+                if _is_behind(q, radius, normals[:row], offsets[:row]):
+                    distances[k] = math.inf
+                else:
+                    nearest, least = k, distances[k]
+        if nearest < 0:
+            return row
+        q = kernels.vector(points[nearest])
         n = _direction(_foot(q, segment), q)
-        touched = kernels.dot(n, q)
         kernels.store_vector(n, normals[row])
-        offsets[row] = touched - radius
-        left = 0
-        for k in range(kept):
-            p = kernels.vector(points[near[k]])
-            if k != nearest and kernels.dot(n, p) < touched - 1e-9:
-                distances[left], near[left] = distances[k], near[k]
-                left += 1
-        kept = left
+        offsets[row] = kernels.dot(n, q) - radius
     return len(offsets)
 
 
 @compiled
-def _near_points(
-    points: Array,
-    segment: tuple[kernels.Vector, kernels.Vector],
-    distances: Array,
-    near: NDArray[np.int64],
-) -> int:
-    """Write which points are near a segment, and their squared distances; return how many."""
-    a, b = segment
-    middle = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-    half = kernels.plus(b, kernels.scaled(-1.0, middle))
-    bound, kept = REACH + math.sqrt(kernels.dot(half, half)), 0
-    for k in range(len(points)):
-        x, y = points[k, 0] - middle[0], points[k, 1] - middle[1]
-        z = points[k, 2] - middle[2]
-        if x * x + y * y + z * z > bound * bound:
-            continue
-        q = kernels.vector(points[k])
-        d = kernels.plus(q, kernels.scaled(-1.0, _foot(q, segment)))
-        squared = kernels.dot(d, d)
-        if squared <= REACH * REACH:
-            distances[kept], near[kept] = squared, k
-            kept += 1
-    return kept
+def _is_behind(q: kernels.Vector, radius: float, normals: Array, offsets: Array) -> bool:
+    """Whether a point is kept clear of by one of the planes."""
+    for row in range(len(offsets)):
+        if kernels.dot(kernels.vector(normals[row]), q) >= offsets[row] + radius - 1e-9:
+            return True
+    return False
 
 
 @compiled

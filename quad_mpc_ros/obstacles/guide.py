@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 
 STEP = 0.04
@@ -193,26 +193,39 @@ def window_of(motion: Followed, reference: ReferenceWindow, *, start_ns: int) ->
     The thrust axis is along the force that the acceleration needs.
     """
     count = len(motion.p_W)
-    a = np.gradient(motion.v_W, STEP, axis=0)
-    force = a + np.array([0.0, 0.0, 9.81])
-    heading = _heading(reference.q_WB_xyzw[0])
-    up = np.tile([0.0, 0.0, 1.0], (count, 1))
-    tilt = so3.shortest_rotation(up, force / np.linalg.norm(force, axis=1, keepdims=True))
-    R_WB = tilt @ so3.exp(np.array([0.0, 0.0, heading]))
-    turn_B = np.zeros((count, 3))
-    turn_B[:-1] = so3.log(np.swapaxes(R_WB[:-1], 1, 2) @ R_WB[1:]) / STEP
+    a, w, q = np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 4))
+    _turn(motion.v_W, _heading(reference.q_WB_xyzw[0]), a_W=a, q_xyzw=q, w_W=w)
     return ReferenceWindow(
         stamp_ns=reference.stamp_ns,
         offset_ns=start_ns
         - reference.stamp_ns
         + np.arange(count, dtype=np.int64) * round(STEP * 1e9),
         p_WB=motion.p_W,
-        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(R_WB),
+        q_WB_xyzw=q,
         v_WB_W=motion.v_W,
         a_WB_W=a,
-        w_WB_W=np.einsum("nij,nj->ni", R_WB, turn_B),
+        w_WB_W=w,
         frame_id=reference.frame_id,
     )
+
+
+@compiled
+def _turn(v_W: Array, heading: float, a_W: Array, q_xyzw: Array, w_W: Array) -> None:
+    """Write accelerations (n, 3), attitudes (n, 4) and angular velocities (n, 3) of velocities."""
+    last, nose = len(v_W) - 1, kernels.exp((0.0, 0.0, heading))
+    before = nose
+    for k in range(last + 1):
+        first, then = max(k - 1, 0), min(k + 1, last)
+        for c in range(3):
+            a_W[k, c] = (v_W[then, c] - v_W[first, c]) / (STEP * (then - first))
+        force = a_W[k, 0], a_W[k, 1], a_W[k, 2] + 9.81
+        R_WB = kernels.multiply(kernels.shortest_rotation((0.0, 0.0, 1.0), force), nose)
+        q_xyzw[k] = kernels.quaternion(R_WB)
+        if k > 0:
+            turn_B = kernels.log(kernels.multiply(kernels.transposed(before), R_WB))
+            w_W[k - 1] = kernels.scaled(1.0 / STEP, kernels.apply(before, turn_B))
+        before = R_WB
+    w_W[last] = 0.0
 
 
 def _heading(q_xyzw: Array) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from quad_mpc_ros.control.lie import Array
@@ -40,6 +41,12 @@ class LocalMap:
         if self._tree is None:
             return np.full(len(places), np.inf)
         return np.asarray(self._tree.query(places)[0])
+
+    def are_clear(self, places: Array, keep: float) -> NDArray[np.bool_]:
+        """Return which of places (n, 3) are ``keep`` [m] or more away from all points, sooner."""
+        if self._tree is None:
+            return np.ones(len(places), dtype=np.bool_)
+        return np.isinf(self._tree.query(places, distance_upper_bound=keep)[0])
 
     @property
     def grid(self) -> Grid:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +20,9 @@ _LONGEST = 10.0  # s of a plan
 
 
 class Heard(NamedTuple):
-    """Where a neighbour is at a time (3,) [m], how fast (3,) [m/s], when that was told [ns]."""
+    """Where a neighbour is at n times (n, 3) [m], and when that was told [ns]."""
 
     p_W: Array
-    v_W: Array
     told_ns: int
 
 
@@ -68,24 +68,24 @@ class Neighbour:
             raise ValueError("a plan whose stamps do not rise, or beyond 10 s")
         self._plan = _Plan(times_ns, p, path.stamp_ns)
 
-    def at(self, stamp_ns: int, *, now_ns: int) -> Heard | None:
-        """Return where it is predicted to be at a time; None if nothing was heard lately."""
+    def at(self, stamps_ns: Sequence[int], *, now_ns: int) -> Heard | None:
+        """Return where it is predicted to be at times; None if nothing was heard lately."""
         plan, state = self._plan, self._state
         told_ns = max((each.stamp_ns for each in (plan, state) if each is not None), default=None)
         if told_ns is None or now_ns - told_ns > _KEPT_NS:
             return None
+        times_ns = np.asarray(stamps_ns, dtype=np.int64)
         if plan is not None and told_ns - plan.stamp_ns <= _LOST_NS:
-            return _along(plan, stamp_ns)
+            return Heard(_along(plan, times_ns), plan.stamp_ns)
         assert state is not None
-        seconds = 1e-9 * (stamp_ns - state.stamp_ns)
-        return Heard(state.p + seconds * state.v, state.v, state.stamp_ns)
+        seconds = 1e-9 * (times_ns - state.stamp_ns)
+        return Heard(state.p + seconds[:, None] * state.v, state.stamp_ns)
 
 
-def _along(plan: _Plan, stamp_ns: int) -> Heard:
-    """Return where it is by its plan, before and beyond by its first and last piece."""
-    place = int(np.searchsorted(plan.times_ns, stamp_ns, side="right"))
-    place = min(max(place, 1), len(plan.p) - 1)
-    first, last = plan.times_ns[place - 1 : place + 1].tolist()
-    velocity = (plan.p[place] - plan.p[place - 1]) / (1e-9 * (last - first))
-    seconds = 1e-9 * (stamp_ns - first)
-    return Heard(plan.p[place - 1] + seconds * velocity, velocity, plan.stamp_ns)
+def _along(plan: _Plan, times_ns: NDArray[np.int64]) -> Array:
+    """Return where it is by its plan, before and beyond by its first and last piece (n, 3)."""
+    ends = np.searchsorted(plan.times_ns, times_ns, side="right").clip(1, len(plan.p) - 1)
+    first_ns, last_ns = plan.times_ns[ends - 1], plan.times_ns[ends]
+    share = (times_ns - first_ns) / (last_ns - first_ns)
+    first, last = plan.p[ends - 1], plan.p[ends]
+    return np.asarray(first + share[:, None] * (last - first))

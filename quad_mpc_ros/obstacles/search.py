@@ -43,6 +43,24 @@ class Grid(NamedTuple):
         return Grid(np.full(shape, far, np.float32), (corner + 0.5) * cell, cell, far)
 
 
+class Workspace(NamedTuple):
+    """What a search writes of each cell, kept for the next: fresh memory takes longer than that.
+
+    The cost and the length of the way to it, the cell before, and whether these are final.
+    """
+
+    cost: Array
+    length: Array
+    parent: NDArray[np.int32]
+    closed: NDArray[np.bool_]
+
+    @staticmethod
+    def of(size: int) -> Workspace:
+        """Return room for so many cells."""
+        parent, closed = np.zeros(size, np.int32), np.zeros(size, np.bool_)
+        return Workspace(np.zeros(size), np.zeros(size), parent, closed)
+
+
 @compiled_beside_others
 def fill(points: Array, grid: Grid) -> None:
     """Write the distances to points (n, 3) into an empty grid."""
@@ -136,6 +154,7 @@ def search(
     floor: float,
     speed: float,
     movers: Movers,
+    workspace: Workspace,
 ) -> tuple[NDArray[np.float64], bool]:
     """Return a way (n, 3) from cell to cell, and whether it reaches the goal.
 
@@ -145,13 +164,12 @@ def search(
     """
     nx, ny, nz = grid.distances.shape
     start_cell, goal_cell = _cell_of(grid, start), _cell_of(grid, goal)
-    size = nx * ny * nz
-    cost, parent = np.full(size, np.inf), np.full(size, -1, np.int64)
-    closed, flat = np.zeros(size, np.bool_), grid.distances.reshape(size)
+    cost, length, parent, closed = workspace
+    cost[:], closed[:] = np.inf, False
+    flat = grid.distances.reshape(len(cost))
     first = (start_cell[0] * ny + start_cell[1]) * nz + start_cell[2]
     last = (goal_cell[0] * ny + goal_cell[1]) * nz + goal_cell[2]
-    length = np.zeros(size)
-    cost[first] = 0.0
+    cost[first], length[first], parent[first] = 0.0, 0.0, -1
     queue = [(0.0, first)]
     best, least, expanded = first, math.inf, 0
     while len(queue) > 0 and expanded < _MOST_EXPANDED:

@@ -151,19 +151,14 @@ class World:
         return answer.points
 
     def moving(self, stamp_ns: int, *, near: Array, radius: float) -> MovingPoints:
-        """Return what moves, where it is predicted to be at a time."""
+        """Return what moves, neighbours apart, where it is predicted to be at a time."""
         now_ns = self._frames.newest_ns or stamp_ns
         parts = []
         for moved in self._markers.moving(stamp_ns):
             shape, old_ns = moved.shape, now_ns - moved.told_ns
             if float(np.linalg.norm(shape.p_WO - near)) - shape.outer_radius <= radius:
                 surface = shape.surface_points(_SPACING)
-                parts.append(_points_of(surface, shape.v_WO_W, 0.0, moved.number, old_ns))
-        for number, neighbour in enumerate(self._neighbours.values(), start=1):
-            heard = neighbour.at(stamp_ns, now_ns=now_ns)
-            if heard is not None and float(np.linalg.norm(heard.p_W - near)) <= radius:
-                old_ns = now_ns - heard.told_ns
-                parts.append(_points_of(heard.p_W[None], heard.v_W, self._radius, -number, old_ns))
+                parts.append(_points_of(surface, shape.v_WO_W, moved.number, old_ns))
         if not parts:
             return MovingPoints.none()
         return MovingPoints(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
@@ -171,16 +166,11 @@ class World:
     def plans(self, stamps_ns: Sequence[int]) -> Plans:
         """Return where the neighbours of whom something was heard plan to be at times [ns]."""
         now_ns = self._frames.newest_ns or stamps_ns[0]
-        heard = [
-            [neighbour.at(stamp_ns, now_ns=now_ns) for stamp_ns in stamps_ns]
-            for neighbour in self._neighbours.values()
-        ]
-        known = [[each for each in plan if each is not None] for plan in heard if plan[0]]
+        heard = [each.at(stamps_ns, now_ns=now_ns) for each in self._neighbours.values()]
+        known = [each for each in heard if each is not None]
         return Plans(
-            np.array([[each.p_W for each in plan] for plan in known]).reshape(
-                len(known), len(stamps_ns), 3
-            ),
-            np.array([1e-9 * max(now_ns - plan[0].told_ns, 0) for plan in known]),
+            np.array([each.p_W for each in known]).reshape(len(known), len(stamps_ns), 3),
+            np.array([1e-9 * max(now_ns - each.told_ns, 0) for each in known]),
         )
 
     def age(self, stamp_ns: int) -> float:
@@ -208,7 +198,7 @@ class World:
             nearest = np.minimum(nearest, cKDTree(points).query(p_WQ)[0])
         now_ns = self._frames.newest_ns or stamp_ns
         for neighbour in self._neighbours.values():
-            heard = neighbour.at(stamp_ns, now_ns=now_ns)
+            heard = neighbour.at([stamp_ns], now_ns=now_ns)
             if heard is not None:
                 away = np.linalg.norm(p_WQ - heard.p_W, axis=1) - self._radius
                 nearest = np.minimum(nearest, away)
@@ -216,14 +206,14 @@ class World:
 
 
 def _points_of(
-    p_W: Array, v_W: Array, radius: float, body: int, age_ns: int
+    p_W: Array, v_W: Array, body: int, age_ns: int
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return the columns of :class:`MovingPoints` of one body."""
     count = len(p_W)
     return (
         p_W,
         np.tile(v_W, (count, 1)),
-        np.full(count, radius),
+        np.zeros(count),
         np.full(count, body, dtype=np.int64),
         np.full(count, 1e-9 * max(age_ns, 0)),
     )

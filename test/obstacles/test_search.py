@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.obstacles.moving import Movers
-from quad_mpc_ros.obstacles.search import Grid, distance_at, fill, search, shortened
+from quad_mpc_ros.obstacles.search import Grid, Workspace, distance_at, fill, search, shortened
 
 NOTHING = Movers.none()
 FAR = 0.8
@@ -21,6 +22,14 @@ def filled(points: Array, *, half: tuple[float, float] = (3.0, 1.0), cell: float
     grid = Grid.about(np.zeros(3), half=half, cell=cell, far=FAR)
     fill(np.ascontiguousarray(points), grid)
     return grid
+
+
+def found(grid: Grid, start: Array, goal: Array, **given: Any) -> tuple[Array, bool]:
+    """Search in a workspace of which another search has left its traces."""
+    others: dict[str, Any] = {"keep": 0.4, "floor": -5.0, "speed": 1.0, "movers": NOTHING}
+    workspace = Workspace.of(grid.distances.size)
+    search(grid, goal, np.zeros(3), **others, workspace=workspace)
+    return search(grid, start, goal, **{**others, **given}, workspace=workspace)
 
 
 def centres(grid: Grid) -> Array:
@@ -52,7 +61,7 @@ def test_way_through_a_gap_keeps_its_distance_and_arrives() -> None:
     points = wall(gap=True)
     grid, keep = filled(points), 0.4
     start, goal = np.array([-1.0, -1.0, 0.0]), np.array([2.5, -1.0, 0.0])
-    way, arrives = search(grid, start, goal, keep, -5.0, 1.0, NOTHING)
+    way, arrives = found(grid, start, goal)
     assert arrives
     apart = np.linalg.norm(way[:, None] - points, axis=2).min(axis=1)
     assert apart.min() >= keep - 1e-9
@@ -68,9 +77,7 @@ def test_way_through_a_gap_keeps_its_distance_and_arrives() -> None:
 def test_closed_wall_stops_in_front() -> None:
     points = wall(gap=False)
     goal = np.array([2.5, 0.0, 0.0])
-    way, arrives = search(
-        filled(points), np.array([-1.0, 0.0, 0.0]), goal, 0.4, -5.0, 1.0, NOTHING
-    )
+    way, arrives = found(filled(points), np.array([-1.0, 0.0, 0.0]), goal)
     assert not arrives
     assert way[-1, 0] < 0.61
     assert abs(way[-1, 1]) < 0.3, "in front of where it was to go"
@@ -81,7 +88,7 @@ def test_length_is_that_of_dijkstra() -> None:
     points = np.zeros((0, 3))
     grid = filled(points, half=(1.0, 0.4))
     start, goal = np.array([-0.9, -0.9, -0.3]), np.array([0.9, 0.5, 0.3])
-    way, arrives = search(grid, start, goal, 0.4, -5.0, 1.0, NOTHING)
+    way, arrives = found(grid, start, goal)
     assert arrives
     weighted = np.diff(way, axis=0) * [1.0, 1.0, 1.5]
     length = np.linalg.norm(weighted, axis=1).sum()
@@ -101,9 +108,7 @@ def test_length_is_that_of_dijkstra() -> None:
 
 def test_start_that_is_too_near_leads_away_first() -> None:
     points = np.array([[0.0, 0.1, z] for z in np.arange(-1.0, 1.0, 0.1)])
-    way, arrives = search(
-        filled(points), np.zeros(3), np.array([0.0, 2.0, 0.0]), 0.5, -5.0, 1.0, NOTHING
-    )
+    way, arrives = found(filled(points), np.zeros(3), np.array([0.0, 2.0, 0.0]), keep=0.5)
     assert arrives
     apart = np.linalg.norm(way[:, None, :2] - points[:, :2], axis=2).min(axis=1)
     late = apart[np.argmax(apart >= 0.5) :]
@@ -115,9 +120,9 @@ def test_way_stays_above_the_floor() -> None:
     Y, Z = np.meshgrid(y, z)
     points = np.stack([np.ones(Y.size), Y.ravel(), Z.ravel()], axis=1)
     start, goal = np.array([-1.0, 0.0, 0.0]), np.array([2.0, 0.0, 0.0])
-    way, arrives = search(filled(points), start, goal, 0.3, -5.0, 1.0, NOTHING)
+    way, arrives = found(filled(points), start, goal, keep=0.3)
     assert arrives and way[:, 2].min() < -0.5, "under the wall"
-    way, arrives = search(filled(points), start, goal, 0.3, -0.3, 1.0, NOTHING)
+    way, arrives = found(filled(points), start, goal, keep=0.3, floor=-0.3)
     assert not arrives and way[:, 2].min() >= -0.3
 
 
@@ -132,11 +137,11 @@ def test_what_moves_is_avoided_where_it_will_be() -> None:
         0.0,
         np.zeros(1, np.int64),
     )
-    way, arrives = search(grid, start, goal, 0.3, -5.0, 1.0, crossing)
+    way, arrives = found(grid, start, goal, keep=0.3, movers=crossing)
     assert arrives
     times = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))))
     ball = crossing.p_W + times[:, None] * crossing.v_W
     assert np.linalg.norm(way - ball, axis=1).min() > 0.4
     gone = crossing._replace(v_W=np.array([[0.0, -1.0, 0.0]]))
-    straight, _ = search(grid, start, goal, 0.3, -5.0, 1.0, gone)
+    straight, _ = found(grid, start, goal, keep=0.3, movers=gone)
     assert np.abs(straight[:, 1]).max() < 0.21

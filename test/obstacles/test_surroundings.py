@@ -82,3 +82,13 @@ def test_the_grid_is_made_beforehand_only_where_ways_are_searched() -> None:
     assert grid.distances.min() < 0.2
     assert renewed()._grid is not None  # the one before was searched
     assert renewed()._grid is None
+
+
+def test_what_is_clear_is_by_distances_to_all_points() -> None:
+    rng = np.random.default_rng(0)
+    points, places = rng.uniform(-2.0, 2.0, (50, 3)), rng.uniform(-2.0, 2.0, (200, 3))
+    here = LocalMap(points, centre=START, radius=4.0, far=1.0, revision=0)
+    apart = np.linalg.norm(places[:, None] - here.points, axis=2).min(axis=1)
+    assert here.are_clear(places, 0.7).tolist() == (apart >= 0.7).tolist()
+    nothing = LocalMap(np.zeros((0, 3)), centre=START, radius=4.0, far=1.0, revision=0)
+    assert nothing.are_clear(places, 0.7).all()

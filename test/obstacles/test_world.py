@@ -410,10 +410,10 @@ class TestNeighbours:
         w = world(neighbours=("uav2",))
         w.receive_odometry(at(SECOND))
         w.receive_neighbour("uav2", self.plan(SECOND, [[3, 0, 1], [3, 1, 1], [2, 1, 1]]))
-        found = w.moving(SECOND + 15 * 10**7, near=HERE, radius=9.0)
-        assert found.p_W == pytest.approx(np.array([[2.5, 1.0, 1.0]]))
-        assert found.v_W == pytest.approx(np.array([[-10.0, 0.0, 0.0]]))
-        assert found.radius.tolist() == [0.2] and found.body.tolist() == [-1]
+        # Before, between and beyond.
+        found = w.plans([SECOND - 10**8, SECOND + 15 * 10**7, SECOND + 3 * 10**8])
+        expected = [[3.0, -1.0, 1.0], [2.5, 1.0, 1.0], [1.0, 1.0, 1.0]]
+        assert found.p_W == pytest.approx(np.array([expected])) and found.age.tolist() == [0.0]
 
     def test_a_lost_plan_goes_on_and_grows_old_and_then_its_odometry_counts(self) -> None:
         w = world(neighbours=("uav2",))
@@ -421,22 +421,22 @@ class TestNeighbours:
         now = SECOND + 8 * 10**8
         w.receive_odometry(at(now))
         w.receive_neighbour("uav2", at(now, (3.0, 5.0, 1.0)))
-        found = w.moving(now, near=HERE, radius=9.0)
-        assert found.p_W[0].tolist() == pytest.approx([3.0, 0.8, 1.0])
+        found = w.plans([now])
+        assert found.p_W[0, 0].tolist() == pytest.approx([3.0, 0.8, 1.0])
         assert found.age[0] == pytest.approx(0.8)
         now = 3 * SECOND
         w.receive_odometry(at(now))
         w.receive_neighbour("uav2", at(now, (3.0, 5.0, 1.0)))
-        found = w.moving(now + 10**8, near=HERE, radius=9.0)
-        assert found.p_W[0].tolist() == [3.0, 5.0, 1.0] and found.age[0] == 0.0
+        found = w.plans([now + 10**8])
+        assert found.p_W[0, 0].tolist() == [3.0, 5.0, 1.0] and found.age[0] == 0.0
 
     def test_one_that_fell_silent_is_forgotten(self) -> None:
         w = world(neighbours=("uav2",))
         w.receive_neighbour("uav2", at(SECOND, (3.0, 5.0, 1.0)))
         w.receive_odometry(at(3 * SECOND))
-        assert len(w.moving(3 * SECOND, near=HERE, radius=9.0).p_W) == 1
+        assert len(w.plans([3 * SECOND]).p_W) == 1
         w.receive_odometry(at(5 * SECOND))
-        assert len(w.moving(5 * SECOND, near=HERE, radius=9.0).p_W) == 0
+        assert len(w.plans([5 * SECOND]).p_W) == 0
 
     @pytest.mark.parametrize(
         ("heard", "reason"),
@@ -464,7 +464,7 @@ class TestNeighbours:
         w = world(neighbours=("uav2",))
         with pytest.raises(ValueError, match=f"neighbour 'uav2': .*{reason}"):
             w.receive_neighbour("uav2", heard)
-        assert not len(w.moving(SECOND, near=HERE, radius=9.0).p_W)
+        assert not len(w.plans([SECOND]).p_W)
 
 
 def test_distance_is_the_least_to_file_cloud_marker_and_neighbour() -> None:
