@@ -23,7 +23,7 @@ import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.warm_up import warmed_up
@@ -156,7 +156,9 @@ def trial(
         p = np.array([step.truth.p_WB for step in steps]) * [1.0, 1.0, 0.5]
         apart = np.linalg.norm(p[:, None] - p, axis=2) + 1e3 * np.eye(len(p))
         nearest = min(nearest, float(apart.min()))
-        speeds.append([step.truth.v_WB_B for step in steps])
+        R_WB = so3.rotation_from_quaternion_xyzw([step.truth.q_WB_xyzw for step in steps])
+        v_WB_B = np.array([step.truth.v_WB_B for step in steps])
+        speeds.append((R_WB @ v_WB_B[..., None])[..., 0])
         away = np.linalg.norm([s.truth.p_WB for s in steps] - goals, axis=1)
         if away.max() < 0.1:
             arrived_s = 0.02 * tick
