@@ -96,9 +96,10 @@ class MotionTable:
                 *(self.q_WB_xyzw, self.w_WB_B),
             )
         )
-        lines = [PLANNED_WITH + self.planned_with] if self.planned_with else []
-        lines.append(", ".join(f"{name} [{unit}]" for name, unit in units.items()))
+        lines = [", ".join(f"{name} [{unit}]" for name, unit in units.items())]
         lines += [", ".join(f"{value:.9f}" for value in row) for row in rows.tolist()]
+        if self.planned_with:  # at the end, where readers of tables do not look for the header
+            lines.append(PLANNED_WITH + self.planned_with)
         return "\n".join(lines) + "\n"
 
 
