@@ -34,7 +34,7 @@ def _at_once(config: MpcConfig) -> float:
 
 
 def _when_renewed(config: MpcConfig) -> float:
-    """A reference that does not change is published again after a while."""
+    """A reference that does not change is published again after a while, by default."""
     return ReferenceConfig().renewal_period + _at_once(config)
 
 
