@@ -45,16 +45,14 @@ _LOST = 0.3  # m/s, of neighbours whose plan is so old
 
 
 class MovingPoints(NamedTuple):
-    """Points that move: ``p_W`` (n, 3) [m] at the time asked for, ``v_W`` (n, 3) [m/s].
+    """Points of surfaces that move: ``p_W`` (n, 3) [m] at the time asked for, ``v_W`` [m/s].
 
-    ``radius`` (n,) [m] is that of a ball about each, 0 for a point of a surface. ``body`` (n,)
-    says which belong to one body, which is passed on one side; ``age`` (n,) [s] is how old what
-    was last heard of each is.
+    ``body`` (n,) says which belong to one body, which is passed on one side; ``age`` (n,) [s] is
+    how old what was last heard of each is.
     """
 
     p_W: Array
     v_W: Array
-    radius: Array
     body: NDArray[np.int64]
     age: Array
 
@@ -62,7 +60,7 @@ class MovingPoints(NamedTuple):
     def none() -> MovingPoints:
         """Return no points."""
         empty = np.zeros((0, 3))
-        return MovingPoints(empty, empty, np.zeros(0), np.zeros(0, np.int64), np.zeros(0))
+        return MovingPoints(empty, empty, np.zeros(0, np.int64), np.zeros(0))
 
 
 class Obstacles(Standing, Protocol):
@@ -189,7 +187,7 @@ class ObstacleAvoidance:
         movers = Movers(
             np.ascontiguousarray(moving.p_W),
             np.ascontiguousarray(moving.v_W),
-            keep + moving.radius + _SPEED_ERROR * speeds * moving.age,
+            keep + _SPEED_ERROR * speeds * moving.age,
             _SPEED_ERROR * float(speeds.max(initial=0.0)),
             moving.body,
         )

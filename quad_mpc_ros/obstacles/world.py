@@ -207,13 +207,12 @@ class World:
 
 def _points_of(
     p_W: Array, v_W: Array, body: int, age_ns: int
-) -> tuple[Array, Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Return the columns of :class:`MovingPoints` of one body."""
     count = len(p_W)
     return (
         p_W,
         np.tile(v_W, (count, 1)),
-        np.zeros(count),
         np.full(count, body, dtype=np.int64),
         np.full(count, 1e-9 * max(age_ns, 0)),
     )
