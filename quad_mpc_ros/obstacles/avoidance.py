@@ -281,6 +281,7 @@ class ObstacleAvoidance:
     def _searched(self, seen: _Seen, goal: Array) -> _Way:
         """Return a way that is searched."""
         keep, grid = seen.keep + _SEARCH_MARGIN, seen.here.grid
+        speed = max(float(np.linalg.norm(seen.v_W)), 1.0)
         floor = min(self._own.floor, float(seen.p_W[2]), float(goal[2]))
         if len(self._workspace.cost) != grid.distances.size:
             self._workspace = Workspace.of(grid.distances.size)
@@ -290,7 +291,7 @@ class ObstacleAvoidance:
             goal=goal,
             keep=keep,
             floor=floor - 0.1,
-            speed=max(float(np.linalg.norm(seen.v_W)), 1.0),
+            speed=speed,
             movers=seen.movers,
             workspace=self._workspace,
         )
@@ -298,8 +299,9 @@ class ObstacleAvoidance:
         if arrives:
             cells = np.vstack([cells, goal]) if len(cells) == 1 else cells
             cells[-1] = goal
-        corners = shortened(grid, cells, keep) if len(cells) > 2 else cells
-        return _Way(smoothed(corners), arrives, seen.start_ns, seen.here.revision)
+        if len(cells) > 2:
+            cells = shortened(grid, cells, keep, speed, seen.movers)
+        return _Way(smoothed(cells), arrives, seen.start_ns, seen.here.revision)
 
     def _motion(self, seen: _Seen, way: _Way, goal: _Goal) -> Followed:
         """Return how the guide follows a way."""
@@ -402,7 +404,7 @@ def _compile() -> None:
         workspace=Workspace.of(here.grid.distances.size),
     )
     limits = Limits(1.0, 0.0, 1.0)
-    corners = smoothed(shortened(here.grid, way, 0.3))
+    corners = smoothed(shortened(here.grid, way, 0.3, 1.0, Movers.none()))
     motion = followed(corners, limits, p_W=np.zeros(3), v_W=np.zeros(3), duration=0.2)
     window_of(motion, ReferenceWindow.hover(goal), start_ns=0)
     corridor_about(np.vstack([np.zeros(3), goal]), points, radius=0.3, rows=2)

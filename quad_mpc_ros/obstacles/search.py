@@ -228,17 +228,43 @@ def _way(x: int, y: int, z: int) -> float:
 
 
 @compiled
-def shortened(grid: Grid, way: Array, keep: float) -> NDArray[np.float64]:
-    """Return the corners (m, 3) of a way that is as short as straight lines make it."""
+def shortened(
+    grid: Grid, way: Array, keep: float, speed: float, movers: Movers
+) -> NDArray[np.float64]:
+    """Return the corners (m, 3) of a way that is as short as straight lines make it.
+
+    Straight lines keep clear of points and of what moves as :func:`search` does.
+    """
     corners = np.empty_like(way)
     corners[0] = way[0]
-    count, at = 1, 0
+    count, at, time = 1, 0, 0.0
     while at < len(way) - 1:
         to = at + 1
         for k in range(len(way) - 1, at + 1, -1):
-            if is_clear(grid, way[at], way[k], keep):
+            if is_clear(grid, way[at], way[k], keep) and not _is_met(
+                movers, way[at], way[k], time, speed, grid.cell
+            ):
                 to = k
                 break
+        time += np.linalg.norm(way[to] - way[at]) / speed
         corners[count] = way[to]
         count, at = count + 1, to
     return corners[:count].copy()
+
+
+@compiled
+def _is_met(
+    movers: Movers, start: Array, end: Array, begun: float, speed: float, step: float
+) -> bool:
+    """Whether what moves is met on the straight way between places, begun at a time [s]."""
+    if len(movers.keep) == 0:
+        return False
+    dx, dy, dz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+    length = math.sqrt(dx * dx + dy * dy + dz * dz)
+    count = math.ceil(length / step) + 1
+    for k in range(count + 1):
+        s = k / count
+        x, y, z = start[0] + s * dx, start[1] + s * dy, start[2] + s * dz
+        if _moves_into(movers, x, y, z, begun + s * length / speed):
+            return True
+    return False

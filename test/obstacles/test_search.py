@@ -65,7 +65,7 @@ def test_way_through_a_gap_keeps_its_distance_and_arrives() -> None:
     assert arrives
     apart = np.linalg.norm(way[:, None] - points, axis=2).min(axis=1)
     assert apart.min() >= keep - 1e-9
-    corners = shortened(grid, way, keep)
+    corners = shortened(grid, way, keep, 1.0, Movers.none())
     assert len(corners) < len(way)
     places = np.vstack(
         [a + np.linspace(0, 1, 50)[:, None] * (b - a) for a, b in pairwise(corners)]
@@ -142,6 +142,14 @@ def test_what_moves_is_avoided_where_it_will_be() -> None:
     times = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))))
     ball = crossing.p_W + times[:, None] * crossing.v_W
     assert np.linalg.norm(way - ball, axis=1).min() > 0.4
+    # Nor do straight lines instead of it lead where it will be.
+    corners = shortened(grid, way, 0.3, 1.0, crossing)
+    assert 2 < len(corners) < len(way)
+    along = [a + np.linspace(0, 1, 50)[:, None] * (b - a) for a, b in pairwise(corners)]
+    places = np.vstack(along)
+    times = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))))
+    ball = crossing.p_W + times[:, None] * crossing.v_W
+    assert np.linalg.norm(places - ball, axis=1).min() > 0.4
     gone = crossing._replace(v_W=np.array([[0.0, -1.0, 0.0]]))
     straight, _ = found(grid, start, goal, keep=0.3, movers=gone)
     assert np.abs(straight[:, 1]).max() < 0.21
