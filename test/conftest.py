@@ -58,7 +58,7 @@ class _Domains:
     killed others hear for 20 s.
     """
 
-    most = 30
+    most = 20
     _rest = 25.0  # s
 
     def __init__(self, numbers: Iterable[int]) -> None:
