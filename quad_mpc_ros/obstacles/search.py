@@ -246,7 +246,8 @@ def shortened(
             ):
                 to = k
                 break
-        time += np.linalg.norm(way[to] - way[at]) / speed
+        leg = way[to] - way[at]
+        time += math.sqrt(leg[0] ** 2 + leg[1] ** 2 + leg[2] ** 2) / speed
         corners[count] = way[to]
         count, at = count + 1, to
     return corners[:count].copy()

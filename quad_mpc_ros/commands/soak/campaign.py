@@ -79,6 +79,10 @@ def _flown(fault: Fault, rig: Rig, config: MpcConfig) -> Outcome:
     origin_ns, end_ns, wrong = _inject(fault, rig, config)
     ended_ns = time.time_ns()
     home_ns = _come_home(fault, rig, config)
+    if fault.process is ProcessFault.RESTART_SIMULATOR:
+        # Another vehicle, and nobody commanded it at first: how far it fell says nothing of the
+        # MPC, but that it has come home does.
+        rig.motion.clear()
 
     def since(when_ns: int) -> float:
         return (when_ns - origin_ns) * 1e-9
@@ -198,7 +202,6 @@ def _restart(rig: Rig) -> _Injected:
     rig.wait(lambda: rig.odometry.last_received_ns > origin_ns, "odometry of another simulator")
     end_ns = rig.odometry.last_received_ns
     rig.spin(_WARM_UP)
-    rig.motion.clear()  # it is another vehicle, and nobody commanded it at first
     return _Injected(origin_ns, end_ns, [])
 
 

@@ -12,12 +12,12 @@ from quad_mpc_ros.commands.observer import Observer, subscribe
 from quad_mpc_ros.commands.watch.screen import LONGEST_WAIT, Screen
 from quad_mpc_ros.commands.watch.vehicle import WATCHED, Arrival, Vehicle, Vehicles
 from quad_mpc_ros.commands.watch.view import looked_at
-from quad_mpc_ros.messages.topics import DIAGNOSTICS, STATS, Topic
+from quad_mpc_ros.messages.topics import DIAGNOSTICS, ODOMETRY, STATS, Topic
 from quad_mpc_ros.ros.messages import decoded
 
 _ROSOUT = Topic(name="/rosout", type_name="rcl_interfaces/msg/Log", reliable=True, depth=50)
 _SEARCH_PERIOD = 1.0  # s between looks for new vehicles
-_ONCE_WAITS, _ONCE_COUNTS = 5.0, 2.5  # s: for a first message, and then to count rates
+_ONCE_WAITS, _ONCE_COUNTS = 5.0, 2.5  # s: for odometry of each, and then to count rates
 
 
 def watch_live(screen: Screen, *, namespaces: Sequence[str] | None, interval: float) -> bool:
@@ -25,7 +25,8 @@ def watch_live(screen: Screen, *, namespaces: Sequence[str] | None, interval: fl
     vehicles = Vehicles(namespaces)
     with screen, _Watcher(vehicles) as watcher:
         if screen.once:
-            watcher.wait(_ONCE_WAITS, until=lambda: watcher.hears or screen.stopped)
+            # Of what starts, or on a busy machine, one node is found seconds after another.
+            watcher.wait(_ONCE_WAITS, until=lambda: watcher.hears_all or screen.stopped)
             watcher.wait(_ONCE_COUNTS if watcher.hears else 0.0, until=lambda: screen.stopped)
             _show(vehicles, screen)
             return watcher.hears
@@ -54,6 +55,12 @@ class _Watcher(Observer):
         self._searched = 0.0
         self.hears = False
         """Whether anything came."""
+
+    @property
+    def hears_all(self) -> bool:
+        """Whether odometry of each vehicle has come, of one at least."""
+        newest = [vehicle.topics[ODOMETRY.name].newest for vehicle in self._vehicles]
+        return len(newest) > 0 and None not in newest
 
     def __enter__(self) -> _Watcher:
         super().__enter__()
