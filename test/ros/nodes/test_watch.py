@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -19,12 +20,13 @@ def watched(*options: str) -> str:
     return done.stdout.decode()
 
 
-def row(shown: str, vehicle: str) -> str:
-    (line,) = (line for line in shown.splitlines() if f" {vehicle} " in line)
-    return line
+def rows(shown: str, vehicle: str) -> list[str]:
+    return [line for line in shown.splitlines() if f" {vehicle} " in line]
 
 
-def test_two_vehicles_in_a_table_and_one_on_a_panel(start: Start, peer: Any) -> None:
+def test_two_vehicles_in_a_table_and_one_on_a_panel(
+    start: Start, peer: Any, tmp_path: Path
+) -> None:
     ticks: dict[str, list[DiagnosticArray]] = {"uav1": [], "uav2": []}
     for name, heard in ticks.items():
         peer.node.create_subscription(DiagnosticArray, f"{name}/mpc/stats", heard.append, 10)
@@ -33,18 +35,24 @@ def test_two_vehicles_in_a_table_and_one_on_a_panel(start: Start, peer: Any) -> 
     assert peer.wait(lambda: all(len(heard) > 50 for heard in ticks.values()), timeout=100.0)
 
     # Without a terminal a picture each interval, until interrupted.
-    process = subprocess.Popen(
-        [*WATCH, "--interval", "0.5"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    peer.spin(5.0)
+    shown = tmp_path / "shown.txt"
+    with shown.open("wb") as output:
+        process = subprocess.Popen(
+            [*WATCH, "--interval", "0.5"], stdout=output, stderr=subprocess.PIPE
+        )
+
+    def pictures() -> list[str]:
+        return shown.read_text().split(" vehicle ")[1:]
+
+    def flies(picture: str) -> bool:
+        return all(" mpc " in "".join(rows(picture, name)) for name in ticks)
+
+    assert peer.wait(lambda: len(pictures()) > 3 and flies(pictures()[-2]), timeout=60.0)
     process.send_signal(signal.SIGINT)
-    shown, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=20)
     assert process.returncode == 0
     assert errors == b""
-    pictures = shown.decode().split(" vehicle ")
-    assert len(pictures) > 3
-    for name in ticks:
-        assert " mpc " in row(pictures[-1], name)
+    assert all(len(rows(pictures()[-1], name)) == 1 for name in ticks)
 
     # Of one by name a panel, once.
     panel = watched("--once", "--namespace", "uav1")
