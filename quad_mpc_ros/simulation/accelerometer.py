@@ -1,8 +1,8 @@
 """An accelerometer at the origin of the body, of any plant.
 
 It is one that integrates: it measures by how much the velocity changed since the measurement
-before, over the time and less gravity, in the body half way. What the plant's equations are it does
-not ask, and what stops a vehicle on the ground it feels as well.
+before, over the time and less gravity, in the body half way. It does not ask what the plant's
+equations are, and feels the ground as well.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Accelerometer:
         self._measured: list[ImuSample] = []
 
     def plan(self, from_ns: int, to_ns: int) -> None:
-        """Measure next evenly between the times of two odometries, the last time with the second."""
+        """Measure next evenly between the times of two odometries, last with the second."""
         if self._per_odometry == 0:
             return
         if self._before is None:

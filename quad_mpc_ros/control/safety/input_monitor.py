@@ -15,7 +15,7 @@ from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.ladder import timeouts_of
 from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
 from quad_mpc_ros.control.safety.position_jumps import PositionJumps
-from quad_mpc_ros.control.safety.validation import coverage_fault, imu_fault
+from quad_mpc_ros.control.safety.validation import BODY, coverage_fault, imu_fault
 from quad_mpc_ros.control.safety.window_validation import reference_fault
 
 # Of a measurement of the accelerometer before the newest odometry, which may have stopped.
@@ -70,8 +70,7 @@ class InputMonitor:
         Nothing but its stamp is kept. In lockstep it may come again, which is no fault.
         """
         odometry, newest_ns, stamp_ns = self.odometry, self.imu_stamp_ns, sample.stamp_ns
-        body = "base_link" if odometry is None else odometry.child_frame_id
-        fault = imu_fault(sample, frame_id=body)
+        fault = imu_fault(sample, body=BODY if odometry is None else odometry.child_frame_id)
         if fault is not None:
             return fault
         # A clock that was set is another matter.
