@@ -144,8 +144,7 @@ class VehicleEkf:
         """``nominal`` are the configured parameters, ``throttle`` is where it begins.
 
         ``delay`` [s] is that of the input; ``feels`` says that there is an accelerometer. The
-        estimate is kept in ``state``, zeros to begin
-        with; :func:`update` goes on with it.
+        estimate is kept in ``state``, zeros to begin with; :func:`update` goes on with it.
         """
         self._filter, self._initial_throttle = state, throttle
         state.nominal = state.estimated = nominal
