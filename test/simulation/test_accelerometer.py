@@ -96,7 +96,7 @@ def test_errs_as_configured_and_repeats_with_its_seed() -> None:
     """On the ground."""
     config = ideal(imu_rate=200.0, imu_noise=0.5, imu_bias=(0.1, 0.2, -0.3), odom_rate=20.0)
     readings = np.array([each.f_B for each in felt(config, throttle=0.0, count=400)])
-    expected = np.array(config.imu_bias) + [0.0, 0.0, GRAVITY]
+    expected = np.add(config.imu_bias, [0.0, 0.0, GRAVITY])
     np.testing.assert_allclose(readings.mean(axis=0), expected, atol=0.05)
     np.testing.assert_allclose(readings.std(axis=0), 0.5, rtol=0.05)
     again = np.array([each.f_B for each in felt(config, throttle=0.0, count=400)])
