@@ -404,9 +404,9 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     )
     accelerometer_noise: float = _advanced(
         0.0,
-        doc="manifold: standard deviation of what the accelerometer of the topic imu measures on "
-        "the average from one odometry to the next, against the model; 0.5 is of use where the "
-        "odometry's velocity is noisy, 0 is to listen to none.",
+        doc="manifold: standard deviation that is assumed of what the accelerometer of the topic "
+        "imu measures on the average from one odometry to the next, some four times its noise; "
+        "0.5 is of use where the odometry's velocity is noisy, 0 is to listen to none.",
         unit="m/s^2",
         minimum=0.0,
         maximum=20.0,
