@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 
 from quad_mpc_ros.commands.output import default_out, prepared_out, results_in
 from quad_mpc_ros.commands.run_options import DEFAULT_DURATION, check_duration
-from quad_mpc_ros.configuration import Configuration, UserError, files
+from quad_mpc_ros.configuration import Configuration, ConfigurationError, UserError, files
 from quad_mpc_ros.configuration.vehicle import differences
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.obstacles.files import read_scene
@@ -76,6 +76,7 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
                 f"simulator.{name}={files.value_text(value)}" for name, value in start.items()
             ]
         loaded = files.load(sources, [*made, *options.assignments], schema=SCHEMA, base=base)
+    _check_imu(loaded["mpc"], loaded["simulator"])
     make_plant(cast(SimulatorConfig, loaded["simulator"]))  # is what it needs installed?
     out = prepared_out(options.out or default_out(reference.trajectory))
     _warn_of_different_vehicles(loaded)
@@ -94,6 +95,18 @@ def run_configuration(options: argparse.Namespace, *, lockstep: bool) -> RunConf
         trajectory=trajectory,
         out=out,
     )
+
+
+def _check_imu(mpc: Configuration, simulator: Configuration) -> None:
+    """Raise :class:`UserError` where odometries in lockstep would wait for an accelerometer."""
+    assert isinstance(mpc, MpcConfig)
+    assert isinstance(simulator, SimulatorConfig)
+    if mpc.feels and mpc.lockstep and simulator.imu_rate == 0.0:
+        raise ConfigurationError(
+            "simulator.imu_rate",
+            simulator.imu_rate,
+            "a number above 0 with mpc.advanced.accelerometer_noise",
+        )
 
 
 def _of_obstacles(options: argparse.Namespace) -> list[str]:

@@ -7,7 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import (
+    CommandSample,
+    ImuSample,
+    OdometrySample,
+    ReferenceWindow,
+)
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.messages import cdr, conversions, diagnostics, topics
 from quad_mpc_ros.messages.corridor import written_corridor
@@ -62,6 +67,11 @@ class RunRecorder:
     def odometry(self, odometry: OdometrySample, *, time_ns: int) -> None:
         """Write an odometry."""
         self._write(topics.ODOMETRY, time_ns, cdr.written_odometry(odometry))
+
+    def imu(self, sample: ImuSample, *, time_ns: int) -> None:
+        """Write what an accelerometer measured; without one the topic is not offered."""
+        self._offer(topics.IMU)
+        self._write(topics.IMU, time_ns, cdr.written_imu(sample))
 
     def battery(self, voltage: float, *, time_ns: int) -> None:
         """Write the voltage of a battery [V]; without one the topic is not offered."""

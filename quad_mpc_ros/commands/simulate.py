@@ -117,6 +117,8 @@ def _filmed(plant: Plant, path: Path | None) -> Iterator[Callable[[int], None]]:
 def _record(recorder: RunRecorder, step: LoopStep) -> None:
     """Write one odometry and what followed from it."""
     odometry, stamp_ns = step.odometry, step.odometry.stamp_ns
+    for sample in step.imu:
+        recorder.imu(sample, time_ns=sample.stamp_ns)
     recorder.odometry(odometry, time_ns=stamp_ns)
     if step.voltage is not None:
         recorder.battery(step.voltage, time_ns=stamp_ns)

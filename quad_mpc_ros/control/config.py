@@ -402,6 +402,15 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
         above=0.0,
         maximum=50.0,
     )
+    accelerometer_noise: float = _advanced(
+        0.0,
+        doc="manifold: standard deviation that is assumed of what the accelerometer of the topic "
+        "imu measures on the average from one odometry to the next, some four times its noise; "
+        "0.5 is of use where the odometry's velocity is noisy, 0 is to listen to none.",
+        unit="m/s^2",
+        minimum=0.0,
+        maximum=20.0,
+    )
     lockstep: bool = parameter(
         False, doc="Answer each odometry with the reference of the same stamp, in simulated time."
     )
@@ -458,6 +467,11 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     def on_manifold(self) -> bool:
         """Whether the horizon has lags, estimates and limits, as all but the paper's has."""
         return self.formulation != "paper"
+
+    @property
+    def feels(self) -> bool:
+        """Whether what an accelerometer measures is used."""
+        return self.accelerometer_noise > 0.0 and self.estimate_disturbance and self.on_manifold
 
     @property
     def holds_gates(self) -> bool:

@@ -21,7 +21,12 @@ from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.guide import Avoidance, Guide, Guided
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import (
+    CommandSample,
+    ImuSample,
+    OdometrySample,
+    ReferenceWindow,
+)
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
 from quad_mpc_ros.control.ocp.plan import Plan
@@ -215,6 +220,25 @@ class Controller:
             return self._answer_in_lockstep()
         return None
 
+    def receive_imu(self, sample: ImuSample) -> Tick | None:
+        """Take what an accelerometer measured, for the next odometry.
+
+        Without ``accelerometer_noise`` nothing comes of it.
+
+        Args:
+            sample: The specific force, stamped by the clock of the odometry.
+
+        Returns:
+            In lockstep the tick of the odometry that waited for it, otherwise None.
+        """
+        instance(sample, "sample", ImuSample)
+        if not self._config.feels or not self._supervisor.accept_imu(sample):
+            return None
+        self._mpc.feel(sample)
+        if self._config.lockstep and not self._is_answered():
+            return self._answer_in_lockstep()
+        return None
+
     def watch(self, *, now_ns: int) -> Tick | None:
         """Act when no odometry comes: to be called every control period by a timer.
 
@@ -283,10 +307,22 @@ class Controller:
         odometry, window = self._supervisor.inputs.odometry, self._supervisor.inputs.reference
         if odometry is None or window is None or window.stamp_ns != odometry.stamp_ns:
             return None
+        if self._awaits_imu(odometry.stamp_ns):
+            return None
         held_ns = self._period_ns
         if self._last_tick is not None:  # each odometry is answered, at whatever rate they come
             held_ns = min(odometry.stamp_ns - self._last_tick.stamp_ns, held_ns)
         return self._answer(odometry, duration=held_ns * 1e-9, now_ns=odometry.stamp_ns)
+
+    def _awaits_imu(self, stamp_ns: int) -> bool:
+        """Whether an odometry in lockstep is to wait for what was felt until its stamp.
+
+        Not the first one: there is no time before it.
+        """
+        if not self._config.feels or self._last_tick is None:
+            return False
+        felt_ns = self._supervisor.inputs.imu_stamp_ns
+        return felt_ns is None or felt_ns < stamp_ns
 
     def _answer(self, odometry: OdometrySample, *, duration: float, now_ns: int) -> Tick:
         """Plan, let the supervisor decide who commands, and send.

@@ -12,7 +12,7 @@ from quad_mpc_ros.control.estimation.delay_compensation import DelayCompensation
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
 from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
@@ -165,6 +165,10 @@ class Mpc:
     def sent(self, command: Input, *, stamp_ns: int) -> None:
         """Record which command was sent, by whichever rung of the ladder."""
         self._delay_compensation.record(command, stamp_ns=stamp_ns)
+
+    def feel(self, sample: ImuSample) -> None:
+        """Take what an accelerometer measured."""
+        self._delay_compensation.feel(sample)
 
     def engage(self, engaged: bool) -> None:
         """Set whether what is sent acts on the vehicle."""

@@ -81,14 +81,17 @@ class TickStats:
     # Status of the estimate: hold, velocity only, learn, reject, at bounds, reset.
     estimate: str = "hold"
     estimate_resets: int = 0  # how often it was reset so far
+    # What was felt since the odometry before: off, missing, paused, used, refused by its gate.
+    accelerometer: str = "off"
     odom_age_ms: float  # age of the odometry by its stamp when the tick began [ms]
     reference_age_ms: float  # age of the reference since it arrived [ms]
     reference_stamp_ns: int = 0  # its stamp [ns], 0 without one
+    imu_stamp_ns: int = 0  # stamp of the newest measurement of the accelerometer [ns], 0 without
     commands: int  # commands sent so far
     fallbacks: int  # of those, not from the MPC
     solver_failures: int  # solves so far that gave no plan
     deadline_misses: int = 0  # plans so far that came too late and were dropped
-    rejected_inputs: int  # odometry and reference messages ignored so far as unusable
+    rejected_inputs: int  # odometry, reference and imu messages ignored so far as unusable
 
     def items(self) -> list[tuple[str, str]]:
         """Return the figures as text, numbers with every digit."""
@@ -154,4 +157,6 @@ def _solver_figures(step: MpcStep | None) -> dict[str, Any]:
         "rate_offset_y": pitch_offset,
         "estimate": step.estimate.text,
         "estimate_resets": step.estimate.resets,
+        "accelerometer": step.estimate.accelerometer,
+        "imu_stamp_ns": step.estimate.imu_stamp_ns,
     }

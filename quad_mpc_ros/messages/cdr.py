@@ -21,6 +21,7 @@ import numpy as np
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.samples import (
     CommandSample,
+    ImuSample,
     OdometrySample,
     ReferenceWindow,
     given_variance,
@@ -35,6 +36,10 @@ _ODOMETRY_NUMBERS = 7 + 36 + 6 + 36  # pose and twist, each with its covariance
 _TWIST = 7 + 36
 _VARIANCES = (_TWIST + 6, _TWIST + 6 + 7, _TWIST + 6 + 14)
 
+_IMU_NUMBERS = 4 + 9 + 3 + 9 + 3 + 9  # orientation, rates, acceleration, each with covariance
+_OF_ORIENTATION, _OF_RATES = 4, 4 + 9 + 3  # where the covariances begin
+_FORCE, _OF_FORCE = 4 + 9 + 3 + 9, 4 + 9 + 3 + 9 + 3
+_NOT_MEASURED = -1.0  # the first number of the covariance of what was not (REP 145)
 
 _STAMP_AND_LENGTH = struct.Struct("<iII")
 _LENGTH = struct.Struct("<I")
@@ -88,6 +93,37 @@ def read_odometry(data: bytes) -> OdometrySample | None:
     )
 
 
+def read_imu(data: bytes) -> ImuSample | None:
+    """Return a ``sensor_msgs/Imu``, or None where rclpy has to decode it.
+
+    Raises ``ValueError`` for one that says that it has no acceleration.
+    """
+    try:
+        stamp_ns, frame_id, at = _header(data)
+    except (_UnknownError, struct.error):
+        return None
+    at = _aligned(at, 8)
+    if len(data) < at + 8 * _IMU_NUMBERS:
+        return None
+    numbers = np.frombuffer(data, "<f8", _IMU_NUMBERS, at).astype(np.float64)
+    return imu_sample(
+        numbers[_FORCE:_OF_FORCE],
+        variance=float(numbers[_OF_FORCE]),
+        stamp_ns=stamp_ns,
+        frame_id=frame_id,
+    )
+
+
+def imu_sample(f_B: Array, *, variance: float, stamp_ns: int, frame_id: str) -> ImuSample:
+    """Return a specific force (3,) [m/s^2]; a ``variance`` of -1 says that there is none.
+
+    That is the first number of its covariance. Raises ``ValueError`` then.
+    """
+    if variance == _NOT_MEASURED:
+        raise ValueError("imu has no acceleration: its covariance begins with -1")
+    return ImuSample(stamp_ns=stamp_ns, f_B=f_B, frame_id=frame_id)
+
+
 def read_reference(data: bytes) -> ReferenceWindow | None:
     """Return a ``trajectory_msgs/MultiDOFJointTrajectory``, or None where rclpy has to decode it.
 
@@ -139,6 +175,15 @@ def written_odometry(odometry: OdometrySample) -> bytes:
         numbers[place] = odometry.v_variance
     texts = _padded(_chunk(odometry.frame_id) + _chunk(odometry.child_frame_id), after=8)
     return _LITTLE + _stamp(odometry.stamp_ns) + texts + numbers.tobytes()
+
+
+def written_imu(sample: ImuSample) -> bytes:
+    """Return a ``sensor_msgs/Imu`` without orientation and body rates."""
+    numbers = np.zeros(_IMU_NUMBERS, "<f8")
+    numbers[_OF_ORIENTATION] = numbers[_OF_RATES] = _NOT_MEASURED
+    numbers[_FORCE:_OF_FORCE] = sample.f_B
+    texts = _padded(_chunk(sample.frame_id), after=8)
+    return _LITTLE + _stamp(sample.stamp_ns) + texts + numbers.tobytes()
 
 
 def written_command(command: CommandSample) -> bytes:

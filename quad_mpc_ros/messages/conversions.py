@@ -20,6 +20,7 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.estimation.ground_state import GroundState
 from quad_mpc_ros.control.model.samples import (
     CommandSample,
+    ImuSample,
     OdometrySample,
     ReferenceWindow,
     given_variance,
@@ -86,6 +87,19 @@ def fill_odometry(message: Any, odometry: OdometrySample) -> None:
     fill_vector(message.twist.twist.angular, odometry.w_WB_B.tolist())
     for place in _VELOCITY_VARIANCES:
         message.twist.covariance[place] = odometry.v_variance
+
+
+def imu_from_message(message: Any) -> ImuSample:
+    """Return the specific force of a ``sensor_msgs/Imu``, unchecked.
+
+    Raises ``ValueError`` for one that says that it has no acceleration.
+    """
+    return cdr.imu_sample(
+        _vector(message.linear_acceleration),
+        variance=float(message.linear_acceleration_covariance[0]),
+        stamp_ns=nanoseconds(message.header.stamp),
+        frame_id=message.header.frame_id,
+    )
 
 
 def command_from_message(message: Any) -> CommandSample:

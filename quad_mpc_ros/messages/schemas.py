@@ -22,6 +22,7 @@ SHIPPED_TYPES = (
     "nav_msgs/msg/Path",
     "rosgraph_msgs/msg/Clock",
     "sensor_msgs/msg/BatteryState",
+    "sensor_msgs/msg/Imu",
     "sensor_msgs/msg/PointCloud2",
     "trajectory_msgs/msg/MultiDOFJointTrajectory",
     "visualization_msgs/msg/MarkerArray",

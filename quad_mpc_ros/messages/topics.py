@@ -55,6 +55,10 @@ ODOMETRY_RESET = Topic(
 
 BATTERY = Topic(name="battery", type_name="sensor_msgs/msg/BatteryState", optional=True)
 
+# What an accelerometer measures, in the body (FLU) with gravity, as REP 145 has it; many come
+# between two odometries.
+IMU = Topic(name="imu", type_name="sensor_msgs/msg/Imu", depth=100, optional=True)
+
 # What is in the way, all optional. Sensors publish by best effort, which a reliable publisher
 # satisfies too; of markers a lost one would not come again.
 OBSTACLES = Topic(name="obstacles", type_name="sensor_msgs/msg/PointCloud2", optional=True)
@@ -119,6 +123,7 @@ RECORDED = (
     LANDED,
     GROUND_STATE,
     BATTERY,
+    IMU,
     OBSTACLE_MARKERS,
     GATES,
     PREDICTED_PATH,

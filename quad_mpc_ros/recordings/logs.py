@@ -21,7 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import (
+    CommandSample,
+    ImuSample,
+    OdometrySample,
+    ReferenceWindow,
+)
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages import diagnostics
 
@@ -141,6 +146,12 @@ class OdometryLog(Log[OdometrySample]):
     """Odometries."""
 
     kind = OdometrySample
+
+
+class ImuLog(Log[ImuSample]):
+    """What an accelerometer measured."""
+
+    kind = ImuSample
 
 
 class CommandLog(Log[CommandSample]):

@@ -26,6 +26,7 @@ from quad_mpc_ros.messages.topics import (
     CORRIDOR,
     ENGAGED,
     GATES,
+    IMU,
     LANDED,
     ODOMETRY,
     ODOMETRY_RESET,
@@ -75,7 +76,7 @@ SCENE_NAME = "obstacles.yaml"
 _MOST_LISTED = 12
 _OF_A_RUN = (
     *(REFERENCE, COMMAND, ENGAGED, LANDED, ODOMETRY_RESET, STATS),
-    PARAMETER_EVENTS,
+    *(IMU, PARAMETER_EVENTS),
 )
 
 
@@ -195,6 +196,7 @@ class Recording:
         odometry, poses, twists = logs.OdometryLog(), logs.OdometryLog(), logs.OdometryLog()
         windows, stats = logs.WindowLog(), logs.StatsLog()
         commands, flown = logs.CommandLog(), logs.CommandLog()
+        imu = logs.ImuLog()
         engagements: list[logs.Received[bool]] = []
         landings: list[logs.Received[bool]] = []
         resets: list[logs.Received[EstimateReset]] = []
@@ -208,6 +210,7 @@ class Recording:
             LANDED: _appended(landings, lambda m: bool(m.data)),
             ODOMETRY_RESET: _appended(resets, conversions.reset_from_message),
             STATS: self._figures(stats),
+            IMU: _into(imu, conversions.imu_from_message),
             PARAMETER_EVENTS: self._changes(changes),
         }
         takers = {topic: takers[topic] for topic in topics if topic is not BATTERY}
@@ -244,6 +247,7 @@ class Recording:
             resets=resets,
             changes=changes,
             voltages=voltages,
+            imu=imu,
         )
 
     def _stream(

@@ -16,7 +16,7 @@ import numpy as np
 
 from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.tick import TickStats
 from quad_mpc_ros.messages.conversions import odometry_from_pose_and_twist
 from quad_mpc_ros.messages.topics import BATTERY, COMMAND, ODOMETRY, REFERENCE, Topic
@@ -84,6 +84,7 @@ class RecordedRun:
     ``engagements``: whether the vehicle acts on commands from then on; it does before the first.
     ``landings``: whether it stands on the ground from then on. ``resets``: steps of the estimate.
     ``changes``: parameters of the controller set in flight. ``voltages`` of the battery [V].
+    ``imu``: what an accelerometer measured.
     """
 
     bag: Path
@@ -97,6 +98,7 @@ class RecordedRun:
     resets: Sequence[Received[EstimateReset]] = ()
     changes: Sequence[Received[Mapping[str, Any]]] = ()
     voltages: Sequence[Received[float]] = ()
+    imu: Sequence[Received[ImuSample]] = ()
 
 
 def odometry_of_pose(message: Any) -> OdometrySample:

@@ -9,9 +9,9 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.messages import cdr, conversions
-from quad_mpc_ros.messages.topics import ODOMETRY, REFERENCE, Topic
+from quad_mpc_ros.messages.topics import IMU, ODOMETRY, REFERENCE, Topic
 
 
 @functools.cache
@@ -42,6 +42,16 @@ def odometry_in(data: bytes) -> OdometrySample:
     """
     found = cdr.read_odometry(data)
     return found or conversions.odometry_from_message(_readable(ODOMETRY, data))
+
+
+def imu_in(data: bytes) -> ImuSample:
+    """Return what an accelerometer measured, received raw.
+
+    Raises :class:`UnreadableError` for bytes that are none, ``ValueError`` for a message that says
+    that it has no acceleration.
+    """
+    found = cdr.read_imu(data)
+    return found or conversions.imu_from_message(_readable(IMU, data))
 
 
 def reference_in(data: bytes) -> ReferenceWindow:

@@ -9,7 +9,12 @@ from typing import Any
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.lie import so3
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import (
+    CommandSample,
+    ImuSample,
+    OdometrySample,
+    ReferenceWindow,
+)
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.obstacles.configured import guidance
@@ -23,7 +28,12 @@ from quad_mpc_ros.references.server import ReferenceServer, WindowsAhead
 from quad_mpc_ros.references.trajectory import Trajectory
 from quad_mpc_ros.simulation.config import SimulatorConfig, make_plant
 from quad_mpc_ros.simulation.plant import SIMULATION_START_NS, Plant
-from quad_mpc_ros.simulation.sensors import OdometryStream, odometry_stamps, stamp_offset_ns
+from quad_mpc_ros.simulation.sensors import (
+    OdometryStream,
+    SentOdometry,
+    odometry_stamps,
+    stamp_offset_ns,
+)
 from quad_mpc_ros.simulation.surroundings import NOTHING_SEEN, Collision, Seen, Surroundings
 
 _DEFAULT_DURATION = 10.0  # s
@@ -46,6 +56,7 @@ class LoopStep:
             a control law of one's own.
         command: What was sent to the plant, if anything was.
         voltage: That of the battery [V], where it was measured with the odometry.
+        imu: What an accelerometer measured since the odometry before, which is told before it.
         seen: What a sensor told of obstacles with it.
         collision: Where it flew into one since the step before, which ends the flight.
     """
@@ -57,6 +68,7 @@ class LoopStep:
     tick: Tick | None
     command: CommandSample | None
     voltage: float | None = None
+    imu: tuple[ImuSample, ...] = ()
     seen: Seen = NOTHING_SEEN
     collision: Collision | None = None
 
@@ -114,7 +126,7 @@ def fly(
         collision = surroundings.collision(sent.truth, measured_ns)
         if world is not None:
             world.receive_odometry(sent.odometry)
-        tick, command = _answered(controller, sent.odometry, window, now_ns=now_ns)
+        tick, command = _answered(controller, sent, window, now_ns=now_ns)
         if command is not None:
             plant.apply(command)
         if world is not None:
@@ -127,6 +139,7 @@ def fly(
             tick=tick,
             command=command,
             voltage=sent.voltage,
+            imu=sent.imu,
             seen=seen,
             collision=collision,
         )
@@ -154,15 +167,17 @@ def start_on(trajectory: Trajectory, simulator: SimulatorConfig) -> dict[str, An
 
 def _answered(
     controller: Controller | ControlLaw,
-    odometry: OdometrySample,
+    sent: SentOdometry,
     window: ReferenceWindow,
     *,
     now_ns: int,
 ) -> tuple[Tick | None, CommandSample | None]:
     if not isinstance(controller, Controller):
-        return None, controller(odometry, window)
+        return None, controller(sent.odometry, window)
+    for sample in sent.imu:
+        controller.receive_imu(sample)
     controller.receive_reference(window, now_ns=now_ns)
-    tick = controller.receive_odometry(odometry, now_ns=now_ns)
+    tick = controller.receive_odometry(sent.odometry, now_ns=now_ns)
     return tick, None if tick is None else tick.command
 
 

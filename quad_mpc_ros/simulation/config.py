@@ -148,6 +148,20 @@ class SimulatorConfig(OwnParameters, ChoiceParameters):
         unit="rad",
         length=3,
     )
+    imu_rate: float = parameter(
+        0.0,
+        doc="Measurements of the accelerometer per second, on the topic imu; 0 is none. They come "
+        "evenly between the odometries and with them, a whole number for each.",
+        unit="Hz",
+        minimum=0.0,
+        maximum=2000.0,
+    )
+    imu_noise: float = parameter(
+        0.0, doc="Standard deviation of each along each axis.", unit="m/s^2", minimum=0.0
+    )
+    imu_bias: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), doc="Error of all of them, in the body.", unit="m/s^2", length=3
+    )
     odom_delay: float = parameter(
         0.0,
         doc="Time from a measurement to the sending of its odometry.",

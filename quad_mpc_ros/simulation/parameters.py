@@ -28,6 +28,7 @@ class Stream(IntEnum):
     DROPOUT = 2
     JITTER = 3
     DRIFT = 4
+    IMU = 5
 
 
 @dataclass(frozen=True, kw_only=True)

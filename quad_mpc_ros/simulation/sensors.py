@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from quad_mpc_ros.control.lie import Array, so3
-from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample
+from quad_mpc_ros.simulation.accelerometer import Accelerometer
 from quad_mpc_ros.simulation.config import SimulatorConfig
 from quad_mpc_ros.simulation.parameters import Stream, white_noise
 from quad_mpc_ros.simulation.plant import Plant, Powered
@@ -126,12 +127,15 @@ class SentOdometry:
 
     With the stamp of the sending, :meth:`OdometryStream.step` returns the truth at that time.
     ``voltage`` [V] is the battery's, measured with some of the odometries of a plant with one.
+    ``imu`` is what an accelerometer measured since the odometry sent before, the last time with
+    this one; it is sent before it.
     """
 
     time_ns: int
     odometry: OdometrySample
     truth: OdometrySample
     voltage: float | None = None
+    imu: tuple[ImuSample, ...] = ()
 
 
 class OdometryStream:
@@ -147,6 +151,9 @@ class OdometryStream:
         self._start_stamp_ns = start_stamp_ns
         self._delay_ns = round(config.odom_delay * 1e9)
         self._stamp_offset_ns = stamp_offset_ns(config)
+        self._accelerometer = Accelerometer(
+            plant, config, stamp_offset_ns=start_stamp_ns + self._stamp_offset_ns
+        )
         self._period_ns = round(1e9 / config.odom_rate)
         self._times = odometry_stamps(config)
         self._next_ns = next(self._times, None)
@@ -162,7 +169,7 @@ class OdometryStream:
                 return None
             self._measure()
         sent = self._waiting.popleft()
-        self._plant.advance_to(sent.time_ns)
+        self._accelerometer.advance_to(sent.time_ns)
         if self._stamp_offset_ns:
             return dataclasses.replace(sent, truth=self._plant.odometry(sent.odometry.stamp_ns))
         return sent
@@ -171,7 +178,7 @@ class OdometryStream:
         """Move the plant to a time and return the odometries due by then."""
         while self._measures_by(time_ns):
             self._measure()
-        self._plant.advance_to(time_ns)
+        self._accelerometer.advance_to(time_ns)
         due = []
         while self._waiting and self._waiting[0].time_ns <= time_ns:
             due.append(self._waiting.popleft())
@@ -186,17 +193,25 @@ class OdometryStream:
 
     def _measure(self) -> None:
         assert self._next_ns is not None
-        self._plant.advance_to(self._next_ns)
+        self._accelerometer.advance_to(self._next_ns)
         stamp_ns = self._start_stamp_ns + self._next_ns + self._stamp_offset_ns
         truth = self._plant.odometry(stamp_ns)
         odometry = self._sensors.measured(truth)
         time_ns = self._next_ns + self._delay_ns
         if not self._sensors.lost():
             voltage = self._voltage(self._next_ns)
-            sent = SentOdometry(time_ns=time_ns, odometry=odometry, truth=truth, voltage=voltage)
+            sent = SentOdometry(
+                time_ns=time_ns,
+                odometry=odometry,
+                truth=truth,
+                voltage=voltage,
+                imu=self._accelerometer.take(),
+            )
             self._waiting.append(sent)
         self._end_ns = time_ns + self._period_ns
-        self._next_ns = next(self._times, None)
+        measured_ns, self._next_ns = self._next_ns, next(self._times, None)
+        if self._next_ns is not None:
+            self._accelerometer.plan(measured_ns, self._next_ns)
 
     def _voltage(self, time_ns: int) -> float | None:
         """Return the battery's voltage [V] where there is one, and to be measured by now."""

@@ -40,6 +40,15 @@ LAGGED = (
 )
 
 
+FELT = (
+    *LAGGED,
+    "mpc.advanced.accelerometer_noise=0.5",
+    "simulator.imu_rate=200",
+    "simulator.imu_noise=0.3",
+    "simulator.velocity_noise=0.1",
+)
+
+
 def simulated(out: Path, *assignments: str, duration: float) -> Path:
     sets = [part for assignment in assignments for part in ("--set", assignment)]
     code = main(["simulate", *sets, "--duration", str(duration), "--out", str(out)])
@@ -58,6 +67,11 @@ def lagged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return simulated(tmp_path_factory.mktemp("lagged") / "run", *LAGGED, duration=8.0)
 
 
+@pytest.fixture(scope="module")
+def felt(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated(tmp_path_factory.mktemp("felt") / "run", *FELT, duration=4.0)
+
+
 def commands(bag: Path, topic: str = "/command") -> list[bytes]:
     """Return the commands as another reader finds them."""
     with AnyReader([bag]) as reader:
@@ -71,7 +85,7 @@ def resolved(bag: Path, out: Path, *arguments: str) -> dict[str, Any]:
     return summary
 
 
-@pytest.mark.parametrize("flight", ["square", "lagged"])
+@pytest.mark.parametrize("flight", ["square", "lagged", "felt"])
 def test_the_recorded_configuration_commands_the_same_again(
     flight: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
@@ -82,6 +96,30 @@ def test_the_recorded_configuration_commands_the_same_again(
     assert commands(tmp_path / "again" / "bag", "/recorded_command") == before
     assert summary["equal"] == summary["compared"] == len(before)
     assert (tmp_path / "again/figures/commands.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_what_was_felt_is_recorded_and_makes_a_difference(felt: Path, tmp_path: Path) -> None:
+    assert len(commands(felt / "bag", "/imu")) == 4 * (len(commands(felt / "bag", "/odom")) - 1)
+    unfelt = resolved(felt, tmp_path / "unfelt", "--set", "mpc.advanced.accelerometer_noise=0")
+    assert unfelt["equal"] < 0.5 * unfelt["compared"]
+    again = resolved(tmp_path / "unfelt", tmp_path / "again", "--set", FELT[len(LAGGED)])
+    assert again["equal"] == again["compared"]
+
+
+def test_without_imu_in_the_bag_it_is_resolved_without(
+    lagged: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    summary = resolved(lagged, tmp_path / "again", "--set", FELT[len(LAGGED)])
+    assert summary["equal"] == summary["compared"] > 0
+    assert "no imu in the recording" in capsys.readouterr().err
+
+
+def test_simulate_refuses_to_wait_for_an_accelerometer_that_is_not_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = ["--out", str(tmp_path / "run")]
+    assert main(["simulate", "--set", FELT[len(LAGGED)], *out]) == 2
+    assert "simulator.imu_rate: given 0.0" in capsys.readouterr().err
 
 
 def test_another_configuration_is_reported_and_kept(square: Path, tmp_path: Path) -> None:

@@ -14,11 +14,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message
 
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import (
+    CommandSample,
+    ImuSample,
+    OdometrySample,
+    ReferenceWindow,
+)
 from quad_mpc_ros.messages import cdr, conversions, diagnostics
 from quad_mpc_ros.messages.topics import (
     BATTERY,
     COMMAND,
+    IMU,
     ODOMETRY,
     PREDICTED_PATH,
     REFERENCE,
@@ -102,6 +108,29 @@ def test_odometry(odometry: OdometrySample) -> None:
     assert cdr.read_odometry(swapped(message, ODOMETRY)) is None  # left to rclpy
     for each in (data, data + b"more"):
         assert_same(cdr.read_odometry(each), odometry)
+
+
+@given(st.builds(ImuSample, stamp_ns=STAMPS, f_B=arrays(3), frame_id=TEXTS))
+def test_imu(sample: ImuSample) -> None:
+    data = cdr.written_imu(sample)
+    message = decoded(data, IMU)
+    assert_same(conversions.imu_from_message(message), sample)
+    assert message.orientation_covariance[0] == message.angular_velocity_covariance[0] == -1.0
+    assert message.linear_acceleration_covariance[0] == 0.0
+    assert cdr.read_imu(swapped(message, IMU)) is None  # left to rclpy
+    for each in (data, data + b"more"):
+        assert_same(cdr.read_imu(each), sample)
+    for cut in range(len(data)):
+        assert cdr.read_imu(data[:cut]) is None
+
+
+def test_imu_without_acceleration_is_refused() -> None:
+    message = decoded(cdr.written_imu(ImuSample(stamp_ns=1, f_B=np.zeros(3))), IMU)
+    message.linear_acceleration_covariance = np.array([-1.0] + 8 * [0.0])
+    with pytest.raises(ValueError, match="imu has no acceleration"):
+        conversions.imu_from_message(message)
+    with pytest.raises(ValueError, match="imu has no acceleration"):
+        cdr.read_imu(encoded_by_rosbags(IMU.type_name, message))
 
 
 @given(windows(), TEXTS)

@@ -29,12 +29,13 @@ from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
 from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import Learning
+from quad_mpc_ros.control.estimation.specific_force import SpecificForces
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
 from quad_mpc_ros.control.model.rollout import StateRecord, read_odometry, roll_forward
-from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample
 from quad_mpc_ros.control.model.state import BODY_RATE, Input
 from quad_mpc_ros.control.ocp.problem import PredictedState, Prediction
 
@@ -62,11 +63,13 @@ class Followed(Record):
 class EstimateStatus(NamedTuple):
     """Status of the estimate: the update mode, or ``at bounds`` or ``reset``.
 
-    ``resets`` is how often it was reset so far.
+    ``resets`` is how often it was reset so far, ``accelerometer`` what became of what it measured.
     """
 
     text: str = UpdateMode.HOLD.text
     resets: int = 0
+    accelerometer: str = "off"  # or missing, paused, used, refused
+    imu_stamp_ns: int = 0  # of the newest measurement of the accelerometer
 
 
 class DelayCompensation:
@@ -94,8 +97,11 @@ class DelayCompensation:
             throttle=hover.throttle,
             delay=config.input_delay,
             enabled=self._learns,
+            feels=config.feels,
             state=followed.filter,
         )
+        self._felt_variance = config.accelerometer_noise**2 if config.feels else 0.0
+        self._felt = SpecificForces()
         self._ground = ground
         self._health = EstimateHealth()
         self.status = EstimateStatus()
@@ -134,6 +140,10 @@ class DelayCompensation:
         self._sent, self._sent_ns = followed, stamp_ns
         self._history.record(followed, stamp_ns=stamp_ns)
 
+    def feel(self, sample: ImuSample) -> None:
+        """Take what an accelerometer measured, for the next odometry."""
+        self._felt.add(sample)
+
     def engage(self, engaged: bool) -> None:
         """Set whether commands act on the vehicle; at the start they do.
 
@@ -168,6 +178,7 @@ class DelayCompensation:
             measured = self._followed.measured
             self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B)
             self.status = EstimateStatus(resets=self._health.resets)
+            self._take_felt(stamp_ns, stamp_ns)
         elif self._follows:
             self._go_on(odometry, previous_ns)
         else:
@@ -215,6 +226,7 @@ class DelayCompensation:
     def _go_on(self, odometry: OdometrySample, previous_ns: int) -> None:
         """Take an odometry, and bring the EKF from the one before to it."""
         stamp_ns = odometry.stamp_ns
+        is_felt = self._take_felt(previous_ns, stamp_ns)
         mode, at_bounds = _follow(
             buffer=self._buffer,
             p_WB=odometry.p_WB,
@@ -228,6 +240,28 @@ class DelayCompensation:
             conditions=self._conditions(previous_ns),
         )
         self._judge(mode, at_bounds, stamp_ns, duration=1e-9 * (stamp_ns - previous_ns))
+        if self._felt_variance > 0.0:
+            self.status = self.status._replace(
+                accelerometer=self._use_of_felt(mode, is_felt), imu_stamp_ns=self._felt.newest_ns
+            )
+
+    def _take_felt(self, previous_ns: int, stamp_ns: int) -> bool:
+        """Give the filter what was felt since the odometry before; return whether there is any."""
+        if self._felt_variance == 0.0:
+            return False
+        mean = self._felt.mean(start_ns=previous_ns, end_ns=stamp_ns)
+        felt = self._followed.filter.felt
+        felt.variance = 0.0 if mean is None else self._felt_variance
+        if mean is not None:
+            felt.f_B[:] = mean
+        return mean is not None
+
+    def _use_of_felt(self, mode: UpdateMode, is_felt: bool) -> str:
+        if not is_felt:
+            return "missing"
+        if self._followed.filter.felt.used:
+            return "used"
+        return "refused" if mode in (UpdateMode.LEARN, UpdateMode.REJECT) else "paused"
 
     def _judge(self, mode: UpdateMode, at_bounds: bool, stamp_ns: int, *, duration: float) -> None:
         """Note what an odometry did to the estimate; reset one that fails for long."""

@@ -8,9 +8,10 @@ state from another is derived in docs/estimation.md.
 
     dd/dt = noise, of d_z -d_z / T + noise         the disturbance; what lasts of d_z is thrust
     db/dt = -b / T_b + noise                       what the measured velocity errs for long
+    da/dt = noise                                  the bias of an accelerometer, if there is one
     all else that is learned: a random walk, no more uncertain than at the start
 
-    z_p = p + n,   z_v = v + b + n,   z_w = w - D dw/dt + n
+    z_p = p + n,   z_v = v + b + n,   z_w = w - D dw/dt + n,   z_f = R' (dv/dt - g) + a + n
 
 **k and d_z look alike at hover**: only their sum k T/m + d_z = g is observable. What is likely
 tells them apart: winds change, a lack of thrust lasts. **Drag** is distinguished from wind by
@@ -49,6 +50,7 @@ from quad_mpc_ros.control.estimation.process_model import (
     predict_turning,
     predict_unmodelled,
 )
+from quad_mpc_ros.control.estimation.specific_force import SpecificForce, force_innovation
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode, update_mode
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.actuators import first_order_lag
@@ -116,6 +118,7 @@ class Filter(Record):
     position_nis: float
     velocity_nis: float
     velocity_innovation: Vector3  # m/s
+    felt: SpecificForce  # between the last two odometries
 
 
 class EkfMemory(NamedTuple):
@@ -135,12 +138,13 @@ class VehicleEkf:
         throttle: float,
         delay: float = 0.0,
         enabled: bool = True,
+        feels: bool = False,
         state: Filter,
     ) -> None:
         """``nominal`` are the configured parameters, ``throttle`` is where it begins.
 
-        ``delay`` [s] is that of the input. The estimate is kept in ``state``, zeros to begin
-        with; :func:`update` goes on with it.
+        ``delay`` [s] is that of the input; ``feels`` says that there is an accelerometer. The
+        estimate is kept in ``state``, zeros to begin with; :func:`update` goes on with it.
         """
         self._filter, self._initial_throttle = state, throttle
         state.nominal = state.estimated = nominal
@@ -155,6 +159,8 @@ class VehicleEkf:
         measurement_noise.start_drift(state.drift)
         state.motion.x[MOTION.scale] = 1.0
         _assume(state, closer)
+        if feels:
+            _assume_accelerometer(state)
         self.reset()
         self.start(p_WB=np.zeros(3), v_WB_W=np.zeros(3), w_WB_B=np.zeros(3))
 
@@ -170,6 +176,7 @@ class VehicleEkf:
         scale = x[MOTION.scale] * nominal.gravity / lifted
         x[MOTION.disturbance : MOTION.scale] = 0.0
         x[MOTION.scale] = min(max(scale, SCALE_BOUNDS[0]), SCALE_BOUNDS[1])
+        x[MOTION.accelerometer :] = 0.0
         x[MOTION.lag], x[MOTION.drag] = nominal.thrust_time_constant, nominal.drag
         state.motion.P[:] = state.walks.motion.P
         state.turning.x[:] = 0.0
@@ -204,7 +211,7 @@ class VehicleEkf:
         state.motion, state.turning = memory.motion, memory.turning
         state.motion.x[:] = now
         position, velocity = now[: MOTION.velocity], now[MOTION.velocity : MOTION.disturbance]
-        restart(state, position.copy(), velocity + now[MOTION.bias : MOTION.size])
+        restart(state, position.copy(), velocity + now[MOTION.bias : MOTION.accelerometer])
         _take_rates(state)
 
     def turn(self, reset: EstimateReset) -> None:
@@ -275,8 +282,11 @@ def update_motion(
 ) -> UpdateMode:
     """Predict, gate and update the motion; return the mode, which may now be that of a jump."""
     x, P, duration = state.motion.x, state.motion.P, acting.durations.sum()
-    was = x.copy()
     F, lag_shows = np.empty((MOTION.size, MOTION.size)), False
+    state.felt.used = 0
+    if mode == UpdateMode.LEARN and state.felt.variance > 0.0:
+        _update_by_force(state, before, after, acting, F)
+    was = x.copy()
     if mode == UpdateMode.HOLD:
         predict_unmodelled(state.estimated, state.motion, acting, F)
     else:
@@ -311,9 +321,32 @@ def update_motion(
     if mode == UpdateMode.LEARN:
         _constrain_motion(state, considered)
     most = measurement_noise.MOST
-    for i in range(MOTION.bias, MOTION.size):
+    for i in range(MOTION.bias, MOTION.accelerometer):
         x[i] = kernels.clamp(x[i], -most, most)
     return mode
+
+
+@compiled
+def _update_by_force(
+    state: Filter, before: StateRecord, after: StateRecord, acting: Acting, F: Array
+) -> None:
+    """Correct the estimate at ``before`` by the specific force felt since; F is overwritten."""
+    x, P, duration = state.motion.x, state.motion.P, acting.durations.sum()
+    was = x.copy()
+    predict_motion(state.estimated, state.drag_shape, state.motion, acting, before, after, F)
+    later = x.copy()
+    x[:] = was
+    lag_shows = _lag_shows(state, F, duration)
+    gravity, between = state.nominal.gravity, (before, after)
+    seen = force_innovation(x, P, F, later, between, duration, gravity, state.felt)
+    state.felt.nis = kalman.squared_distance(seen, 0.0)
+    if not state.felt.nis <= kalman.GATE:
+        return
+    considered = _considered(state, UpdateMode.LEARN, after.R_WB, lag_shows)
+    kalman.update(x, P, seen, considered)
+    _constrain_motion(state, considered)
+    write_estimated(state, state.estimated)
+    state.felt.used = 1
 
 
 @compiled
@@ -545,7 +578,8 @@ def _add_memory(x: Array, F: Array, mode: UpdateMode, duration: float) -> None:
 def _motion_noise(state: Filter, white: float, drifting: float, duration: float) -> Array:
     """Return the process noise over a duration, the variances (n,)."""
     P, walks, Q = state.motion.P, state.walks.motion, np.zeros(MOTION.size)
-    quieter = measurement_noise.USUAL / math.sqrt(white)
+    # What is felt follows the disturbance whatever noise the velocity has.
+    quieter = 1.0 if state.felt.used else measurement_noise.USUAL / math.sqrt(white)
     for i in range(LEARNED_OF_MOTION[0], LEARNED_OF_MOTION[1]):
         if i < MOTION.scale:
             Q[i] = walks.x[i] * quieter * max(quieter, 1.0) * duration
@@ -554,6 +588,9 @@ def _motion_noise(state: Filter, white: float, drifting: float, duration: float)
     for k in range(3):
         Q[MOTION.velocity + k] = _ACCELERATION_NOISE**2 * duration
         Q[MOTION.bias + k] = drifting * -math.expm1(-2.0 * duration / _BIAS_TIME)
+        i = MOTION.accelerometer + k
+        if P[i, i] < walks.P[i, i]:
+            Q[i] = walks.x[i] * duration
     return Q
 
 
@@ -674,6 +711,13 @@ def _assume(state: Filter, closer: float) -> None:
     lags[1] = shared / factor, shared / factor, yaw / factor
     slowest = (1.0 + 1.0 / closer) * shared
     lags[2] = slowest, slowest, error_state.SLOWEST_YAW * yaw
+
+
+def _assume_accelerometer(state: Filter) -> None:
+    """Write what is assumed of an accelerometer; without one it is known to have no bias."""
+    motion = state.walks.motion
+    for i in range(MOTION.accelerometer, MOTION.size):
+        motion.P[i, i], motion.x[i] = variances_at(error_state.ACCELEROMETER)
 
 
 def _closer(nominal: ModelParameters, delay: float) -> float:

@@ -25,6 +25,7 @@ class Motion(NamedTuple):
     drag: int  # 1/s, the mean over the axes
     throttle: int
     bias: int  # m/s, what the measured velocity has beyond the true one
+    accelerometer: int  # m/s^2, in the body, what an accelerometer has beyond the true force
     size: int
 
 
@@ -39,7 +40,7 @@ class Turning(NamedTuple):
     size: int
 
 
-MOTION = Motion(0, 3, 6, 9, 10, 11, 12, 13, 16)
+MOTION = Motion(0, 3, 6, 9, 10, 11, 12, 13, 16, 19)
 TURNING = Turning(0, 3, 5, 7, 9, 10)
 ROLL_PITCH, YAW = TURNING.lag, TURNING.lag + 1
 
@@ -80,6 +81,7 @@ DRAG = Assumed(0.3, 0.05)  # 1/s
 OFFSET = Assumed(0.3, 0.06)
 OFFSET_BY_THRUST = Assumed(0.05, 0.001)
 LATENESS = Assumed(0.01, 0.01)
+ACCELEROMETER = Assumed(0.3, 0.01)  # m/s^2, its bias, and what its mounting leans by
 
 VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)

@@ -116,6 +116,33 @@ def given_variance(variances: Iterable[float]) -> float:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ImuSample:
+    """One ``sensor_msgs/Imu``, of which the accelerometer alone is used.
+
+    Args:
+        stamp_ns: When it was measured [ns]; of a mean the end of the time it is over.
+        f_B: Specific force in body axes (3,) [m/s^2]: acceleration less gravity, so that a vehicle
+            at rest measures +9.81 upwards (REP 145).
+        frame_id: The body frame.
+
+    Raises:
+        ArgumentError: One of them is of another type or shape.
+    """
+
+    stamp_ns: int
+    f_B: Array
+    frame_id: str = "base_link"
+
+    def __post_init__(self) -> None:
+        _settle(
+            self,
+            stamp_ns=stamp(self.stamp_ns, "stamp_ns"),
+            f_B=array(self.f_B, "f_B", 3),
+            frame_id=instance(self.frame_id, "frame_id", str),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CommandSample:
     """One ``geometry_msgs/TwistStamped`` command: throttle and body rates, FLU.
 

@@ -10,13 +10,16 @@ from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.ground_state import idles
 from quad_mpc_ros.control.estimation.twist_frame import TwistFrameCheck
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.ladder import timeouts_of
 from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
 from quad_mpc_ros.control.safety.position_jumps import PositionJumps
-from quad_mpc_ros.control.safety.validation import coverage_fault
+from quad_mpc_ros.control.safety.validation import BODY, coverage_fault, imu_fault
 from quad_mpc_ros.control.safety.window_validation import reference_fault
+
+# Of a measurement of the accelerometer before the newest odometry, which may have stopped.
+_FARTHEST_AHEAD_NS = 1_000_000_000
 
 
 class InputMonitor:
@@ -39,11 +42,15 @@ class InputMonitor:
         self.reference_ns: int | None = None
         self.idle_wanted = False
         """Whether the reference asks for idle motors; in the air it is one that rests."""
+        self._lockstep = config.lockstep
+        self.imu_stamp_ns: int | None = None
+        """Stamp of the newest measurement of the accelerometer."""
         self.reconfigure(config)
 
     def reconfigure(self, config: MpcConfig) -> None:
         """Take over changed timeouts."""
         self.gate.reconfigure(config)
+        self._odometry_timeout_ns = timeouts_of(config).odometry
         self._reference_timeout_ns = timeouts_of(config).reference
 
     def take_odometry(self, odometry: OdometrySample, *, now_ns: int) -> str | None:
@@ -55,6 +62,26 @@ class InputMonitor:
         if self._parameters.twist_frame == "world":
             odometry = with_body_twist(odometry)
         self.odometry, self.odometry_ns = self.jumps.checked(odometry), self.gate.changed_ns
+        return None
+
+    def take_imu(self, sample: ImuSample) -> str | None:
+        """Take what an accelerometer measured, or return why it cannot be used.
+
+        Nothing but its stamp is kept. In lockstep it may come again, which is no fault.
+        """
+        odometry, newest_ns, stamp_ns = self.odometry, self.imu_stamp_ns, sample.stamp_ns
+        fault = imu_fault(sample, body=BODY if odometry is None else odometry.child_frame_id)
+        if fault is not None:
+            return fault
+        # A clock that was set is another matter.
+        if newest_ns is not None and 0 <= newest_ns - stamp_ns <= self._odometry_timeout_ns:
+            return "" if self._lockstep else "imu stamp does not run forwards"
+        if odometry is not None and not self._lockstep:
+            ahead_ns = stamp_ns - odometry.stamp_ns
+            if ahead_ns < -self._odometry_timeout_ns or ahead_ns > _FARTHEST_AHEAD_NS:
+                side = "ahead of" if ahead_ns > 0 else "behind"
+                return f"imu stamp is {1e-9 * abs(ahead_ns):.2f} s {side} that of the odometry"
+        self.imu_stamp_ns = stamp_ns
         return None
 
     def take_reference(self, window: ReferenceWindow, *, now_ns: int) -> str | None:

@@ -18,7 +18,7 @@ from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.lie.kernels import infinity_norm
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input, state_from_odometry
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.control.ocp.problem import PredictedState
@@ -137,6 +137,13 @@ class Supervisor:
             self._reject(jumps.fault)
         self._warnings.extend(jumps.take_notes())
         return self.inputs.odometry
+
+    def accept_imu(self, sample: ImuSample) -> bool:
+        """Take what an accelerometer measured if it is fit to be used."""
+        fault = self.inputs.take_imu(sample)
+        if fault:
+            self._reject(fault)
+        return fault is None
 
     def accept_reference(self, window: ReferenceWindow, *, now_ns: int) -> bool:
         """Take a reference window if it is fit to be used."""

@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from quad_mpc_ros.control.lie import Array
-from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
 
+BODY = "base_link"
 QUATERNION_TOLERANCE = 1e-3
 LARGEST = 1e8  # room for map coordinates in metres, none for what would overflow when squared
 
@@ -27,6 +28,18 @@ def odometry_fault(odometry: OdometrySample, *, frame_id: str) -> str | None:
         return f"odometry {NOT_UNIT}"
     if not is_frame(odometry.frame_id, frame_id):
         return f"odometry is in frame '{odometry.frame_id}', expected '{frame_id}'"
+    return None
+
+
+def imu_fault(sample: ImuSample, *, body: str) -> str | None:
+    """Return why what an accelerometer measured cannot be used.
+
+    It has to be in the frame ``body`` of the odometry's twist, or in ``base_link``.
+    """
+    if not all(abs(value) <= LARGEST for value in sample.f_B.tolist()):
+        return f"imu {UNUSABLE}"
+    if not (is_frame(sample.frame_id, body) or is_frame(sample.frame_id, BODY)):
+        return f"imu is in frame '{sample.frame_id}', expected '{BODY}'"
     return None
 
 

@@ -7,6 +7,7 @@ bit for bit, where the recording has what the controller knew and when.
 
 from __future__ import annotations
 
+import dataclasses
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,7 +17,12 @@ import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.model.samples import CommandSample, OdometrySample, ReferenceWindow
+from quad_mpc_ros.control.model.samples import (
+    CommandSample,
+    ImuSample,
+    OdometrySample,
+    ReferenceWindow,
+)
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.recordings.logs import Received
 from quad_mpc_ros.recordings.parameters import recorded_parameters
@@ -62,11 +68,15 @@ def resolve(
     from the values at the start of the flight. ``windows`` replaces the recorded reference.
     ``warn`` gets what the controller would have logged.
     """
+    if config.feels and config.lockstep and not run.imu:
+        warn("no imu in the recording: without accelerometer_noise")
+        config = dataclasses.replace(config, accelerometer_noise=0.0)
     controller = Controller(config)
     sent = _first_by_stamp(run.commands)
     window: ReferenceWindow | None = None
     engagements, landings = deque(run.engagements), deque(run.landings)
     resets = deque(run.resets)
+    felt = _Felt(run)
     changes = _Changes(run, config)
 
     def reset_estimate_until(now_ns: int) -> None:
@@ -87,6 +97,9 @@ def resolve(
         changed = changes.before(event)
         if changed is not None:
             controller.reconfigure(changed)
+        if event.odometry is not None:
+            for sample in felt.until(event.odometry.value.stamp_ns):
+                controller.receive_imu(sample)
         if event.odometry is None:
             tick = controller.watch(now_ns=event.now_ns)
         else:
@@ -111,6 +124,25 @@ class _Event:
     window: ReferenceWindow | None = None
     window_ns: int = 0
     answered: bool = False
+
+
+class _Felt:
+    """What an accelerometer measured, and what of it the controller had at an odometry.
+
+    The figures of its tick say so. Where they do not it is what was measured by its stamp.
+    """
+
+    def __init__(self, run: RecordedRun) -> None:
+        self._due = deque(received.value for received in run.imu)
+        self._had_ns = {
+            stats.stamp_ns: stats.imu_stamp_ns for stats in run.stats if stats.imu_stamp_ns
+        }
+
+    def until(self, stamp_ns: int) -> Iterator[ImuSample]:
+        """Yield what came since the odometry before."""
+        had_ns = self._had_ns.get(stamp_ns, stamp_ns)
+        while self._due and self._due[0].stamp_ns <= had_ns:
+            yield self._due.popleft()
 
 
 class _Changes:

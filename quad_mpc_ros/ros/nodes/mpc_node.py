@@ -27,7 +27,7 @@ from quad_mpc_ros.ros.commanders import Commanders
 from quad_mpc_ros.ros.compiling import reported
 from quad_mpc_ros.ros.health import Health
 from quad_mpc_ros.ros.lifecycle import ManagedNode
-from quad_mpc_ros.ros.messages import new_message, odometry_in, reference_in
+from quad_mpc_ros.ros.messages import imu_in, new_message, odometry_in, reference_in
 from quad_mpc_ros.ros.nodes.obstacle_inputs import ObstacleInputs
 from quad_mpc_ros.ros.preflight.own import REFUSED_KEY
 from quad_mpc_ros.ros.realtime import GarbageCollection
@@ -35,6 +35,10 @@ from quad_mpc_ros.ros.spin import run
 from quad_mpc_ros.ros.vehicle_watch import VehicleWatch
 
 _ESTIMATE_FAILS = {"at bounds": "is at its bounds", "reset": "was reset"}
+_ACCELEROMETER_FAILS = {
+    "missing": "is silent",
+    "refused": "measures what the odometry contradicts",
+}
 # Between published plans: in lockstep every one at 50 Hz; in real time, where publishing a plan
 # takes as long as solving, as many as an eye can follow.
 _SHOWN_PERIOD_NS, _LOCKSTEP_PERIOD_NS = 95_000_000, 15_000_000
@@ -93,6 +97,8 @@ class MpcNode(ManagedNode[MpcConfig]):
         self.managed_subscription(topics.ODOMETRY, self._on_odometry, raw=True)
         if self._hears_reference:
             self.managed_subscription(topics.REFERENCE, self._on_reference, raw=True)
+        if config.feels:
+            self.managed_subscription(topics.IMU, self._on_imu, raw=True, expected=False)
         self.health.watch = VehicleWatch(self, config.vehicle_values())
         self.managed_subscription(
             topics.DIAGNOSTICS, self._on_diagnostics, raw=True, expected=False
@@ -190,6 +196,21 @@ class MpcNode(ManagedNode[MpcConfig]):
         else:
             self.activate_when_ready()
 
+    def _on_imu(self, data: bytes) -> None:
+        """Take what an accelerometer measured; while inactive it is of no use."""
+        if not self.active:
+            return
+        try:
+            sample = imu_in(data)
+        except ValueError as error:
+            self._warn(str(error))
+            return
+        tick = self._controller.receive_imu(sample)
+        if tick is not None:
+            self._finish(tick)
+        else:
+            self._log_warnings()
+
     def _on_reference(self, data: bytes) -> None:
         try:
             window = reference_in(data)
@@ -272,11 +293,14 @@ class MpcNode(ManagedNode[MpcConfig]):
             self._publish_insight(tick)
             self._tick = tick
             self._garbage.after_tick()
-        for warning in self._controller.take_warnings():
-            self._warn(warning)
+        self._log_warnings()
         if self._obstacle_inputs is not None:
             for refusal in self._obstacle_inputs.take_warnings():
                 self._warn(refusal)
+
+    def _log_warnings(self) -> None:
+        for warning in self._controller.take_warnings():
+            self._warn(warning)
 
     def _publish_ground(self) -> None:
         """Publish changes of whether the vehicle stands; at the end of ROS nobody hears it."""
@@ -343,6 +367,9 @@ class MpcNode(ManagedNode[MpcConfig]):
         if tick.stats.estimate in _ESTIMATE_FAILS:
             level = max(level, WARN)
             text += f", the estimate of thrust and wind {_ESTIMATE_FAILS[tick.stats.estimate]}"
+        if tick.stats.accelerometer in _ACCELEROMETER_FAILS:
+            level = max(level, WARN)
+            text += f", the accelerometer {_ACCELEROMETER_FAILS[tick.stats.accelerometer]}"
         heard: list[tuple[str, str]] = []
         if self._obstacle_inputs is not None:
             of_obstacles, fault = self._obstacle_inputs.fault(tick.stats.stamp_ns)

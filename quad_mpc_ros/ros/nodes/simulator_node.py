@@ -19,6 +19,7 @@ from quad_mpc_ros.messages.topics import (
     BATTERY,
     CLOCK,
     COMMAND,
+    IMU,
     OBSTACLE_MARKERS,
     OBSTACLES,
     ODOMETRY,
@@ -163,6 +164,7 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
         plant = make_plant(self.config)
         powered = isinstance(plant, Powered) and plant.battery_voltage is not None
         self._battery = self.health.publisher(BATTERY) if powered else None
+        self._imu = self.health.publisher(IMU) if self.config.imu_rate > 0.0 else None
         self._surroundings = Surroundings(self.config.obstacles, radius=self.config.radius)
         self._clouds = self._markers = None
         if self.config.obstacles.sensor == "rays":
@@ -179,10 +181,15 @@ class SimulatorNode(ReportingNode[SimulatorConfig]):
     def publish(self, sent: SentOdometry) -> None:
         """Publish an odometry, what is seen with it, and the battery's voltage if measured.
 
+        Before it what an accelerometer measured until then.
+
         The flight ends where the vehicle has flown into something.
         """
         if self._collided:
             return
+        if self._imu is not None:
+            for sample in sent.imu:
+                self._imu.publish(cdr.written_imu(sample))
         self._odometry.publish(cdr.written_odometry(sent.odometry))
         self._odometries += 1
         if sent.voltage is not None and self._battery is not None:

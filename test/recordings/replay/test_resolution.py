@@ -13,7 +13,7 @@ from quad_mpc_ros.analysis.figures.command_comparison import compare_commands, c
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.controller import Controller
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
-from quad_mpc_ros.control.model.samples import CommandSample
+from quad_mpc_ros.control.model.samples import CommandSample, ImuSample
 from quad_mpc_ros.control.tick import Tick
 from quad_mpc_ros.recordings.logs import Received
 from quad_mpc_ros.recordings.replay.resolution import Resolved, resolve
@@ -48,6 +48,7 @@ def flown_in_real_time(
     shifted: tuple[float, float, int] = (9.0, 9.0, 0),
     reset: EstimateReset | None = None,
     changes: dict[int, dict[str, object]] | None = None,
+    mpc: MpcConfig = MPC,
 ) -> tuple[RecordedRun, list[Tick]]:
     """Fly as the node does: everything arrives when it does, and the recorder hears it later.
 
@@ -55,20 +56,27 @@ def flown_in_real_time(
     first ones come before any reference. ``engaged`` and ``landed`` are by the time in
     milliseconds, and so are ``changes`` of parameters. Stamps are ``shifted`` by the last number
     [ms] over the seconds of the first two. From the stamp of a ``reset`` on odometries are in
-    other coordinates.
+    other coordinates. What an accelerometer measures comes later than it is stamped, if ``mpc``
+    asks for it.
     """
     random = np.random.default_rng(1)
     simulator = ideal(
-        duration=3.0, odom_rate=odom_rate, initial_position=(0.0, 0.0, 2.0), initial_throttle=0.3
+        duration=3.0,
+        odom_rate=odom_rate,
+        initial_position=(0.0, 0.0, 2.0),
+        initial_throttle=0.3,
+        imu_rate=4.0 * odom_rate if mpc.feels else 0.0,
+        imu_noise=0.3,
     )
     plant, server = (
         InternalPlant(simulator),
         ReferenceServer(ReferenceConfig(trajectory="lemniscate")),
     )
     stream = OdometryStream(plant, simulator, start_stamp_ns=START_NS)
-    controller = Controller(MPC)
+    controller = Controller(mpc)
     server.start(START_NS)
-    odometries, windows, commands, ticks = [], [], [], []
+    odometries, windows, commands, ticks, felt = [], [], [], [], []
+    due_imu: list[ImuSample] = []
     next_window_ns = next_watch_ns = START_NS + 33 * MS
 
     def take(tick: Tick | None, now_ns: int) -> None:
@@ -102,6 +110,11 @@ def flown_in_real_time(
         while due_landings and due_landings[0].publish_time_ns < START_NS + sent.time_ns:
             controller.landed(due_landings.pop(0).value)
         now_ns = START_NS + sent.time_ns + int(random.uniform(0.2, 3.0) * MS)
+        due_imu += sent.imu
+        while due_imu and due_imu[0].stamp_ns + int(random.uniform(0.0, 4.0) * MS) < now_ns:
+            sample = due_imu.pop(0)
+            felt.append(recorded(sample, sample.stamp_ns, later_ns=MS))
+            controller.receive_imu(sample)
         while next_window_ns < now_ns:
             window = server.window(next_window_ns)
             received_ns = next_window_ns + int(random.uniform(0.05, 0.2) * MS)
@@ -130,11 +143,12 @@ def flown_in_real_time(
         windows=windows,
         commands=commands,
         stats=[tick.stats for tick in ticks],
-        parameters={"/uav1/mpc": MPC.flattened()},
+        parameters={"/uav1/mpc": mpc.flattened()},
         engagements=engagements,
         landings=landings,
         resets=resets,
         changes=changed,
+        imu=felt,
     )
     return run, ticks
 
@@ -170,6 +184,17 @@ def test_resolves_estimate_resets() -> None:
     assert as_bytes(commands_of(list(resolve(run, MPC)))) == flown
     unknowing = dataclasses.replace(run, resets=())
     assert as_bytes(commands_of(list(resolve(unknowing, MPC)))) != flown
+
+
+def test_resolves_what_was_felt_when_it_was() -> None:
+    feeling = dataclasses.replace(MPC, accelerometer_noise=0.5)
+    run, ticks = flown_in_real_time(mpc=feeling)
+    flown = as_bytes([tick.command for tick in ticks if tick.command])
+    late = [t.stats.imu_stamp_ns for t in ticks if 0 < t.stats.imu_stamp_ns < t.stats.stamp_ns]
+    assert len(late) > 10
+    assert as_bytes(commands_of(list(resolve(run, feeling)))) == flown
+    unknowing = dataclasses.replace(run, imu=())
+    assert as_bytes(commands_of(list(resolve(unknowing, feeling)))) != flown
 
 
 CHANGES: dict[int, dict[str, object]] = {

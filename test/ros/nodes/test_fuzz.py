@@ -14,6 +14,7 @@ import rclpy
 from geometry_msgs.msg import PoseStamped, Transform, Twist, TwistStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
@@ -43,6 +44,7 @@ NODES: dict[str, tuple[Callable[[], Any], list[str]]] = {
     "mpc": (MpcNode, []),
     "mpc, world twist": (MpcNode, ["odometry.twist_frame:=world", "fence.maximum:=[9.0,9.0,9.0]"]),
     "mpc, lockstep": (MpcNode, ["lockstep:=true"]),
+    "mpc, accelerometer": (MpcNode, ["advanced.accelerometer_noise:=0.5"]),
     "reference": (ReferenceNode, []),
     "reference, on request": (ReferenceNode, ["mode:=on_request"]),
     "simulator": (SimulatorNode, []),
@@ -156,6 +158,13 @@ def command(now_ns: int) -> TwistStamped:
     return message
 
 
+def imu(now_ns: int) -> Imu:
+    message = _stamped(Imu(), now_ns + 1_000_000 * (now_ns % 19))
+    message.header.frame_id = "base_link"
+    message.linear_acceleration.z = 9.81
+    return message
+
+
 def path(now_ns: int) -> Path:
     message = _stamped(Path(), now_ns)
     message.poses = [pose(now_ns) for _ in range(3)]
@@ -168,6 +177,7 @@ SOUND: dict[type[Any], Callable[[int], Any]] = {
     PoseStamped: pose,
     TwistStamped: command,
     Path: path,
+    Imu: imu,
     Bool: lambda _: Bool(data=True),
 }
 

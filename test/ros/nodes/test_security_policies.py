@@ -15,7 +15,7 @@ SPACE = "/policed"
 NODES = ("simulator", "reference", "mpc", "recorder", "visualisation", "teleop")
 # Opened by some only: on simulated time or in lockstep, where tf2_msgs is installed, once somebody
 # publishes it, of a plant that has it.
-SOMETIMES = {"/battery", "/clock", "/tf", "/engaged", "/landed", "/odom_reset"}
+SOMETIMES = {"/battery", "/clock", "/imu", "/tf", "/engaged", "/landed", "/odom_reset"}
 OPENED = {
     ("topics", "publish"): "get_publisher_names_and_types_by_node",
     ("topics", "subscribe"): "get_subscriber_names_and_types_by_node",

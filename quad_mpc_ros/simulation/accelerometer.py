@@ -1,0 +1,86 @@
+"""An accelerometer at the origin of the body, of any plant.
+
+It is one that integrates: it measures by how much the velocity changed since the measurement
+before, over the time and less gravity, in the body half way. It does not ask what the plant's
+equations are, and feels the ground as well.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample
+from quad_mpc_ros.simulation.config import SimulatorConfig
+from quad_mpc_ros.simulation.parameters import Stream, white_noise
+from quad_mpc_ros.simulation.plant import Plant
+
+_SECOND = 1_000_000_000
+
+
+class _Moment(NamedTuple):
+    """Velocity in the world (3,) [m/s] and attitude (3, 3) at a time [ns]."""
+
+    time_ns: int
+    v_WB_W: Array
+    R_WB: Array
+
+
+class Accelerometer:
+    """Measures a plant between its odometries, if it is to, and keeps what was measured."""
+
+    def __init__(self, plant: Plant, config: SimulatorConfig, *, stamp_offset_ns: int) -> None:
+        """``stamp_offset_ns`` is by how much a stamp is later than the time of the plant."""
+        self._plant, self._stamp_offset_ns = plant, stamp_offset_ns
+        self._per_odometry = math.ceil(config.imu_rate / config.odom_rate - 1e-9)
+        self._noise, self._bias = config.imu_noise, np.array(config.imu_bias)
+        self._gravity_W = np.array([0.0, 0.0, -config.gravity])
+        self._white_noise = white_noise(config.random(Stream.IMU), 3)
+        self._frame_id = config.child_frame_id
+        self._before: _Moment | None = None
+        self._due_ns: list[int] = []
+        self._measured: list[ImuSample] = []
+
+    def plan(self, from_ns: int, to_ns: int) -> None:
+        """Measure next evenly between the times of two odometries, last with the second."""
+        if self._per_odometry == 0:
+            return
+        if self._before is None:
+            self._before = _moment(self._plant.odometry(from_ns))
+        count = self._per_odometry
+        self._due_ns = [from_ns + (k + 1) * (to_ns - from_ns) // count for k in range(count)]
+
+    def advance_to(self, time_ns: int) -> None:
+        """Move the plant to a time, and measure on the way."""
+        while self._due_ns and self._due_ns[0] <= time_ns:
+            due_ns = self._due_ns.pop(0)
+            self._plant.advance_to(due_ns)
+            self._measure(_moment(self._plant.odometry(due_ns)))
+        self._plant.advance_to(time_ns)
+
+    def take(self) -> tuple[ImuSample, ...]:
+        """Return what was measured since the last call."""
+        measured, self._measured = tuple(self._measured), []
+        return measured
+
+    def _measure(self, now: _Moment) -> None:
+        before, self._before = self._before, now
+        assert before is not None
+        seconds = (now.time_ns - before.time_ns) / _SECOND
+        turn = so3.log(before.R_WB.T @ now.R_WB)
+        R_WB = before.R_WB @ so3.exp(0.5 * turn)
+        f_B = R_WB.T @ ((now.v_WB_W - before.v_WB_W) / seconds - self._gravity_W)
+        error = self._bias + self._noise * next(self._white_noise)
+        stamp_ns = now.time_ns + self._stamp_offset_ns
+        self._measured.append(
+            ImuSample(stamp_ns=stamp_ns, f_B=f_B + error, frame_id=self._frame_id)
+        )
+
+
+def _moment(truth: OdometrySample) -> _Moment:
+    """Return what is measured of a true odometry under the time of the plant."""
+    R_WB = so3.rotation_from_quaternion_xyzw(truth.q_WB_xyzw)
+    return _Moment(truth.stamp_ns, R_WB @ truth.v_WB_B, R_WB)

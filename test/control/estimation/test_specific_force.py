@@ -1,0 +1,234 @@
+"""The measurement of an accelerometer: its Jacobian, what it reads, what is made of it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from fixtures.records import changed, state_of
+
+from quad_mpc_ros.control.estimation import ekf, kalman
+from quad_mpc_ros.control.estimation.command_history import Acting
+from quad_mpc_ros.control.estimation.ekf import Filter, VehicleEkf
+from quad_mpc_ros.control.estimation.error_state import MOTION, MotionEstimate
+from quad_mpc_ros.control.estimation.process_model import predict_motion
+from quad_mpc_ros.control.estimation.specific_force import (
+    SpecificForce,
+    SpecificForces,
+    force_innovation,
+    half_way,
+)
+from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
+from quad_mpc_ros.control.lie import Array, so3
+from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
+from quad_mpc_ros.control.model.rollout import Body, StateRecord, propagated
+from quad_mpc_ros.control.model.samples import ImuSample
+from quad_mpc_ros.control.model.vehicle import Vehicle
+
+PERIOD = 0.02
+VEHICLE = Vehicle(drag=(0.2, 0.3, 0.4), rotor_drag=(0.1, 0.1, 0.05), translational_lift=0.01)
+NOMINAL = parameters_of(VEHICLE, rate_time_constant=0.0, thrust_time_constant=0.04)[()]
+HOVER, GRAVITY = VEHICLE.hover_throttle, VEHICLE.gravity
+LEVEL = np.eye(3)
+FLYING = Conditions(acts=True, flies=True, may_touch=False)
+
+
+def mean_shape() -> Array:
+    return np.asarray(NOMINAL.uneven_drag / NOMINAL.drag)
+
+
+def state_at(**values: float | Array) -> Array:
+    """Return a state of the motion (n,): at rest in hover, but for some of it."""
+    x = np.zeros(MOTION.size)
+    x[MOTION.scale], x[MOTION.lag], x[MOTION.drag] = 1.0, 0.04, NOMINAL.drag
+    x[MOTION.throttle] = HOVER
+    for name, value in values.items():
+        begin = getattr(MOTION, name)
+        x[begin : begin + np.size(value)] = value
+    return x
+
+
+def parameters_at(x: Array) -> ModelParameters:
+    """Return the model that a state stands for, as the filter writes it."""
+    learned = x[MOTION.drag] - NOMINAL.drag
+    return changed(
+        NOMINAL,
+        thrust_scale=x[MOTION.scale],
+        thrust_time_constant=x[MOTION.lag],
+        drag=x[MOTION.drag],
+        uneven_drag=NOMINAL.uneven_drag + learned * mean_shape(),
+        a_W=x[MOTION.disturbance : MOTION.scale],
+    )
+
+
+def seen_of(
+    x: Array, *, f_B: Array, throttle: float = HOVER, R_before: Array = LEVEL, turn: Array
+) -> kalman.Innovation:
+    """Return what a measurement says of a state under a throttle, while it turns."""
+    estimate = MotionEstimate.zeros()[()]
+    estimate.x[:] = x
+    before, after = state_of(R_WB=R_before), state_of(R_WB=R_before @ so3.exp(turn))
+    acting = Acting(
+        durations=np.array([0.4 * PERIOD, 0.6 * PERIOD]),
+        commands=np.array([[throttle, 0.0, 0.0, 0.0], [throttle + 0.1, 0.0, 0.0, 0.0]]),
+    )
+    if throttle == HOVER:
+        acting.commands[:, 0] = HOVER
+    F, felt = np.empty((MOTION.size, MOTION.size)), SpecificForce.zeros()[()]
+    predict_motion(parameters_at(x), mean_shape(), estimate, acting, before, after, F)
+    felt.f_B[:], felt.variance = f_B, 0.25
+    later, P = np.array(estimate.x), np.eye(MOTION.size)
+    return force_innovation(x, P, F, later, (before, after), PERIOD, GRAVITY, felt)
+
+
+STILL = np.zeros(3)
+MOVING = state_at(
+    velocity=np.array([3.0, -2.0, 1.0]),
+    disturbance=np.array([0.5, -0.3, 0.2]),
+    scale=0.9,
+    drag=0.35,
+    throttle=0.35,
+    accelerometer=np.array([0.1, -0.2, 0.3]),
+)
+
+
+def test_jacobian_is_that_of_finite_differences() -> None:
+    """Of every state; a covariance of one makes P H' the Jacobian's transpose."""
+    arguments = {"throttle": 0.4, "R_before": so3.exp([0.3, -0.5, 1.0]), "turn": np.full(3, 0.1)}
+    seen = seen_of(MOVING, f_B=STILL, **arguments)
+    step = 1e-6
+    for i in range(MOTION.size):
+        off = np.zeros(MOTION.size)
+        off[i] = step
+        ahead = seen_of(MOVING + off, f_B=STILL, **arguments)
+        behind = seen_of(MOVING - off, f_B=STILL, **arguments)
+        slope = -(ahead.nu - behind.nu) / (2.0 * step)
+        np.testing.assert_allclose(seen.PHt[i], slope, atol=1e-6, err_msg=str(i))
+    np.testing.assert_allclose(seen.S, seen.PHt.T @ seen.PHt + 0.25 * np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.0])
+@pytest.mark.parametrize("tilt", [0.0, 0.5])
+def test_thrust_of_hover_reads_its_weight_upwards_however_it_leans(
+    yaw: float, tilt: float
+) -> None:
+    R_WB = so3.exp([0.0, 0.0, yaw]) @ so3.exp([0.0, tilt, 0.0])
+    seen = seen_of(state_at(), f_B=np.array([0.0, 0.0, GRAVITY]), R_before=R_WB, turn=STILL)
+    # Drag of what falling aside makes of the velocity in 20 ms.
+    np.testing.assert_allclose(seen.nu, 0.0, atol=0.03)
+
+
+def test_free_fall_reads_nothing_and_a_wind_what_it_pushes() -> None:
+    falling = state_at(throttle=0.0, scale=1e-9)
+    np.testing.assert_allclose(seen_of(falling, f_B=STILL, turn=STILL).nu, 0.0, atol=0.05)
+    pushed = state_at(disturbance=np.array([1.0, 0.0, 0.0]))
+    north = so3.exp([0.0, 0.0, 0.5 * math.pi])  # the body's y axis points west
+    felt = np.array([0.0, -1.0, GRAVITY])
+    np.testing.assert_allclose(
+        seen_of(pushed, f_B=felt, R_before=north, turn=STILL).nu, 0.0, atol=0.03
+    )
+
+
+def test_drag_is_felt_against_the_motion() -> None:
+    forwards = state_at(velocity=np.array([5.0, 0.0, 0.0]))
+    seen = seen_of(forwards, f_B=np.array([0.0, 0.0, GRAVITY]), turn=STILL)
+    expected = 5.0 * (0.2 + 0.1)  # of the body, and of rotors at the speed of hover
+    assert seen.nu[0] == pytest.approx(expected, rel=0.02)
+
+
+def test_force_is_that_of_the_attitude_half_way() -> None:
+    between = state_of(), state_of(R_WB=so3.exp([0.2, 0.0, 0.0]))
+    found = np.array(half_way(between)).reshape(3, 3)
+    np.testing.assert_allclose(found, so3.exp([0.1, 0.0, 0.0]), atol=1e-12)
+
+
+def test_mean_is_of_what_came_between_two_odometries() -> None:
+    forces = SpecificForces()
+    for stamp_ns, up in ((10, 1.0), (15, 2.0), (20, 4.0), (25, 8.0)):
+        forces.add(ImuSample(stamp_ns=stamp_ns, f_B=[0.0, 0.0, up]))
+    np.testing.assert_array_equal(forces.mean(start_ns=10, end_ns=20), [0.0, 0.0, 3.0])
+    assert forces.mean(start_ns=10, end_ns=20) is None
+    np.testing.assert_array_equal(forces.mean(start_ns=20, end_ns=40), [0.0, 0.0, 8.0])
+    forces.add(ImuSample(stamp_ns=50, f_B=[0.0, 0.0, 1.0]))
+    forces.add(ImuSample(stamp_ns=3, f_B=[0.0, 0.0, 5.0]))  # of a clock that was set
+    np.testing.assert_array_equal(forces.mean(start_ns=0, end_ns=60), [0.0, 0.0, 5.0])
+
+
+class Flown:
+    """A filter that follows a hovering vehicle, whose velocity is noisy, with an accelerometer."""
+
+    def __init__(self, *, feels: bool, scale: float = 1.0, bias: Array = STILL) -> None:
+        self.state = Filter.zeros()[()]
+        self.ekf = VehicleEkf(NOMINAL, throttle=HOVER, delay=0.1, feels=feels, state=self.state)
+        self._feels, self._bias, self._rng = feels, bias, np.random.default_rng(3)
+        self._model = changed(NOMINAL, thrust_scale=scale)
+        self._body = Body((0.0,) * 3, (0.0,) * 3, tuple(LEVEL.ravel()), (HOVER, 0.0, 0.0, 0.0))
+        self._measured = self._odometry()
+        self.ekf.start(p_WB=STILL, v_WB_W=STILL, w_WB_B=STILL)
+
+    def go_on(self, seconds: float, *, force: Array = STILL) -> None:
+        """Fly on about hover; ``force`` [m/s^2] is felt and moves nothing."""
+        for k in range(round(seconds / PERIOD)):
+            throttle = HOVER / math.sqrt(self._model.thrust_scale)
+            command = (throttle + 0.02 * math.sin(3.0 * k * PERIOD), 0.0, 0.0, 0.0)
+            v = np.array(self._body.v)
+            self._body = propagated(self._model, command, PERIOD, 0.005, self._body)
+            felt = (np.array(self._body.v) - v) / PERIOD + [0.0, 0.0, GRAVITY]
+            self.state.felt.f_B[:] = felt + self._bias + force + 0.1 * self._rng.normal(size=3)
+            self.state.felt.variance = 0.25 if self._feels else 0.0
+            before, self._measured = self._measured, self._odometry()
+            acting = Acting(durations=np.array([PERIOD]), commands=np.array([command]))
+            mode = ekf.update(self.state, before, self._measured, acting, FLYING, 0.0)
+            # At first the noise of the velocity is not known yet.
+            assert mode in (UpdateMode.LEARN, UpdateMode.REJECT)
+
+    def _odometry(self) -> StateRecord:
+        noisy = np.array(self._body.v) + 0.3 * self._rng.normal(size=3)
+        return state_of(
+            p_WB=np.array(self._body.p) + 0.01 * self._rng.normal(size=3), v_WB_W=noisy
+        )
+
+    def lift_error(self) -> float:
+        """How far the estimated lift is off the true one, at hover [m/s^2]."""
+        found, scale = self.ekf.parameters(), float(self._model.thrust_scale)
+        throttle = HOVER / math.sqrt(scale)
+        lift = NOMINAL.a * throttle**2
+        return abs(float(found.thrust_scale - scale) * lift + float(found.a_W[2]))
+
+
+def test_thrust_is_found_sooner_where_it_is_felt() -> None:
+    errors = {}
+    for feels in (False, True):
+        flown = Flown(feels=feels, scale=0.8)
+        flown.go_on(0.3)
+        errors[feels] = flown.lift_error()
+    assert errors[True] < 0.5 * errors[False]
+
+
+def test_bias_is_told_from_wind() -> None:
+    """The velocity says that nothing blows."""
+    bias = np.array([0.2, -0.2, 0.2])
+    flown = Flown(feels=True, bias=bias)
+    flown.go_on(20.0)
+    np.testing.assert_allclose(flown.state.motion.x[MOTION.accelerometer :], bias, atol=0.06)
+    np.testing.assert_allclose(flown.ekf.parameters().a_W[:2], 0.0, atol=0.1)
+    flown.ekf.reset()
+    assert not flown.state.motion.x[MOTION.accelerometer :].any()
+
+
+def test_nonsense_is_refused_by_the_gate() -> None:
+    """A sensor mounted upside down."""
+    flown = Flown(feels=True)
+    flown.go_on(2.0)
+    assert flown.state.felt.used
+    flown.go_on(1.0, force=np.array([0.0, 0.0, -2.0 * GRAVITY]))
+    assert not flown.state.felt.used and flown.state.felt.nis > kalman.GATE
+    assert flown.lift_error() < 0.2
+
+
+def test_without_an_accelerometer_its_bias_is_no_state() -> None:
+    flown = Flown(feels=False)
+    flown.go_on(1.0)
+    assert not flown.state.motion.P[MOTION.accelerometer :].any()
+    assert not flown.state.motion.x[MOTION.accelerometer :].any()

@@ -1,0 +1,96 @@
+"""An accelerometer over DDS: bad messages, silence, and the same flight in one process."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rclpy.qos import qos_profile_sensor_data
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import Imu
+
+from quad_mpc_ros.cli import main
+from quad_mpc_ros.messages import conversions
+
+NOISE = "advanced.accelerometer_noise"
+FELT = ("--reference", "lemniscate", "--duration", "4", "--set", f"mpc.{NOISE}=0.5")
+FELT += ("--set", "simulator.imu_rate=200", "--set", "simulator.imu_noise=0.3")
+FELT += ("--set", "simulator.velocity_noise=0.1")
+
+
+def commands(run: Path, topic: str = "/command") -> list[bytes]:
+    with AnyReader([run / "bag"]) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        return [bytes(data) for _, _, data in reader.messages(connections)]
+
+
+def test_a_lockstep_flight_is_the_one_in_one_process_and_resolves_to_it(tmp_path: Path) -> None:
+    flown, simulated, again = tmp_path / "flown", tmp_path / "simulated", tmp_path / "again"
+    assert main(["fly", "--lockstep", *FELT, "--out", str(flown)]) == 0
+    assert main(["simulate", *FELT, "--out", str(simulated)]) == 0
+    assert commands(flown) == commands(simulated)
+    assert len(commands(flown, "/imu")) == 4 * 199
+    assert main(["resolve", str(flown), "--out", str(again)]) == 0
+    assert commands(again) == commands(flown)
+
+
+def imu(now_ns: int, **changes: Any) -> Imu:
+    message = Imu()
+    conversions.fill_time(message.header.stamp, changes.get("stamp_ns", now_ns))
+    message.header.frame_id = changes.get("frame_id", "base_link")
+    message.linear_acceleration.z = changes.get("z", 9.81)
+    message.linear_acceleration_covariance[0] = changes.get("variance", 0.0)
+    return message
+
+
+BAD = {
+    "imu holds a number that is not finite": {"z": math.nan},
+    "imu is in frame 'imu_link', expected 'base_link'": {"frame_id": "imu_link"},
+    "behind that of the odometry": {"stamp_ns": 5},
+    "imu has no acceleration": {"variance": -1.0},
+}
+
+
+def test_bad_messages_are_refused_in_a_line_each_and_the_flight_goes_on(
+    start: Callable[..., Any], peer: Any, feed: Any, managed: Any, tmp_path: Path
+) -> None:
+    publisher = peer.node.create_publisher(Imu, "imu", qos_profile_sensor_data)
+    start("mpc", "-p", f"{NOISE}:=0.5")
+    node, log = managed("mpc"), tmp_path / "mpc.log"
+
+    def silent() -> bool:
+        return "the accelerometer is silent" in node.health.get("text", "")
+
+    def send(**changes: Any) -> None:
+        publisher.publish(imu(int(peer.node.get_clock().now().nanoseconds), **changes))
+
+    assert peer.wait(silent, timeout=60.0)
+    for reason, changes in BAD.items():
+
+        def refused(reason: str = reason, changes: dict[str, Any] = changes) -> bool:
+            send(**changes)
+            return reason in log.read_text()
+
+        assert peer.wait(refused, timeout=30.0)
+        assert len([line for line in log.read_text().splitlines() if reason in line]) == 1
+    assert peer.wait(lambda: int(node.health["rejected_inputs"]) > 0)
+    assert silent()
+
+    def heard() -> bool:
+        send()
+        return node.health["accelerometer"] != "missing"
+
+    assert peer.wait(heard, timeout=30.0)
+    assert "Traceback" not in log.read_text()
+
+
+def test_without_the_parameter_nobody_listens(
+    start: Callable[..., Any], peer: Any, feed: Any, managed: Any
+) -> None:
+    publisher = peer.node.create_publisher(Imu, "imu", qos_profile_sensor_data)
+    start("mpc")
+    node = managed("mpc")
+    assert peer.wait(lambda: node.health.get("accelerometer") == "off", timeout=60.0)
+    assert publisher.get_subscription_count() == 0
