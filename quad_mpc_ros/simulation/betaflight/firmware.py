@@ -34,6 +34,10 @@ _RECEIVER = struct.Struct("<d16H")
 _BOOT_NS = 1_000_000_000  # more than its start takes
 _TALK_NS = 20_000_000
 _PATIENCE = 20.0  # s of this machine for an answer
+_SILENT = (
+    f"Betaflight has not answered for {_PATIENCE:g} s, expected within a moment: "
+    "fly again with less beside it on this machine"
+)
 _PRESSURE = 101325.0  # Pa
 _EEPROM = "eeprom.bin"
 _PROMPT = "# "
@@ -140,7 +144,7 @@ class Firmware:
             self._link.sendall(head + receiver + state)
             return self._answer()
         except TimeoutError as error:
-            raise RuntimeError("Betaflight does not answer") from error
+            raise UserError(_SILENT) from error
         except OSError as error:
             raise FirmwareEndedError("Betaflight has ended") from error
 
@@ -178,7 +182,7 @@ class Console:
         said, until = "", time.monotonic() + _PATIENCE
         while not said.endswith(_PROMPT):
             if time.monotonic() > until:
-                raise RuntimeError(f"Betaflight does not answer to {line!r} in its command line")
+                raise UserError(f"{_SILENT} (in its command line, to {line!r})")
             self._firmware.step(_TALK_NS)
             said += self._firmware.received().decode(errors="replace")
         return said.removesuffix(_PROMPT).replace("\r", "").removeprefix(line).strip()
