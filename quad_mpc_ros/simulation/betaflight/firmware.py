@@ -135,7 +135,8 @@ class Firmware:
         """Let its time pass; return the pulse widths of the four motors [us] at the end.
 
         It begins with all that was sent over :meth:`connect` until now. The sixteen ``channels``
-        [us] are those of a separate receiver, which stays connected once given.
+        [us] are those of a separate receiver, which stays connected once given. Raises
+        :class:`UserError` where it does not answer, as on a machine that starves it.
         """
         state = _packed(sensed)
         receiver = _RECEIVER.pack(0.0, *channels) if channels else b""
