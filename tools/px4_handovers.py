@@ -7,7 +7,8 @@ there (docs/stacks/px4.md). The nodes are started here, each a process: mpc, ref
 px4_bridge. Not for a real vehicle: in the air the MPC is killed, and PX4 is switched to hold.
 
 Each line is one handover: who flies after it, and by how much [deg] the vehicle tilted more than
-the reference asks for, from it until the next. The exit code is 1 where one was not as expected.
+the reference asks for, from it until the next; all of it where PX4 flies by itself. The exit code
+is 1 where one was not as expected.
 """
 
 from __future__ import annotations
@@ -111,9 +112,10 @@ class Rig:
             return
         odometry = odometry_in(data)
         self.height = float(odometry.p_WB[2])
-        asked = sample(self._window, odometry.stamp_ns).R_WB
-        R_WB = so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw)
-        if (tilt := tilt_of(R_WB) - tilt_of(asked)) > self.tilt:
+        tilt = tilt_of(so3.rotation_from_quaternion_xyzw(odometry.q_WB_xyzw))
+        if self.engaged:  # else nobody flies the reference, which waits where the vehicle is
+            tilt -= tilt_of(sample(self._window, odometry.stamp_ns).R_WB)
+        if tilt > self.tilt:
             self.tilt, self.where = tilt, "armed" if self.armed else "disarmed"
             self.where += f", at {self.height:.2f} m"
 

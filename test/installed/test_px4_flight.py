@@ -43,7 +43,6 @@ CONFIG = {
     },
 }
 PX4 = {
-    "COM_OF_LOSS_T": "1.0",  # of its own time, which runs at half the speed
     "COM_RC_IN_MODE": "4",  # nobody steers
     "NAV_DLL_ACT": "0",
     "COM_DISARM_PRFLT": "-1",
