@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import gc
 import os
 import socket
 import sys
@@ -26,6 +27,17 @@ os.environ["PYTHONSAFEPATH"] = "1"
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
+def _is_empty(domain: int) -> bool:
+    """Whether nobody is in a domain: each participant has a port, which numbers it."""
+    for participant in range(12):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("", 7400 + 250 * domain + 10 + 2 * participant))
+            except OSError:
+                return False
+    return True
+
+
 def _free_domains(most: int) -> list[int]:
     """Return domains without nodes, kept from other runs by locks as long as this one lasts."""
     free: list[int] = []
@@ -37,9 +49,10 @@ def _free_domains(most: int) -> list[int]:
             continue
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                probe.bind(("", 7400 + 250 * domain + 10))  # participant 0 of a domain has it
         except OSError:
+            os.close(lock)
+            continue
+        if not _is_empty(domain):
             os.close(lock)
             continue
         free.append(domain)
@@ -60,19 +73,25 @@ class _Domains:
 
     most = 20
     _rest = 25.0  # s
+    _longest = 60.0  # s, of waiting for one in which nobody is
 
     def __init__(self, numbers: Iterable[int]) -> None:
         self._ready_at = dict.fromkeys(numbers, 0.0)  # longest not taken first; in monotonic s
 
     def take(self) -> int:
-        """Return the next that has rested, after waiting for it if there is none."""
-        now = time.monotonic()
-        number = next(
-            (each for each, at in self._ready_at.items() if at <= now),
-            min(self._ready_at, key=self._ready_at.__getitem__),
-        )
-        time.sleep(max(self._ready_at.pop(number) - now, 0.0))
-        return number
+        """Return the next that has rested and in which nobody is, after waiting for one."""
+        give_up = time.monotonic() + self._longest
+        while True:
+            now = time.monotonic()
+            rested = [each for each, at in self._ready_at.items() if at <= now]
+            empty = (each for each in rested if _is_empty(each))
+            late = rested[0] if rested and now > give_up else None
+            number = next(empty, late)
+            if number is not None:
+                del self._ready_at[number]
+                return number
+            gc.collect()  # what a test left may be what keeps them
+            time.sleep(0.1)
 
     def give_back(self, number: int, *, rests: bool) -> None:
         """Take one back, which may have nodes of killed processes in it if it is to rest."""
