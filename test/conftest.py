@@ -85,6 +85,7 @@ class _Domains:
             now = time.monotonic()
             rested = [each for each, at in self._ready_at.items() if at <= now]
             empty = (each for each in rested if _is_empty(each))
+            # Rather a test that fails than one that never begins.
             late = rested[0] if rested and now > give_up else None
             number = next(empty, late)
             if number is not None:
