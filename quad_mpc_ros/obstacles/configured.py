@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.guide import Guide
-from quad_mpc_ros.obstacles.avoidance import ObstacleAvoidance
 from quad_mpc_ros.obstacles.files import scene_of_file
 from quad_mpc_ros.obstacles.held_gates import GuidedThrough, HeldGates
-from quad_mpc_ros.obstacles.surroundings import Surroundings
-from quad_mpc_ros.obstacles.world import World
 from quad_mpc_ros.references.gates import read_course
+
+if TYPE_CHECKING:
+    from quad_mpc_ros.obstacles.surroundings import Surroundings
+    from quad_mpc_ros.obstacles.world import World
 
 
 class Guidance(NamedTuple):
@@ -44,6 +45,10 @@ def guidance(config: MpcConfig) -> Guidance:
     own = config.obstacles
     if own.half_spaces == 0:
         return Guidance(gates=gates, guide=gates)
+    # SciPy's KD-trees take 16 MiB and a tenth of a second.
+    from quad_mpc_ros.obstacles.avoidance import ObstacleAvoidance
+    from quad_mpc_ros.obstacles.world import World
+
     frame_id = config.odometry.frame_id
     world = World(own, scene_of_file(own.file), frame_id=frame_id, radius=config.radius)
     neighbours = world if own.neighbours else None

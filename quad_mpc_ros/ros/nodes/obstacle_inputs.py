@@ -7,7 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.messages.diagnostics import OK, WARN
@@ -22,10 +22,12 @@ from quad_mpc_ros.messages.topics import (
     TF_STATIC,
     Topic,
 )
-from quad_mpc_ros.obstacles.surroundings import Surroundings
-from quad_mpc_ros.obstacles.world import World
 from quad_mpc_ros.ros.lifecycle import ManagedNode
 from quad_mpc_ros.ros.messages import message_class, odometry_in
+
+if TYPE_CHECKING:  # a node without obstacles imports neither
+    from quad_mpc_ros.obstacles.surroundings import Surroundings
+    from quad_mpc_ros.obstacles.world import World
 
 _SILENT = 1.0  # s without a scan, after the first
 
