@@ -1,9 +1,10 @@
 """Keeping clear of what is in the way: what is flown in each tick, and within which corridor.
 
 Where the reference, the plan and the straight way to the reference keep clear, the reference is
-flown as it is. Else a way around is searched (:mod:`.search`), a guide follows it in time
-(:mod:`.guide`), and half-spaces (:mod:`.corridor`) hold the plan beside it. Where no way reaches
-the reference, the way ends at the nearest place there is, and the vehicle stops there.
+flown as it is. Else a way is searched (:mod:`.search`) from where the reference is left to where
+it is rejoined (:mod:`.detour`), a guide follows it in time (:mod:`.guide`), and half-spaces
+(:mod:`.corridor`) hold the plan beside it. Where no way reaches the reference, the way ends at the
+nearest place there is, and the vehicle stops there.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.obstacles.corridor import corridor_about
+from quad_mpc_ros.obstacles.detour import Ahead, Detour, detour
 from quad_mpc_ros.obstacles.guide import STEP, Followed, Limits, followed, smoothed, window_of
 from quad_mpc_ros.obstacles.local_map import THINNED, LocalMap
 from quad_mpc_ros.obstacles.moving import Movers
@@ -36,12 +38,12 @@ _FASTEST = 10.0  # m/s
 _AGAIN_NS = 100_000_000  # after which a way is searched anew
 _SWITCH = 0.5  # m, by which a place to stop has to be nearer for another to be left
 _ASTRAY = 0.3  # m, that the vehicle may be away from where it is led
-_BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
 # Of the speed of what moves: what its prediction is wrong by.
 _SPEED_ERROR = 0.1
 # Of what stands: how much it is elsewhere for each second since it was seen, and at most [s].
 _DRIFT, _OLDEST = 0.05, 2.0  # m/s
 _LOST = 0.3  # m/s, of neighbours whose plan is so old
+_AT_REST, _SLOWEST = 0.1, 0.3  # m/s, of a reference, and of ways to one that is not at rest
 
 
 class MovingPoints(NamedTuple):
@@ -95,10 +97,15 @@ class _Seen(NamedTuple):
 
 
 class _Way(NamedTuple):
-    """A way (n, 3), whether it leads to the reference, and when it was found."""
+    """A way (n, 3), how fast to be along it (n,) at most, and when the reference is left for it.
+
+    Beyond where it arrives, if it does, it is the reference.
+    """
 
     points: Array
+    speeds: Array
     arrives: bool
+    leave_ns: int
     found_ns: int
     revision: int
 
@@ -111,11 +118,11 @@ class _Lead(NamedTuple):
 
 
 class _Goal(NamedTuple):
-    """Where to rejoin the reference, when that is there [s], and how fast it is."""
+    """Where ways lead: to a place, from one of the reference's or at once, and on along it."""
 
     p_W: Array
-    time: float
-    speed: float
+    ahead: Ahead
+    detour: Detour | None
 
 
 class ObstacleAvoidance:
@@ -160,7 +167,7 @@ class ObstacleAvoidance:
             return Guided(window, self._corridor(seen, own, shared), beside)
         goal = self._goal(seen, window)
         way = self._way = self._found(seen, goal)
-        motion = self._motion(seen, way, goal)
+        motion = self._motion(seen, way, goal.ahead)
         corridor = self._corridor(seen, self._along(way, motion), shared)
         state, reason = "around", "the reference is not clear"
         if not way.arrives:
@@ -222,15 +229,19 @@ class ObstacleAvoidance:
         # The vehicle does not fly further in the horizon than it can.
         fastest = max(float(np.linalg.norm(seen.v_W)), self._own.speed_max)
         reach = self._horizon * fastest
-        straight = [_between(seen.p_W, end, reach) for end in (reference[0], reference[-1])]
-        places = [reference, *straight]
+        ends = [reference[0]]
+        if _apart(seen.p_W, reference[0]) > _ASTRAY:
+            ends.append(reference[-1])
+        straight = [_between(seen.p_W, end, reach) for end in ends]
+        places = [_filled(reference), *straight]
         if plan is not None:
             elapsed = (seen.start_ns - plan.stamp_ns) * 1e-9
-            planned = plan.step * np.arange(len(plan.p_WB)) - elapsed
-            places.append(_interpolated(times, planned, plan.p_WB))
+            at = plan.step * np.arange(len(plan.p_WB)) - elapsed
+            places.append(_interpolated(times, at, plan.p_WB))
         if not seen.here.are_clear(np.vstack(places), seen.keep).all():
             return False
-        return not any(seen.movers.meet(times, place) for place in (places[0], *places[3:]))
+        planned = places[1 + len(ends) :]
+        return not any(seen.movers.meet(times, place) for place in (reference, *planned))
 
     @property
     def _horizon(self) -> float:
@@ -239,27 +250,26 @@ class ObstacleAvoidance:
     # --- a way around
 
     def _goal(self, seen: _Seen, window: ReferenceWindow) -> _Goal:
-        """Return where to rejoin the reference: as late as it is known, and clear."""
-        since = (window.stamp_ns - seen.start_ns) * 1e-9
-        times = np.maximum(window.offset_ns * 1e-9 + since, 0.0)
-        v = window.v_WB_W[-1] if len(window.v_WB_W) > 2 else np.zeros(3)
-        speed = float(np.linalg.norm(v))
-        places = window.p_WB
-        if speed > 0.1:
-            further = np.arange(_LOOK, _BEYOND, _LOOK) / speed
-            places = np.vstack([places, places[-1] + further[:, None] * v])
-            times = np.concatenate((times, times[-1] + further))
-        within = np.linalg.norm(places - seen.p_W, axis=1) < self._own.range - 0.5
-        clear = seen.here.are_clear(places, seen.keep + _SEARCH_MARGIN)
-        good = np.flatnonzero(within & clear)
-        at_end = np.flatnonzero(good >= len(window.p_WB) - 1)
-        if len(good):
-            place = int(good[at_end[0]] if len(at_end) else good[-1])
-            return _Goal(places[place], float(times[place]), speed)
-        to_reference = places[0] - seen.p_W
+        """Return where to rejoin the reference, or where to come nearer to it."""
+        ahead = Ahead.of(window, seen.start_ns)
+        near = np.linalg.norm(ahead.p_W - seen.p_W, axis=1) < self._own.range - 0.5
+        around = detour(
+            ahead,
+            seen.here.are_clear(ahead.p_W, seen.keep + _SEARCH_MARGIN),
+            near,
+            fastest=self._fastest(ahead),
+            astray=_apart(seen.p_W, ahead.p_W[0]) > _ASTRAY,
+        )
+        if around is not None:
+            return _Goal(ahead.p_W[around.rejoin], ahead, around)
+        to_reference = ahead.p_W[0] - seen.p_W
         distance = max(float(np.linalg.norm(to_reference)), 1e-6)
         shortened_to = min(distance, self._own.range - 0.5) / distance
-        return _Goal(seen.p_W + shortened_to * to_reference, 0.0, 0.0)
+        return _Goal(seen.p_W + shortened_to * to_reference, ahead, None)
+
+    def _fastest(self, ahead: Ahead) -> float:
+        """Return how fast ways are flown [m/s], which a faster reference may be."""
+        return max(self._own.speed_max, float(ahead.speeds.max()))
 
     def _found(self, seen: _Seen, goal: _Goal) -> _Way:
         """Return the way of before where it will do, else one that is searched."""
@@ -269,53 +279,88 @@ class ObstacleAvoidance:
                 return way
             if seen.here.are_clear(way.points, seen.keep).all():
                 return way
-        found = self._searched(seen, goal.p_W)
+        found = self._searched(seen, goal)
         if way is not None and not (found.arrives or way.arrives):
             # Of places as near to the reference it stays with the one that it has.
             before = way.points[-1]
             nearer = _apart(before, goal.p_W) - _apart(found.points[-1], goal.p_W)
             if nearer < _SWITCH and seen.here.are_clear(before[None], keep).all():
-                found = self._searched(seen, before)._replace(arrives=False)
+                there = self._searched(seen, _Goal(before, goal.ahead, None))
+                found = there._replace(arrives=False)
         return found
 
-    def _searched(self, seen: _Seen, goal: Array) -> _Way:
+    def _searched(self, seen: _Seen, goal: _Goal) -> _Way:
         """Return a way that is searched."""
+        ahead, around = goal.ahead, goal.detour
+        leave = 0.0 if around is None else float(ahead.times[around.leave])
+        start = seen.p_W if leave == 0.0 or around is None else ahead.p_W[around.leave]
+        corners, arrives = self._corners(seen, start, goal.p_W, seen.movers.after(leave))
+        fastest, on = self._fastest(ahead), ahead.part(0, 0)
+        if arrives and around is not None:
+            on = self._beyond(seen, ahead, around.rejoin)
+            if on.speeds[0] > _AT_REST:  # no sooner than the reference is there
+                length = float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+                time = max(float(on.times[0]) - leave, 1e-3)
+                fastest = min(fastest, max(length / time, _SLOWEST))
+        points = smoothed(np.vstack([corners, on.p_W[1:]]))
+        return _Way(
+            points,
+            _speeds_of(points, corners, fastest, on),
+            arrives,
+            seen.start_ns + round(1e9 * leave),
+            seen.start_ns,
+            seen.here.revision,
+        )
+
+    def _beyond(self, seen: _Seen, ahead: Ahead, rejoin: int) -> Ahead:
+        """Return the reference from where it is rejoined on, as far as it is known and clear."""
+        on = ahead.p_W[rejoin : max(ahead.known, rejoin + 1)]
+        blocked = np.flatnonzero(~seen.here.are_clear(on[1:], seen.keep + _SEARCH_MARGIN))
+        return ahead.part(
+            rejoin, rejoin + 1 + int(blocked[0]) if len(blocked) else len(on) + rejoin
+        )
+
+    def _corners(
+        self, seen: _Seen, start: Array, goal: Array, movers: Movers
+    ) -> tuple[Array, bool]:
+        """Return the corners (n, 3) of a way between places, and whether it arrives."""
         keep, grid = seen.keep + _SEARCH_MARGIN, seen.here.grid
         speed = max(float(np.linalg.norm(seen.v_W)), 1.0)
-        floor = min(self._own.floor, float(seen.p_W[2]), float(goal[2]))
+        floor = min(self._own.floor, float(start[2]), float(goal[2]))
         if len(self._workspace.cost) != grid.distances.size:
             self._workspace = Workspace.of(grid.distances.size)
         cells, arrives = search(
             grid,
-            start=seen.p_W,
+            start=start,
             goal=goal,
             keep=keep,
             floor=floor - 0.1,
             speed=speed,
-            movers=seen.movers,
+            movers=movers,
             workspace=self._workspace,
         )
-        cells[0] = seen.p_W
+        cells[0] = start
         if arrives:
             cells = np.vstack([cells, goal]) if len(cells) == 1 else cells
             cells[-1] = goal
         if len(cells) > 2:
-            cells = shortened(grid, cells, keep, speed, seen.movers)
-        return _Way(smoothed(cells), arrives, seen.start_ns, seen.here.revision)
+            cells = shortened(grid, cells, keep, speed, movers)
+        return cells, arrives
 
-    def _motion(self, seen: _Seen, way: _Way, goal: _Goal) -> Followed:
-        """Return how the guide follows a way."""
-        own = self._own
-        length = float(np.linalg.norm(np.diff(way.points, axis=0), axis=1).sum())
-        fastest = max(own.speed_max, goal.speed)
-        speed, end_speed = fastest, 0.0
-        if way.arrives and goal.speed > 0.1:  # no sooner than the reference is there
-            speed = min(fastest, max(length / max(goal.time, 1e-3), 0.3))
-            end_speed = min(goal.speed, speed)
-        limits = Limits(speed, end_speed, own.acceleration)
+    def _motion(self, seen: _Seen, way: _Way, ahead: Ahead) -> Followed:
+        """Return how the guide flies the reference until it is left, and follows a way then."""
+        hardest = max(self._own.acceleration, ahead.acceleration)
+        limits = Limits(way.speeds, hardest)
         duration = self._horizon + 5 * STEP
-        p_W, v_W = self._led(seen)
-        motion = followed(way.points, limits, p_W=p_W, v_W=v_W, duration=duration)
+        count = max(math.ceil((way.leave_ns - seen.start_ns) * 1e-9 / STEP), 0)
+        if count == 0:
+            p_W, v_W = self._led(seen)
+            motion = followed(way.points, limits, p_W=p_W, v_W=v_W, duration=duration)
+        else:
+            p_W, v_W = ahead.at(np.linspace(0.0, STEP * count, count + 1))
+            rest = max(duration - count * STEP, STEP)
+            then = followed(way.points, limits, p_W=p_W[-1], v_W=v_W[-1], duration=rest)
+            motion = then.after(p_W[:-1], v_W[:-1])
         self._lead = _Lead(seen.start_ns, motion)
         return motion
 
@@ -344,9 +389,10 @@ class ObstacleAvoidance:
         return np.asarray(config.horizon_step * np.arange(config.horizon_steps + 1), float)
 
     def _along(self, way: _Way, motion: Followed) -> Array:
-        """Return the places (N + 1, 3) of a way that the guide has come to at the stages' ends."""
+        """Return the places (N + 1, 3) that the guide has come to at the stages' ends."""
+        places = np.vstack([motion.p_W[: motion.before], way.points])
         along = np.interp(self._times, STEP * np.arange(len(motion.along)), motion.along)
-        return _interpolated(along, np.arange(len(way.points)), way.points)
+        return _interpolated(along, np.arange(len(places)), places)
 
     def _planned(self, seen: _Seen, plan: Plan | None) -> Array:
         """Return where the plan of before is at the stages' ends; straight on without one."""
@@ -403,8 +449,8 @@ def _compile() -> None:
         movers=Movers.none(),
         workspace=Workspace.of(here.grid.distances.size),
     )
-    limits = Limits(1.0, 0.0, 1.0)
     corners = smoothed(shortened(here.grid, way, 0.3, 1.0, Movers.none()))
+    limits = Limits(np.ones(len(corners)), 1.0)
     motion = followed(corners, limits, p_W=np.zeros(3), v_W=np.zeros(3), duration=0.2)
     window_of(motion, ReferenceWindow.hover(goal), start_ns=0)
     corridor_about(np.vstack([np.zeros(3), goal]), points, radius=0.3, rows=2)
@@ -413,6 +459,33 @@ def _compile() -> None:
 def _apart(place: Array, other: Array) -> float:
     """Return the distance of two places (3,) [m]."""
     return float(np.linalg.norm(place - other))
+
+
+def _speeds_of(points: Array, corners: Array, fastest: float, on: Ahead) -> Array:
+    """Return how fast to be (n,) along a way: between corners, and where it is the reference.
+
+    Where it ends without the reference it is to stop.
+    """
+    lengths = np.linalg.norm(np.diff(np.vstack([corners, on.p_W[1:]]), axis=0), axis=1)
+    along = np.concatenate(([0.0], np.cumsum(lengths)))
+    rejoined = along[len(corners) - 1 :]
+    at = np.linspace(0.0, along[-1], len(points))
+    speeds = np.full(len(points), fastest)
+    if len(on.times) == 0:
+        speeds[-1] = 0.0
+        return speeds
+    beyond = at > rejoined[0]
+    speeds[beyond] = np.interp(at[beyond], rejoined, on.speeds)
+    last = float(on.speeds[-1])
+    speeds[-1] = min(speeds[-1], last if last > _AT_REST else 0.0)
+    return speeds
+
+
+def _filled(places: Array) -> Array:
+    """Return places (n, 3) with those of straight ways where they jump."""
+    jumps = np.flatnonzero(np.linalg.norm(np.diff(places, axis=0), axis=1) > 4.0 * _LOOK)
+    ways = [_between(places[k], places[k + 1], math.inf) for k in jumps]
+    return np.vstack([places, *ways])
 
 
 def _interpolated(times: Array, at: NDArray[Any], places: Array) -> Array:

@@ -28,10 +28,9 @@ _ROUNDS, _REACH = 3, 3  # of smoothing, and how many points to both sides it tak
 
 
 class Limits(NamedTuple):
-    """How fast the point mass may be, at the end of the way too, and how it may accelerate."""
+    """How fast the point mass may be at the points of a way (n,), and how it may accelerate."""
 
-    speed: float
-    end_speed: float
+    speeds: Array
     acceleration: float
 
 
@@ -52,11 +51,13 @@ def smoothed(corners: Array) -> Array:
 
 
 @compiled
-def speeds_along(way: Array, speed: float, end_speed: float, acceleration: float) -> Array:
-    """Return how fast to be at the points of a way (n, 3): in bends, before them, at the end."""
+def speeds_along(way: Array, fastest: Array, acceleration: float) -> Array:
+    """Return how fast to be at the points of a way (n, 3): in bends, and before what is slower.
+
+    ``fastest`` (n,) is how fast one may be there, whatever the way.
+    """
     n = len(way)
-    speeds = np.full(n, speed)
-    speeds[n - 1] = min(speed, end_speed)
+    speeds = fastest.copy()
     for k in range(1, n - 1):
         before, after, bend = 0.0, 0.0, 0.0
         for c in range(3):
@@ -70,7 +71,7 @@ def speeds_along(way: Array, speed: float, end_speed: float, acceleration: float
             bend += change * change
         curvature = math.sqrt(bend) / (0.5 * (before + after))
         if curvature > 1e-6:
-            speeds[k] = min(speed, math.sqrt(acceleration / curvature))
+            speeds[k] = min(speeds[k], math.sqrt(acceleration / curvature))
     for k in range(n - 2, -1, -1):
         length = 0.0
         for c in range(3):
@@ -162,18 +163,29 @@ def _steer(
 
 
 class Followed(NamedTuple):
-    """A point mass along a way: positions and velocities (m, 3), and the place on the way (m,)."""
+    """A point mass along a way: positions and velocities (m, 3), and the place on the way (m,).
+
+    The first ``before`` of them are before the way begins, each a place of its own.
+    """
 
     p_W: Array
     v_W: Array
     along: Array
+    before: int = 0
+
+    def after(self, p_W: Array, v_W: Array) -> Followed:
+        """Return the motion that has had these positions and velocities (k, 3) before."""
+        along = np.concatenate((np.arange(len(p_W), dtype=float), self.along + len(p_W)))
+        return Followed(
+            np.vstack([p_W, self.p_W]), np.vstack([v_W, self.v_W]), along, before=len(p_W)
+        )
 
 
 def followed(way: Array, limits: Limits, *, p_W: Array, v_W: Array, duration: float) -> Followed:
     """Return how a point mass follows a way (n, 3) from a state on, for ``duration`` [s]."""
     count = math.ceil(duration / STEP) + 1
     motion = Followed(np.empty((count, 3)), np.empty((count, 3)), np.empty(count))
-    speeds = speeds_along(way, limits.speed, limits.end_speed, limits.acceleration)
+    speeds = speeds_along(way, limits.speeds, limits.acceleration)
     follow(
         way,
         speeds,

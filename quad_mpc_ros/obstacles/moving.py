@@ -29,6 +29,11 @@ class Movers(NamedTuple):
         empty = np.zeros((0, 3))
         return Movers(empty, empty, np.zeros(0), 0.0, np.zeros(0, np.int64))
 
+    def after(self, time: float) -> Movers:
+        """Return them a time [s] later."""
+        later = self.keep + self.growth * time
+        return self._replace(p_W=self.p_W + time * self.v_W, keep=later)
+
     def room(self, times: Array, places: Array) -> Array:
         """Return how much further than kept places (n, 3) at times (n,) [s] are from each ball.
 

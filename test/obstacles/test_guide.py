@@ -11,7 +11,7 @@ from quad_mpc_ros.obstacles.guide import STEP, Limits, followed, smoothed, windo
 
 def test_thrust_carries_the_motion_and_attitudes_turn_into_each_other() -> None:
     way = smoothed(np.array([[0.0, 0.0, 1.0], [2.0, 0.5, 1.0], [2.0, 3.0, 2.0]]))
-    limits = Limits(speed=3.0, end_speed=0.0, acceleration=5.0)
+    limits = Limits(speeds=np.array([3.0] * (len(way) - 1) + [0.0]), acceleration=5.0)
     start, north = np.zeros(3), np.array([0.0, 2.0, 0.0])
     motion = followed(way, limits, p_W=start, v_W=north, duration=2.0)
     window = window_of(motion, ReferenceWindow.hover(start, yaw=0.7), start_ns=0)

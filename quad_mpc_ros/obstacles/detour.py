@@ -1,0 +1,125 @@
+"""Where the reference is left and rejoined, when something stands on it.
+
+A straight reference is left at once and rejoined as far ahead as it is known. Where it bends, that
+would cut off the bend: it is left where a nearly straight piece begins that leads past what is in
+the way, and rejoined at the end of that piece, or, if the vehicle cannot be there in time, later.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.samples import ReferenceWindow
+
+_SPACING = 0.1  # m, between places beyond the window's end
+_BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
+_AT_REST = 0.1  # m/s
+# A piece of the reference is nearly straight if its ends are apart by this share of its length.
+_STRAIGHT = 0.9
+
+
+class Ahead(NamedTuple):
+    """The reference from now on, and straight on beyond the end of its window.
+
+    Places ``p_W`` (n, 3) [m], velocities ``v_W`` (n, 3) [m/s] and from now on the ``times`` (n,)
+    [s]; ``known`` of them are of the window. ``acceleration`` [m/s^2] is its largest.
+    """
+
+    p_W: Array
+    v_W: Array
+    times: Array
+    known: int
+    acceleration: float
+
+    @staticmethod
+    def of(window: ReferenceWindow, start_ns: int) -> Ahead:
+        """Return what a window says from a time on; at its end it stays if it is at rest."""
+        times = (window.offset_ns + (window.stamp_ns - start_ns)) * 1e-9
+        first = min(max(int(np.searchsorted(times, 0.0, side="right")) - 1, 0), len(times) - 1)
+        p_W, v_W = window.p_WB[first:].copy(), window.v_WB_W[first:].copy()
+        for k in range(3):
+            p_W[0, k] = np.interp(0.0, times, window.p_WB[:, k])
+            v_W[0, k] = np.interp(0.0, times, window.v_WB_W[:, k])
+        times = np.maximum(times[first:], 0.0).astype(np.float64)
+        known, v, speed = len(times), v_W[-1], float(np.linalg.norm(v_W[-1]))
+        if speed > _AT_REST and len(window.p_WB) > 2:
+            further = np.arange(_SPACING, _BEYOND, _SPACING) / speed
+            p_W = np.vstack([p_W, p_W[-1] + further[:, None] * v])
+            v_W = np.vstack([v_W, np.tile(v, (len(further), 1))])
+            times = np.asarray(np.concatenate((times, times[-1] + further)), float)
+        hardest = float(np.linalg.norm(window.a_WB_W[first:], axis=1).max(initial=0.0))
+        return Ahead(p_W, v_W, times, known, hardest)
+
+    @property
+    def speeds(self) -> Array:
+        """How fast it is (n,) [m/s]."""
+        return np.asarray(np.linalg.norm(self.v_W, axis=1))
+
+    def part(self, begin: int, end: int) -> Ahead:
+        """Return some of its samples."""
+        piece = slice(begin, end)
+        known = max(min(self.known, end) - begin, 0)
+        return Ahead(self.p_W[piece], self.v_W[piece], self.times[piece], known, self.acceleration)
+
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Return places and velocities (k, 3) at times (k,) [s]."""
+        p_W = np.column_stack([np.interp(times, self.times, self.p_W[:, k]) for k in range(3)])
+        v_W = np.column_stack([np.interp(times, self.times, self.v_W[:, k]) for k in range(3)])
+        return p_W, v_W
+
+
+class Detour(NamedTuple):
+    """The samples of the reference where it is left, 0 for at once, and where it is rejoined."""
+
+    leave: int
+    rejoin: int
+
+
+def detour(
+    ahead: Ahead,
+    clear: NDArray[np.bool_],
+    near: NDArray[np.bool_],
+    *,
+    fastest: float,
+    astray: bool,
+) -> Detour | None:
+    """Return where to leave the reference and where to rejoin it; None where it nowhere can be.
+
+    Args:
+        ahead: The reference.
+        clear: Which of its places (n,) nothing stands at.
+        near: Which of them (n,) are within what is regarded.
+        fastest: How fast ways are flown [m/s].
+        astray: Whether the vehicle is away from the reference, so that it has been left.
+    """
+    good, blocked = np.flatnonzero(clear & near), np.flatnonzero(~clear)
+    first = int(blocked[0]) if len(blocked) else -1
+    after = good[good > first]
+    if len(after) == 0:  # in front of it, until it is known where the reference comes out
+        return Detour(0, int(good[-1])) if len(good) else None
+    beyond = after[after >= ahead.known - 1]
+    after = after[: len(after) - len(beyond) + 1]
+    steps = np.linalg.norm(np.diff(ahead.p_W, axis=0), axis=1)
+    along = np.concatenate(([0.0], np.cumsum(steps)))
+    leave = 0
+    if not astray and first > 1:
+        before = np.arange(first)
+        leads = _nearly_straight(ahead.p_W, along, before, after[:1])
+        leave = int(before[leads][0]) if leads.any() else first - 1
+    straight = after[_nearly_straight(ahead.p_W, along, np.array([leave]), after)]
+    wanted = after[after >= (straight[-1] if len(straight) else after[0])]
+    apart = np.linalg.norm(ahead.p_W[wanted] - ahead.p_W[leave], axis=1)
+    in_time = wanted[apart <= fastest * (ahead.times[wanted] - ahead.times[leave])]
+    return Detour(leave, int(in_time[0] if len(in_time) else after[-1]))
+
+
+def _nearly_straight(
+    p_W: Array, along: Array, starts: NDArray[np.intp], ends: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Return which pieces between places, one start or one end for all, are nearly straight."""
+    apart = np.linalg.norm(p_W[ends] - p_W[starts], axis=1)
+    return np.asarray(apart >= _STRAIGHT * (along[ends] - along[starts]) - 1e-9)
