@@ -23,7 +23,7 @@ from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.obstacles.corridor import corridor_about
-from quad_mpc_ros.obstacles.detour import Ahead, Detour, detour
+from quad_mpc_ros.obstacles.detour import Ahead, Detour, detour, is_nearly_straight
 from quad_mpc_ros.obstacles.guide import STEP, Followed, Limits, followed, smoothed, window_of
 from quad_mpc_ros.obstacles.local_map import THINNED, LocalMap
 from quad_mpc_ros.obstacles.moving import Movers
@@ -230,7 +230,8 @@ class ObstacleAvoidance:
         fastest = max(float(np.linalg.norm(seen.v_W)), self._own.speed_max)
         reach = self._horizon * fastest
         ends = [reference[0]]
-        if _apart(seen.p_W, reference[0]) > _ASTRAY:
+        bends = not is_nearly_straight(reference)
+        if not bends or _apart(seen.p_W, reference[0]) > _ASTRAY:
             ends.append(reference[-1])
         straight = [_between(seen.p_W, end, reach) for end in ends]
         places = [_filled(reference), *straight]
@@ -252,24 +253,25 @@ class ObstacleAvoidance:
     def _goal(self, seen: _Seen, window: ReferenceWindow) -> _Goal:
         """Return where to rejoin the reference, or where to come nearer to it."""
         ahead = Ahead.of(window, seen.start_ns)
-        near = np.linalg.norm(ahead.p_W - seen.p_W, axis=1) < self._own.range - 0.5
+        near = np.linalg.norm(ahead.p_W - seen.p_W, axis=1) < self._seen_well
         around = detour(
             ahead,
             seen.here.are_clear(ahead.p_W, seen.keep + _SEARCH_MARGIN),
             near,
-            fastest=self._fastest(ahead),
+            speed_max=self._own.speed_max,
             astray=_apart(seen.p_W, ahead.p_W[0]) > _ASTRAY,
         )
         if around is not None:
             return _Goal(ahead.p_W[around.rejoin], ahead, around)
         to_reference = ahead.p_W[0] - seen.p_W
         distance = max(float(np.linalg.norm(to_reference)), 1e-6)
-        shortened_to = min(distance, self._own.range - 0.5) / distance
+        shortened_to = min(distance, self._seen_well) / distance
         return _Goal(seen.p_W + shortened_to * to_reference, ahead, None)
 
-    def _fastest(self, ahead: Ahead) -> float:
-        """Return how fast ways are flown [m/s], which a faster reference may be."""
-        return max(self._own.speed_max, float(ahead.speeds.max()))
+    @property
+    def _seen_well(self) -> float:
+        """How far away ways lead [m]."""
+        return self._own.range - 0.5
 
     def _found(self, seen: _Seen, goal: _Goal) -> _Way:
         """Return the way of before where it will do, else one that is searched."""
@@ -295,10 +297,12 @@ class ObstacleAvoidance:
         leave = 0.0 if around is None else float(ahead.times[around.leave])
         start = seen.p_W if leave == 0.0 or around is None else ahead.p_W[around.leave]
         corners, arrives = self._corners(seen, start, goal.p_W, seen.movers.after(leave))
-        fastest, on = self._fastest(ahead), ahead.part(0, 0)
+        fastest, on = self._own.speed_max, ahead.part(0, 0)
         if arrives and around is not None:
             on = self._beyond(seen, ahead, around.rejoin)
-            if on.speeds[0] > _AT_REST:  # no sooner than the reference is there
+            there = float(on.speeds[0])
+            fastest = max(fastest, there)
+            if there > _AT_REST:  # no sooner than the reference is there
                 length = float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
                 time = max(float(on.times[0]) - leave, 1e-3)
                 fastest = min(fastest, max(length / time, _SLOWEST))
@@ -314,11 +318,11 @@ class ObstacleAvoidance:
 
     def _beyond(self, seen: _Seen, ahead: Ahead, rejoin: int) -> Ahead:
         """Return the reference from where it is rejoined on, as far as it is known and clear."""
-        on = ahead.p_W[rejoin : max(ahead.known, rejoin + 1)]
-        blocked = np.flatnonzero(~seen.here.are_clear(on[1:], seen.keep + _SEARCH_MARGIN))
-        return ahead.part(
-            rejoin, rejoin + 1 + int(blocked[0]) if len(blocked) else len(on) + rejoin
-        )
+        on = ahead.p_W[rejoin + 1 : ahead.known]
+        clear = seen.here.are_clear(on, seen.keep + _SEARCH_MARGIN)
+        clear &= np.linalg.norm(on - seen.p_W, axis=1) < self._seen_well
+        ends = np.flatnonzero(~clear)
+        return ahead.part(rejoin, rejoin + 1 + int(ends[0] if len(ends) else len(on)))
 
     def _corners(
         self, seen: _Seen, start: Array, goal: Array, movers: Movers

@@ -38,19 +38,19 @@ class Ahead(NamedTuple):
     @staticmethod
     def of(window: ReferenceWindow, start_ns: int) -> Ahead:
         """Return what a window says from a time on; at its end it stays if it is at rest."""
-        times = (window.offset_ns + (window.stamp_ns - start_ns)) * 1e-9
+        times = np.asarray(1e-9 * (window.offset_ns + (window.stamp_ns - start_ns)), float)
         first = min(max(int(np.searchsorted(times, 0.0, side="right")) - 1, 0), len(times) - 1)
         p_W, v_W = window.p_WB[first:].copy(), window.v_WB_W[first:].copy()
         for k in range(3):
             p_W[0, k] = np.interp(0.0, times, window.p_WB[:, k])
             v_W[0, k] = np.interp(0.0, times, window.v_WB_W[:, k])
-        times = np.maximum(times[first:], 0.0).astype(np.float64)
+        times = np.maximum(times[first:], 0.0)
         known, v, speed = len(times), v_W[-1], float(np.linalg.norm(v_W[-1]))
         if speed > _AT_REST and len(window.p_WB) > 2:
-            further = np.arange(_SPACING, _BEYOND, _SPACING) / speed
+            further = np.linspace(_SPACING, _BEYOND, round(_BEYOND / _SPACING)) / speed
             p_W = np.vstack([p_W, p_W[-1] + further[:, None] * v])
             v_W = np.vstack([v_W, np.tile(v, (len(further), 1))])
-            times = np.asarray(np.concatenate((times, times[-1] + further)), float)
+            times = np.concatenate((times, times[-1] + further))
         hardest = float(np.linalg.norm(window.a_WB_W[first:], axis=1).max(initial=0.0))
         return Ahead(p_W, v_W, times, known, hardest)
 
@@ -84,7 +84,7 @@ def detour(
     clear: NDArray[np.bool_],
     near: NDArray[np.bool_],
     *,
-    fastest: float,
+    speed_max: float,
     astray: bool,
 ) -> Detour | None:
     """Return where to leave the reference and where to rejoin it; None where it nowhere can be.
@@ -93,7 +93,7 @@ def detour(
         ahead: The reference.
         clear: Which of its places (n,) nothing stands at.
         near: Which of them (n,) are within what is regarded.
-        fastest: How fast ways are flown [m/s].
+        speed_max: How fast ways are flown [m/s], unless the reference is faster where they end.
         astray: Whether the vehicle is away from the reference, so that it has been left.
     """
     good, blocked = np.flatnonzero(clear & near), np.flatnonzero(~clear)
@@ -113,8 +113,15 @@ def detour(
     straight = after[_nearly_straight(ahead.p_W, along, np.array([leave]), after)]
     wanted = after[after >= (straight[-1] if len(straight) else after[0])]
     apart = np.linalg.norm(ahead.p_W[wanted] - ahead.p_W[leave], axis=1)
+    fastest = np.maximum(ahead.speeds[wanted], speed_max)
     in_time = wanted[apart <= fastest * (ahead.times[wanted] - ahead.times[leave])]
     return Detour(leave, int(in_time[0] if len(in_time) else after[-1]))
+
+
+def is_nearly_straight(p_W: Array) -> bool:
+    """Return whether places (n, 3) lead nearly straight from the first to the last."""
+    length = np.linalg.norm(np.diff(p_W, axis=0), axis=1).sum()
+    return bool(np.linalg.norm(p_W[-1] - p_W[0]) >= _STRAIGHT * length - 1e-9)
 
 
 def _nearly_straight(
