@@ -36,7 +36,9 @@ _SEARCH_MARGIN = 0.05  # m, that ways keep beyond what the plan has to
 _COMFORT = 0.3  # m, within which ways give room to what is near if they can
 _FASTEST = 10.0  # m/s
 _AGAIN_NS = 100_000_000  # after which a way is searched anew
-_SWITCH = 0.5  # m, by which a place to stop has to be nearer for another to be left
+# m, by which a place to stop has to be nearer, or a way be shorter, for another to be left.
+_SWITCH = 0.5
+_ELSEWHERE = 0.5  # m, between ways that lead past something on different sides
 _ASTRAY = 0.3  # m, that the vehicle may be away from where it is led
 # Of the speed of what moves: what its prediction is wrong by.
 _SPEED_ERROR = 0.1
@@ -109,6 +111,11 @@ class _Way(NamedTuple):
     found_ns: int
     revision: int
 
+    @property
+    def length(self) -> float:
+        """How long it is [m]."""
+        return _length(self.points)
+
 
 class _Lead(NamedTuple):
     """How the guide moves from a time on."""
@@ -123,6 +130,11 @@ class _Goal(NamedTuple):
     p_W: Array
     ahead: Ahead
     detour: Detour | None
+
+    @property
+    def leave(self) -> float:
+        """When the reference is left [s]."""
+        return 0.0 if self.detour is None else float(self.ahead.times[self.detour.leave])
 
 
 class ObstacleAvoidance:
@@ -282,6 +294,9 @@ class ObstacleAvoidance:
             if seen.here.are_clear(way.points, seen.keep).all():
                 return way
         found = self._searched(seen, goal)
+        kept = None if way is None or not way.arrives else self._prolonged(seen, way, goal)
+        if kept is not None and _leads_elsewhere(found, kept):
+            return kept
         if way is not None and not (found.arrives or way.arrives):
             # Of places as near to the reference it stays with the one that it has.
             before = way.points[-1]
@@ -291,27 +306,44 @@ class ObstacleAvoidance:
                 found = there._replace(arrives=False)
         return found
 
+    def _prolonged(self, seen: _Seen, way: _Way, goal: _Goal) -> _Way | None:
+        """Return what is left of a way, and straight on to the goal of now.
+
+        None if it is not clear, and beside what moves, for which ways are searched by the time.
+        """
+        if goal.detour is None or goal.detour.leave > 0 or len(seen.movers.keep) > 0:
+            return None
+        nearest = int(np.linalg.norm(way.points - seen.p_W, axis=1).argmin())
+        corners = np.vstack([seen.p_W, way.points[nearest + 1 :], goal.p_W])
+        # Where ways are rounded they come nearer than they were found.
+        if not seen.here.are_clear(smoothed(corners), seen.keep - _SEARCH_MARGIN).all():
+            return None
+        return self._way_through(seen, goal, corners, arrives=True)
+
     def _searched(self, seen: _Seen, goal: _Goal) -> _Way:
         """Return a way that is searched."""
-        ahead, around = goal.ahead, goal.detour
-        leave = 0.0 if around is None else float(ahead.times[around.leave])
-        start = seen.p_W if leave == 0.0 or around is None else ahead.p_W[around.leave]
+        start, leave = seen.p_W, goal.leave
+        if goal.detour is not None and leave > 0.0:
+            start = goal.ahead.p_W[goal.detour.leave]
         corners, arrives = self._corners(seen, start, goal.p_W, seen.movers.after(leave))
-        fastest, on = self._own.speed_max, ahead.part(0, 0)
-        if arrives and around is not None:
-            on = self._beyond(seen, ahead, around.rejoin)
+        return self._way_through(seen, goal, corners, arrives=arrives)
+
+    def _way_through(self, seen: _Seen, goal: _Goal, corners: Array, *, arrives: bool) -> _Way:
+        """Return the way through corners (n, 3), and along the reference if it arrives there."""
+        fastest, on = self._own.speed_max, goal.ahead.part(0, 0)
+        if arrives and goal.detour is not None:
+            on = self._beyond(seen, goal.ahead, goal.detour.rejoin)
             there = float(on.speeds[0])
             fastest = max(fastest, there)
             if there > _AT_REST:  # no sooner than the reference is there
-                length = float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
-                time = max(float(on.times[0]) - leave, 1e-3)
-                fastest = min(fastest, max(length / time, _SLOWEST))
+                time = max(float(on.times[0]) - goal.leave, 1e-3)
+                fastest = min(fastest, max(_length(corners) / time, _SLOWEST))
         points = smoothed(np.vstack([corners, on.p_W[1:]]))
         return _Way(
             points,
             _speeds_of(points, corners, fastest, on),
             arrives,
-            seen.start_ns + round(1e9 * leave),
+            seen.start_ns + round(1e9 * goal.leave),
             seen.start_ns,
             seen.here.revision,
         )
@@ -458,6 +490,19 @@ def _compile() -> None:
     motion = followed(corners, limits, p_W=np.zeros(3), v_W=np.zeros(3), duration=0.2)
     window_of(motion, ReferenceWindow.hover(goal), start_ns=0)
     corridor_about(np.vstack([np.zeros(3), goal]), points, radius=0.3, rows=2)
+
+
+def _leads_elsewhere(way: _Way, kept: _Way) -> bool:
+    """Whether a way leads elsewhere than the one before, and is not worth to turn round for."""
+    if way.arrives and way.length < kept.length - _SWITCH:
+        return False
+    apart = np.linalg.norm(way.points[:, None] - kept.points, axis=2).min(axis=1)
+    return bool(apart.max() > _ELSEWHERE)
+
+
+def _length(places: Array) -> float:
+    """Return how long the way through places (n, 3) is [m]."""
+    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
 def _apart(place: Array, other: Array) -> float:
