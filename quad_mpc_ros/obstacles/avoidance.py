@@ -295,7 +295,7 @@ class ObstacleAvoidance:
                 return way
         found = self._searched(seen, goal)
         kept = None if way is None or not way.arrives else self._prolonged(seen, way, goal)
-        if kept is not None and _leads_elsewhere(found, kept):
+        if kept is not None and _is_worse(found, kept):
             return kept
         if way is not None and not (found.arrives or way.arrives):
             # Of places as near to the reference it stays with the one that it has.
@@ -492,9 +492,11 @@ def _compile() -> None:
     corridor_about(np.vstack([np.zeros(3), goal]), points, radius=0.3, rows=2)
 
 
-def _leads_elsewhere(way: _Way, kept: _Way) -> bool:
-    """Whether a way leads elsewhere than the one before, and is not worth to turn round for."""
-    if way.arrives and way.length < kept.length - _SWITCH:
+def _is_worse(way: _Way, kept: _Way) -> bool:
+    """Whether a way ends before the goal, or leads elsewhere and is not worth to turn for."""
+    if not way.arrives:
+        return True
+    if way.length < kept.length - _SWITCH:
         return False
     apart = np.linalg.norm(way.points[:, None] - kept.points, axis=2).min(axis=1)
     return bool(apart.max() > _ELSEWHERE)

@@ -208,3 +208,32 @@ def test_hover_fallback_stops_inside_the_free_region(monkeypatch: pytest.MonkeyP
     assert sources == {Source.MPC, Source.PLAN, Source.HOVER}
     assert nearest > RADIUS
     assert np.linalg.norm(step.truth.v_WB_B) < 0.1
+
+
+def test_keeps_to_a_gap_that_has_become_just_too_narrow_for_a_search() -> None:
+    def wall(width: float) -> Array:
+        halves = [
+            box(np.array([3.0, side * (2.0 + 0.5 * width), 1.5]), np.array([0.1, 4.0, 4.0]))
+            for side in (-1.0, 1.0)
+        ]
+        return np.vstack(halves)
+
+    obstacles = Standing(wall(1.1))
+    guide = ObstacleAvoidance(CONFIG, obstacles, radius=RADIUS)
+    window = ReferenceWindow.hover([6.0, 0.0, 1.0], stamp_ns=10**9)
+    start, speed = np.array([1.2, 0.9, 1.0]), np.array([1.0, 0.0, 0.0])
+    first = guide.guide(odometry_at(start, speed), window, None)
+    obstacles.known, obstacles.revision = wall(1.04), 1
+    later = OdometrySample(
+        stamp_ns=10**9 + 120_000_000,
+        p_WB=first.window.p_WB[3],
+        q_WB_xyzw=np.array([0.0, 0.0, 0.0, 1.0]),
+        v_WB_B=first.window.v_WB_W[3],
+        w_WB_B=np.zeros(3),
+    )
+    then = guide.guide(later, window, None)
+    for guided in (first, then):
+        assert guided.avoidance.state == "around"
+        assert abs(guided.window.p_WB[-1, 1]) < 0.3, "to the gap"
+    anew = ObstacleAvoidance(CONFIG, obstacles, radius=RADIUS).guide(later, window, None)
+    assert anew.avoidance.state == "stopped", "a search does not find it"
