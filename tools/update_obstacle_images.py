@@ -17,7 +17,7 @@ from quad_mpc_ros.analysis.figures.path_figure import write_path
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.warm_up import warmed_up
-from quad_mpc_ros.obstacles.configured import avoiding
+from quad_mpc_ros.obstacles.configured import guidance
 from quad_mpc_ros.obstacles.world import World
 from quad_mpc_ros.recordings.evaluation.simulated import FlightLog, load_config
 from quad_mpc_ros.simulation.closed_loop import LoopStep, fly
@@ -49,8 +49,8 @@ def main() -> None:
 def draw(settings: list[str]) -> None:
     """Fly with some settings and write both pictures."""
     config = load_config("default", assignments=settings)
-    avoided = avoiding(config.mpc)
-    assert avoided is not None
+    avoided = guidance(config.mpc)
+    assert avoided.world is not None
     controller = warmed_up(config.mpc, guide=avoided.guide)
     log, drawn = FlightLog(config.mpc), False
     for step in fly(
