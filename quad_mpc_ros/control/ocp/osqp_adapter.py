@@ -12,6 +12,8 @@ from scipy import sparse
 from quad_mpc_ros.control.lie import Array
 
 SOLVED = int(osqp.SolverStatus.OSQP_SOLVED)
+SOLVED_INACCURATE = int(osqp.SolverStatus.OSQP_SOLVED_INACCURATE)
+"""Out of iterations, within ten times the tolerance."""
 OUT_OF_TIME = int(osqp.SolverStatus.OSQP_TIME_LIMIT_REACHED)
 _INTERRUPTED = int(osqp.SolverStatus.OSQP_SIGINT)
 OUT_OF_ITERATIONS = int(osqp.SolverStatus.OSQP_MAX_ITER_REACHED)

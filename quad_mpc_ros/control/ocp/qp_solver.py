@@ -54,6 +54,10 @@ class QpSolver:
     ) -> None:
         """``time_limit`` [s] ends a solve that takes longer, unsolved."""
         self._qp = qp
+        # With soft rows it is a step, of which a line search takes what lowers the true cost, so
+        # one that is less accurate is of use as well. Without them it is the plan itself.
+        inaccurate = [osqp_adapter.SOLVED_INACCURATE] if qp.is_soft else []
+        self._accepted = {osqp_adapter.SOLVED, *inaccurate}
         self._settings = _settings(parameters, time_limit, soft=qp.is_soft)
         self._osqp: osqp_adapter.OsqpAdapter | None = None
         self._z = self._zero = np.zeros(qp.A.shape[1])
@@ -75,7 +79,7 @@ class QpSolver:
         result = self._updated().solve(z, y)
         # A solver may say "solved" and return NaN; the plan is what flies, so look at the plan.
         finite, inputs, states = qp.read(result.x, result.y)
-        solved = finite and result.status == osqp_adapter.SOLVED
+        solved = finite and result.status in self._accepted
         late = finite and result.status == osqp_adapter.OUT_OF_TIME
         if solved or late:  # what has been gained so far is not lost for the next one
             self._z, self._y = result.x, result.y

@@ -267,6 +267,30 @@ def test_limits_that_can_be_kept_are_kept_exactly(seed: int) -> None:
     assert_allclose(solution.inputs, hard, atol=1e-5)
 
 
+def out_of_iterations(pattern: HorizonPattern, stages: HorizonStages) -> QpSolution:
+    """Return the solution of the solve that just does not become as accurate as it should."""
+    for most in range(5, 400, 5):
+        qp = HorizonQP(pattern)
+        qp.update(stages)
+        solution = QpSolver(qp, SolverParameters(max_iterations=most)).solve()
+        if solution.status == "solved inaccurate":
+            return solution
+    raise AssertionError("it is solved or not at all")
+
+
+def test_step_that_is_less_accurate_is_taken_with_soft_rows_alone() -> None:
+    """With them a line search follows, without them it would be the plan."""
+    pattern, stages = a_soft_horizon(2, price=30.0, room=0.3)
+    soft = out_of_iterations(pattern, stages)
+    assert soft.solved
+    assert soft.primal_residual < 0.1
+    hard = dataclasses.replace(pattern, limits=None)
+    zeros = HorizonStages.zeros(5, 4, 2)
+    same = {name: getattr(stages, name) for name in ("x0", "A", "B", "H", "g", "R", "r")}
+    bounds = {"lower": stages.lower, "upper": stages.upper}
+    assert not out_of_iterations(hard, zeros._replace(**same, **bounds)).solved
+
+
 def test_rejects_soft_rows_of_other_sizes() -> None:
     pattern, stages = a_soft_horizon(0, price=1.0, room=1.0)
     qp = HorizonQP(dataclasses.replace(pattern, limits=None))
