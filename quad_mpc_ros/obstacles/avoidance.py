@@ -313,8 +313,11 @@ class ObstacleAvoidance:
         """
         if goal.detour is None or goal.detour.leave > 0 or len(seen.movers.keep) > 0:
             return None
-        nearest = int(np.linalg.norm(way.points - seen.p_W, axis=1).argmin())
-        corners = np.vstack([seen.p_W, way.points[nearest + 1 :], goal.p_W])
+        nearest, last = (
+            int(np.linalg.norm(way.points - place, axis=1).argmin())
+            for place in (seen.p_W, goal.p_W)
+        )
+        corners = np.vstack([seen.p_W, way.points[nearest + 1 : last + 1], goal.p_W])
         # Where ways are rounded they come nearer than they were found.
         if not seen.here.are_clear(smoothed(corners), seen.keep - _SEARCH_MARGIN).all():
             return None
