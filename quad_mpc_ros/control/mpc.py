@@ -76,7 +76,12 @@ class Mpc:
 
     def _prepared(self, *, within: bool) -> tuple[HorizonQP, QpSolver]:
         qp = HorizonQP(self._problem.pattern(within=within))
-        return qp, QpSolver(qp, self._config.solver, time_limit=self._deadline)
+        return qp, QpSolver(
+            qp,
+            self._config.solver,
+            time_limit=self._deadline,
+            progress=self._problem.gives_way and not within,
+        )
 
     def step(
         self, odometry: OdometrySample, window: ReferenceWindow, corridor: Corridor | None = None
@@ -119,7 +124,7 @@ class Mpc:
         problem.begin(state, window, corridor)
         while True:
             qp.update(problem.linearise())
-            solution = solver.solve(from_zero=problem.is_deviation)
+            solution = solver.solve(from_zero=problem.is_deviation, again=plan is not None)
             iterations += solution.iterations
             solve_time += solution.solve_time
             if not solution.solved:

@@ -188,8 +188,8 @@ def test_hover_fallback_stops_inside_the_free_region(monkeypatch: pytest.MonkeyP
     controller = Controller(CONFIG, guide=ObstacleAvoidance(CONFIG, obstacles, radius=RADIUS))
     original, failing = QpSolver.solve, False
 
-    def solve(solver: QpSolver, *, from_zero: bool = False) -> Any:
-        solution = original(solver, from_zero=from_zero)
+    def solve(solver: QpSolver, **how: bool) -> Any:
+        solution = original(solver, **how)
         return solution._replace(solved=not failing)
 
     monkeypatch.setattr(QpSolver, "solve", solve)

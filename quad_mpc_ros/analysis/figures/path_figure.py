@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from quad_mpc_ros.analysis.figures import obstacles, space, style
-from quad_mpc_ros.recordings.evaluation.race import flown_course
+from quad_mpc_ros.recordings.evaluation.race import drawn_course
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -32,7 +32,7 @@ def write_path(flight: Flight, path: Path) -> Path:
     figure = style.new_figure(_WIDTH, _HEIGHT)
     points = [flight.p_WB, *([] if flight.reference is None else [flight.reference.p_WB])]
     shapes = obstacles.drawn_shapes(flight)
-    course = flown_course(flight)
+    course = drawn_course(flight)
     extents = obstacles.extent(shapes), space.gate_points(course)
     lower, upper = space.room(np.vstack([*points, *extents]))
     axes = space.draw_room(figure, lower, upper)

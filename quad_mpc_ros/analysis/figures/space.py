@@ -10,7 +10,7 @@ import numpy as np
 from quad_mpc_ros.analysis.figures import style
 from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.vehicle import ARM, outline
-from quad_mpc_ros.references.gates import Course
+from quad_mpc_ros.references.gates import Course, Gate
 
 _ELEVATION, _AZIMUTH = 22.0, -60.0  # deg, of the eye
 _AROUND = 0.08  # of the axes, for numbers and labels beside the room
@@ -20,6 +20,8 @@ _SMALLEST_SIDE = 1.0  # m: a hovering flight is not to look like a journey
 
 _SMALLEST_ARM = 0.045  # of the longest side, where the true size could not be seen
 _APART = 3.6  # arms: nearer to one that is drawn none is drawn
+
+_MOVED = 0.05  # m: a gate that was passed this near to where it was passed before is drawn once
 
 
 def room(points: Array) -> tuple[Array, Array]:
@@ -156,7 +158,25 @@ def gate_points(course: Course | None) -> Array:
     """Return the corners (n, 3) [m] of all gates of a course; none without one."""
     if course is None:
         return np.zeros((0, 3))
-    return np.vstack([gate.corners() for gate in course.once().values()])
+    return np.vstack([gate.corners() for _, gate in drawn_gates(course)])
+
+
+def drawn_gates(course: Course) -> list[tuple[int, Gate]]:
+    """Return the gates of a course with their numbers, once for each place where they stood."""
+    drawn: list[tuple[int, Gate]] = []
+    for number, gate in sorted(zip(course.numbers, course.gates, strict=True), key=_number):
+        stood = [other for own, other in drawn if own == number]
+        if not any(_are_together(gate, other) for other in stood):
+            drawn.append((number, gate))
+    return drawn
+
+
+def _number(numbered: tuple[int, Gate]) -> int:
+    return numbered[0]
+
+
+def _are_together(one: Gate, other: Gate) -> bool:
+    return float(np.abs(one.corners() - other.corners()).max()) < _MOVED
 
 
 def draw_gates(axes: Any, course: Course | None, *, zorder: int) -> None:
@@ -166,7 +186,7 @@ def draw_gates(axes: Any, course: Course | None, *, zorder: int) -> None:
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2.5, foreground="white")]
-    for place, (number, gate) in enumerate(course.once().items()):
+    for place, (number, gate) in enumerate(drawn_gates(course)):
         corners = gate.corners()
         label = None if place else "gate"
         axes.plot(*corners.T, color=style.BOUND, linewidth=1.6, label=label, zorder=zorder)

@@ -13,7 +13,7 @@ from quad_mpc_ros.analysis.report.plotting import lay_out, plotly, subplots
 from quad_mpc_ros.analysis.report.run import MOST_HORIZONS, ReportedRun
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.obstacles.free_region import corridor_edges
-from quad_mpc_ros.recordings.evaluation.race import flown_course
+from quad_mpc_ros.recordings.evaluation.race import drawn_course
 from quad_mpc_ros.recordings.evaluation.waypoints import waypoint_positions
 from quad_mpc_ros.recordings.flight import Flight
 
@@ -54,7 +54,7 @@ def drawn_horizons(flight: Flight) -> tuple[Array, Array]:
 def _room(runs: Sequence[ReportedRun]) -> dict[str, Any]:
     """Return the layout of a scene, the same for all runs, in which a metre is a metre."""
     points = [run.flight.p_WB for run in runs]
-    points += [space.gate_points(flown_course(run.flight)) for run in runs]
+    points += [space.gate_points(drawn_course(run.flight)) for run in runs]
     points += [run.flight.reference.p_WB for run in runs if run.flight.reference is not None]
     points += [obstacles.extent(obstacles.drawn_shapes(run.flight)) for run in runs]
     lower, upper = space.room(np.vstack(points))
@@ -94,7 +94,7 @@ def _traces(run: ReportedRun, *, fastest: float, first: bool) -> list[Any]:
         showscale=first,
         colorbar={"title": {"text": "speed [m/s]"}, "len": 0.7, "thickness": 12},
     )
-    traces += _gates(flight, legend=first)
+    traces += drawn_gate_lines(flight, legend=first)
     start = _marks("start", flight.p_WB[:1], colour=style.INK, symbol="square", legend=first)
     around = [*_obstacles(flight, legend=first), *_corridors(flight, legend=first)]
     return [*around, *traces, flown, start]
@@ -144,13 +144,13 @@ def _obstacles(flight: Flight, *, legend: bool) -> list[Any]:
     return [trace]
 
 
-def _gates(flight: Flight, *, legend: bool) -> list[Any]:
+def drawn_gate_lines(flight: Flight, *, legend: bool) -> list[Any]:
     """Return the openings of the course's gates as one line, apart by rows of NaN."""
-    course = flown_course(flight)
+    course = drawn_course(flight)
     if course is None:
         return []
     gap = np.full((1, 3), np.nan)
-    openings = [part for gate in course.once().values() for part in (gate.corners(), gap)]
+    openings = [part for _, gate in space.drawn_gates(course) for part in (gate.corners(), gap)]
     line = {"color": style.BOUND, "width": 4}
     return [_scatter("gates", np.vstack(openings), legend=legend, mode="lines", line=line)]
 

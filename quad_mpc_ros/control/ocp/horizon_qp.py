@@ -137,6 +137,11 @@ class HorizonQP:
         """Whether there are soft rows."""
         return self._nr > 0
 
+    @property
+    def first_soft_row(self) -> int:
+        """The first row of those that are soft; bounds on their slacks follow, to the end."""
+        return self._n * (self._nx + self._nu)
+
     def settled(self, z: Array, y: Array) -> tuple[Array, Array]:
         """Return a start for a problem with soft rows, from variables and multipliers.
 

@@ -237,12 +237,12 @@ def pull_target_closer(
 @compiled
 def regularise(
     R: Array, prices: Array, closeness: float, steep: float, stages: HorizonStages
-) -> None:
+) -> float:
     """Make changes of the plan cost something, lest a step be all or nothing.
 
     ``R`` (4,) are the weights on its inputs. It is in proportion to the steepest slope that there
-    is, and to how close the plan is to a limit, or the slope to a ``steep`` one. Where the
-    iterations converge stays the same.
+    is, and to how close the plan is to a limit, or the slope to a ``steep`` one, which is
+    returned. Where the iterations converge stays the same.
     """
     slope = steepest_slope(prices)
     steepest = max(closeness, min(1.0, slope / steep)) * slope
@@ -253,6 +253,7 @@ def regularise(
             stages.R[i, 1 + k] = R[1 + k] + _DAMPING_RATES * steepest
             H[i, V + k, V + k] += _DAMPING_VELOCITY * steepest
             H[i, THETA + k, THETA + k] += _DAMPING_ATTITUDE * steepest
+    return steepest
 
 
 @compiled

@@ -82,11 +82,11 @@ class ManifoldProblem:
         self._uneven = not config.drags_alike
         # Without lags rate and throttle are their commands and need no states of their own.
         self._size = STATE_SIZE if lagging else TANGENT_SIZE
-        self._inputs, self._gives_way = INPUT_SIZE, config.formulation == "contouring"
-        if self._gives_way:
+        self._inputs, self.gives_way = INPUT_SIZE, config.formulation == "contouring"
+        if self.gives_way:
             self._size, self._inputs = progress.SIZE, progress.INPUTS
         limits = LimitLayout(config.limits, inputs=self._inputs)
-        workspace = sqp.Workspace.zeros(self._steps, limits, progress=self._gives_way)
+        workspace = sqp.Workspace.zeros(self._steps, limits, progress=self.gives_way)
         self._anywhere = self._here = self._room(limits, workspace)
         within = LimitLayout(config.limits, half_spaces=config.half_spaces, inputs=self._inputs)
         self._within = self._room(within, self._anywhere.workspace.within(within))
@@ -128,7 +128,7 @@ class ManifoldProblem:
         H = np.zeros((progress.SIZE, progress.SIZE), dtype=bool)
         H[:THETA, :THETA] = np.eye(THETA, dtype=bool)
         H[ATTITUDE, ATTITUDE] = True
-        if self._gives_way:
+        if self.gives_way:
             progress.couple(A, B, H)
         return HorizonPattern(
             steps=self._steps,

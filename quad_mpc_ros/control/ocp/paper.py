@@ -45,6 +45,7 @@ class PaperProblem:
     """Error-state linear MPC as printed: one iteration of the SQP loop, and a full step."""
 
     is_deviation = False
+    gives_way = False
 
     def __init__(self, config: MpcConfig) -> None:
         self._vehicle = config.vehicle()

@@ -95,6 +95,8 @@ class TrackingProblem(Protocol):
 
     is_deviation: bool
     """Whether the QP's variables are the change of a plan: the solver starts from zero then."""
+    gives_way: bool
+    """Whether progress along the reference is among them."""
 
     def pattern(self, *, within: bool = False) -> HorizonPattern:
         """Return the sparsity and the natural sizes of the variables, ``within`` a corridor."""

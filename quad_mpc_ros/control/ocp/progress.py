@@ -38,8 +38,14 @@ PATH_TIME, SPEED, SIZE = STATE_SIZE, STATE_SIZE + 1, STATE_SIZE + 2
 """Where progress and its speed are in the state of the problem, and the size of that."""
 SPEED_INPUT, INPUTS = INPUT_SIZE, INPUT_SIZE + 1
 """Where the speed is in the input of the problem, and the size of that."""
-STATE_NATURAL, INPUT_NATURAL = np.array([0.1, 0.3]), np.array([0.1])
+STATE_NATURAL, INPUT_NATURAL = np.array([0.07, 0.3]), np.array([0.1])
 """Natural sizes of the two states and of the input."""
+
+# What a change of the speed costs near limits, as a share of the steepest slope, as other changes
+# of the plan do (:func:`.limits.regularise`). Without, the slowest problems are those where the
+# slope is steep: progress then costs next to nothing of what all else does, and goes from one
+# bound to the other. A third of the iterations of the slowest, of random problems.
+_DAMPING_SPEED = 0.1 / 0.3**2
 
 
 class Progress(NamedTuple):
@@ -114,6 +120,13 @@ def progress_cost(given: Settings, speeds: Array) -> float:
     for i in range(len(speeds)):
         cost += given.progress_weight * (speeds[i] - 1.0) ** 2
     return cost
+
+
+@compiled
+def regularise_progress(weight: float, steepest: float, stages: HorizonStages) -> None:
+    """Make changes of the speed cost something beside its ``weight``, near limits."""
+    for i in range(len(stages.R)):
+        stages.R[i, SPEED_INPUT] = weight + _DAMPING_SPEED * steepest
 
 
 @compiled

@@ -39,6 +39,7 @@ from quad_mpc_ros.control.ocp.progress import (
     Progress,
     follow_path,
     progress_cost,
+    regularise_progress,
     shift_speeds,
     write_progress,
 )
@@ -224,13 +225,15 @@ def _regularise(closeness: float, is_flipping: bool, problem: Problem) -> None:
     """Make changes of the plan cost something, where there are limits."""
     given, work = problem.given, problem.work
     if len(work.allowed) > 0:
-        regularise(
+        steepest = regularise(
             given.R,
             prices=work.prices,
             closeness=closeness,
             steep=math.inf if is_flipping else given.steep,
             stages=problem.stages,
         )
+        if len(work.progress.nominal) > 0:
+            regularise_progress(given.progress_weight, steepest, problem.stages)
 
 
 @compiled

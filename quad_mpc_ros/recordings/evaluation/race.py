@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from quad_mpc_ros.configuration import UserError
 from quad_mpc_ros.recordings.flight import Flight
 from quad_mpc_ros.recordings.parameters import recorded_parameters
 from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.references.gate_passages import MovedGates, passages
+from quad_mpc_ros.references.gate_passages import Lap, MovedGates, passages
 from quad_mpc_ros.references.gates import Course, read_course
 
 VEHICLE_RADIUS = 0.2
@@ -37,15 +38,7 @@ def race_figures(flight: Flight) -> dict[str, Any]:
     course = flown_course(flight)
     if course is None:
         return {"gates": None, "lap_time_s": None}
-    recorded = recorded_parameters(flight.parameters, ReferenceConfig)
-    radius = float(recorded.get("radius", VEHICLE_RADIUS))
-    lap = passages(
-        course,
-        seconds=flight.time,
-        p_WB=flight.p_WB,
-        radius=radius,
-        moved=_moved(course, flight) if flight.gates else None,
-    )
+    lap = _lap(course, flight, _moved(course, flight) if flight.gates else None)
     return {
         "gates": [
             {
@@ -59,6 +52,30 @@ def race_figures(flight: Flight) -> dict[str, Any]:
         ],
         "lap_time_s": lap.time,
     }
+
+
+def drawn_course(flight: Flight) -> Course | None:
+    """Return the course with the gate of each passage where that was told to be by then.
+
+    A gate that was not passed is where it was told to be last.
+    """
+    course = flown_course(flight)
+    if course is None or not flight.gates:
+        return course
+    moved = _moved(course, flight)
+    gates = []
+    for number, passage in enumerate(_lap(course, flight, moved).passages):
+        step = -1
+        if passage.passed and passage.time is not None:
+            step = int(np.searchsorted(flight.time, passage.time, side="right")) - 1
+        gates.append(moved.courses[moved.held[step]].gates[number])
+    return dataclasses.replace(course, gates=tuple(gates))
+
+
+def _lap(course: Course, flight: Flight, moved: MovedGates | None) -> Lap:
+    recorded = recorded_parameters(flight.parameters, ReferenceConfig)
+    radius = float(recorded.get("radius", VEHICLE_RADIUS))
+    return passages(course, seconds=flight.time, p_WB=flight.p_WB, radius=radius, moved=moved)
 
 
 def _moved(course: Course, flight: Flight) -> MovedGates:

@@ -383,8 +383,8 @@ def test_every_problem_of_random_states_and_limits_is_solved_soon(
     iterations: list[int] = []
     original = QpSolver.solve
 
-    def solve(solver: QpSolver, *, from_zero: bool = False) -> QpSolution:
-        solution = original(solver, from_zero=from_zero)
+    def solve(solver: QpSolver, **how: bool) -> QpSolution:
+        solution = original(solver, **how)
         iterations.append(solution.iterations)
         return solution
 

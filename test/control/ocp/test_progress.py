@@ -123,7 +123,7 @@ def test_random_problems_are_all_solved(limits: bool) -> None:
     """Off the way by up to a metre, three metres a second and a radian, warm and cold."""
     config = CONTOURING if not limits else MpcConfig(formulation="contouring")
     mpc, iterations = Mpc(config), []
-    for seed in range(60):
+    for seed in range(500):
         stamp_ns = STAMP_NS * (seed + 1)
         window = parabola(seed, stamp_ns=stamp_ns)
         step = mpc.solve(off_the_way(config, window, seed), window)
@@ -131,8 +131,9 @@ def test_random_problems_are_all_solved(limits: bool) -> None:
         assert np.isfinite(step.plan.inputs).all()
         assert (step.plan.speeds >= config.contouring.speed_min).all()
         assert (step.plan.speeds <= config.contouring.speed_max).all()
-        iterations.append(step.solution.iterations)
-    assert np.percentile(iterations, 99) <= 100
+        iterations.append(step.iterations)
+    # Over all linearisations; 95 and 100 were found, 125 by the clock.
+    assert np.percentile(iterations, 99) <= 110
 
 
 def test_on_a_way_that_can_be_flown_time_passes_as_on_a_clock() -> None:

@@ -19,6 +19,14 @@ from rosbags.highlevel import AnyReader
 from quad_mpc_ros.cli import main
 
 CONTROL_TOPICS = ("/odom", "/reference", "/command", "/mpc/stats", "/mpc/predicted_path")
+COURSE = {
+    "start": [0.0, 0.0, 1.0],
+    "gates": [
+        {"position": [5.0, 0.0, 1.5], "yaw": 0.3, "width": 1.5, "height": 1.5},
+        {"position": [7.0, 5.0, 1.5], "tolerance": 0.3},
+    ],
+    "end": [3.0, 7.0, 1.0],
+}
 
 
 def _fly(out: Path, *arguments: str) -> Path:
@@ -73,6 +81,28 @@ def test_in_one_process_mpc_and_reference_fly_the_same(lockstep: Path, tmp_path:
     with AnyReader([together / "bag"]) as reader:  # which others hear as before
         connections = [c for c in reader.connections if c.topic == "/reference"]
         assert sum(1 for _ in reader.messages(connections)) > 0.8 * len(expected)
+
+
+@pytest.mark.parametrize("formulation", ["manifold", "contouring"])
+def test_a_planned_race_is_the_same_in_lockstep_and_simulated(
+    formulation: str, tmp_path: Path
+) -> None:
+    pytest.importorskip("casadi")
+    course, plan = tmp_path / "course.yaml", tmp_path / "race.csv"
+    course.write_text(yaml.safe_dump(COURSE))
+    vehicle = ["--config", "vehicles/cpc"]
+    assert main(["plan", str(course), *vehicle, "--step", "0.08", "--out", str(plan)]) == 0
+    given = [*vehicle, "--gates", str(course), "--set", f"reference.file={plan}"]
+    given += ["--set", f"mpc.formulation={formulation}", "--duration", "3.5"]
+    flown, simulated = tmp_path / "flown", tmp_path / "simulated"
+    assert main(["fly", "--lockstep", *given, "--out", str(flown)]) == 0
+    assert main(["simulate", *given, "--out", str(simulated)]) == 0
+    assert len(_commands(flown)) > 100
+    assert _commands(flown) == _commands(simulated)
+    summaries = [json.loads((run / "summary.json").read_text()) for run in (flown, simulated)]
+    assert [gate["passed"] for gate in summaries[0]["gates"]] == [True, True]
+    for entry in ("gates", "lap_time_s", "behind_max_s", "position_rmse_m"):
+        assert summaries[0][entry] == summaries[1][entry]
 
 
 def test_a_lockstep_flight_resolves_to_the_same_commands(lockstep: Path, tmp_path: Path) -> None:

@@ -1,0 +1,126 @@
+"""Gates are drawn where they stood when they were passed, their openings as they were turned."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from quad_mpc_ros.analysis.figures import space, style, write_figures
+from quad_mpc_ros.analysis.report.space_figure import drawn_gate_lines
+from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.recordings.evaluation.race import drawn_course, race_figures
+from quad_mpc_ros.recordings.flight import Flight, GatePoses
+
+COUNT = 400  # odometries of two rounds
+WIDTH, HEIGHT, RADIUS = 1.2, 0.6, 0.2
+COURSE = {
+    "start": [0.0, -2.0, 1.0],
+    "laps": 2,
+    "gates": [
+        {"position": [2.0, 0.0, 1.0], "yaw": math.pi / 2, "width": WIDTH, "height": HEIGHT},
+        {"position": [-2.0, 0.0, 1.0], "tolerance": RADIUS},
+    ],
+}
+
+
+def told(flight: Flight, at: int, *, x: float, yaw: float, ball: float) -> GatePoses:
+    """Return the gate in its plane at ``x``, turned by ``yaw``, and the other one at ``ball``."""
+    turned = [0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)]
+    return GatePoses(
+        publish_time_ns=int(flight.publish_time_ns[at]),
+        p_WG=np.array([[x, 0.0, 1.0], [ball, 0.0, 1.0]]),
+        q_WG_xyzw=np.array([turned, [0.0, 0.0, 0.0, 1.0]]),
+    )
+
+
+@pytest.fixture
+def racing(make_flight: Callable[..., Flight]) -> Flight:
+    """Return a round at 2 m from the middle and one at 3 m, from the south, against the clock."""
+    angle = np.linspace(0.0, 4.0 * np.pi, COUNT) - np.pi / 2
+    distance = np.where(np.arange(COUNT) < COUNT // 2, 2.0, 3.0)
+    p_WB = np.column_stack((np.cos(angle), np.sin(angle), np.ones(COUNT)))
+    p_WB[:, :2] *= distance[:, None]
+    parameters = {"reference": {"gates": str(COURSE), "trajectory": "gates"}}
+    return make_flight(COUNT, p_WB=p_WB, parameters=parameters)
+
+
+def opening(x: float, *, yaw: float) -> Array:
+    """Return the corners (4, 3) of the opening, by its sides."""
+    across = np.array([-math.sin(yaw), math.cos(yaw), 0.0]) * WIDTH / 2
+    up = np.array([0.0, 0.0, HEIGHT / 2])
+    corners = np.array([across + up, across - up, -across - up, -across + up])
+    return np.asarray(np.array([x, 0.0, 1.0]) + corners)
+
+
+def test_gates_that_stand_are_drawn_once_where_their_file_has_them(racing: Flight) -> None:
+    course = drawn_course(racing)
+    assert course is not None
+    (one, gate), (two, ball) = space.drawn_gates(course)
+    assert (one, two) == (1, 2)
+    np.testing.assert_allclose(gate.corners()[:4], opening(2.0, yaw=math.pi / 2), atol=1e-12)
+    offset = np.linalg.norm(ball.corners() - [-2.0, 0.0, 1.0], axis=1)
+    np.testing.assert_allclose(offset, RADIUS)
+
+
+def test_gates_that_moved_are_drawn_where_they_were_passed(racing: Flight) -> None:
+    """In the second round further out and turned; what comes after the last passage is not."""
+    flight = dataclasses.replace(
+        racing,
+        gates=(
+            told(racing, COUNT // 2, x=3.0, yaw=math.pi / 2 + 0.3, ball=-3.0),
+            told(racing, COUNT - 10, x=7.0, yaw=math.pi / 2, ball=-7.0),
+        ),
+    )
+    assert [gate["passed"] for gate in race_figures(flight)["gates"]] == [True] * 4
+    course = drawn_course(flight)
+    assert course is not None
+    drawn = space.drawn_gates(course)
+    assert [number for number, _ in drawn] == [1, 1, 2, 2]
+    np.testing.assert_allclose(drawn[0][1].corners()[:4], opening(2.0, yaw=math.pi / 2), atol=1e-9)
+    turned = opening(3.0, yaw=math.pi / 2 + 0.3)
+    np.testing.assert_allclose(drawn[1][1].corners()[:4], turned, atol=1e-9)
+    assert [gate.p_WG[0] for _, gate in drawn[2:]] == [-2.0, -3.0]
+
+
+def test_a_gate_that_was_not_passed_is_drawn_where_it_was_told_to_be_last(racing: Flight) -> None:
+    flight = dataclasses.replace(racing, gates=(told(racing, 0, x=5.0, yaw=0.1, ball=-2.0),))
+    course = drawn_course(flight)
+    assert course is not None
+    assert [gate.p_WG[0] for _, gate in space.drawn_gates(course)] == [5.0, -2.0]
+
+
+def test_the_picture_and_the_report_draw_them_there(
+    racing: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moved = told(racing, 0, x=5.0, yaw=0.1, ball=-2.0)
+    flight = dataclasses.replace(racing, gates=(moved,))
+    lines: list[Array] = []
+    draw_room = space.draw_room
+
+    def listening(*given: Any, **more: Any) -> Any:
+        axes = draw_room(*given, **more)
+        plot = axes.plot
+
+        def noted(*line: Any, **how: Any) -> Any:
+            if how.get("color") == style.BOUND:
+                lines.append(np.array(line))
+            return plot(*line, **how)
+
+        axes.plot = noted
+        return axes
+
+    monkeypatch.setattr(space, "draw_room", listening)
+    write_figures(flight, tmp_path)
+    expected = opening(5.0, yaw=0.1)
+    np.testing.assert_allclose(lines[0].T[:4], expected, atol=1e-9)
+    pytest.importorskip("plotly")
+    (trace,) = drawn_gate_lines(flight, legend=True)
+    shown = np.column_stack((trace.x, trace.y, trace.z))
+    np.testing.assert_allclose(shown[:4], expected, atol=1e-9)
+    assert np.isnan(shown[5]).all()
