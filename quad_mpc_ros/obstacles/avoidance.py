@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,14 @@ from quad_mpc_ros.control.model.corridor import Corridor
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.ocp.plan import Plan
 from quad_mpc_ros.obstacles.corridor import corridor_about
-from quad_mpc_ros.obstacles.detour import Ahead, Detour, detour, is_nearly_straight
+from quad_mpc_ros.obstacles.detour import (
+    AT_REST,
+    Ahead,
+    Detour,
+    detour,
+    interpolated,
+    is_nearly_straight,
+)
 from quad_mpc_ros.obstacles.guide import STEP, Followed, Limits, followed, smoothed, window_of
 from quad_mpc_ros.obstacles.local_map import THINNED, LocalMap
 from quad_mpc_ros.obstacles.moving import Movers
@@ -45,7 +52,7 @@ _SPEED_ERROR = 0.1
 # Of what stands: how much it is elsewhere for each second since it was seen, and at most [s].
 _DRIFT, _OLDEST = 0.05, 2.0  # m/s
 _LOST = 0.3  # m/s, of neighbours whose plan is so old
-_AT_REST, _SLOWEST = 0.1, 0.3  # m/s, of a reference, and of ways to one that is not at rest
+_SLOWEST = 0.3  # m/s, of ways to a reference that is not at rest
 
 
 class MovingPoints(NamedTuple):
@@ -237,7 +244,7 @@ class ObstacleAvoidance:
         since = (window.stamp_ns - seen.start_ns) * 1e-9
         times = np.arange(0.0, self._horizon + 1e-9, STEP)
         offsets = window.offset_ns * 1e-9 + since
-        reference = _interpolated(times, offsets, window.p_WB)
+        reference = interpolated(times, offsets, window.p_WB)
         # The vehicle does not fly further in the horizon than it can.
         fastest = max(float(np.linalg.norm(seen.v_W)), self._own.speed_max)
         reach = self._horizon * fastest
@@ -250,7 +257,7 @@ class ObstacleAvoidance:
         if plan is not None:
             elapsed = (seen.start_ns - plan.stamp_ns) * 1e-9
             at = plan.step * np.arange(len(plan.p_WB)) - elapsed
-            places.append(_interpolated(times, at, plan.p_WB))
+            places.append(interpolated(times, at, plan.p_WB))
         if not seen.here.are_clear(np.vstack(places), seen.keep).all():
             return False
         planned = places[1 + len(ends) :]
@@ -338,7 +345,7 @@ class ObstacleAvoidance:
             on = self._beyond(seen, goal.ahead, goal.detour.rejoin)
             there = float(on.speeds[0])
             fastest = max(fastest, there)
-            if there > _AT_REST:  # no sooner than the reference is there
+            if there > AT_REST:  # no sooner than the reference is there
                 time = max(float(on.times[0]) - goal.leave, 1e-3)
                 fastest = min(fastest, max(_length(corners) / time, _SLOWEST))
         points = smoothed(np.vstack([corners, on.p_W[1:]]))
@@ -413,8 +420,8 @@ class ObstacleAvoidance:
             motion = self._lead.motion
             at = STEP * np.arange(len(motion.p_W))
             now = np.array([since])
-            p_W = _interpolated(now, at, motion.p_W)[0]
-            v_W = _interpolated(now, at, motion.v_W)[0]
+            p_W = interpolated(now, at, motion.p_W)[0]
+            v_W = interpolated(now, at, motion.v_W)[0]
             if since < at[-1] and _apart(p_W, seen.p_W) < _ASTRAY:
                 return p_W, v_W
         return seen.p_W, seen.v_W
@@ -431,7 +438,7 @@ class ObstacleAvoidance:
         """Return the places (N + 1, 3) that the guide has come to at the stages' ends."""
         places = np.vstack([motion.p_W[: motion.before], way.points])
         along = np.interp(self._times, STEP * np.arange(len(motion.along)), motion.along)
-        return _interpolated(along, np.arange(len(places)), places)
+        return interpolated(along, np.arange(len(places)), places)
 
     def _planned(self, seen: _Seen, plan: Plan | None) -> Array:
         """Return where the plan of before is at the stages' ends; straight on without one."""
@@ -439,7 +446,7 @@ class ObstacleAvoidance:
             return seen.p_W + self._times[:, None] * seen.v_W
         since = (seen.start_ns - plan.stamp_ns) * 1e-9
         at = plan.step * np.arange(len(plan.p_WB)) - since
-        return _interpolated(self._times, at, plan.p_WB)
+        return interpolated(self._times, at, plan.p_WB)
 
     def _shared(self, seen: _Seen, own_W: Array) -> Shared | None:
         """Return this vehicle's half of the space between its plan and neighbours'."""
@@ -531,7 +538,7 @@ def _speeds_of(points: Array, corners: Array, fastest: float, on: Ahead) -> Arra
     beyond = at > rejoined[0]
     speeds[beyond] = np.interp(at[beyond], rejoined, on.speeds)
     last = float(on.speeds[-1])
-    speeds[-1] = min(speeds[-1], last if last > _AT_REST else 0.0)
+    speeds[-1] = min(speeds[-1], last if last > AT_REST else 0.0)
     return speeds
 
 
@@ -540,11 +547,6 @@ def _filled(places: Array) -> Array:
     jumps = np.flatnonzero(np.linalg.norm(np.diff(places, axis=0), axis=1) > 4.0 * _LOOK)
     ways = [_between(places[k], places[k + 1], math.inf) for k in jumps]
     return np.vstack([places, *ways])
-
-
-def _interpolated(times: Array, at: NDArray[Any], places: Array) -> Array:
-    """Return places (n, 3) at times, given those at others in order."""
-    return np.column_stack([np.interp(times, at, places[:, k]) for k in range(3)])
 
 
 def _between(start: Array, end: Array, reach: float) -> Array:

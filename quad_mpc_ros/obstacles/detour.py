@@ -7,7 +7,7 @@ the way, and rejoined at the end of that piece, or, if the vehicle cannot be the
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from quad_mpc_ros.control.model.samples import ReferenceWindow
 
 _SPACING = 0.1  # m, between places beyond the window's end
 _BEYOND = 2.0  # m, that a reference is followed on to find where it comes out
-_AT_REST = 0.1  # m/s
+AT_REST = 0.1
+"""Slower than this a reference is at rest [m/s]."""
 # A piece of the reference is nearly straight if its ends are apart by this share of its length.
 _STRAIGHT = 0.9
 
@@ -41,12 +42,12 @@ class Ahead(NamedTuple):
         times = np.asarray(1e-9 * (window.offset_ns + (window.stamp_ns - start_ns)), float)
         first = min(max(int(np.searchsorted(times, 0.0, side="right")) - 1, 0), len(times) - 1)
         p_W, v_W = window.p_WB[first:].copy(), window.v_WB_W[first:].copy()
-        for k in range(3):
-            p_W[0, k] = np.interp(0.0, times, window.p_WB[:, k])
-            v_W[0, k] = np.interp(0.0, times, window.v_WB_W[:, k])
+        now = np.zeros(1)
+        p_W[0] = interpolated(now, times, window.p_WB)[0]
+        v_W[0] = interpolated(now, times, window.v_WB_W)[0]
         times = np.maximum(times[first:], 0.0)
         known, v, speed = len(times), v_W[-1], float(np.linalg.norm(v_W[-1]))
-        if speed > _AT_REST and len(window.p_WB) > 2:
+        if speed > AT_REST and len(window.p_WB) > 2:
             further = np.linspace(_SPACING, _BEYOND, round(_BEYOND / _SPACING)) / speed
             p_W = np.vstack([p_W, p_W[-1] + further[:, None] * v])
             v_W = np.vstack([v_W, np.tile(v, (len(further), 1))])
@@ -67,9 +68,10 @@ class Ahead(NamedTuple):
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Return places and velocities (k, 3) at times (k,) [s]."""
-        p_W = np.column_stack([np.interp(times, self.times, self.p_W[:, k]) for k in range(3)])
-        v_W = np.column_stack([np.interp(times, self.times, self.v_W[:, k]) for k in range(3)])
-        return p_W, v_W
+        return (
+            interpolated(times, self.times, self.p_W),
+            interpolated(times, self.times, self.v_W),
+        )
 
 
 class Detour(NamedTuple):
@@ -116,6 +118,11 @@ def detour(
     fastest = np.maximum(ahead.speeds[wanted], speed_max)
     in_time = wanted[apart <= fastest * (ahead.times[wanted] - ahead.times[leave])]
     return Detour(leave, int(in_time[0] if len(in_time) else after[-1]))
+
+
+def interpolated(times: Array, at: NDArray[Any], places: Array) -> Array:
+    """Return places (n, 3) at times (n,), given those at others in order."""
+    return np.column_stack([np.interp(times, at, places[:, k]) for k in range(3)])
 
 
 def is_nearly_straight(p_W: Array) -> bool:

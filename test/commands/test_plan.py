@@ -11,6 +11,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 import yaml
+from fixtures.courses import COURSE
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
@@ -22,14 +23,6 @@ from quad_mpc_ros.recordings.recording import Recording
 
 pytest.importorskip("casadi")
 
-COURSE = {
-    "start": [0.0, 0.0, 1.0],
-    "gates": [
-        {"position": [5.0, 0.0, 1.5], "yaw": 0.3, "width": 1.5, "height": 1.5},
-        {"position": [7.0, 5.0, 1.5], "tolerance": 0.3},
-    ],
-    "end": [3.0, 7.0, 1.0],
-}
 VEHICLE = ["--config", "vehicles/cpc"]
 QUICK = ["--step", "0.08"]
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from fixtures.courses import COURSE
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -19,14 +20,6 @@ from rosbags.highlevel import AnyReader
 from quad_mpc_ros.cli import main
 
 CONTROL_TOPICS = ("/odom", "/reference", "/command", "/mpc/stats", "/mpc/predicted_path")
-COURSE = {
-    "start": [0.0, 0.0, 1.0],
-    "gates": [
-        {"position": [5.0, 0.0, 1.5], "yaw": 0.3, "width": 1.5, "height": 1.5},
-        {"position": [7.0, 5.0, 1.5], "tolerance": 0.3},
-    ],
-    "end": [3.0, 7.0, 1.0],
-}
 
 
 def _fly(out: Path, *arguments: str) -> Path:
