@@ -384,7 +384,8 @@ class MpcConfig(ManagedConfiguration, VehicleParameters):
     input_delay: float = parameter(
         0.02,
         doc="Time from the stamp of an odometry to when the command that answers it acts, the "
-        "odometry's own delay included; the state is predicted across it.",
+        "odometry's own delay included; the state is predicted across it, and across what an "
+        "odometry comes later than the fastest.",
         unit="s",
         minimum=0.0,
         maximum=0.5,

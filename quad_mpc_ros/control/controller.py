@@ -30,6 +30,7 @@ from quad_mpc_ros.control.model.samples import (
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.mpc import Mpc, MpcStep
 from quad_mpc_ros.control.ocp.plan import Plan
+from quad_mpc_ros.control.safety.clock_offset import Lateness
 from quad_mpc_ros.control.safety.ladder import Decision
 from quad_mpc_ros.control.safety.supervisor import Supervisor
 from quad_mpc_ros.control.tick import Tick, figures_of
@@ -46,7 +47,7 @@ _RESET = (
 
 
 class _Answered(NamedTuple):
-    """An odometry that was answered: its stamp, and when [ns]."""
+    """When an odometry was answered, by the clock of the stamps and by that of arrivals [ns]."""
 
     stamp_ns: int
     now_ns: int
@@ -102,8 +103,8 @@ class Controller:
         self._decimation = Decimation(self._period_ns)
         self._last_tick: Tick | None = None
         self._answered: _Answered | None = None
-        self._unseen_ns: int | None = None  # the stamp up to which was commanded without odometry
-        self._acts_ns = 0  # by which the last command is remembered
+        self._lateness = Lateness(most_ns=round(config.odom_timeout * _SECOND))
+        self._sent_ns = 0  # when the last command was, on the clock of the odometries
         self._resets_reported = 0
 
     @property
@@ -198,7 +199,7 @@ class Controller:
             return None
         if self._config.lockstep:
             return self._last_tick if self._is_answered() else self._answer_in_lockstep()
-        if self._is_past(accepted.stamp_ns) or not self._decimation.is_due(accepted.stamp_ns):
+        if not self._decimation.is_due(accepted.stamp_ns):
             return None
         return self._answer(accepted, duration=self._period_ns * 1e-9, now_ns=now_ns)
 
@@ -255,15 +256,15 @@ class Controller:
             return None
         # By the clock of the odometries' stamps.
         answered = self._answered or _Answered(now_ns, now_ns)
-        self._unseen_ns = answered.stamp_ns + now_ns - answered.now_ns
+        unseen_ns = answered.stamp_ns + now_ns - answered.now_ns
         step, plan, fault = None, None, _NOT_RUN
         if self._supervisor.may_foresee(now_ns=now_ns):
-            step, fault = self._step(self._unseen_ns, now_ns=now_ns)
+            step, fault = self._step(unseen_ns, now_ns=now_ns)
             plan = step.plan if step is not None and not fault else None
         return self._send(
             self._supervisor.decide_unseen(plan=plan, plan_fault=fault, now_ns=now_ns),
             stamp_ns=now_ns,
-            acts_ns=self._unseen_ns,
+            sent_ns=unseen_ns,
             duration=self._period_ns * 1e-9,
             now_ns=now_ns,
             step=step,
@@ -285,17 +286,7 @@ class Controller:
         self._supervisor.note_sent(u, now_ns=now_ns)
         tick = self._last_tick
         replaces = tick is not None and tick.stamp_ns == command.stamp_ns
-        self._mpc.sent(u, stamp_ns=self._acts_ns if replaces else command.stamp_ns)
-
-    def _is_past(self, stamp_ns: int) -> bool:
-        """Whether what acts at a stamp has been sent without its odometry, which a link held up.
-
-        The next one will be of now.
-        """
-        if self._unseen_ns is None:
-            return False
-        held_up_ns = self._unseen_ns - stamp_ns
-        return 0 <= held_up_ns <= self._config.odom_timeout * _SECOND  # else a clock was set
+        self._mpc.sent(u, stamp_ns=self._sent_ns if replaces else command.stamp_ns)
 
     def _is_answered(self) -> bool:
         """Whether the last tick belongs to the newest odometry."""
@@ -329,9 +320,10 @@ class Controller:
 
         The command is expected to act for ``duration`` [s].
         """
-        self._answered, self._unseen_ns = _Answered(odometry.stamp_ns, now_ns), None
+        sent_ns = odometry.stamp_ns + self._lateness.of(odometry.stamp_ns, now_ns=now_ns)
+        self._answered = _Answered(sent_ns, now_ns)
         self._supervisor.judge_ground(odometry)
-        step, plan_fault = self._step(odometry.stamp_ns, odometry=odometry, now_ns=now_ns)
+        step, plan_fault = self._step(sent_ns, odometry=odometry, now_ns=now_ns)
         plan = step.plan if step is not None and not plan_fault else None
         decision = self._supervisor.decide(
             odometry, plan=plan, plan_fault=plan_fault, now_ns=now_ns
@@ -339,6 +331,7 @@ class Controller:
         return self._send(
             decision,
             stamp_ns=odometry.stamp_ns,
+            sent_ns=sent_ns,
             duration=duration,
             now_ns=now_ns,
             step=step,
@@ -348,9 +341,9 @@ class Controller:
     def _step(
         self, stamp_ns: int, *, odometry: OdometrySample | None = None, now_ns: int
     ) -> tuple[MpcStep | None, str]:
-        """Run the MPC; return its outcome, and if it gives no plan to fly, why.
+        """Run the MPC for a command sent at a stamp; if it gives no plan to fly, return why.
 
-        Without the odometry of the stamp it begins where the vehicle should be then.
+        Without an odometry it begins where the vehicle should be then.
         """
         window, fault = self._supervisor.inputs.reference_at(stamp_ns, now_ns=now_ns)
         if window is None:
@@ -361,7 +354,12 @@ class Controller:
         try:
             if odometry is not None:
                 flown = self._guided_by(odometry, window)
-                step: MpcStep | None = self._mpc.step(odometry, flown.window, flown.corridor)
+                step: MpcStep | None = self._mpc.step(
+                    odometry,
+                    flown.window,
+                    flown.corridor,
+                    late_ns=stamp_ns - odometry.stamp_ns,
+                )
             else:
                 flown = self._guided or Guided(window)
                 step = self._mpc.step_unseen(stamp_ns, flown.window, flown.corridor)
@@ -394,23 +392,23 @@ class Controller:
         decision: Decision,
         *,
         stamp_ns: int,
+        sent_ns: int,
         duration: float,
         now_ns: int,
-        acts_ns: int | None = None,
         step: MpcStep | None = None,
         plan: Plan | None = None,
     ) -> Tick:
         """Have the command of who commands, record that it is sent, and return the tick.
 
-        It is recorded by its own stamp, or by ``acts_ns`` where that is of another clock.
+        ``sent_ns`` is when that is on the clock of the odometries' stamps.
         """
         u = self._supervisor.command(
             decision.source, duration=duration, now_ns=now_ns, learned=self._mpc.learned
         )
         command = None
         if u is not None:
-            self._acts_ns = stamp_ns if acts_ns is None else acts_ns
-            self._mpc.sent(u, stamp_ns=self._acts_ns)
+            self._sent_ns = sent_ns
+            self._mpc.sent(u, stamp_ns=sent_ns)
             command = CommandSample(stamp_ns=stamp_ns, throttle=u.throttle, w_WB_B=u.w_WB_B)
         odom_age_ns, reference_age_ns = self._supervisor.inputs.ages_ns(now_ns)
         reference = self._supervisor.inputs.reference

@@ -84,14 +84,20 @@ class Mpc:
         )
 
     def step(
-        self, odometry: OdometrySample, window: ReferenceWindow, corridor: Corridor | None = None
+        self,
+        odometry: OdometrySample,
+        window: ReferenceWindow,
+        corridor: Corridor | None = None,
+        *,
+        late_ns: int = 0,
     ) -> MpcStep:
         """Compute the plan for an odometry (twist in the body frame) and a reference window.
 
-        It stays in a ``corridor``, if the configuration has half-spaces for it.
+        It stays in a ``corridor``, if the configuration has half-spaces for it. ``late_ns`` is by
+        how much the odometry came later than usual.
         """
         started = time.perf_counter()
-        state = self._delay_compensation.predict(odometry)
+        state = self._delay_compensation.predict(odometry, late_ns=late_ns)
         return self.solve(state, window, corridor, started=started)
 
     def step_unseen(

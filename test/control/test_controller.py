@@ -45,9 +45,11 @@ class SolverSpy:
     def install(self, monkeypatch: pytest.MonkeyPatch) -> None:
         original = Mpc.step
 
-        def step(mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow, _: None) -> MpcStep:
+        def step(
+            mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow, _: None, **late_ns: int
+        ) -> MpcStep:
             self.odometries.append(odometry)
-            outcome = original(mpc, odometry, window)
+            outcome = original(mpc, odometry, window, **late_ns)
             if not self.failing:
                 return outcome
             failed = outcome.solution._replace(solved=False, status="made to fail")

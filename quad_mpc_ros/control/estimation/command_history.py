@@ -25,8 +25,8 @@ class Acting(NamedTuple):
 class CommandHistory:
     """The commands actually sent.
 
-    Each acts from ``delay_ns`` after the stamp of the odometry that it answers: counted on one
-    clock, whoever's it is, and no matter how old the odometry was when it came.
+    Each acts from ``delay_ns`` after it is sent: on the clock of the odometry's stamps, that of
+    the odometry that it answers and by how much that came later than usual.
     """
 
     def __init__(self, *, delay_ns: int, initial: Array) -> None:

@@ -133,7 +133,7 @@ class DelayCompensation:
         return self._ekf.parameters()
 
     def record(self, command: Input, *, stamp_ns: int) -> None:
-        """Remember a command by the stamp of the odometry that it answers."""
+        """Remember a command by when it is sent, on the clock of the odometry's stamps."""
         # What the rates follow, but for their offsets: the model has no gain of its own.
         followed = command.vector()
         followed[BODY_RATE] *= self._rate_gain
@@ -169,8 +169,12 @@ class DelayCompensation:
             state.v_WB_W[:] = reset.vectors(state.v_WB_W)
             state.R_WB[:] = reset.vectors(state.R_WB.T).T
 
-    def predict(self, odometry: OdometrySample) -> PredictedState:
-        """Return the state in which a command sent now will begin to act."""
+    def predict(self, odometry: OdometrySample, *, late_ns: int = 0) -> PredictedState:
+        """Return the state in which a command sent now will begin to act.
+
+        It is that of the odometry rolled forward over the delay of the input, and over what the
+        odometry came later than usual.
+        """
         stamp_ns, previous_ns = odometry.stamp_ns, self._previous_ns
         # Not across a long silence, nor from a clock to one that was set.
         if previous_ns is None or not 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
@@ -184,7 +188,7 @@ class DelayCompensation:
         else:
             self._see(odometry)
         self._previous_ns = stamp_ns
-        return self._predicted(stamp_ns, begin_ns=stamp_ns)
+        return self._predicted(stamp_ns + late_ns, begin_ns=stamp_ns)
 
     def foresee(self, stamp_ns: int) -> PredictedState | None:
         """Return the same of a time after the last odometry, None where none is known.
@@ -196,7 +200,7 @@ class DelayCompensation:
         return self._predicted(stamp_ns, begin_ns=self._previous_ns)
 
     def _predicted(self, stamp_ns: int, *, begin_ns: int) -> PredictedState:
-        """Roll the measured state forward from its time until a command of a stamp acts."""
+        """Roll the measured state forward from its time until a command sent at a stamp acts."""
         prediction = Prediction.zeros()
         since_sent = math.inf
         if self._sent_ns is not None and stamp_ns >= self._sent_ns:

@@ -42,6 +42,25 @@ class ClockOffset:
         self.last_age_ns = self.age_ns(stamp_ns, now_ns=now_ns)
 
 
+class Lateness:
+    """By how much an odometry is later than the fastest, of which the delay of the input tells."""
+
+    def __init__(self, *, most_ns: int) -> None:
+        """Beyond ``most_ns``, either way, a clock was set, and the next one is the fastest."""
+        self._most_ns = most_ns
+        self._offset: ClockOffset | None = None
+
+    def of(self, stamp_ns: int, *, now_ns: int) -> int:
+        """Return the lateness of what arrives now."""
+        if self._offset is not None:
+            age_ns = self._offset.follow(stamp_ns, now_ns=now_ns)
+            if abs(age_ns) <= self._most_ns:
+                return max(age_ns, 0)
+        self._offset = ClockOffset()
+        self._offset.set(now_ns - stamp_ns, stamp_ns=stamp_ns, now_ns=now_ns)
+        return 0
+
+
 class PersistentOffset:
     """For how long an unexpected offset has persisted: a clock that was set, or one bad stamp."""
 

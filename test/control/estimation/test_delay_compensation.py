@@ -276,3 +276,26 @@ def _odometry(*, stamp_ns: int, v_WB_B: np.ndarray | None = None) -> OdometrySam
         v_WB_B=np.zeros(3) if v_WB_B is None else v_WB_B,
         w_WB_B=np.zeros(3),
     )
+
+
+def test_what_an_odometry_is_late_by_is_delay() -> None:
+    """One that was late by 40 ms, as one in time of a vehicle whose delay is 40 ms longer."""
+    known = agile(input_delay=0.02, estimate_disturbance=False)
+    slower = dataclasses.replace(known, input_delay=0.06)
+    odometry = OdometrySample(
+        stamp_ns=100 * MS,
+        p_WB=np.array([0.5, -0.2, 1.0]),
+        q_WB_xyzw=so3.quaternion_xyzw_from_rotation(so3.exp(np.array([0.3, -0.2, 0.1]))),
+        v_WB_B=np.array([2.0, 1.0, -0.5]),
+        w_WB_B=np.array([1.0, -2.0, 0.5]),
+    )
+    late, in_time = DelayCompensation(known), DelayCompensation(slower)
+    for stamp_ns, value in ((60 * MS, 0.6), (80 * MS, 0.2)):
+        late.record(throttle(value), stamp_ns=stamp_ns + 40 * MS)
+        in_time.record(throttle(value), stamp_ns=stamp_ns)
+    found = late.predict(odometry, late_ns=40 * MS)
+    expected = in_time.predict(odometry)
+    assert found.stamp_ns == expected.stamp_ns == 160 * MS
+    np.testing.assert_array_equal(found.x.p_WB, expected.x.p_WB)
+    np.testing.assert_array_equal(found.x.R_WB, expected.x.R_WB)
+    assert np.linalg.norm(found.x.p_WB - odometry.p_WB) > 0.1

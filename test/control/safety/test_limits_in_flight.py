@@ -163,8 +163,10 @@ def test_a_late_plan_is_dropped_and_counted(monkeypatch: pytest.MonkeyPatch) -> 
     loop.controller = Controller(config, deadline=0.5 / 50.0)
     original, late = Mpc.step, [False]
 
-    def step(mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow, _: None) -> MpcStep:
-        outcome = original(mpc, odometry, window)
+    def step(
+        mpc: Mpc, odometry: OdometrySample, window: ReferenceWindow, _: None, **late_ns: int
+    ) -> MpcStep:
+        outcome = original(mpc, odometry, window, **late_ns)
         return outcome._replace(step_time=0.0101 if late[0] else 0.0099)
 
     monkeypatch.setattr(Mpc, "step", step)
@@ -194,7 +196,7 @@ def test_an_error_in_the_control_step_is_a_failed_solve(monkeypatch: pytest.Monk
     loop = Loop(MpcConfig())
     assert loop.last(1.0)[0] == "mpc"
     with monkeypatch.context() as patch:
-        patch.setattr(Mpc, "step", lambda *_: 1 / 0)
+        patch.setattr(Mpc, "step", lambda *_, **__: 1 / 0)
         *_, (_, tick) = loop.fly(0.1)
         assert tick.stats.source == "plan"
         assert "error in the control step: ZeroDivisionError" in tick.stats.reason
@@ -214,7 +216,7 @@ def test_bounds_that_change_in_flight_hold_for_the_plan_that_is_held(
     tight = dataclasses.replace(config, omega_max=(0.5, 0.5, 0.5), throttle_max=0.35)
     loop.controller.reconfigure(tight)
     with monkeypatch.context() as patch:
-        patch.setattr(Mpc, "step", lambda *_: 1 / 0)
+        patch.setattr(Mpc, "step", lambda *_, **__: 1 / 0)
         for _, tick in loop.fly(0.2, to=(4.0, 0.0, 4.0)):
             assert tick.stats.source == "plan"
             assert tick.command is not None
