@@ -706,9 +706,9 @@ def _assume(state: Filter, closer: float) -> None:
     turning.x[TURNING.rate : TURNING.lag] = _RATE_WALK**2
     # Shorter lags are trusted more: a lag that is learned although it is none, of odometry that
     # is late, is answered by commands that lead more, and oscillates.
-    lags, factor = state.rate_lags, error_state.LAG_FACTOR
+    lags, shortest = state.rate_lags, error_state.SHORTEST_RATE_LAG
     lags[0] = roll / (shared or 1.0), pitch / (shared or 1.0), yaw / (yaw or 1.0)
-    lags[1] = shared / factor, shared / factor, yaw / factor
+    lags[1] = shortest * shared, shortest * shared, shortest * yaw
     slowest = (1.0 + 1.0 / closer) * shared
     lags[2] = slowest, slowest, error_state.SLOWEST_YAW * yaw
 

@@ -85,7 +85,8 @@ ACCELEROMETER = Assumed(0.3, 0.01)  # m/s^2, its bias, and what its mounting lea
 
 VERTICAL_BOUND = 3.0  # m/s^2
 SCALE_BOUNDS = (0.5, 1.5)
-LAG_FACTOR = 2.0  # of the thrust's time constant, either way; the rates' are no shorter than this
+LAG_FACTOR = 2.0  # of the thrust's time constant, either way
+SHORTEST_RATE_LAG = 0.2  # of the rates' time constants: a racer's where the default expects 70 ms
 LATEST = 0.1  # s, by which the thrust is later than by its longest time constant
 SLOWEST_YAW = 6.0  # factor on its time constant
 DRAG_FACTORS, DRAG_MORE = (0.1, 3.0), 0.8  # of the configured drag, and 1/s beyond it at least
