@@ -100,6 +100,16 @@ def test_lag_is_estimated_up_to_its_bound(delay: float, longest: float) -> None:
     assert yaw == pytest.approx(0.1, rel=0.15)
 
 
+@pytest.mark.parametrize("gain", [60.0, 100.0])
+def test_short_lag_is_estimated_down_to_a_fifth_of_the_configured(gain: float) -> None:
+    """As a racer's, which the default expects to be 70 ms; what is below a fifth is found there."""
+    commands = 2.0 * np.sin(6.0 * PERIOD * np.arange(1500))
+    rates = np.column_stack([rates_of_a_loop(commands, gain=gain, rotor_lag=0.0001)] * 3)
+    learned = Rates(lagging(0.07), delay=USUAL_DELAY).follow(alike(commands), rates)[-1]
+    roll, pitch, _ = learned.rate_time_constants
+    assert 0.014 <= roll == pitch < 0.02
+
+
 def off_centre_rates(
     throttle: Array, commands: Array, *, integral: float, off: float
 ) -> tuple[Array, Array]:
