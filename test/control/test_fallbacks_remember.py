@@ -84,10 +84,10 @@ def test_blind_descent_uses_learned_thrust() -> None:
 def failing_at(ticks: list[int], step: Callable[..., Any]) -> Callable[..., Any]:
     count = iter(range(1_000_000))
 
-    def failing(self: Mpc, *arguments: Any) -> Any:
+    def failing(self: Mpc, *arguments: Any, **named: Any) -> Any:
         if next(count) in ticks:
             raise ArithmeticError("of nothing")
-        return step(self, *arguments)
+        return step(self, *arguments, **named)
 
     return failing
 

@@ -34,8 +34,10 @@ class Seen(NamedTuple):
 def flown(plant: str, trajectory: str, seed: int, patch: pytest.MonkeyPatch) -> list[Seen]:
     followed, predict = [], DelayCompensation.predict
 
-    def recording(self: DelayCompensation, odometry: OdometrySample) -> PredictedState:
-        predicted = predict(self, odometry)
+    def recording(
+        self: DelayCompensation, odometry: OdometrySample, *, late_ns: int
+    ) -> PredictedState:
+        predicted = predict(self, odometry, late_ns=late_ns)
         followed.append(self._followed.filter.copy())
         return predicted
 

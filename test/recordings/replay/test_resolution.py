@@ -265,9 +265,10 @@ def test_resolves_without_stats() -> None:
         resolved_stats=[tick.stats for tick in ticks],
     )
     assert comparison.only_recorded <= 2
-    summary = comparison.summary()
-    # When things came is not known, and does not matter while each odometry is answered.
-    assert summary["equal"] >= 0.98 * summary["compared"]
+    # When things came is not known: odometry that came up to 3 ms later is taken as in time.
+    off = np.abs(comparison.resolved - comparison.recorded)
+    assert off[:, 0].max() < 0.01
+    assert off[:, 1:].max() < 0.05  # rad/s
     assert all(len(line) <= 80 for line in comparison_table(comparison).splitlines())
 
 
