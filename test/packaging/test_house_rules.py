@@ -163,6 +163,8 @@ OWN_PRIVATE = frozenset(name for tree in TREES.values() for name in defined(tree
         ("from sys import modules", "writes sys.modules"),
         ("@compiled\ndef f(x):\n    return x[14]", "index 14"),
         ("@compiled\ndef f(x):\n    return x[i, 12]", "index 12"),
+        ("@compiled\ndef f(x):\n    return x[i, 1 + k]", "offset 1 + k"),
+        ("@compiled\ndef f(x):\n    return x[n + 1 + k]", "offset n + 1 + k"),
         ("f = compiled(g)\nx[16:19]", "index 16"),
         ("f = compiled(g)\nx[:9] = 0.0", "index 9"),
         ("f = compiled(g)\nx[-5]", "index 5"),
@@ -242,7 +244,10 @@ def tricks(_name: str, tree: ast.Module) -> Iterator[str]:
 
 
 def numbered_indices(name: str, tree: ast.Module) -> Iterator[str]:
-    """Integers above 2 as index or bound, in files that pack numbers: records have names."""
+    """Integers above 2 as index or bound, in files that pack numbers: records have names.
+
+    And what is added to a number, `1 + k`: where a part begins has a name. `k + 1` is the next.
+    """
     if name in OF_NINE or not packs(tree):
         return
     for node in ast.walk(tree):
@@ -250,6 +255,18 @@ def numbered_indices(name: str, tree: ast.Module) -> Iterator[str]:
             for number in map(magnitude, bounds(node.slice)):
                 if number > LARGEST_INDEX:
                     yield f"{node.lineno}: index {number} in {ast.unparse(node)}"
+            yield from map(f"{node.lineno}: {{}}".format, hand_written_offsets(node.slice))
+
+
+def hand_written_offsets(index: ast.expr) -> Iterator[str]:
+    """Yield the sums in an index in which a number comes before what is added."""
+    for total in ast.walk(index):
+        if (
+            isinstance(total, ast.BinOp)
+            and isinstance(total.op, ast.Add)
+            and magnitude(last_term(total.left)) > 0
+        ):
+            yield f"offset {ast.unparse(total)}"
 
 
 def packs(tree: ast.Module) -> bool:
@@ -273,6 +290,12 @@ def bounds(index: ast.expr) -> Iterator[ast.expr]:
             yield from (end for end in (axis.lower, axis.upper) if end is not None)
         else:
             yield axis
+
+
+def last_term(total: ast.expr) -> ast.expr:
+    """Return what stands right before a plus: of `n + 1` the 1."""
+    is_sum = isinstance(total, ast.BinOp) and isinstance(total.op, ast.Add)
+    return total.right if is_sum else total
 
 
 def magnitude(number: ast.expr) -> int:

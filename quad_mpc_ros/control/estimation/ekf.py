@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from quad_mpc_ros.configuration.compilation import compiled
-from quad_mpc_ros.configuration.records import Matrix3, Record, Vector3, Vector4
+from quad_mpc_ros.configuration.records import Record, Vector3, Vector4
 from quad_mpc_ros.control.estimation import error_state, kalman, measurement_noise
 from quad_mpc_ros.control.estimation.command_history import Acting
 from quad_mpc_ros.control.estimation.error_state import (
@@ -57,6 +57,7 @@ from quad_mpc_ros.control.model.actuators import first_order_lag
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.parameters import ModelParameters, modelled_thrust
 from quad_mpc_ros.control.model.rollout import StateRecord
+from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 _ACCELERATION_NOISE = 0.1  # m/s^2 / sqrt(Hz), of the model within a step
 _UNMODELLED = 100.0  # m/s^2, of a vehicle that something else moves
@@ -89,6 +90,14 @@ class Walks(Record):
     turning: TurningEstimate
 
 
+class RateLags(Record):
+    """Of each axis: its share of the time constant it has with others, and bounds of that [s]."""
+
+    share: Vector3
+    shortest: Vector3
+    longest: Vector3
+
+
 class SlowRates(Record):
     """Commands and measured rates behind one low-pass: what a rate loop is of first order in."""
 
@@ -109,7 +118,7 @@ class Filter(Record):
     nominal: ModelParameters  # as configured
     estimated: ModelParameters
     drag_shape: Vector3  # what of the mean drag each axis has more or less, as a share of it
-    rate_lags: Matrix3  # rows: share of each axis in what it shares; shortest; longest
+    rate_lags: RateLags
     slow: SlowRates
     bounds: Bounds
     enabled: int  # whether anything is learned
@@ -257,7 +266,7 @@ def update(
         return UpdateMode.HOLD
     duration, saturated = acting.durations.sum(), False
     for k in range(len(acting.durations)):
-        throttle = acting.commands[k, 0]
+        throttle = acting.commands[k, U_THROTTLE]
         saturated |= not state.bounds.throttle_min < throttle < state.bounds.throttle_max
     mode = update_mode(conditions, saturated, state.paused_for, True)
     if mode == UpdateMode.VELOCITY_ONLY:
@@ -382,7 +391,7 @@ def update_turning(state: Filter, after: StateRecord, acting: Acting, mode: Upda
         _take_rates(state)
         return
     F, H = np.empty((n, n)), np.empty((3, n))
-    predict_turning(state.nominal, state.rate_lags[0], state.turning, slow, F, H)
+    predict_turning(state.nominal, state.rate_lags.share, state.turning, slow, F, H)
     Q = np.zeros(n)
     for i in range(n):
         if i < TURNING.lag or P[i, i] < walks.P[i, i]:
@@ -423,7 +432,7 @@ def _begin_turning(state: Filter, w_WB_B: Array) -> None:
     add_offsets(state, slow.command)
     for k in range(3):
         slow.measured[k] = slow.last[k] = w_WB_B[k]
-        slow.command[1 + k] = w_WB_B[k] - slow.command[1 + k]
+        slow.command[U_RATE + k] = w_WB_B[k] - slow.command[U_RATE + k]
     _take_rates(state)
 
 
@@ -467,7 +476,7 @@ def restart(state: Filter, p_WB: Array, v_WB_W: Array) -> None:
 @compiled
 def write_estimated(state: Filter, parameters: ModelParameters) -> None:
     """Write the parameters as estimated by now."""
-    x, turning, shares = state.motion.x, state.turning.x, state.rate_lags[0]
+    x, turning, shares = state.motion.x, state.turning.x, state.rate_lags.share
     shape, nominal = state.drag_shape, state.nominal
     learned = x[MOTION.drag] - nominal.drag
     parameters.a, parameters.b, parameters.c = nominal.a, nominal.b, nominal.c
@@ -493,9 +502,9 @@ def write_estimated(state: Filter, parameters: ModelParameters) -> None:
 @compiled
 def add_offsets(state: Filter, command: Array) -> None:
     """Make of a command (4,) what the rates follow."""
-    x, thrust = state.turning.x, modelled_thrust(state.nominal, command[0])
+    x, thrust = state.turning.x, modelled_thrust(state.nominal, command[U_THROTTLE])
     for k in range(2):
-        command[1 + k] += x[TURNING.offset + k] + x[TURNING.offset_by_thrust + k] * thrust
+        command[U_RATE + k] += x[TURNING.offset + k] + x[TURNING.offset_by_thrust + k] * thrust
 
 
 @compiled
@@ -666,8 +675,9 @@ def _constrain_motion(state: Filter, considered: Array) -> None:
 def _constrain_turning(state: Filter, considered: Array) -> None:
     """Bring what was learned of the rates inside its bounds."""
     x, P, lags = state.turning.x, state.turning.P, state.rate_lags
-    kalman.constrain(x, P, ROLL_PITCH, (lags[1, 0], lags[2, 0]), considered)
-    kalman.constrain(x, P, YAW, (lags[1, 2], lags[2, 2]), considered)
+    for i, axis in ((ROLL_PITCH, 0), (YAW, 2)):
+        bounds = lags.shortest[axis], lags.longest[axis]
+        kalman.constrain(x, P, i, bounds, considered)
     for k in range(2):
         i, most = TURNING.offset + k, error_state.OFFSET_BOUND
         x[i] = kernels.clamp(x[i], -most, most)
@@ -707,10 +717,10 @@ def _assume(state: Filter, closer: float) -> None:
     # Shorter lags are trusted more: a lag that is learned although it is none, of odometry that
     # is late, is answered by commands that lead more, and oscillates.
     lags, shortest = state.rate_lags, error_state.SHORTEST_RATE_LAG
-    lags[0] = roll / (shared or 1.0), pitch / (shared or 1.0), yaw / (yaw or 1.0)
-    lags[1] = shortest * shared, shortest * shared, shortest * yaw
+    lags.share[:] = roll / (shared or 1.0), pitch / (shared or 1.0), yaw / (yaw or 1.0)
+    lags.shortest[:] = shortest * shared, shortest * shared, shortest * yaw
     slowest = (1.0 + 1.0 / closer) * shared
-    lags[2] = slowest, slowest, error_state.SLOWEST_YAW * yaw
+    lags.longest[:] = slowest, slowest, error_state.SLOWEST_YAW * yaw
 
 
 def _assume_accelerometer(state: Filter) -> None:

@@ -28,6 +28,7 @@ from quad_mpc_ros.control.model.parameter_jacobians import (
 )
 from quad_mpc_ros.control.model.parameters import ModelParameters, modelled_thrust
 from quad_mpc_ros.control.model.rollout import Body, StateRecord
+from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 # Longest stretch predicted at once [s].
 _LONGEST = 0.005
@@ -59,15 +60,15 @@ def predict_motion(
     )
     derivatives, shape, throttle = no_motion(), kernels.vector(drag_shape), x[MOTION.throttle]
     for k in range(len(acting.durations)):
-        command = acting.commands[k, 0], w[0], w[1], w[2]
+        command = acting.commands[k, U_THROTTLE], w[0], w[1], w[2]
         body = propagated_with_derivatives(
             model, shape, command, acting.durations[k], _LONGEST, body, derivatives
         )
     kernels.store_vector(body.p, x[MOTION.position : MOTION.velocity])
     kernels.store_vector(body.v, x[MOTION.velocity : MOTION.disturbance])
-    x[MOTION.throttle] = body.actuators[0]
+    x[MOTION.throttle] = body.actuators[U_THROTTLE]
     _write_jacobian(derivatives, F)
-    _add_lateness(model, estimate, (throttle, body.actuators[0]), body, duration, F)
+    _add_lateness(model, estimate, (throttle, body.actuators[U_THROTTLE]), body, duration, F)
 
 
 @compiled
@@ -134,7 +135,7 @@ def predict_unmodelled(
     for k in range(len(acting.durations)):
         throttle, derivatives = followed_rate(
             model.thrust_time_constant,
-            acting.commands[k, 0],
+            acting.commands[k, U_THROTTLE],
             0.0,
             acting.durations[k],
             throttle,
@@ -166,8 +167,8 @@ def predict_turning(
         rate, lag = TURNING.rate + axis, YAW if axis == 2 else ROLL_PITCH
         w, by = x[rate], OF_NO_TIME
         for k in range(len(acting.durations)):
-            thrust = modelled_thrust(nominal, acting.commands[k, 0])
-            command = acting.commands[k, 1 + axis]
+            thrust = modelled_thrust(nominal, acting.commands[k, U_THROTTLE])
+            command = acting.commands[k, U_RATE + axis]
             if axis < 2:
                 by_thrust = x[TURNING.offset_by_thrust + axis]
                 command += x[TURNING.offset + axis] + by_thrust * thrust

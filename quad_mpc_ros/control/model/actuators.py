@@ -14,6 +14,7 @@ import math
 
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
 
 Actuators = tuple[float, float, float, float]
 """Throttle and body rates [rad/s], or one number for each of them."""
@@ -22,7 +23,7 @@ Actuators = tuple[float, float, float, float]
 @compiled
 def actuators_in(u: Array) -> Actuators:
     """Return throttle and rates (4,) as plain numbers."""
-    return u[0], u[1], u[2], u[-1]
+    return u[U_THROTTLE], u[U_RATE], u[U_RATE + 1], u[U_RATE + 2]
 
 
 @compiled
@@ -56,9 +57,12 @@ def lead(time_constant: float, duration: float, before: float, after: float) -> 
 @compiled
 def followed(kept: Actuators, y: Actuators, command: Actuators) -> Actuators:
     """Return what is between actuators and their command when a share of the distance is kept."""
+    throttle, roll, pitch, yaw = command
+    of_throttle, of_roll, of_pitch, of_yaw = kept
+    at_throttle, at_roll, at_pitch, at_yaw = y
     return (
-        command[0] + kept[0] * (y[0] - command[0]),
-        command[1] + kept[1] * (y[1] - command[1]),
-        command[2] + kept[2] * (y[2] - command[2]),
-        command[-1] + kept[-1] * (y[-1] - command[-1]),
+        throttle + of_throttle * (at_throttle - throttle),
+        roll + of_roll * (at_roll - roll),
+        pitch + of_pitch * (at_pitch - pitch),
+        yaw + of_yaw * (at_yaw - yaw),
     )

@@ -29,7 +29,7 @@ from quad_mpc_ros.control.model.rollout import (
     substep,
     uneven_air,
 )
-from quad_mpc_ros.control.model.state import TANGENT_SIZE, THETA, P, V
+from quad_mpc_ros.control.model.state import TANGENT_SIZE, THETA, U_RATE, U_THROTTLE, P, V
 
 # Where in the tangent of the horizon the actuators begin, behind the state's own parts.
 OMEGA, S, STATE_SIZE = TANGENT_SIZE, TANGENT_SIZE + 3, TANGENT_SIZE + 4
@@ -100,21 +100,21 @@ def jacobians(
             mean_gained = followed(d.share, gained, let)
             air = air_slopes(model, d, midpoint)
             _turn_on(d, midpoint, air, mean_kept, mean_gained, lagging, turning)
-            slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[0] + model.b)
+            slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[U_THROTTLE] + model.b)
             push = kernels.scaled(slope, kernels.column(midpoint.R, 2))
             slowed = kernels.scaled(slope, air.by_push)
             by_throttle = push_on(
                 d,
                 air,
-                kernels.scaled(mean_kept[0], push),
-                kernels.scaled(mean_kept[0], slowed),
+                kernels.scaled(mean_kept[U_THROTTLE], push),
+                kernels.scaled(mean_kept[U_THROTTLE], slowed),
                 by_throttle,
             )
             by_command = push_on(
                 d,
                 air,
-                kernels.scaled(mean_gained[0], push),
-                kernels.scaled(mean_gained[0], slowed),
+                kernels.scaled(mean_gained[U_THROTTLE], push),
+                kernels.scaled(mean_gained[U_THROTTLE], slowed),
                 by_command,
             )
             kept = followed(d.decay, kept, (0.0, 0.0, 0.0, 0.0))
@@ -219,10 +219,10 @@ def _turn_on(
         half = (0.0, 0.0, 0.0)
         if n >= _FROM_COMMAND:
             k = n - _FROM_COMMAND
-            half = kernels.scaled(0.5 * d.dt * mean_gained[1 + k], kernels.column(J, k))
+            half = kernels.scaled(0.5 * d.dt * mean_gained[U_RATE + k], kernels.column(J, k))
         elif n >= _FROM_RATE:
             k = n - _FROM_RATE
-            half = kernels.scaled(0.5 * d.dt * mean_kept[1 + k], kernels.column(J, k))
+            half = kernels.scaled(0.5 * d.dt * mean_kept[U_RATE + k], kernels.column(J, k))
         turned = kernels.plus(kernels.apply_transposed(midpoint.half, kernels.vector(dR[n])), half)
         # The thrust's direction moves by R (phi x e3).
         acceleration = kernels.scaled(
@@ -259,14 +259,14 @@ def _fill(
         A[P + k, P + k] = 1.0
         A[P + k, V + k] = own_p
         A[V + k, V + k] = own_v
-        B[V + k, 0], B[P + k, 0] = by_command[0][k], by_command[1][k]
+        B[V + k, U_THROTTLE], B[P + k, U_THROTTLE] = by_command[0][k], by_command[1][k]
         for n in range(3):
             A[P + k, THETA + n] = dp[n, k]
             A[V + k, THETA + n] = dv[n, k]
             A[THETA + k, THETA + n] = dR[n, k]
-            B[P + k, 1 + n] = dp[_FROM_COMMAND + n, k]
-            B[V + k, 1 + n] = dv[_FROM_COMMAND + n, k]
-            B[THETA + k, 1 + n] = dR[_FROM_COMMAND + n, k]
+            B[P + k, U_RATE + n] = dp[_FROM_COMMAND + n, k]
+            B[V + k, U_RATE + n] = dv[_FROM_COMMAND + n, k]
+            B[THETA + k, U_RATE + n] = dR[_FROM_COMMAND + n, k]
 
 
 @compiled
@@ -296,5 +296,5 @@ def _fill_actuators(
             A[V + k, OMEGA + n] = dv[_FROM_RATE + n, k]
             A[THETA + k, OMEGA + n] = dR[_FROM_RATE + n, k]
         A[V + k, S], A[P + k, S] = by_throttle[0][k], by_throttle[1][k]
-        A[OMEGA + k, OMEGA + k], B[OMEGA + k, 1 + k] = kept[1 + k], gained[1 + k]
-    A[S, S], B[S, 0] = kept[0], gained[0]
+        A[OMEGA + k, OMEGA + k], B[OMEGA + k, U_RATE + k] = kept[U_RATE + k], gained[U_RATE + k]
+    A[S, S], B[S, U_THROTTLE] = kept[U_THROTTLE], gained[U_THROTTLE]

@@ -30,6 +30,7 @@ from quad_mpc_ros.control.model.rollout import (
     discretised,
     substep,
 )
+from quad_mpc_ros.control.model.state import U_THROTTLE
 
 
 class Columns(NamedTuple):
@@ -114,8 +115,8 @@ def _substep(
     """Return a state after a substep; ``slopes`` are those of the thrust's lag."""
     after, midpoint = substep(model, step, command, x)
     air = air_slopes(model, step, midpoint)
-    z, off = kernels.column(midpoint.R, 2), x.actuators[0] - command[0]
-    push_slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[0] + model.b)
+    z, off = kernels.column(midpoint.R, 2), x.actuators[U_THROTTLE] - command[U_THROTTLE]
+    push_slope = model.thrust_scale * (2.0 * model.a * midpoint.mean[U_THROTTLE] + model.b)
     p, v, s = derivatives
     for n in range(BY.size):
         mean = step.share[0] * s[n]

@@ -177,10 +177,11 @@ def substep(
 ) -> tuple[Body, Midpoint]:
     """Return the state after a substep under a command, and half way."""
     mean = followed(step.share, x.actuators, command)
-    half_turn = kernels.scaled(0.5 * step.dt, mean[1:])
+    throttle, roll_rate, pitch_rate, yaw_rate = mean
+    half_turn = kernels.scaled(0.5 * step.dt, (roll_rate, pitch_rate, yaw_rate))
     half = kernels.exp(half_turn)
     R_mid = kernels.multiply(x.R, half)
-    push = model.thrust_scale * ((model.a * mean[0] + model.b) * mean[0] + model.c)
+    push = model.thrust_scale * ((model.a * throttle + model.b) * throttle + model.c)
     force = kernels.plus(kernels.scaled(push, kernels.column(R_mid, 2)), kernels.vector(model.a_W))
     a, v_B = (force[0], force[1], force[2] - model.gravity), (0.0, 0.0, 0.0)
     if step.uneven:

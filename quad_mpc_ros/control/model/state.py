@@ -19,9 +19,9 @@ from quad_mpc_ros.control.model.samples import OdometrySample
 P, V, THETA, TANGENT_SIZE = 0, 3, 6, 9
 POSITION, VELOCITY, ATTITUDE = slice(P, V), slice(V, THETA), slice(THETA, TANGENT_SIZE)
 
-# Of the input: throttle first, then the body rates.
-INPUT_SIZE = 4
-BODY_RATE = slice(1, INPUT_SIZE)
+# Where each part of the input begins.
+U_THROTTLE, U_RATE, INPUT_SIZE = 0, 1, 4
+BODY_RATE = slice(U_RATE, INPUT_SIZE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -38,7 +38,7 @@ from quad_mpc_ros.configuration.records import Record, RecordArray, Vector3
 from quad_mpc_ros.control.config import LimitParameters
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, StateRecord, body_in
-from quad_mpc_ros.control.model.state import INPUT_SIZE, THETA, V
+from quad_mpc_ros.control.model.state import INPUT_SIZE, THETA, U_RATE, U_THROTTLE, V
 from quad_mpc_ros.control.ocp.half_spaces import (
     HalfSpaces,
     half_space_penalty,
@@ -127,9 +127,9 @@ class LimitLayout:
         masks = [np.zeros((count, 2 * nu + nx), dtype=bool) for count in _ROWS]
         masks[_TILT][:, state + THETA : state + THETA + 2] = True
         masks[_SPEED][:, state + V : state + THETA] = True
-        masks[_THROTTLE][:, nu] = True
+        masks[_THROTTLE][:, nu + U_THROTTLE] = True
         for k in range(3):
-            masks[_SLEW][2 * k : 2 * k + 2, [1 + k, nu + 1 + k]] = True
+            masks[_SLEW][2 * k : 2 * k + 2, [U_RATE + k, nu + U_RATE + k]] = True
         own = pattern_of(self._count, nx=nx, nu=nu)
         slack_of = np.repeat(np.arange(self._slack), _ROWS[self.kinds])
         return LimitPattern(
@@ -161,21 +161,22 @@ def allow(
         v = kernels.vector(stage.v_WB_W)
         speed = max(limits[_SPEED], math.sqrt(kernels.dot(v, v)) + SPEED_MARGIN)
         may.speed = speed if limits[_SPEED] > 0.0 else FREE
-        margin, throttle = limits[_THROTTLE], stage.mean_input[0]
+        margin, throttle = limits[_THROTTLE], stage.mean_input[U_THROTTLE]
         has_margin = margin > 0.0
-        least = min(given.u_min[0] + margin, throttle - _THROTTLE_MARGIN)
-        most = max(given.u_max[0] - margin, throttle + _THROTTLE_MARGIN)
+        least = min(given.u_min[U_THROTTLE] + margin, throttle - _THROTTLE_MARGIN)
+        most = max(given.u_max[U_THROTTLE] - margin, throttle + _THROTTLE_MARGIN)
         may.throttle_min = least if has_margin else -FREE
         may.throttle_max = most if has_margin else FREE
         duration = since if i == 0 else given.step
         for k in range(3):
             if i == 0:  # as it changes within the stage
-                first, last = stage.inputs[0, 1 + k], stage.inputs[SUBSTEPS - 1, 1 + k]
-                before, by_itself = sent[1 + k], (last - first) / (SUBSTEPS - 1)
+                n = U_RATE + k
+                first, last = stage.inputs[0, n], stage.inputs[SUBSTEPS - 1, n]
+                before, by_itself = sent[n], (last - first) / (SUBSTEPS - 1)
                 by_itself *= SUBSTEPS / given.step * since
             else:
                 before = 0.0
-                by_itself = stage.mean_input[1 + k] - target[i - 1].mean_input[1 + k]
+                by_itself = stage.mean_input[n] - target[i - 1].mean_input[n]
             change = limits[_SLEW] * duration
             has_slew = limits[_SLEW] > 0.0 and change < FREE
             fall, rise = min(by_itself, 0.0) - change, max(by_itself, 0.0) + change
@@ -248,9 +249,9 @@ def regularise(
     steepest = max(closeness, min(1.0, slope / steep)) * slope
     H = stages.H
     for i in range(len(H)):
-        stages.R[i, 0] = R[0] + _DAMPING_THROTTLE * steepest
+        stages.R[i, U_THROTTLE] = R[U_THROTTLE] + _DAMPING_THROTTLE * steepest
         for k in range(3):
-            stages.R[i, 1 + k] = R[1 + k] + _DAMPING_RATES * steepest
+            stages.R[i, U_RATE + k] = R[U_RATE + k] + _DAMPING_RATES * steepest
             H[i, V + k, V + k] += _DAMPING_VELOCITY * steepest
             H[i, THETA + k, THETA + k] += _DAMPING_ATTITUDE * steepest
     return steepest
@@ -305,9 +306,9 @@ def _beyond(
     R_31, R_32, R_33 = kernels.row(body.R, 2)
     tilt = math.atan2(math.hypot(R_31, R_32), R_33)
     speed = math.sqrt(kernels.dot(body.v, body.v))
-    throttle, change = inputs[i, 0], -FREE
+    throttle, change = inputs[i, U_THROTTLE], -FREE
     for k in range(3):
-        turned = inputs[i, 1 + k] - (inputs[i - 1, 1 + k] if i > 0 else 0.0)
+        turned = inputs[i, U_RATE + k] - (inputs[i - 1, U_RATE + k] if i > 0 else 0.0)
         change = max(change, turned - may.rate_change_max[k], may.rate_change_min[k] - turned)
     return (
         tilt - may.tilt,
@@ -357,17 +358,19 @@ def write_limits(
             offsets[first] = _write_speed(body.v, slopes[i], may.speed, rows[first, state:])
         first = places[_THROTTLE].row
         if first >= 0:
-            rows[first, nu], rows[first + 1, nu] = 1.0, -1.0
-            offsets[first] = may.throttle_max - inputs[i, 0]
-            offsets[first + 1] = inputs[i, 0] - may.throttle_min
+            n = nu + U_THROTTLE
+            rows[first, n], rows[first + 1, n] = 1.0, -1.0
+            offsets[first] = may.throttle_max - inputs[i, U_THROTTLE]
+            offsets[first + 1] = inputs[i, U_THROTTLE] - may.throttle_min
         if places[_SLEW].row >= 0:
             for k in range(3):
                 first = places[_SLEW].row + 2 * k
-                change = inputs[i, 1 + k] - (inputs[i - 1, 1 + k] if i > 0 else 0.0)
+                n = U_RATE + k
+                change = inputs[i, n] - (inputs[i - 1, n] if i > 0 else 0.0)
                 for side in range(2):
                     sign = 1.0 - 2.0 * side
-                    rows[first + side, nu + 1 + k] = sign
-                    rows[first + side, 1 + k] = -sign
+                    rows[first + side, nu + n] = sign
+                    rows[first + side, n] = -sign
                 offsets[first] = may.rate_change_max[k] - change
                 offsets[first + 1] = change - may.rate_change_min[k]
         for kind in range(len(places)):
@@ -399,12 +402,10 @@ def _write_tilt(
         along, across = R_32 * x - R_31 * y, -R_32 * y - R_31 * x
         if R_33 < 0.0:
             x, y, along, across = -x, -y, angle, 0.0
-    for side in range(2):
-        sign = 1.0 - 2.0 * side
-        rows[side, THETA], rows[side, THETA + 1] = sign * x, sign * y
-        offsets[side] = allowed - sign * along
-        rows[2 + side, THETA], rows[2 + side, THETA + 1] = -sign * y, sign * x
-        offsets[2 + side] = allowed - sign * across
+    sides = (x, y, along), (-x, -y, -along), (-y, x, across), (y, -x, -across)
+    for side, (of_x, of_y, own) in enumerate(sides):
+        rows[side, THETA], rows[side, THETA + 1] = of_x, of_y
+        offsets[side] = allowed - own
 
 
 @compiled

@@ -35,10 +35,12 @@ from quad_mpc_ros.control.model.rollout import SUBSTEPS
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.control.model.state import (
     ATTITUDE,
+    BODY_RATE,
     INPUT_SIZE,
     POSITION,
     TANGENT_SIZE,
     THETA,
+    U_THROTTLE,
     VELOCITY,
 )
 from quad_mpc_ros.control.ocp import progress, sqp
@@ -122,9 +124,9 @@ class ManifoldProblem:
         A[THROTTLE, THROTTLE] = True
         B = np.zeros((progress.SIZE, self._inputs), dtype=bool)
         B[:THETA, :INPUT_SIZE] = True
-        B[ATTITUDE, 1:INPUT_SIZE] = True
-        B[RATE, 1:INPUT_SIZE] = diagonal
-        B[THROTTLE, 0] = True
+        B[ATTITUDE, BODY_RATE] = True
+        B[RATE, BODY_RATE] = diagonal
+        B[THROTTLE, U_THROTTLE] = True
         H = np.zeros((progress.SIZE, progress.SIZE), dtype=bool)
         H[:THETA, :THETA] = np.eye(THETA, dtype=bool)
         H[ATTITUDE, ATTITUDE] = True

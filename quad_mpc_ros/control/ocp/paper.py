@@ -24,6 +24,7 @@ from quad_mpc_ros.control.model.state import (
     INPUT_SIZE,
     POSITION,
     TANGENT_SIZE,
+    U_THROTTLE,
     VELOCITY,
     Input,
     State,
@@ -70,7 +71,8 @@ class PaperProblem:
         kept[2, :2] = self._vehicle.translational_lift > 0.0
         # Thrust pushes along z, and slows down across it where the rotors drag.
         pushed = np.zeros((6, 4), dtype=bool)
-        pushed[3:, 0] = [*(drag > 0.0 for drag in per_axis(self._vehicle.rotor_drag)[:2]), True]
+        x_drags, y_drags, _ = (drag > 0.0 for drag in per_axis(self._vehicle.rotor_drag))
+        pushed[VELOCITY, U_THROTTLE] = x_drags, y_drags, True
         return HorizonPattern(
             steps=self._steps,
             A=np.block([[eye, block, block], [none, kept, block], [none, none, eye]]),
@@ -85,7 +87,7 @@ class PaperProblem:
     ) -> None:
         """Take the reference of now, held over the horizon: no warm start is needed."""
         self._stamp_ns = state.stamp_ns
-        self._x, self._throttle = state.x, float(state.sent[0])
+        self._x, self._throttle = state.x, float(state.sent[U_THROTTLE])
         points = sample(window, state.stamp_ns)
         self._x_reference = State(p_WB=points.p_WB, v_WB_B=points.v_WB_B, R_WB=points.R_WB)
         self._u_reference = reference_input(points, self._vehicle).vector()
@@ -94,7 +96,7 @@ class PaperProblem:
         """Return the paper's problem, with A and B at the present state and input."""
         x, throttle, u_reference = self._x, self._throttle, self._u_reference
         A, B = error_dynamics(
-            x, self._vehicle, throttle=throttle, throttle_error=u_reference[0] - throttle
+            x, self._vehicle, throttle=throttle, throttle_error=u_reference[U_THROTTLE] - throttle
         )
         dt, stages = self._step, self._stages
         stages.x0[:] = boxminus(self._x_reference, x)
@@ -146,9 +148,9 @@ def error_dynamics(
     a, b, _ = vehicle.thrust_curve
     slope = vehicle.motor_count * (2.0 * a * throttle_error + 2.0 * a * throttle + b)
     B = np.zeros((TANGENT_SIZE, INPUT_SIZE))
-    B[VELOCITY.stop - 1, 0] = slope / vehicle.mass
+    B[VELOCITY.stop - 1, U_THROTTLE] = slope / vehicle.mass
     if thrust > 0.0:
-        B[VELOCITY, 0] -= 0.5 * speed / thrust * slope * rotors * x.v_WB_B
+        B[VELOCITY, U_THROTTLE] -= 0.5 * speed / thrust * slope * rotors * x.v_WB_B
     B[ATTITUDE, BODY_RATE] = _EYE_3
     return A, B
 

@@ -19,7 +19,7 @@ from quad_mpc_ros.control.model.jacobians import jacobians
 from quad_mpc_ros.control.model.parameters import ModelParameters, rate_offset_at
 from quad_mpc_ros.control.model.reference_window import SampleRecord
 from quad_mpc_ros.control.model.rollout import body_in, roll_out
-from quad_mpc_ros.control.model.state import INPUT_SIZE, TANGENT_SIZE
+from quad_mpc_ros.control.model.state import INPUT_SIZE, TANGENT_SIZE, U_RATE, U_THROTTLE
 from quad_mpc_ros.control.ocp.half_spaces import HalfSpaces
 from quad_mpc_ros.control.ocp.limits import (
     Allowed,
@@ -379,10 +379,10 @@ def _copy_plan(
     """
     commands = plan.inputs.reshape((len(inputs), INPUT_SIZE))
     for i in range(len(inputs)):
-        inputs[i, 0] = commands[i, 0]
-        offset = rate_offset_at(model, commands[i, 0])
+        inputs[i, U_THROTTLE] = commands[i, U_THROTTLE]
+        offset = rate_offset_at(model, commands[i, U_THROTTLE])
         for k in range(3):
-            inputs[i, 1 + k] = (commands[i, 1 + k] - offset[k]) / rate_gain[k]
+            inputs[i, U_RATE + k] = (commands[i, U_RATE + k] - offset[k]) / rate_gain[k]
     for i in range(len(p_WB)):
         body = body_in(plan.states[i])
         kernels.store_vector(body.p, p_WB[i])

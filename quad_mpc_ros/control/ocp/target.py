@@ -26,7 +26,7 @@ from quad_mpc_ros.control.model.parameters import (
 )
 from quad_mpc_ros.control.model.reference_window import PointRecord, SampleRecord, sample_into
 from quad_mpc_ros.control.model.rollout import SUBSTEPS, is_uneven, uneven_air
-from quad_mpc_ros.control.model.state import INPUT_SIZE
+from quad_mpc_ros.control.model.state import INPUT_SIZE, U_RATE, U_THROTTLE
 
 # rad, in a substep: where a tilt begins or ends it does not turn.
 _TILT_JUMP = 0.05
@@ -89,10 +89,10 @@ def sample_target(
             tilt = kernels.plus(tilt, slowed)
         if k == 0:
             R_start = R_held
-        held[k, 0] = throttle
+        held[k, U_THROTTLE] = throttle
         kernels.store_vector(tilt, tilts[k])
         for n in range(3):
-            held[k, 1 + n] = point.w_WB_B[n]
+            held[k, U_RATE + n] = point.w_WB_B[n]
         if k > 0:
             _turn_with(tilts, R_held, dt, held, k)
         if k > 0 and k % SUBSTEPS == 0:
@@ -251,6 +251,6 @@ def _turn_with(tilts: Array, R_WB: kernels.Matrix, dt: float, held: Array, k: in
         return
     turn = kernels.apply_transposed(R_WB, kernels.scaled(1.0 / dt, change))
     for n in range(3):
-        held[k, 1 + n] += turn[n]
+        held[k, U_RATE + n] += turn[n]
         if k == 1:
-            held[0, 1 + n] += turn[n]
+            held[0, U_RATE + n] += turn[n]
