@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from quad_mpc_ros.control.lie import Array
 
 
@@ -49,13 +47,6 @@ class FittedCourse:
     time: Array
     measured: Array
     fitted: Array
-
-    @property
-    def explained(self) -> float:
-        """Share of the measured variation that the fit explains, at most 1."""
-        varied = float(np.sum((self.measured - self.measured.mean(axis=0)) ** 2))
-        missed = float(np.sum((self.measured - self.fitted) ** 2))
-        return 1.0 - missed / varied if varied > 0.0 else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -27,22 +27,23 @@ from quad_mpc_ros.control.estimation.command_history import CommandHistory, acti
 from quad_mpc_ros.control.estimation.ekf import EkfMemory, Filter, VehicleEkf, is_at_bounds
 from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
-from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimation.ground_detector import LONGEST_GAP_NS, GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import Learning
 from quad_mpc_ros.control.estimation.specific_force import SpecificForces
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of
-from quad_mpc_ros.control.model.rollout import StateRecord, read_odometry, roll_forward
+from quad_mpc_ros.control.model.rollout import (
+    LONGEST_SUBSTEP,
+    StateRecord,
+    read_odometry,
+    roll_forward,
+)
 from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample
 from quad_mpc_ros.control.model.state import BODY_RATE, Input
 from quad_mpc_ros.control.ocp.problem import PredictedState, Prediction
 
-# Longest stretch predicted at once; the error is of the third order in the turn of a stretch.
-_LONGEST = 0.005
-# Beyond it what the vehicle did between two odometries is not known well enough to learn from.
-_LONGEST_GAP_NS = 500_000_000
 # How long commands must have acted before something is learned, once they had not acted: the
 # actuators are still on their way from where something else had them.
 _SETTLING_NS = 300_000_000
@@ -177,7 +178,7 @@ class DelayCompensation:
         """
         stamp_ns, previous_ns = odometry.stamp_ns, self._previous_ns
         # Not across a long silence, nor from a clock to one that was set.
-        if previous_ns is None or not 0 <= stamp_ns - previous_ns <= _LONGEST_GAP_NS:
+        if previous_ns is None or not 0 <= stamp_ns - previous_ns <= LONGEST_GAP_NS:
             self._see(odometry)
             measured = self._followed.measured
             self._ekf.start(p_WB=measured.p_WB, v_WB_W=measured.v_WB_W, w_WB_B=measured.w_WB_B)
@@ -402,7 +403,7 @@ def _ahead(
             predicted.parameters,
             commands=acting.commands,
             durations=acting.durations,
-            longest=_LONGEST,
+            longest=LONGEST_SUBSTEP,
             start=predicted.state,
             end=predicted.state,
         )

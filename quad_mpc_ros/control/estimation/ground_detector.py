@@ -37,11 +37,13 @@ from quad_mpc_ros.control.estimation.kept_height import GUST, SETTLING, THRUST_E
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 
+LONGEST_GAP_NS = 500_000_000
+"""Between two odometries [ns]: beyond it what the vehicle did meanwhile is not known."""
+
 # Thrust as a share of the weight: some, filtered, for a while, keeps a vehicle in the air that was
 # not seen to stand, and enough may have lifted one that was.
 _SOME, _ENOUGH = 0.6, 0.95
 _SPOOLING_UP_NS = 1_500_000_000  # autopilots let the motors spool up for a second
-_LONGEST_GAP_NS = 500_000_000  # between odometries; beyond it what was between is not known
 # At the lift-off throttle leaps as the ground lets go, and nothing is learned for so long.
 _LETTING_GO_NS = _SPOOLING_UP_NS // 2
 
@@ -169,7 +171,7 @@ class GroundDetector:
         """Filter how it moves, and what carries it."""
         before_ns, self._stamp_ns = self._stamp_ns, odometry.stamp_ns
         duration_ns = 0 if before_ns is None else odometry.stamp_ns - before_ns
-        anew = not 0 < duration_ns <= _LONGEST_GAP_NS
+        anew = not 0 < duration_ns <= LONGEST_GAP_NS
         if anew:
             self._little_since_ns = self._lifting_since_ns = None
             self._still.forget()

@@ -27,11 +27,8 @@ from quad_mpc_ros.control.model.parameter_jacobians import (
     propagated_with_derivatives,
 )
 from quad_mpc_ros.control.model.parameters import ModelParameters, modelled_thrust
-from quad_mpc_ros.control.model.rollout import Body, StateRecord
+from quad_mpc_ros.control.model.rollout import LONGEST_SUBSTEP, Body, StateRecord
 from quad_mpc_ros.control.model.state import U_RATE, U_THROTTLE
-
-# Longest stretch predicted at once [s].
-_LONGEST = 0.005
 
 
 @compiled
@@ -62,7 +59,7 @@ def predict_motion(
     for k in range(len(acting.durations)):
         command = acting.commands[k, U_THROTTLE], w[0], w[1], w[2]
         body = propagated_with_derivatives(
-            model, shape, command, acting.durations[k], _LONGEST, body, derivatives
+            model, shape, command, acting.durations[k], LONGEST_SUBSTEP, body, derivatives
         )
     kernels.store_vector(body.p, x[MOTION.position : MOTION.velocity])
     kernels.store_vector(body.v, x[MOTION.velocity : MOTION.disturbance])

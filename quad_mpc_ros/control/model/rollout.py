@@ -36,6 +36,8 @@ from quad_mpc_ros.control.model.actuators import Actuators, actuators_in, first_
 from quad_mpc_ros.control.model.parameters import ModelParameters
 
 SUBSTEPS = 4
+LONGEST_SUBSTEP = 0.005
+"""For what is followed from odometry to odometry [s]; the error is of third order in the turn."""
 
 
 class StateRecord(Record):

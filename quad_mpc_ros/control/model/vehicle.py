@@ -140,12 +140,6 @@ class Vehicle(VehicleParameters):
         root = root_of_thrust(still, 0.5 * rotors * v_WB_B[:, 2] / math.sqrt(self.gravity))
         return np.where(still > 0.0, root * root, still)
 
-    def thrust_slope(self, throttle: float) -> float:
-        """Return d thrust / d throttle [N]."""
-        a, b, _ = self.thrust_curve
-        throttle = number(throttle, "throttle")
-        return self.motor_count * (2.0 * a * throttle + b)
-
     def throttle_for(self, thrust: float) -> float:
         """Return the throttle that gives a total thrust [N] (paper, section 2.1).
 

@@ -42,13 +42,6 @@ def test_full_throttle_is_four_motors(vehicle: Vehicle) -> None:
     assert vehicle.thrust(0.0) == pytest.approx(4 * -0.00514948)
 
 
-@pytest.mark.parametrize("throttle", [0.0, 0.3, 1.0])
-def test_slope_is_the_derivative(vehicle: Vehicle, throttle: float) -> None:
-    step = 1e-3  # a parabola: the central difference is exact
-    difference = (vehicle.thrust(throttle + step) - vehicle.thrust(throttle - step)) / (2 * step)
-    assert vehicle.thrust_slope(throttle) == pytest.approx(difference, rel=1e-12)
-
-
 curves = st.tuples(
     st.one_of(st.just(0.0), st.floats(1e-12, 50.0)),
     st.one_of(st.just(0.0), st.floats(1e-3, 50.0)),
