@@ -22,14 +22,15 @@ from quad_mpc_ros.configuration import per_axis
 from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, RecordArray
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimation import ekf
 from quad_mpc_ros.control.estimation.command_history import CommandHistory, acting_between
-from quad_mpc_ros.control.estimation.ekf import EkfMemory, Filter, VehicleEkf, is_at_bounds
+from quad_mpc_ros.control.estimation.ekf import EkfMemory, VehicleEkf, update
 from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
+from quad_mpc_ros.control.estimation.filter_state import Filter, is_at_bounds, write_estimated
 from quad_mpc_ros.control.estimation.ground_detector import LONGEST_GAP_NS, GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import Learning
 from quad_mpc_ros.control.estimation.specific_force import SpecificForces
+from quad_mpc_ros.control.estimation.turning_update import add_offsets
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
@@ -353,7 +354,7 @@ def _follow(
     start_ns, end_ns = stamps_ns
     _read(buffer=buffer, p_WB=p_WB, q_WB_xyzw=q_WB_xyzw, v_WB_B=v_WB_B, w_WB_B=w_WB_B)
     followed = buffer[()]
-    mode = ekf.update(
+    mode = update(
         state=followed.filter,
         before=followed.before,
         after=followed.measured,
@@ -392,13 +393,13 @@ def _ahead(
         kernels.store_vector(
             kernels.vector(x[MOTION.velocity : MOTION.disturbance]), predicted.state.v_WB_W
         )
-    ekf.write_estimated(known, predicted.parameters)
+    write_estimated(known, predicted.parameters)
     if end_ns > begin_ns:
         acting = acting_between(
             acts_ns=acts_ns, commands=commands, start_ns=begin_ns, end_ns=end_ns
         )
         for k in range(len(acting.commands)):
-            ekf.add_offsets(known, acting.commands[k])
+            add_offsets(known, acting.commands[k])
         roll_forward(
             predicted.parameters,
             commands=acting.commands,
@@ -408,5 +409,5 @@ def _ahead(
             end=predicted.state,
         )
     predicted.sent[:] = sent
-    ekf.add_offsets(known, predicted.sent)
+    add_offsets(known, predicted.sent)
     predicted.since_sent = since_sent

@@ -8,7 +8,9 @@ from fixtures.records import changed, state_of
 from scipy.signal import cont2discrete
 
 from quad_mpc_ros.control.estimation.command_history import Acting
-from quad_mpc_ros.control.estimation.ekf import Filter, VehicleEkf, update_turning
+from quad_mpc_ros.control.estimation.ekf import VehicleEkf
+from quad_mpc_ros.control.estimation.filter_state import Filter
+from quad_mpc_ros.control.estimation.turning_update import update_turning
 from quad_mpc_ros.control.estimation.update_mode import UpdateMode
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of

@@ -17,8 +17,9 @@ from scipy.stats import chi2
 
 from quad_mpc_ros.control.estimation import error_state, measurement_noise
 from quad_mpc_ros.control.estimation.command_history import Acting
-from quad_mpc_ros.control.estimation.ekf import Filter, VehicleEkf, update
+from quad_mpc_ros.control.estimation.ekf import VehicleEkf, update
 from quad_mpc_ros.control.estimation.error_state import MOTION
+from quad_mpc_ros.control.estimation.filter_state import Filter
 from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.parameters import parameters_of
