@@ -169,14 +169,14 @@ def allow(
         may.throttle_max = most if has_margin else FREE
         duration = since if i == 0 else given.step
         for k in range(3):
+            rate = U_RATE + k
             if i == 0:  # as it changes within the stage
-                n = U_RATE + k
-                first, last = stage.inputs[0, n], stage.inputs[SUBSTEPS - 1, n]
-                before, by_itself = sent[n], (last - first) / (SUBSTEPS - 1)
+                first, last = stage.inputs[0, rate], stage.inputs[SUBSTEPS - 1, rate]
+                before, by_itself = sent[rate], (last - first) / (SUBSTEPS - 1)
                 by_itself *= SUBSTEPS / given.step * since
             else:
                 before = 0.0
-                by_itself = stage.mean_input[n] - target[i - 1].mean_input[n]
+                by_itself = stage.mean_input[rate] - target[i - 1].mean_input[rate]
             change = limits[_SLEW] * duration
             has_slew = limits[_SLEW] > 0.0 and change < FREE
             fall, rise = min(by_itself, 0.0) - change, max(by_itself, 0.0) + change
@@ -358,19 +358,19 @@ def write_limits(
             offsets[first] = _write_speed(body.v, slopes[i], may.speed, rows[first, state:])
         first = places[_THROTTLE].row
         if first >= 0:
-            n = nu + U_THROTTLE
-            rows[first, n], rows[first + 1, n] = 1.0, -1.0
+            column = nu + U_THROTTLE
+            rows[first, column], rows[first + 1, column] = 1.0, -1.0
             offsets[first] = may.throttle_max - inputs[i, U_THROTTLE]
             offsets[first + 1] = inputs[i, U_THROTTLE] - may.throttle_min
         if places[_SLEW].row >= 0:
             for k in range(3):
                 first = places[_SLEW].row + 2 * k
-                n = U_RATE + k
-                change = inputs[i, n] - (inputs[i - 1, n] if i > 0 else 0.0)
+                rate = U_RATE + k
+                change = inputs[i, rate] - (inputs[i - 1, rate] if i > 0 else 0.0)
                 for side in range(2):
                     sign = 1.0 - 2.0 * side
-                    rows[first + side, nu + n] = sign
-                    rows[first + side, n] = -sign
+                    rows[first + side, nu + rate] = sign
+                    rows[first + side, rate] = -sign
                 offsets[first] = may.rate_change_max[k] - change
                 offsets[first + 1] = change - may.rate_change_min[k]
         for kind in range(len(places)):

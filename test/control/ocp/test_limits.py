@@ -22,11 +22,13 @@ from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.mpc import Mpc
 from quad_mpc_ros.control.ocp.half_spaces import HalfSpaces
 from quad_mpc_ros.control.ocp.horizon_qp import HorizonQP
-from quad_mpc_ros.control.ocp.limits import Allowed, penalty
+from quad_mpc_ros.control.ocp.limits import Allowed, allow, penalty
 from quad_mpc_ros.control.ocp.manifold import ManifoldProblem
 from quad_mpc_ros.control.ocp.problem import PredictedState
 from quad_mpc_ros.control.ocp.qp_solver import QpSolution, QpSolver
+from quad_mpc_ros.control.ocp.settings import settings_of
 from quad_mpc_ros.control.ocp.stages import HorizonPattern, HorizonStages, LimitPattern
+from quad_mpc_ros.control.ocp.target import TargetStage
 
 EXACT = SolverParameters(tolerance=1e-10, max_iterations=50000)
 LIMITS = {
@@ -133,6 +135,22 @@ def test_input_rows_start_from_last_command() -> None:
     assert_allclose(stages.offsets[0, 7::2], 1.0 + 60.0 * 0.02, atol=1e-9)
     assert_allclose(stages.offsets[0, 8::2], -1.0 + 60.0 * 0.02, atol=1e-9)
     assert_allclose(stages.offsets[1:, 7:], 60.0 * 0.05, atol=1e-9)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_each_rate_may_change_as_the_reference_does_and_no_more_than_the_slew_beyond(
+    axis: int,
+) -> None:
+    """The others, of which the reference asks for nothing, may change by the slew alone."""
+    target, allowed = TargetStage.zeros(4), Allowed.zeros(4)
+    target["R_WB"], ramp = np.eye(3), np.array([0.0, 7.0, 5.0, 9.0])
+    target["mean_input"][:, 1 + axis] = ramp
+    settings = settings_of(agile().updated(LIMITS))
+    allow(settings[()], np.zeros(4), 0.02, target, allowed)
+    slew, asked = 60.0 * 0.05, np.zeros((3, 3))
+    asked[:, axis] = np.diff(ramp)
+    assert_allclose(allowed["rate_change_max"][1:], np.maximum(asked, 0.0) + slew)
+    assert_allclose(allowed["rate_change_min"][1:], np.minimum(asked, 0.0) - slew)
 
 
 def test_rates_are_unlimited_before_first_command() -> None:
