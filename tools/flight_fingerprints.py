@@ -76,6 +76,20 @@ SIMULATED: dict[str, tuple[list[str], list[str]]] = {
             "mpc.envelope.speed_max=4.0",
         ],
     ),
+    "soft_limits": (
+        ["--reference", "lemniscate"],
+        [
+            "reference.angular_frequency=1.8",
+            "mpc.limits.tilt_max=0.5",
+            "mpc.limits.speed_max=4.0",
+            "mpc.advanced.limits.throttle_margin=0.1",
+            "mpc.advanced.limits.rate_slew=30.0",
+        ],
+    ),
+    "contouring": (
+        ["--reference", "lemniscate"],
+        [*DELAYED, "mpc.formulation=contouring", "reference.angular_frequency=2.0"],
+    ),
     "gusts_paper": (
         ["--config", "paper_rigid_body", "--reference", "circle"],
         ["simulator.wind=[2.0, 1.0, 0.0]", "simulator.gust_intensity=1.0"],
