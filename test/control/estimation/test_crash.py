@@ -112,19 +112,32 @@ def test_putting_it_upright_is_not_enough_but_disengaging_is() -> None:
     assert ground.state is not GroundState.CRASHED
 
 
-def collided(ground: GroundDetector, *, thrust: float, rises: float = 0.0) -> list[GroundState]:
+def collided(
+    ground: GroundDetector, *, thrust: float, rises: float = 0.0, until: float = 4.0
+) -> list[GroundState]:
     """Fall at 6 m/s for half a second, stop at once, and rise from there."""
 
     def height(seconds: float) -> float:
         return -6.0 * min(seconds - 0.51, 0.0) + 0.5 * rises * max(seconds - 0.51, 0.0) ** 2
 
     return said(
-        ground, [lying(t, tilt=0.0, height=height) for t in times(0.0, 4.0)], thrust=thrust
+        ground, [lying(t, tilt=0.0, height=height) for t in times(0.0, until)], thrust=thrust
     )
 
 
 def test_one_that_does_not_rise_with_thrust_after_a_collision_has_crashed() -> None:
-    assert collided(GroundDetector(), thrust=4.0)[-1] is GroundState.CRASHED
+    found = collided(GroundDetector(), thrust=4.0)
+    assert found[-1] is GroundState.CRASHED
+    assert 1.0 < found.index(GroundState.CRASHED) * 0.02 - 0.51 < 1.5
+
+
+@pytest.mark.parametrize(("rests", "crashed"), [(3.0, True), (6.0, False)])
+def test_a_collision_counts_for_five_seconds(rests: float, crashed: bool) -> None:
+    """By then it is under thrust again, or it was no crash."""
+    ground, again = GroundDetector(), 0.5 + rests
+    collided(ground, thrust=1.0, until=again)
+    found = said(ground, [lying(t, tilt=0.0) for t in times(again, again + 4.0)], thrust=4.0)
+    assert (GroundState.CRASHED in found) is crashed
 
 
 @pytest.mark.parametrize("thrust", [1.0, 2.0])

@@ -57,6 +57,10 @@ class Judge:
             self._stamp_ns += 20 * MS
         return said
 
+    def wait(self, seconds: float) -> None:
+        """Show nothing for a while."""
+        self._stamp_ns += round(1e9 * seconds)
+
 
 @pytest.fixture
 def judge() -> Judge:
@@ -427,3 +431,36 @@ def test_engaged_in_flight_lands_like_after_take_off(judge: Judge) -> None:
     judge.see(2.0, thrust=1.0, height=0.05, window=BELOW)
     judge.see(0.1, thrust=0.2, height=0.05, window=BELOW)
     assert judge.ground.state is GroundState.TOUCHING_DOWN
+
+
+@pytest.mark.parametrize("up", [0.5, 0.7, 0.85, 1.0])
+def test_air_may_push_more_than_assumed(judge: Judge, up: float) -> None:
+    """Half of the fall is kept in reserve: with the worst of thrusts 2.5 m/s^2 do not matter."""
+    share, fall = 0.39, 9.81 * (1.0 - 1.5 * 0.39) - 2.5
+    for time in PERIOD * np.arange(100):
+        velocity = np.array([0.0, 0.0, up - fall * time])
+        height = float(up * time - 0.5 * fall * time**2)
+        judge.see(thrust=share, height=height, velocity=velocity)
+        assert not judge.ground.state.stands
+
+
+def test_it_stands_with_as_much_thrust_as_is_little(judge: Judge) -> None:
+    assert judge.see(1.0, thrust=0.39)[-1] is GroundState.ON_GROUND
+
+
+@pytest.mark.parametrize(("gap", "flies"), [(0.4, True), (0.7, False)])
+def test_what_it_did_in_a_long_gap_is_not_known(judge: Judge, gap: float, flies: bool) -> None:
+    """That it hovered counts across half a second at most."""
+    judge.see(1.4, thrust=1.0, height=2.0)
+    judge.wait(gap)
+    judge.see(0.1, thrust=1.0, height=2.0)
+    assert (judge.ground.state is GroundState.FLYING) is flies
+
+
+@pytest.mark.parametrize(("rises", "stands"), [(0.007, True), (0.015, False)])
+def test_a_reference_that_rises_by_more_than_a_centimetre_climbs(
+    judge: Judge, rises: float, stands: bool
+) -> None:
+    heights = -0.5 + rises * np.array([0.0, 0.5, 1.0])
+    window = ReferenceWindow.through([0.0, 0.25, 0.5], heights[:, None] * [0.0, 0.0, 1.0])
+    assert (GroundState.ON_GROUND in judge.see(2.0, window=window)) is stands

@@ -43,3 +43,31 @@ def test_steps_are_followed_with_a_tenth_of_a_second() -> None:
     for _ in range(100):
         motion.draw_ground(fast=False)
     assert motion.now.rise == pytest.approx(4.0 * followed)
+
+
+def carried_after(falls: float) -> float | None:
+    """Return when it seems carried [s] that falls by a share of what 0.7 of its thrust leave."""
+    motion, climb = FilteredMotion(9.81), 0.0
+    for k in range(550):
+        reduced = k >= 500
+        climb -= falls * 0.3 * 9.81 * 0.02 * reduced
+        odometry = OdometrySample.at_rest([0.0, 0.0, 1.0])
+        odometry.v_WB_B[2] = climb
+        thrust = 0.7 if reduced else 1.0
+        motion.follow(odometry, thrust=thrust, duration=0.02, anew=k == 0, flies=True)
+        if motion.now.carried:
+            assert reduced
+            return 0.02 * (k - 499)
+    return None
+
+
+def test_it_is_carried_that_does_not_fall_for_a_quarter_of_a_second() -> None:
+    """0.12 s until the filtered thrust is below 0.8, and 0.1 s until 0.2 m/s are missing."""
+    assert carried_after(0.0) == pytest.approx(0.22, abs=0.03)
+
+
+@pytest.mark.parametrize(("falls", "carried"), [(0.2, True), (0.45, False), (1.0, False)])
+def test_it_is_carried_that_falls_by_less_than_a_third_of_what_it_should(
+    falls: float, carried: bool
+) -> None:
+    assert (carried_after(falls) is not None) is carried
