@@ -46,6 +46,21 @@ def test_detects_standing_soon(rate: float, noise: tuple[float, float]) -> None:
     assert 0.15 / SPEED + 0.5 <= time <= 2.5
 
 
+def test_half_a_second_settles_it() -> None:
+    still = np.zeros(100)
+    assert felt_at(still, still) == pytest.approx(0.15 / SPEED + 0.5, abs=0.1)
+
+
+@pytest.mark.parametrize(("share", "stands"), [(0.35, True), (0.75, False)])
+def test_what_moves_at_less_than_half_the_touchdown_speed_stands(
+    share: float, stands: bool
+) -> None:
+    """As on a deck, or by an estimate that drifts."""
+    times = np.arange(0.0, 8.0, 0.02)
+    climbs = share * SPEED * times
+    assert (felt_at(climbs, np.full(len(times), share * SPEED)) is not None) is stands
+
+
 def test_sinking_behind_the_reference_is_not_standing() -> None:
     times = np.arange(0.0, 10.0, 0.02)
     behind = 0.5 - SPEED * times
