@@ -8,13 +8,13 @@ import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.estimation.ground_state import idles
-from quad_mpc_ros.control.estimation.twist_frame import TwistFrameCheck
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import ImuSample, OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import with_body_twist
 from quad_mpc_ros.control.safety.ladder import timeouts_of
 from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
 from quad_mpc_ros.control.safety.position_jumps import PositionJumps
+from quad_mpc_ros.control.safety.twist_frame import TwistFrameCheck
 from quad_mpc_ros.control.safety.validation import BODY, coverage_fault, imu_fault
 from quad_mpc_ros.control.safety.window_validation import reference_fault
 

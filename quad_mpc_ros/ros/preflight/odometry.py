@@ -12,9 +12,9 @@ from itertools import pairwise
 import numpy as np
 
 from quad_mpc_ros.control.config import MpcConfig
-from quad_mpc_ros.control.estimation.twist_frame import TwistFrameCheck
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.safety.odometry_gate import OdometryGate
+from quad_mpc_ros.control.safety.twist_frame import TwistFrameCheck
 from quad_mpc_ros.control.safety.validation import is_frame
 from quad_mpc_ros.messages.topics import CLOCK
 from quad_mpc_ros.ros.preflight.facts import SIMULATOR_NODE, Arrival, Facts

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from quad_mpc_ros.control.estimation.twist_frame import TwistFrameCheck
 from quad_mpc_ros.control.model.samples import OdometrySample
+from quad_mpc_ros.control.safety.twist_frame import TwistFrameCheck
 
 PERIOD_NS = 20_000_000
 
