@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import gc
 import os
+import signal
 import socket
 import sys
 import tempfile
@@ -112,6 +113,10 @@ def _count_starts(event: str, _arguments: object) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Take domains, but where other processes run the tests."""
     global _domains
+    # A shell that starts this in its background has it ignored, and every process started here
+    # inherits that: tests that interrupt one would wait for ever.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     distributes = getattr(config.option, "numprocesses", None)
     if not distributes or hasattr(config, "workerinput"):
         _domains = _Domains(_free_domains(_Domains.most))
