@@ -27,11 +27,11 @@ from quad_mpc_ros.control.estimation.ekf import EkfMemory, VehicleEkf, update
 from quad_mpc_ros.control.estimation.error_state import MOTION
 from quad_mpc_ros.control.estimation.estimate_health import EstimateHealth
 from quad_mpc_ros.control.estimation.filter_state import Filter, is_at_bounds, write_estimated
-from quad_mpc_ros.control.estimation.ground_detector import LONGEST_GAP_NS, GroundDetector
+from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
 from quad_mpc_ros.control.estimation.ground_state import Learning
 from quad_mpc_ros.control.estimation.specific_force import SpecificForces
 from quad_mpc_ros.control.estimation.turning_update import add_offsets
-from quad_mpc_ros.control.estimation.update_mode import Conditions, UpdateMode
+from quad_mpc_ros.control.estimation.update_mode import LONGEST_GAP_NS, Conditions, UpdateMode
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.parameters import ModelParameters, parameters_of

@@ -34,11 +34,9 @@ from quad_mpc_ros.control.estimation.ground_state import (
     next_state,
 )
 from quad_mpc_ros.control.estimation.kept_height import GUST, SETTLING, THRUST_ERROR, KeptHeight
+from quad_mpc_ros.control.estimation.update_mode import LONGEST_GAP_NS
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
-
-LONGEST_GAP_NS = 500_000_000
-"""Between two odometries [ns]: beyond it what the vehicle did meanwhile is not known."""
 
 # Thrust as a share of the weight: some, filtered, for a while, keeps a vehicle in the air that was
 # not seen to stand, and enough may have lifted one that was.

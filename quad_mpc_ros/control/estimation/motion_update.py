@@ -285,19 +285,16 @@ def _constrain_motion(state: Filter, considered: Array) -> None:
     factor, farthest = error_state.LAG_FACTOR, state.bounds.disturbance_max
     latest = lag * factor + (error_state.LATEST if lag > 0.0 else 0.0)
     least, most = error_state.DRAG_FACTORS
-    most = max(most * drag, drag + error_state.DRAG_MORE)
-    for i, low, high in (
+    bounds = (
         (d, -farthest, farthest),
         (d + 1, -farthest, farthest),
         (d + 2, -VERTICAL_BOUND, VERTICAL_BOUND),
-        (MOTION.drag, least * drag, most),
+        (MOTION.drag, least * drag, max(most * drag, drag + error_state.DRAG_MORE)),
         (MOTION.lag, lag / factor, latest),
         (MOTION.scale, SCALE_BOUNDS[0], SCALE_BOUNDS[1]),
-    ):
+    )
+    for i, low, high in bounds:
         kalman.constrain(x, P, i, (low, high), considered)
     # What went along with one may be beyond its own by now.
-    x[MOTION.drag] = kernels.clamp(x[MOTION.drag], least * drag, most)
-    x[MOTION.lag] = kernels.clamp(x[MOTION.lag], lag / factor, latest)
-    for k in range(3):
-        bound = VERTICAL_BOUND if k == 2 else farthest
-        x[d + k] = kernels.clamp(x[d + k], -bound, bound)
+    for i, low, high in bounds:
+        x[i] = kernels.clamp(x[i], low, high)

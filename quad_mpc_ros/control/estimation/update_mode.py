@@ -48,8 +48,8 @@ class Conditions(NamedTuple):
     may_touch: bool
 
 
-# s, beyond which the model without anything learned leads astray.
-LONGEST_PAUSE = 0.5
+LONGEST_GAP_NS = 500_000_000
+"""For how long the model alone is trusted [ns], without odometry or with nothing learned of it."""
 
 
 @compiled
@@ -58,7 +58,8 @@ def update_mode(
 ) -> UpdateMode:
     """Return the update mode; ``paused_for`` [s] is how long it has been velocity only."""
     pauses = conditions.may_touch or saturated
-    if not (conditions.acts and conditions.flies) or (pauses and paused_for > LONGEST_PAUSE):
+    too_long = pauses and paused_for > 1e-9 * LONGEST_GAP_NS
+    if not (conditions.acts and conditions.flies) or too_long:
         return UpdateMode.HOLD
     if not passed:
         return UpdateMode.REJECT

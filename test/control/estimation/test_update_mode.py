@@ -8,7 +8,7 @@ import pytest
 
 from quad_mpc_ros.control.estimation import update_mode as module
 from quad_mpc_ros.control.estimation.update_mode import (
-    LONGEST_PAUSE,
+    LONGEST_GAP_NS,
     Conditions,
     UpdateMode,
     update_mode,
@@ -35,7 +35,7 @@ def row_for(facts: tuple[bool, ...]) -> str:
 def test_table_holds(facts: tuple[bool, ...]) -> None:
     acts, flies, pauses, long, passed = facts
     expected = row_for(facts)
-    paused_for = LONGEST_PAUSE * (1.5 if long else 0.5)
+    paused_for = 1e-9 * LONGEST_GAP_NS * (1.5 if long else 0.5)
     for may_touch, saturated in ((True, False), (False, True), (True, True)):
         conditions = Conditions(acts, flies, may_touch and pauses)
         mode = update_mode(conditions, saturated and pauses, paused_for, passed)
