@@ -20,7 +20,6 @@ OF_THE_GROUND = {
     "ground_motion",
     "ground_state",
     "kept_height",
-    "twist_frame",
 }
 # What names a unit or a place in the state is no choice.
 NO_CHOICE = {"_SECOND", "MOTION", "TURNING", "ROLL_PITCH", "YAW"}
