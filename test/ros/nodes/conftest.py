@@ -55,6 +55,7 @@ class Peer:
         self.node: Node = rclpy.create_node("test_peer")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
+        self._matched: set[Any] = set()
 
     def close(self) -> None:
         self.node.destroy_node()
@@ -72,9 +73,15 @@ class Peer:
     def spin(self, seconds: float) -> None:
         self.wait(lambda: False, timeout=seconds)
 
-    def call(self, client: Any, request: Any) -> Any:
+    def find(self, client: Any) -> None:
+        """Wait for the service of a client, and at first until that has found the client."""
         assert self.wait(client.service_is_ready)
-        self.spin(MATCHING)
+        if client not in self._matched:
+            self.spin(MATCHING)
+            self._matched.add(client)
+
+    def call(self, client: Any, request: Any) -> Any:
+        self.find(client)
         future = client.call_async(request)
         assert self.wait(future.done)
         return future.result()
@@ -187,8 +194,7 @@ class Managed:
             request.transition.label = transition
         else:
             request.transition.id = transition
-        assert self._peer.wait(self._change.service_is_ready)
-        self._peer.spin(MATCHING)
+        self._peer.find(self._change)
         return self._change.call_async(request)
 
     @property
