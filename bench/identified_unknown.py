@@ -1,6 +1,6 @@
 """Identify vehicles of a campaign from their own flights, and fly the same flights again.
 
-python -P bench/identified_unknown.py lemniscate --seed 5 --flights 21
+python bench/identified_unknown.py lemniscate --seed 5 --flights 21
 
 Each vehicle is flown as the campaign says, in the same wind, gusts and noise: as unknown, then
 with what ``identify`` finds in that first flight, then told the truth, which is the floor; with
