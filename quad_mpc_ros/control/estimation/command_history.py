@@ -11,7 +11,8 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.state import INPUT_SIZE
 
-_MOST = 1024  # commands remembered: for 2 s at 500 Hz
+_KEPT_NS = 2_000_000_000
+_ROOM = 256  # commands to begin with; twice as many when they are too few
 
 
 class Acting(NamedTuple):
@@ -32,26 +33,48 @@ class CommandHistory:
         """``initial`` (4,) acts before all others."""
         self._delay_ns = delay_ns
         self._initial = initial
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget what was sent: it did not act."""
-        self.acts_ns = np.empty(0, dtype=np.int64)
+        self._room_ns = np.zeros(_ROOM, dtype=np.int64)
+        self.acts_ns = self._room_ns[:0]
         """From when on each command acts (n,), all but the first of ``commands`` [ns]."""
-        self.commands = self._initial[np.newaxis].copy()
-        """The commands (n + 1, 4): one that acts before all others, and the others."""
+        self.commands = np.zeros((_ROOM + 1, INPUT_SIZE))
+        """The commands: one that acts before all others, n others, and room for more."""
+        self.commands[0] = self._initial
 
     def record(self, command: Array, *, stamp_ns: int) -> None:
         """Remember a command (4,); those of a later time, as of a clock set back, are void."""
-        acts_ns = stamp_ns + self._delay_ns
-        valid = int(np.searchsorted(self.acts_ns, acts_ns, side="right"))
-        oldest = max(valid + 1 - _MOST, 0)
-        self.acts_ns = np.append(self.acts_ns[oldest:valid], acts_ns)
-        self.commands = np.vstack((self.commands[oldest : valid + 1], command))
+        acts_ns, count = stamp_ns + self._delay_ns, len(self.acts_ns)
+        while count > 0 and self._room_ns.item(count - 1) > acts_ns:
+            count -= 1
+        if count == len(self._room_ns):
+            count = self._make_room(stamp_ns - _KEPT_NS)
+        self._room_ns[count] = acts_ns
+        self.acts_ns = self._room_ns[: count + 1]
+        self.commands[count + 1] = command
+
+    def forget(self) -> None:
+        """Forget what was sent: it did not act."""
+        self.acts_ns = self._room_ns[:0]
+        self.commands[0] = self._initial
 
     def knows(self, time_ns: int) -> bool:
         """Whether what acted at a time was sent from here, as far as is remembered."""
         return len(self.acts_ns) > 0 and self.acts_ns.item(0) <= time_ns
+
+    def _make_room(self, oldest_ns: int) -> int:
+        """Forget what acted before a time, or grow if that is not even half; return what is left.
+
+        All room is taken.
+        """
+        count = len(self._room_ns)
+        kept = int(np.searchsorted(self._room_ns, oldest_ns))
+        if 2 * kept < count:
+            self._room_ns = np.resize(self._room_ns, 2 * count)
+            self.commands = np.resize(self.commands, (2 * count + 1, INPUT_SIZE))
+        left = count - kept
+        # From one to another place of the same arrays, hence copies.
+        self._room_ns[:left] = self._room_ns[kept:count].copy()
+        self.commands[: left + 1] = self.commands[kept : count + 1].copy()
+        return left
 
 
 @compiled

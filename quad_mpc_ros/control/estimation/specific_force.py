@@ -22,10 +22,11 @@ from quad_mpc_ros.configuration.compilation import compiled
 from quad_mpc_ros.configuration.records import Record, Vector3
 from quad_mpc_ros.control.estimation import kalman
 from quad_mpc_ros.control.estimation.error_state import MOTION
-from quad_mpc_ros.control.estimation.update_mode import LONGEST_GAP_NS
 from quad_mpc_ros.control.lie import Array, kernels
 from quad_mpc_ros.control.model.rollout import StateRecord
 from quad_mpc_ros.control.model.samples import ImuSample
+
+_MOST_KEPT = 1024
 
 
 class SpecificForce(Record):
@@ -41,18 +42,16 @@ class SpecificForces:
     """Keeps what an accelerometer measured until the odometry after it has come."""
 
     def __init__(self) -> None:
-        self._kept: deque[ImuSample] = deque()
+        self._kept: deque[ImuSample] = deque(maxlen=_MOST_KEPT)
         self.newest_ns = 0
         """Stamp of the last one taken."""
 
     def add(self, sample: ImuSample) -> None:
-        """Take a measurement, after those before; what is too old for an odometry is dropped."""
+        """Take a measurement, after those before."""
         if sample.stamp_ns < self.newest_ns:  # a clock was set
             self._kept.clear()
         self._kept.append(sample)
         self.newest_ns = sample.stamp_ns
-        while self._kept[0].stamp_ns < sample.stamp_ns - LONGEST_GAP_NS:
-            self._kept.popleft()
 
     def mean(self, *, start_ns: int, end_ns: int) -> Array | None:
         """Return the mean (3,) [m/s^2] of those after a time until another, None without any.

