@@ -19,6 +19,7 @@ from fixtures.processes import end
 from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -72,6 +73,16 @@ class Peer:
 
     def spin(self, seconds: float) -> None:
         self.wait(lambda: False, timeout=seconds)
+
+    def deliver(self, *publishers: Any) -> None:
+        """Wait until reliable readers have what was published, then give them time to take it.
+
+        A writer knows a reader before that knows the writer: what it sends at once comes with the
+        next heartbeat, up to 3 s later.
+        """
+        for publisher in publishers:
+            assert publisher.wait_for_all_acked(Duration(seconds=10))
+        self.spin(0.3)
 
     def find(self, client: Any) -> None:
         """Wait for the service of a client, and at first until that has found the client."""

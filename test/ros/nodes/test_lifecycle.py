@@ -313,6 +313,8 @@ def counter(peer: Any) -> Iterator[Callable[[int], None]]:
             publisher.publish(Int32(data=count))
             count += 1
             peer.spin(0.005)
+        if publisher.get_subscription_count():
+            peer.deliver(publisher)
 
     publish.heard = publisher.get_subscription_count  # type: ignore[attr-defined]
     return publish

@@ -66,7 +66,7 @@ def test_all_topics_but_those_excluded(start: Start, peer: Any, tmp_path: Path) 
     for publisher in publishers.values():
         publisher.publish(Int32(data=7))
     late.publish(String(data="of another type"))
-    peer.spin(0.3)
+    peer.deliver(publishers["/uav1/numbers"], late)
     assert end(recorder, signal.SIGTERM) == 0
     topics = BagReader(bag).topics
     assert {"/uav1/numbers", "/late", "/diagnostics"} <= set(topics)
@@ -144,7 +144,7 @@ def test_publishers_of_every_quality_of_service(start: Start, peer: Any, tmp_pat
     assert best_effort.get_subscription_count()
     heard_from = count
     publish_for(1.0, best_effort)
-    peer.spin(0.3)
+    peer.deliver(reliable)
     assert end(recorder) == 0
 
     recorded = numbers(bag, "/mixed")
@@ -183,7 +183,7 @@ def test_reports_messages_lost_while_starved(start: Start, peer: Any, tmp_path: 
         publisher.publish(String(data=f"{count} " + 10_000 * "x"))
         time.sleep(0.0005 if 50 <= count < 1100 else 0.01)
     assert peer.wait(lambda: told["lost"] > 0)
-    peer.spin(0.3)
+    peer.deliver(publisher)
     assert end(recorder) == 0
     with AnyReader([bag]) as reader:
         kept = [
@@ -211,7 +211,7 @@ def test_unrecordable_topic_does_not_stop_the_rest(
     assert peer.wait(good.get_subscription_count)
     quarrel.publish(Int32(data=0))
     good.publish(Int32(data=1))
-    peer.spin(0.3)
+    peer.deliver(good)
     assert end(recorder) == 0
     assert numbers(bag, "/good") == [1]
     assert log.read_text().count("cannot record") == 1
@@ -231,7 +231,7 @@ def test_a_split_recording_is_one_bag(start: Start, peer: Any, tmp_path: Path) -
     for number in range(150):
         publisher.publish(Int32(data=number))
         peer.spin(0.01)
-    peer.spin(0.3)
+    peer.deliver(publisher)
     assert end(recorder) == 0
     assert numbers(bag, "/numbers") == list(range(150))
     assert len(list(bag.glob("bag_*.mcap"))) >= 3
