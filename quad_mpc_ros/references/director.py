@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quad_mpc_ros.control.estimation.ground_state import idling
+from quad_mpc_ros.control.estimation.ground_state import HEIGHT, idling
 from quad_mpc_ros.control.lie import Array
 from quad_mpc_ros.control.model.estimate_reset import EstimateReset
 from quad_mpc_ros.control.model.samples import ReferenceWindow
@@ -166,6 +166,18 @@ class Director:
         above[2] = self.ground + height
         goal = FlatState.at_rest(above, yaw=start.yaw)
         return self._go(now_ns, [(TAKEOFF, start, goal)], then=HOLD)
+
+    def slipped(self, now_ns: int, *, p_WB: Array) -> None:
+        """Let a take-off to a hold climb above where a vehicle is that has not left the ground.
+
+        Light on its feet it slips aside, and its estimate drifts; neither is to be flown back.
+        """
+        if self.mode(now_ns) != TAKEOFF or self.timeline.last.name != HOLD:
+            return
+        slip = np.array([*(p_WB - self.timeline.at([now_ns]).p_WB[0])[:2], 0.0])
+        if np.linalg.norm(slip) > HEIGHT:
+            moved = EstimateReset(stamp_ns=now_ns, turn=0.0, step_W=slip)
+            self.timeline.reset_estimate(moved)
 
     def fly(self, now_ns: int, trajectory: Trajectory) -> Reply:
         """Go to the beginning of a trajectory, matching its initial motion, and fly it."""

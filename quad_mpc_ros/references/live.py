@@ -35,7 +35,7 @@ from quad_mpc_ros.control.safety.validation import pose_fault
 from quad_mpc_ros.references.bounds import velocity_limits
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import received_trajectory
-from quad_mpc_ros.references.director import GROUND, LANDING, Director, Reply
+from quad_mpc_ros.references.director import GROUND, LANDING, TAKEOFF, Director, Reply
 from quad_mpc_ros.references.feasibility import judged
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.server import ReferenceServer
@@ -129,7 +129,7 @@ class LiveReference:
 
     def needs_odometry(self, now_ns: int) -> bool:
         """Whether the next odometry matters: at the beginning and near the ground."""
-        return self.mode(now_ns) in (WAITING, GROUND, LANDING)
+        return self.mode(now_ns) in (WAITING, GROUND, TAKEOFF, LANDING)
 
     def observe(self, odometry: OdometrySample) -> Reply | None:
         """Take an odometry; return what follows from it, if it is the first or a touchdown."""
@@ -142,6 +142,8 @@ class LiveReference:
             if self._engaged is None:
                 return self._begin(odometry)
             return self._take_over(odometry) if self._engaged else None
+        if self._ground is GroundState.LIFTING_OFF:
+            self._director.slipped(now_ns, p_WB=odometry.p_WB)
         if self._director.is_sinking(now_ns) and self._is_down(self._director, odometry):
             self._stood.stand(float(odometry.p_WB[2]))
             return self._director.touched(now_ns, p_WB=odometry.p_WB)

@@ -17,7 +17,7 @@ import pytest
 from fixtures.touching import standing_config
 
 from quad_mpc_ros.control.controller import Controller
-from quad_mpc_ros.control.lie import so3
+from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample
 from quad_mpc_ros.control.warm_up import warmed_up
 from quad_mpc_ros.recordings.evaluation.simulated import load_config
@@ -58,7 +58,8 @@ class Moment(NamedTuple):
     state: str
     mode: str
     throttle: float
-    height: float
+    p_WB: Array
+    tilt: float
 
 
 def flown(
@@ -101,7 +102,8 @@ def flown(
                 state=tick.stats.ground,
                 mode=live.mode(now_ns),
                 throttle=tick.command.throttle,
-                height=float(sent.truth.p_WB[2]),
+                p_WB=sent.truth.p_WB,
+                tilt=math.acos(min(sent.truth.up, 1.0)),
             )
         )
     return moments
@@ -179,6 +181,16 @@ def test_lift_off_flight_and_touchdown(case: str) -> None:
     assert np.mean(right) >= 0.99
 
 
+def test_leaves_a_slope_level_and_where_it_stood() -> None:
+    """Its thrust leans as the slope does until it has turned, and pushes it downhill meanwhile."""
+    leaving = [moment for moment in to_and_from("slope") if 2.0 <= moment.seconds < 5.0]
+    flown_from = next(moment for moment in leaving if moment.state == "flying")
+    assert flown_from.tilt < math.radians(5.0)
+    assert max(moment.tilt for moment in leaving) < math.radians(11.0)
+    places = np.array([moment.p_WB[:2] for moment in leaving])
+    assert np.linalg.norm(places - places[0], axis=1).max() < 0.15
+
+
 @pytest.mark.parametrize("slope", [0.0, math.radians(10.0)])
 def test_a_touchdown_at_one_and_a_half_metres_a_second(slope: float) -> None:
     moments = flown(
@@ -213,7 +225,7 @@ def test_flight_two_centimetres_above_the_ground_is_flight(noise: float) -> None
         position_noise=0.1 * noise,
     )
     above = [moment for moment in moments if moment.seconds > 15.0]
-    assert abs(np.mean([moment.height for moment in above]) - 0.02) < 0.01
+    assert abs(np.mean([moment.p_WB[2] for moment in above]) - 0.02) < 0.01
     assert share(above, {"flying"}) >= 0.99
     assert share(moments[200:], ON_GROUND) == 0.0
 

@@ -364,6 +364,34 @@ def test_the_ground_is_what_the_mpc_says() -> None:
     assert_allclose(place(reference, now + 10 * SECOND), [3.0, 4.0, 3.0], atol=1e-6)
 
 
+def test_a_take_off_climbs_above_where_the_vehicle_slips_to_until_it_flies() -> None:
+    reference = live()
+    reference.observe(odometry(START))
+    assert reference.take_off(START).accepted
+    reference.tell_ground(GroundState.LIFTING_OFF)
+    now = START + SECOND // 2
+    climbed = place(reference, now)[2]
+    reference.observe(odometry(now, 0.3, -0.2, 0.05))
+    assert reference.needs_odometry(now)
+    assert_allclose(place(reference, now), [0.3, -0.2, climbed], atol=1e-6)
+    reference.tell_ground(GroundState.FLYING)
+    reference.observe(odometry(now, 0.8, -0.2, 0.2))
+    assert_allclose(place(reference, now), [0.3, -0.2, climbed], atol=1e-6)
+    assert_allclose(place(reference, now + 10 * SECOND), [0.3, -0.2, 1.5], atol=1e-6)
+
+
+def test_a_take_off_that_leads_on_to_a_goal_does_not_move() -> None:
+    reference = waiting(mode="at_once", trajectory="lemniscate")
+    reference.observe(odometry(START))
+    reference.engage(True)
+    now = START + SECOND // 2
+    reference.tell_ground(GroundState.LIFTING_OFF)
+    planned = reference.window(now)
+    reference.observe(odometry(now, 0.3, 0.0, 0.05))
+    assert reference.mode(now) == "takeoff"
+    assert_same_windows(planned, reference.window(now))
+
+
 def test_a_landing_ends_when_the_mpc_says_so() -> None:
     reference, now = hovering()
     reference.tell_ground(GroundState.FLYING)

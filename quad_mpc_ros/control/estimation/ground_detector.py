@@ -127,7 +127,7 @@ class GroundDetector:
             case GroundState.UNKNOWN | GroundState.TOUCHING_DOWN if self.idle_wanted:
                 return AllowedCommand.IDLE
             case GroundState.LIFTING_OFF | GroundState.TOUCHING_DOWN:
-                return AllowedCommand.THROTTLE
+                return AllowedCommand.LEVEL
             case _:
                 return AllowedCommand.ALL
 

@@ -105,7 +105,7 @@ class AllowedCommand(enum.Enum):
     """What of a command goes to the motors."""
 
     IDLE = "motors idle, no rates"
-    THROTTLE = "throttle, no rates"
+    LEVEL = "throttle, and rates that make it level"
     ALL = "throttle and rates"
 
 

@@ -173,10 +173,9 @@ def idle(config: MpcConfig) -> Input:
     return Input(throttle=config.throttle_min, w_WB_B=np.zeros(3))
 
 
-def grounded(wanted: Input, config: MpcConfig, *, lifts: bool) -> Input:
-    """Return what a vehicle on the ground may do of a command: lift off if it is to, not turn."""
-    still = idle(config)
-    return Input(throttle=wanted.throttle, w_WB_B=still.w_WB_B) if lifts else still
+def levelling(R_WB: Array) -> Array:
+    """Return the body rates (3,) [rad/s] that make a vehicle level; they have no yaw."""
+    return np.asarray(_TILT_GAIN * tilt_to(np.array([0.0, 0.0, 1.0]), R_WB))
 
 
 def dead_reckoned(R_WB: Array, w_WB_B: Array, *, duration: float) -> Array:

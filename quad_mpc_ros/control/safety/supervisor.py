@@ -28,8 +28,8 @@ from quad_mpc_ros.control.safety.fallbacks import (
     BlindFallback,
     HoverFallback,
     Learned,
-    grounded,
     idle,
+    levelling,
     stop_within,
 )
 from quad_mpc_ros.control.safety.flight_limits import FlightLimits
@@ -41,6 +41,9 @@ _CRASHED = (
     "crashed: it lies upside down, or does not rise with thrust; put it upright, then deactivate "
     "and activate the MPC, or disengage and engage"
 )
+
+# They turn for where the vehicle is to be; the others, if at all, to make it level.
+_STEERING = (Source.MPC, Source.PLAN, Source.HOVER)
 
 
 class Counts(NamedTuple):
@@ -328,8 +331,7 @@ class Supervisor:
         allowed = self._ground.allowed
         if self._ground.state is GroundState.UNKNOWN and source is not Source.MPC:
             allowed = AllowedCommand.ALL  # it may be in the air, and may not be seen to fall
-        if allowed is not AllowedCommand.ALL:
-            wanted = grounded(wanted, self._config, lifts=allowed is AllowedCommand.THROTTLE)
+        wanted = self._allowed(wanted, allowed, source)
         if self._sent is not None:
             elapsed = max(now_ns - self._sent.sent_ns, 0) * 1e-9
             wanted = rate_limited(wanted, self._sent.command, self._config.slew, duration=elapsed)
@@ -371,6 +373,18 @@ class Supervisor:
                 )
             case _:
                 return None
+
+    def _allowed(self, wanted: Input, allowed: AllowedCommand, source: Source) -> Input:
+        """Return what may go to the motors of the command that a source wants."""
+        odometry = self.inputs.odometry
+        match allowed:
+            case AllowedCommand.IDLE:
+                return idle(self._config)
+            case AllowedCommand.LEVEL if odometry is not None and source in _STEERING:
+                turn = levelling(state_from_odometry(odometry).R_WB)
+                return Input(throttle=wanted.throttle, w_WB_B=turn)
+            case _:
+                return wanted
 
     def _count(self, name: str) -> None:
         self.counts = self.counts._replace(**{name: getattr(self.counts, name) + 1})

@@ -147,7 +147,7 @@ def test_reference_above_prevents_standing(judge: Judge) -> None:
 
 def test_it_stands_until_it_has_risen(standing: Judge) -> None:
     assert set(standing.see(1.0, thrust=0.9, window=ABOVE)) == {GroundState.LIFTING_OFF}
-    assert standing.ground.allowed is AllowedCommand.THROTTLE
+    assert standing.ground.allowed is AllowedCommand.LEVEL
     said = [standing.see(thrust=1.1, height=0.01 * k, window=ABOVE)[0] for k in range(60)]
     assert said[0] is GroundState.LIFTING_OFF
     assert 0.1 < 0.01 * said.index(GroundState.FLYING) < 0.3

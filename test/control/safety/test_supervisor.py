@@ -12,7 +12,9 @@ from fixtures.records import state_of
 from numpy.testing import assert_allclose
 
 from quad_mpc_ros.control.config import FenceParameters, MpcConfig, SlewParameters
-from quad_mpc_ros.control.lie import Array
+from quad_mpc_ros.control.estimation.ground_detector import GroundDetector
+from quad_mpc_ros.control.estimation.ground_state import GroundState
+from quad_mpc_ros.control.lie import Array, so3
 from quad_mpc_ros.control.model.samples import OdometrySample, ReferenceWindow
 from quad_mpc_ros.control.model.state import Input
 from quad_mpc_ros.control.ocp.plan import Plan
@@ -151,6 +153,45 @@ def test_blind_levels_attitude_propagated_from_last_command(make_flight: MakeFli
     _, u = flight.watch()
     assert u is not None
     assert u.w_WB_B[0] == pytest.approx(0.0, abs=1e-12)
+
+
+# Nose down by 0.1 rad, and leaning to the right by as much.
+LEANING = np.array([math.sin(0.05), math.sin(0.05), 0.0, math.cos(0.05)])
+LEANING /= np.linalg.norm(LEANING)
+
+
+def standing(flight: Flight, state: GroundState) -> Flight:
+    """Let the vehicle of a flight be seen in a state of the ground."""
+    ground = GroundDetector()
+    ground.state = state
+    flight.supervisor = Supervisor(MpcConfig(odom_timeout=0.04), ground=ground, deadline=0.01)
+    return flight
+
+
+@pytest.mark.parametrize("state", [GroundState.LIFTING_OFF, GroundState.TOUCHING_DOWN])
+def test_what_may_stand_turns_level_and_nowhere_else(
+    make_flight: MakeFlight, state: GroundState
+) -> None:
+    flight = standing(make_flight(MpcConfig()), state)
+    _, u = flight.tick(planned(0.6, 3.0, -2.0, 1.0), q_WB_xyzw=LEANING)
+    assert u is not None
+    assert u.throttle == 0.6
+    roll, pitch, yaw = u.w_WB_B
+    assert roll < -0.3 and pitch < -0.3
+    assert yaw == 0.0
+    turned = so3.rotation_from_quaternion_xyzw(LEANING) @ so3.exp(0.05 * u.w_WB_B)
+    assert turned[2, 2] > so3.rotation_from_quaternion_xyzw(LEANING)[2, 2]
+
+
+def test_blind_after_a_touchdown_it_levels_by_dead_reckoning(make_flight: MakeFlight) -> None:
+    """Rates for an attitude that is seen no more would turn it on and on."""
+    flight = standing(make_flight(MpcConfig()), GroundState.TOUCHING_DOWN)
+    flight.tick(planned(0.6), q_WB_xyzw=LEANING)
+    flight.now += 2 * PERIOD
+    turns = [flight.watch() for _ in range(40)]
+    assert {source for source, _ in turns[10:]} == {"BLIND"}
+    assert turns[-1][1] is not None
+    assert_allclose(turns[-1][1].w_WB_B, 0.0, atol=0.01)
 
 
 @pytest.mark.parametrize("age", [0 * MS, 7 * MS, 39 * MS, 40 * MS, 41 * MS, 900 * MS])
