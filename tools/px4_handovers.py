@@ -1,10 +1,12 @@
 """Take a simulated PX4 over and give it back, again and again, and print how much it tilted.
 
-    python tools/px4_handovers.py --config vehicle.yaml [--out DIR]
+    python tools/px4_handovers.py --config vehicle.yaml [--bridge mavlink] [--out DIR]
+                                  [--station udpin:127.0.0.1:14550]
 
-PX4 and its uXRCE-DDS agent run already, in real time, disarmed on the ground, and px4_msgs is
-there (docs/stacks/px4.md). The nodes are started here, each a process: mpc, reference and
-px4_bridge. Not for a real vehicle: in the air the MPC is killed, and PX4 is switched to hold.
+PX4 runs already, in real time, disarmed on the ground; by px4_bridge its uXRCE-DDS agent does as
+well, and px4_msgs is there (docs/stacks/px4.md). The nodes are started here, each a process: mpc,
+reference and the bridge. The pilot is a ground station, to which PX4 speaks MAVLink. Not for a
+real vehicle: in the air the MPC is killed, and PX4 is switched to hold.
 
 Each line is one handover: who flies after it, and by how much [deg] the vehicle tilted more than
 the reference asks for, from it until the next; all of it where PX4 flies by itself. The exit code
@@ -29,40 +31,22 @@ import rclpy
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from quad_mpc_ros.configuration import files
-from quad_mpc_ros.control.config import MpcConfig
 from quad_mpc_ros.control.lie import so3
 from quad_mpc_ros.control.model.reference_window import sample
 from quad_mpc_ros.control.model.samples import ReferenceWindow
 from quad_mpc_ros.messages.topics import ENGAGED, ODOMETRY, REFERENCE
-from quad_mpc_ros.references.config import ReferenceConfig
-from quad_mpc_ros.ros.bridges.px4 import (
-    ARMING_STATE_ARMED,
-    NAVIGATION_STATE_OFFBOARD,
-    VEHICLE_CMD_COMPONENT_ARM_DISARM,
-    VEHICLE_CMD_DO_SET_MODE,
-    Px4Bridge,
-)
-from quad_mpc_ros.ros.messages import (
-    message_class,
-    new_message,
-    odometry_in,
-    qos_of,
-    reference_in,
-)
+from quad_mpc_ros.ros.bridges.bridge import Line
+from quad_mpc_ros.ros.bridges.mavlink import codec
+from quad_mpc_ros.ros.bridges.network_line import open_line
+from quad_mpc_ros.ros.messages import message_class, odometry_in, qos_of, reference_in
 from quad_mpc_ros.ros.spin import fastest_executor
 
-NODES = {  # what runs each
-    "mpc": "from quad_mpc_ros.ros.nodes.mpc_node import main",
-    "reference": "from quad_mpc_ros.ros.nodes.reference_node import main",
-    "px4_bridge": "from quad_mpc_ros.entry import px4_bridge as main",
-}
-SCHEMA = {"mpc": MpcConfig, "reference": ReferenceConfig, "px4_bridge": Px4Bridge.Config}
+BRIDGES = "px4", "mavlink"
 MOST_TILT = 20.0  # degrees beyond what the reference asks for
 PATIENCE = 60.0  # s
 TAKE_OFF = 22  # MAV_CMD
-HOLD = (1.0, 4.0, 3.0)  # custom mode, auto, loiter
-LOITER = 4  # of nav_state
+OFFBOARD, HOLD = (6, 0), (4, 3)  # main and sub mode, px4_custom_mode.h
+CUSTOM, ARMED = 1, 128  # bits of MAV_MODE_FLAG
 
 
 class Handover(NamedTuple):
@@ -74,31 +58,65 @@ class Handover(NamedTuple):
     seconds: float = 8.0
 
 
-class Rig:
-    """The nodes, and a node that calls services, sends PX4 a pilot's commands, and watches."""
+class Station:
+    """A ground station: what it sees of PX4, and the commands of a pilot."""
 
-    def __init__(
-        self, config: list[str], *, bridge: Px4Bridge, target_system: int, out: Path
-    ) -> None:
+    def __init__(self, device: str) -> None:
+        self._line = open_line(Line(device=device, baud=0))
+        self._codec = codec.Codec(system=255)
+        self._told = 0.0
+        self.system, self.mode, self.armed = 0, (0, 0), False
+
+    def poll(self) -> None:
+        """Take what has come; say that there is a ground station, and ask for heartbeats."""
+        for message in self._codec.read(self._line.read()):
+            autopilot = message.get_srcComponent() == codec.AUTOPILOT_COMPONENT
+            if autopilot and message.get_msgId() == codec.HEARTBEAT:
+                self.system = message.get_srcSystem()
+                self.mode = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24
+                self.armed = bool(message.base_mode & ARMED)
+        if self.system and time.monotonic() - self._told > 1.0:
+            self._told = time.monotonic()
+            self._line.write(self._codec.packed(codec.heartbeat()))
+            self.send(codec.SET_MESSAGE_INTERVAL, codec.HEARTBEAT, 1e5)
+
+    def send(self, command: int, *parameters: float) -> None:
+        """Send a command."""
+        target = {"system": self.system, "component": codec.AUTOPILOT_COMPONENT}
+        message = codec.command_long(command, *parameters, **target)
+        self._line.write(self._codec.packed(message))
+
+    def hold(self) -> None:
+        """Switch to hold."""
+        self.send(codec.DO_SET_MODE, CUSTOM + ARMED * self.armed, *map(float, HOLD))
+
+
+class Rig:
+    """The nodes, a ground station, and a node that calls services and watches."""
+
+    def __init__(self, config: list[str], *, bridge: str, station: Station, out: Path) -> None:
         self._config, self._out = config, out
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._node = rclpy.create_node("px4_handovers")
         self._executor = fastest_executor(message_info=False)
         self._executor.add_node(self._node)
-        self._target, self._window = target_system, ReferenceWindow.hover((0.0, 0.0, 0.0))
-        self.tilt, self.height, self.nav_state = 0.0, 0.0, -1
-        self.armed = self.engaged = False
+        self._window = ReferenceWindow.hover((0.0, 0.0, 0.0))
+        self.bridge, self.station = f"{bridge}_bridge", station
+        self.tilt, self.height, self.engaged = 0.0, 0.0, False
         self._received, self.where = 0, ""
         self._subscribe(ODOMETRY, self._on_odometry, raw=True)
         self._subscribe(REFERENCE, self._on_reference, raw=True)
         self._subscribe(ENGAGED, lambda message: setattr(self, "engaged", bool(message.data)))
-        topics = {each.topic.name.rpartition("/")[2]: each.topic for each in bridge.subscriptions}
-        (status,) = (topic for name, topic in topics.items() if name.startswith("vehicle_status"))
-        self._subscribe(status, self._on_status)
-        (command,) = (each for each in bridge.publications if "vehicle_command" in each.name)
-        self._commands = self._node.create_publisher(
-            message_class(command.type_name), command.name, qos_of(command)
-        )
+        self._node.create_timer(0.02, station.poll)
+
+    @property
+    def nodes(self) -> dict[str, str]:
+        """What runs each node."""
+        return {
+            "mpc": "from quad_mpc_ros.ros.nodes.mpc_node import main",
+            "reference": "from quad_mpc_ros.ros.nodes.reference_node import main",
+            self.bridge: f"from quad_mpc_ros.entry import {self.bridge} as main",
+        }
 
     def _subscribe(
         self, topic: Any, callback: Callable[[Any], None], *, raw: bool = False
@@ -116,29 +134,23 @@ class Rig:
         if self.engaged:  # else nobody flies the reference, which waits where the vehicle is
             tilt -= tilt_of(sample(self._window, odometry.stamp_ns).R_WB)
         if tilt > self.tilt:
-            self.tilt, self.where = tilt, "armed" if self.armed else "disarmed"
+            self.tilt, self.where = tilt, "armed" if self.station.armed else "disarmed"
             self.where += f", at {self.height:.2f} m"
 
     def _on_reference(self, data: bytes) -> None:
         self._window = reference_in(data)
 
-    def _on_status(self, message: Any) -> None:
-        self.nav_state, self.armed = (
-            int(message.nav_state),
-            int(message.arming_state) == ARMING_STATE_ARMED,
-        )
-
     @property
     def is_offboard(self) -> bool:
         """Whether PX4 flies by what the MPC commands."""
-        return self.nav_state == NAVIGATION_STATE_OFFBOARD
+        return self.station.mode == OFFBOARD
 
     def start(self, name: str) -> None:
         """Start a node."""
         files_given = [part for file in self._config for part in ("--params-file", file)]
         if name == "reference":
             files_given += ["-p", "mode:=on_request"]
-        script = f"import sys; {NODES[name]}; sys.exit(main())"
+        script = f"import sys; {self.nodes[name]}; sys.exit(main())"
         command = [sys.executable, "-P", "-c", script, "--ros-args", *files_given]
         with (self._out / f"{name}.log").open("ab") as log:
             self._processes[name] = subprocess.Popen(command, stdout=log, stderr=log)
@@ -173,17 +185,6 @@ class Rig:
                     reason = answer.message
                     print(f"  {service}: {reason}", flush=True)
 
-    def send(self, command: int, *parameters: float) -> None:
-        """Send PX4 a command as a ground station does."""
-        message = new_message("px4_msgs/msg/VehicleCommand")
-        message.command = command
-        for number, value in enumerate(parameters, start=1):
-            setattr(message, f"param{number}", value)
-        message.target_system, message.target_component = self._target, 1
-        message.source_system, message.source_component = 255, 190
-        message.from_external = True
-        self._commands.publish(message)
-
     def spin(self, seconds: float) -> None:
         """Listen for a time [s]."""
         self._executor.spin_until_future_complete(Future(), timeout_sec=seconds)
@@ -204,14 +205,14 @@ def tilt_of(R_WB: np.ndarray) -> float:
 
 def engage(rig: Rig) -> None:
     """Take over in the air."""
-    rig.ask("px4_bridge/engage", True)
+    rig.ask(f"{rig.bridge}/engage", True)
     rig.wait(lambda: rig.engaged, "engaged")
 
 
 def take_off(rig: Rig) -> None:
     """Take over on the ground, and take off."""
-    rig.ask("px4_bridge/engage", True)
-    rig.ask("px4_bridge/arm", True)
+    rig.ask(f"{rig.bridge}/engage", True)
+    rig.ask(f"{rig.bridge}/arm", True)
     rig.wait(lambda: rig.engaged, "engaged")
     rig.ask("reference/takeoff")
     rig.wait(lambda: rig.height > 1.5, "in the air")
@@ -224,28 +225,29 @@ def kill(rig: Rig) -> None:
 
 
 def restart(rig: Rig) -> None:
-    """Start the MPC again; nothing is requested."""
+    """Start the MPC again, and end PX4's failsafe; nothing is requested."""
     rig.start("mpc")
+    rig.station.hold()
 
 
 def pilot_takes_over(rig: Rig) -> None:
     """Switch to hold, as a pilot or a ground station does."""
-    rig.send(VEHICLE_CMD_DO_SET_MODE, *HOLD)
-    rig.wait(lambda: rig.nav_state == LOITER and not rig.engaged, "in hold")
+    rig.station.hold()
+    rig.wait(lambda: rig.station.mode == HOLD and not rig.engaged, "in hold")
 
 
 def land(rig: Rig) -> None:
     """Land, until PX4 disarms by itself."""
     rig.ask("reference/land")
-    rig.wait(lambda: not rig.armed, "disarmed")
+    rig.wait(lambda: not rig.station.armed, "disarmed")
 
 
 def px4_takes_off(rig: Rig) -> None:
     """Let PX4 take off by itself."""
-    rig.send(TAKE_OFF, 0.0, 0.0, 0.0, float("nan"), float("nan"), float("nan"), float("nan"))
+    rig.station.send(TAKE_OFF, 0.0, 0.0, 0.0, *4 * [float("nan")])
     rig.spin(0.5)
-    rig.send(VEHICLE_CMD_COMPONENT_ARM_DISARM, 1.0)
-    rig.wait(lambda: rig.height > 1.5 and rig.nav_state == LOITER, "hovering by itself")
+    rig.station.send(codec.COMPONENT_ARM_DISARM, 1.0)
+    rig.wait(lambda: rig.height > 1.5 and rig.station.mode == HOLD, "hovering by itself")
 
 
 FLIGHTS = (
@@ -267,7 +269,7 @@ FLIGHTS = (
 def running(rig: Rig) -> Iterator[None]:
     """Start all nodes, and end them at the end of the block."""
     try:
-        for name in NODES:
+        for name in rig.nodes:
             rig.start(name)
         yield
     finally:
@@ -280,16 +282,22 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--config", action="append", required=True, metavar="FILE")
+    parser.add_argument("--bridge", choices=BRIDGES, default="px4")
+    parser.add_argument("--station", default="udpin:127.0.0.1:14550", metavar="LINE")
     parser.add_argument("--out", type=Path, default=Path(), help="folder for the nodes' logs")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    given = files.load(options.config, [], schema=SCHEMA)["px4_bridge"]
     rclpy.init()
-    bridge, target = Px4Bridge(given, new_message), given.target_system
-    rig = Rig(options.config, bridge=bridge, target_system=target, out=options.out)
+    station = Station(options.station)
+    rig = Rig(options.config, bridge=options.bridge, station=station, out=options.out)
     wrong = 0
     with running(rig):
+        try:
+            rig.wait(lambda: station.system > 0, f"heard on {options.station}")
+        except TimeoutError as error:
+            print(f"PX4: {error} within {PATIENCE:.0f} s", flush=True)
+            return 1
         print(f"{'handover':32} {'flies':>10} {'tilt beyond [deg]':>18}", flush=True)
         for each in FLIGHTS:
             rig.tilt = 0.0
@@ -301,7 +309,7 @@ def main() -> int:
             rig.spin(each.seconds)
             good = rig.is_offboard is each.offboard and rig.tilt <= MOST_TILT
             wrong += not good
-            flies = "MPC" if rig.is_offboard else f"PX4 ({rig.nav_state})"
+            flies = "MPC" if rig.is_offboard else f"PX4 {station.mode}"
             line = f"{each.name:32} {flies:>10} {rig.tilt:18.1f}  {rig.where}"
             print(f"{line}{'' if good else '  <-'}", flush=True)
     return 1 if wrong else 0
