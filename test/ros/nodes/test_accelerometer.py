@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from fixtures.lockstep import flown_whole
 from rclpy.qos import qos_profile_sensor_data
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import Imu
@@ -28,7 +29,7 @@ def commands(run: Path, topic: str = "/command") -> list[bytes]:
 
 def test_a_lockstep_flight_is_the_one_in_one_process_and_resolves_to_it(tmp_path: Path) -> None:
     flown, simulated, again = tmp_path / "flown", tmp_path / "simulated", tmp_path / "again"
-    assert main(["fly", "--lockstep", *FELT, "--out", str(flown)]) == 0
+    assert flown_whole(flown, *FELT) == 0
     assert main(["simulate", *FELT, "--out", str(simulated)]) == 0
     assert commands(flown) == commands(simulated)
     assert len(commands(flown, "/imu")) == 4 * 199

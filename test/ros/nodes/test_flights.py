@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from fixtures.courses import COURSE
+from fixtures.lockstep import flown_whole
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -23,7 +24,7 @@ CONTROL_TOPICS = ("/odom", "/reference", "/command", "/mpc/stats", "/mpc/predict
 
 
 def _fly(out: Path, *arguments: str) -> Path:
-    assert main(["fly", "--config", "paper", *arguments, "--out", str(out)]) == 0
+    assert flown_whole(out, "--config", "paper", *arguments) == 0
     return out
 
 
@@ -35,7 +36,7 @@ def _commands(run: Path) -> list[bytes]:
 
 @pytest.fixture(scope="module")
 def lockstep(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return _fly(tmp_path_factory.mktemp("lockstep") / "run", "--lockstep")
+    return _fly(tmp_path_factory.mktemp("lockstep") / "run")
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +53,7 @@ def real_time(tmp_path_factory: pytest.TempPathFactory, another_domain: Callable
 
 def test_lockstep_flights_are_repeatable_bit_for_bit(lockstep: Path, tmp_path: Path) -> None:
     # A flight starts its nodes whatever their parameters say.
-    arguments = ("--lockstep", "--duration", "4", "--set", "mpc.autostart=false")
+    arguments = ("--duration", "4", "--set", "mpc.autostart=false")
     again = _commands(_fly(tmp_path / "again", *arguments))
     assert (len(_commands(lockstep)), len(again)) == (500, 200)
     assert _commands(lockstep)[:200] == again
@@ -65,7 +66,9 @@ def test_simulate_commands_what_the_lockstep_flight_does(lockstep: Path, tmp_pat
 
 
 def test_in_one_process_mpc_and_reference_fly_the_same(lockstep: Path, tmp_path: Path) -> None:
-    together = _fly(tmp_path / "together", "--lockstep", "--together")
+    together = tmp_path / "together"
+    given = ["--lockstep", "--together", "--config", "paper"]
+    assert main(["fly", *given, "--out", str(together)]) == 0
     found, expected = _commands(together), _commands(lockstep)
     # A recorder that is starved may miss some; each follows from all that came before it.
     assert set(found) <= set(expected)
@@ -88,7 +91,7 @@ def test_a_planned_race_is_the_same_in_lockstep_and_simulated(
     given = [*vehicle, "--gates", str(course), "--set", f"reference.file={plan}"]
     given += ["--set", f"mpc.formulation={formulation}", "--duration", "3.5"]
     flown, simulated = tmp_path / "flown", tmp_path / "simulated"
-    assert main(["fly", "--lockstep", *given, "--out", str(flown)]) == 0
+    assert flown_whole(flown, *given) == 0
     assert main(["simulate", *given, "--out", str(simulated)]) == 0
     assert len(_commands(flown)) > 100
     assert _commands(flown) == _commands(simulated)
