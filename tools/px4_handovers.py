@@ -68,7 +68,7 @@ class Station:
         self.system, self.mode, self.armed = 0, (0, 0), False
 
     def poll(self) -> None:
-        """Take what has come; say that there is a ground station, and ask for heartbeats."""
+        """Take what has come; ask for ten heartbeats a second, so that modes are seen at once."""
         for message in self._codec.read(self._line.read()):
             autopilot = message.get_srcComponent() == codec.AUTOPILOT_COMPONENT
             if autopilot and message.get_msgId() == codec.HEARTBEAT:
@@ -77,7 +77,6 @@ class Station:
                 self.armed = bool(message.base_mode & ARMED)
         if self.system and time.monotonic() - self._told > 1.0:
             self._told = time.monotonic()
-            self._line.write(self._codec.packed(codec.heartbeat()))
             self.send(codec.SET_MESSAGE_INTERVAL, codec.HEARTBEAT, 1e5)
 
     def send(self, command: int, *parameters: float) -> None:
@@ -253,7 +252,7 @@ def px4_takes_off(rig: Rig) -> None:
 FLIGHTS = (
     Handover("take-off by the MPC", take_off, offboard=True),
     Handover("MPC killed: PX4's failsafe", kill, offboard=False),
-    Handover("MPC restarted, nothing asked", restart, offboard=False),
+    Handover("MPC restarted, failsafe ended", restart, offboard=False),
     Handover("engaged in the air", engage, offboard=True),
     Handover("pilot takes over by mode", pilot_takes_over, offboard=False),
     Handover("pilot gives back: engaged", engage, offboard=True),
@@ -282,8 +281,15 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--config", action="append", required=True, metavar="FILE")
-    parser.add_argument("--bridge", choices=BRIDGES, default="px4")
-    parser.add_argument("--station", default="udpin:127.0.0.1:14550", metavar="LINE")
+    parser.add_argument(
+        "--bridge", choices=BRIDGES, default="px4", help="what the MPC flies by (default: px4)"
+    )
+    parser.add_argument(
+        "--station",
+        default="udpin:127.0.0.1:14550",
+        metavar="LINE",
+        help="where PX4 speaks to ground stations (default: %(default)s)",
+    )
     parser.add_argument("--out", type=Path, default=Path(), help="folder for the nodes' logs")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)

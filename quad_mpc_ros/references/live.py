@@ -35,7 +35,7 @@ from quad_mpc_ros.control.safety.validation import pose_fault
 from quad_mpc_ros.references.bounds import velocity_limits
 from quad_mpc_ros.references.config import ReferenceConfig
 from quad_mpc_ros.references.configured import received_trajectory
-from quad_mpc_ros.references.director import GROUND, LANDING, TAKEOFF, Director, Reply
+from quad_mpc_ros.references.director import GROUND, LANDING, Director, Reply
 from quad_mpc_ros.references.feasibility import judged
 from quad_mpc_ros.references.flatness import yaw_of
 from quad_mpc_ros.references.server import ReferenceServer
@@ -129,7 +129,8 @@ class LiveReference:
 
     def needs_odometry(self, now_ns: int) -> bool:
         """Whether the next odometry matters: at the beginning and near the ground."""
-        return self.mode(now_ns) in (WAITING, GROUND, TAKEOFF, LANDING)
+        lifts = self._ground is GroundState.LIFTING_OFF
+        return lifts or self.mode(now_ns) in (WAITING, GROUND, LANDING)
 
     def observe(self, odometry: OdometrySample) -> Reply | None:
         """Take an odometry; return what follows from it, if it is the first or a touchdown."""

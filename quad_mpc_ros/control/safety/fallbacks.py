@@ -142,8 +142,7 @@ class BlindFallback:
         scale, a_W = learned or Learned()
         weight = self._vehicle.mass * (self._vehicle.gravity - a_W[2])
         throttle = self._vehicle.nearest_throttle(weight / scale) * (1.0 - _BLIND_DESCENT * share)
-        turn = tilt_to(np.array([0.0, 0.0, 1.0]), R_WB)
-        u = Input(throttle=throttle, w_WB_B=_BLIND_TILT_GAIN * turn)
+        u = Input(throttle=throttle, w_WB_B=levelling(R_WB, gain=_BLIND_TILT_GAIN))
         return clamped(u, self._config)
 
 
@@ -173,9 +172,9 @@ def idle(config: MpcConfig) -> Input:
     return Input(throttle=config.throttle_min, w_WB_B=np.zeros(3))
 
 
-def levelling(R_WB: Array) -> Array:
-    """Return the body rates (3,) [rad/s] that make a vehicle level; they have no yaw."""
-    return np.asarray(_TILT_GAIN * tilt_to(np.array([0.0, 0.0, 1.0]), R_WB))
+def levelling(R_WB: Array, *, gain: float = _TILT_GAIN) -> Array:
+    """Return the body rates (3,) [rad/s], without yaw, that level a vehicle by a gain [1/s]."""
+    return np.asarray(gain * tilt_to(np.array([0.0, 0.0, 1.0]), R_WB))
 
 
 def dead_reckoned(R_WB: Array, w_WB_B: Array, *, duration: float) -> Array:
